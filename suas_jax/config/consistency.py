@@ -1,0 +1,151 @@
+"""What tables that are each right may still say against one another."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from suas_jax.config.quantities import format_quantity
+
+if TYPE_CHECKING:
+    from suas_jax.config.schema_scene import LineLoadSpec, SolveSpec
+    from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, ModuleSpec
+
+# Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
+_SLACK = 1.0 + 1e-9
+
+
+class Contradiction(NamedTuple):
+    """A key whose value doesn't fit another table.
+
+    Attributes:
+        key: dotted path, such as ``load.0.angle``.
+        advice: what it doesn't fit, and what is allowed.
+    """
+
+    key: str
+    advice: str
+
+
+def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
+    """Compare tables with one another.
+
+    Args:
+        tables: specifications by field name (``geometry``, ``oil``, ``electrodes``, ``loads``,
+            ``solve``). What is missing or None (such as a table that is itself wrong, or one
+            of the loads) is left out of the comparison.
+
+    Returns:
+        Every contradiction, in the order of the tables.
+    """
+    found: list[Contradiction] = []
+    geometry, solve = tables.get("geometry"), tables.get("solve")
+    loads = tables.get("loads")
+    if geometry is not None and tables.get("electrodes") is not None:
+        found += _off_the_wall(geometry, tables["electrodes"])
+    if tables.get("electrodes") is not None and tables.get("oil") is not None:
+        found += _unknown_permittivity(tables["oil"].relative_permittivity)
+    if geometry is not None:
+        for index, load in enumerate(loads or ()):
+            if load is not None and load.kind == "line":
+                found += _off_the_skin(f"load.{index}", geometry, load)
+    if solve is not None and solve.oil_pressure is not None:
+        found += _unreachable_pressure(solve, tables)
+    return found
+
+
+def _unknown_permittivity(relative_permittivity: float | None) -> Iterator[Contradiction]:
+    if relative_permittivity is None:
+        yield Contradiction(
+            "oil.relative_permittivity",
+            "missing; [electrodes] needs it, for example relative_permittivity = 2.2",
+        )
+
+
+def _unreachable_pressure(
+    solve: SolveSpec, tables: Mapping[str, Any]
+) -> Iterator[Contradiction]:
+    """Loads are scaled to reach a pressure: they need something to scale, and oil."""
+    oil, loads = tables.get("oil"), tables.get("loads")
+    if oil is not None and oil.model == "vented":
+        yield Contradiction(
+            "solve.oil_pressure",
+            "vented oil stays at zero pressure; take oil_pressure out, or set oil.model = "
+            '"incompressible"',
+        )
+    if loads is not None and all(load is not None for load in loads):
+        sizes = [load.force if load.kind == "line" else load.pressure for load in loads]
+        if not any(sizes):
+            have = "all loads are zero" if sizes else "there is no load"
+            yield Contradiction(
+                "solve.oil_pressure",
+                f"{have}, and loads are scaled to reach this pressure; add a [[load]] that is "
+                f"not zero, or take oil_pressure out",
+            )
+
+
+def _off_the_skin(
+    key: str, geometry: GeometrySpec, load: LineLoadSpec
+) -> Iterator[Contradiction]:
+    edge = format_quantity(geometry.half_angle, "angle")
+    if abs(load.angle) >= geometry.half_angle:
+        yield Contradiction(
+            f"{key}.angle",
+            f"lies off the skin, whose clamped edges are at -{edge} and {edge} "
+            f"(geometry.half_angle); the angle is measured from the symmetry axis",
+        )
+    elif load.spread is not None:
+        outer_radius = geometry.inner_radius + geometry.thickness
+        room = 2.0 * outer_radius * (geometry.half_angle - abs(load.angle))
+        if load.spread >= room:
+            yield Contradiction(
+                f"{key}.spread",
+                f"reaches over the clamped edge at {edge}; at "
+                f"{format_quantity(load.angle, 'angle')} there is room for a spread of less "
+                f"than {format_quantity(room, 'length')}",
+            )
+
+
+def _off_the_wall(
+    geometry: GeometrySpec, electrodes: ElectrodesSpec
+) -> Iterator[Contradiction]:
+    for index, taxel in enumerate(electrodes.taxels):
+        yield from _place(f"electrodes.taxels.{index}", geometry, taxel.angle, taxel.axial)
+    for index, module in enumerate(electrodes.modules):
+        key = f"electrodes.modules.{index}"
+        centre = list(_place(key, geometry, module.angle, module.axial))
+        yield from centre or _corners(key, geometry, module)
+
+
+def _place(
+    key: str, geometry: GeometrySpec, angle: float, axial: float, what: str = ""
+) -> Iterator[Contradiction]:
+    if abs(angle) > geometry.half_angle * _SLACK:
+        edge = format_quantity(geometry.half_angle, "angle")
+        yield Contradiction(
+            f"{key}.angle",
+            f"{what}lies off the skin, which ends at -{edge} and {edge} (geometry.half_angle)",
+        )
+    if abs(axial) > 0.5 * geometry.width * _SLACK:
+        end = format_quantity(0.5 * geometry.width, "length")
+        yield Contradiction(
+            f"{key}.axial",
+            f"{what}lies off the skin, which ends at -{end} and {end} (half of geometry.width)",
+        )
+
+
+def _corners(key: str, geometry: GeometrySpec, module: ModuleSpec) -> Iterator[Contradiction]:
+    """Check the three corner taxels, sqrt(3) pitches from the centroid on the wall."""
+    wall = geometry.inner_radius - geometry.oil_gap
+    reported: set[str] = set()
+    for corner in range(3):
+        turn = module.rotation + math.pi / 2.0 + corner * 2.0 * math.pi / 3.0
+        reach = math.sqrt(3.0) * module.pitch
+        angle = module.angle + reach * math.cos(turn) / wall
+        axial = module.axial + reach * math.sin(turn)
+        at = f"{format_quantity(angle, 'angle')}, {format_quantity(axial, 'length')}"
+        for found in _place(key, geometry, angle, axial, f"a corner taxel, at {at}, "):
+            if found.key not in reported:
+                reported.add(found.key)
+                yield found

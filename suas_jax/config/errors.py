@@ -1,0 +1,103 @@
+"""What is wrong with a configuration file, said so that it can be put right."""
+
+from __future__ import annotations
+
+import datetime
+import difflib
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+
+class Problem(NamedTuple):
+    """One mistake in a configuration.
+
+    Attributes:
+        file: the file that holds the mistake, as the user named it.
+        key: dotted path of the key inside the file, such as ``load.1.force``; empty when the
+            whole file is meant.
+        advice: what is allowed, and what to do.
+        value: the offending value as it would stand in the file; None if there is none.
+    """
+
+    file: str
+    key: str
+    advice: str
+    value: str | None = None
+
+    def __str__(self) -> str:
+        key = f"{self.key} = {self.value}" if self.key and self.value is not None else self.key
+        return ": ".join(part for part in (self.file, key, self.advice) if part)
+
+
+class ConfigError(ValueError):
+    """A configuration can't be used; the message lists every problem, one on each line.
+
+    Attributes:
+        problems: the problems found, in the order of the file's tables.
+    """
+
+    def __init__(self, problems: Iterable[Problem]):
+        self.problems = tuple(dict.fromkeys(problems))
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
+        return type(self), (self.problems,)
+
+
+def show(value: object, limit: int = 60) -> str:
+    """Write a value the way it stands in a TOML file, shortened for a message."""
+    if isinstance(value, bool):
+        text = "true" if value else "false"
+    elif isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        text = (
+            '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
+        )
+    elif isinstance(value, Mapping):
+        inside = ", ".join(f"{key} = {show(item)}" for key, item in value.items())
+        text = f"{{ {inside} }}" if inside else "{}"
+    elif isinstance(value, list | tuple):
+        text = "[" + ", ".join(show(item) for item in value) + "]"
+    elif isinstance(value, datetime.date | datetime.time):
+        text = value.isoformat()
+    else:
+        text = str(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def show_key(key: object) -> str:
+    """Write a key or an index the way it stands in a dotted path."""
+    text = str(key)
+    return text if re.fullmatch(r"[A-Za-z0-9_-]+", text) else show(text)
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Find the known word that ``word`` was probably meant to be, whatever its case."""
+    folded = {name.casefold(): name for name in known}
+    close = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
+    return folded[close[0]] if close else None
+
+
+def listed(words: Iterable[str], last: str = "or") -> str:
+    """Join words for a sentence: ``a``, ``a or b``, ``a, b or c``."""
+    every = list(words)
+    return f" {last} ".join(part for part in (", ".join(every[:-1]), *every[-1:]) if part)
+
+
+def unknown(word: str, known: Iterable[str], what: str, *, quoted: bool = False) -> str:
+    """Say that a word is unknown, and what it may have been meant to be.
+
+    Args:
+        word: the unknown word.
+        known: all that are allowed.
+        what: what kind of word it is.
+        quoted: show the allowed words in quotes, as values stand in a file.
+
+    Returns:
+        The advice, with the nearest known word and all that are allowed.
+    """
+    names = list(known)
+    near = nearest(word, names)
+    hint = f'did you mean "{near}"? ' if near else ""
+    return f"unknown {what}; {hint}allowed: {listed(map(show, names) if quoted else names)}"

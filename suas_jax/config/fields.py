@@ -1,0 +1,110 @@
+"""The kinds of value that a key may hold: quantities in a range, whole numbers, lists."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo
+
+from suas_jax.config.quantities import DimensionName, format_quantity, to_si
+
+FILE_RULES = {"units_required": True}
+"""Validation context of values that come from a file: every number states its unit."""
+
+
+class PlacedError(ValueError):
+    """One entry of a list, or one key of a table, is wrong.
+
+    Attributes:
+        place: index of the entry from zero, or the key.
+    """
+
+    def __init__(self, place: int | str, message: str):
+        self.place = place
+        super().__init__(message)
+
+
+class Spec(BaseModel):
+    """Base of all specifications: immutable, hashable, no unknown keys, SI values.
+
+    From Python, quantities may be SI floats or text with a unit; from files, only the latter.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+def quantity(
+    dimension: DimensionName,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    below: float | None = None,
+    nonzero: bool = False,
+) -> BeforeValidator:
+    """Build the validator of a quantity.
+
+    Args:
+        dimension: the kind of quantity.
+        above: the value must be greater than this, in SI units.
+        at_least: the value must not be less than this, in SI units.
+        below: the value must be less than this, in SI units.
+        nonzero: the value must not be zero.
+
+    Returns:
+        A validator that yields the SI value, or raises ValueError with what is allowed.
+    """
+
+    def limit(value: float) -> str:
+        return "zero" if value == 0.0 else format_quantity(value, dimension)
+
+    bounds: list[tuple[Callable[[float], bool], str]] = []
+    if above is not None and below is not None:
+        bounds.append(
+            (lambda x: above < x < below, f"must be between {limit(above)} and {limit(below)}")
+        )
+    elif above is not None:
+        bounds.append((lambda x: x > above, f"must be greater than {limit(above)}"))
+    if at_least is not None:
+        bounds.append((lambda x: x >= at_least, f"must not be less than {limit(at_least)}"))
+    if nonzero:
+        bounds.append((lambda x: x != 0.0, "must not be zero"))
+
+    def check(value: object, info: ValidationInfo) -> float:
+        strict = bool(info.context and info.context.get("units_required"))
+        number = to_si(value, dimension, bare_numbers=not strict)
+        for holds, rule in bounds:
+            if not holds(number):
+                raise ValueError(rule)
+        return number
+
+    return BeforeValidator(check)
+
+
+def _whole_number(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError("must be a whole number of at least 1")
+    return value
+
+
+NOT_A_LIST = "a list in square brackets is expected"
+
+
+def _as_list(value: Any) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise ValueError(NOT_A_LIST)
+    return tuple(value)
+
+
+Length = Annotated[float, quantity("length")]
+PositiveLength = Annotated[float, quantity("length", above=0.0)]
+Angle = Annotated[float, quantity("angle")]
+Stress = Annotated[float, quantity("stress")]
+PositiveStress = Annotated[float, quantity("stress", above=0.0)]
+Pressure = Annotated[float, quantity("pressure")]
+PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
+Force = Annotated[float, quantity("force")]
+Number = Annotated[float, quantity("number")]
+Count = Annotated[int, BeforeValidator(_whole_number)]
+AsList = BeforeValidator(_as_list)
+"""Accepts a TOML list for a tuple, and refuses everything else (text is no list)."""

@@ -1,0 +1,248 @@
+"""Load skins and scenes from TOML files.
+
+A scene takes its tables from the skin file it names, from itself, or from both. Every table is
+checked on its own, then against the others, so that one error lists all that is wrong.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from suas_jax.config.consistency import contradictions
+from suas_jax.config.errors import ConfigError, Problem, show, show_key
+from suas_jax.config.presets import expand_preset
+from suas_jax.config.schema_material import LAWS
+from suas_jax.config.schema_scene import LOADS, SceneSpec, SkinSpec
+from suas_jax.config.toml_file import missing_file, read_toml
+from suas_jax.config.validation import (
+    TABLES,
+    Finding,
+    choose_specification,
+    unknown_key,
+    validate_table,
+)
+
+SKIN_TABLES = ("geometry", "material", "oil", "electrodes")
+SCENE_TABLES = (*SKIN_TABLES, "load", "environment", "solve")
+REQUIRED_TABLES = ("geometry", "material", "oil")
+
+
+def load_scene(path: str | os.PathLike[str]) -> SceneSpec:
+    """Load a scene file.
+
+    Args:
+        path: the TOML file. The path of its skin is relative to it.
+
+    Returns:
+        The scene, with its skin and preset filled in.
+
+    Raises:
+        ConfigError: if anything is wrong with the file or its skin file; the message lists
+            every problem with the file, the key, the value and what is allowed.
+    """
+    return scene_from_dict(read_toml(path), base=Path(path).parent, file=os.fspath(path))
+
+
+def load_skin(path: str | os.PathLike[str]) -> SkinSpec:
+    """Load a skin file.
+
+    Args:
+        path: the TOML file.
+
+    Returns:
+        The skin, with its preset filled in.
+
+    Raises:
+        ConfigError: if anything is wrong with the file, as for ``load_scene``.
+    """
+    draft = _Draft(os.fspath(path))
+    draft.adopt(read_toml(path), os.fspath(path), SKIN_TABLES)
+    return SkinSpec(**draft.specifications())
+
+
+def scene_from_dict(
+    data: Mapping[str, Any], base: str | os.PathLike[str] = ".", file: str = "scene"
+) -> SceneSpec:
+    """Build a scene from the tables of a scene file, by the same rules.
+
+    Args:
+        data: the tables, with quantities as text with units.
+        base: the folder that the path of the skin is relative to.
+        file: what messages call the file.
+
+    Returns:
+        The scene, with its skin and preset filled in.
+
+    Raises:
+        ConfigError: if anything is wrong, as for ``load_scene``.
+    """
+    draft = _Draft(file, otherwise=', or name a skin file: skin = "..."')
+    own = dict(data)
+    if "skin" in own:
+        draft.adopt_skin(own.pop("skin"), Path(base))
+    draft.adopt(own, file, SCENE_TABLES)
+    return SceneSpec(**draft.specifications())
+
+
+class _Draft:
+    """Tables on their way to specifications, with the file that each key came from."""
+
+    def __init__(self, file: str, otherwise: str = ""):
+        self.file = file
+        self.otherwise = otherwise
+        self.tables: dict[str, Any] = {}
+        self.origin: dict[str, str] = {}
+        self.problems: list[Problem] = []
+        self.complete = True
+
+    def adopt_skin(self, skin: object, base: Path) -> None:
+        """Take the tables of the skin file that a scene names."""
+        trouble: str | None = None
+        path = ""
+        if not isinstance(skin, str) or not skin.strip():
+            trouble = 'the path of a skin file is expected, for example "../skins/suas.toml"'
+        else:
+            path = os.path.normpath(base / skin)
+            trouble = missing_file(path, named_in=os.path.basename(self.file))
+            if trouble:
+                trouble += (
+                    f" (looked for {show(path, 500)}, relative to the file that names it)"
+                )
+        # Without its skin a scene lacks tables; only the skin is then to blame.
+        if trouble:
+            self.complete = False
+            self.problems.append(Problem(self.file, "skin", trouble, show(skin)))
+            return
+        try:
+            self.adopt(read_toml(path), path, SKIN_TABLES)
+        except ConfigError as error:
+            self.complete = False
+            self.problems += error.problems
+
+    def adopt(self, data: Mapping[str, Any], file: str, known: tuple[str, ...]) -> None:
+        """Take the tables of a file; its keys override those already here."""
+        for name, table in data.items():
+            if name not in known:
+                self._refuse(name, table, file, known)
+                continue
+            before = self.tables.get(name)
+            if isinstance(table, Mapping) and isinstance(before, Mapping):
+                kept = _kept(name, before, table)
+                for key in before.keys() - kept.keys():
+                    self.origin.pop(f"{name}.{key}", None)
+                if not kept:
+                    self.origin[name] = file
+                self.tables[name] = {**kept, **table}
+                self.origin.update({f"{name}.{key}": file for key in table})
+            else:
+                self.tables[name] = table
+                self.origin[name] = file
+
+    def _refuse(self, name: str, table: object, file: str, known: tuple[str, ...]) -> None:
+        """Note a key that doesn't belong at the top level of a file."""
+        if name in SCENE_TABLES or name == "skin":
+            advice = "is no part of a skin file; it belongs in a scene, which names its skin"
+        else:
+            advice = unknown_key(name, ["skin", *known] if "load" in known else known)
+        self.problems.append(Problem(file, show_key(name), advice, show(table)))
+
+    def specifications(self) -> dict[str, Any]:
+        """Turn the tables into specifications by field name.
+
+        Raises:
+            ConfigError: if there is any problem.
+        """
+        parts: dict[str, Any] = {}
+        for name in SCENE_TABLES:
+            if name == "load" and name in self.tables:
+                parts["loads"] = self._loads(self.tables[name])
+            elif name in self.tables:
+                parts[name] = self._table(name, self.tables[name])
+            elif name in REQUIRED_TABLES and self.complete:
+                advice = f"the table [{name}] is missing; add it" + self.otherwise
+                self.problems.append(Problem(self.file, name, advice))
+        # A table that is given but wrong is None here; one that isn't given is absent. The
+        # comparison leaves out the first, and takes the second for its default.
+        compared = {"loads": (), **parts} if self.complete else parts
+        for key, advice in contradictions(compared):
+            self._note(Finding(key, advice, self._shown(key)))
+        if self.problems:
+            raise ConfigError(self.problems)
+        return parts
+
+    def _table(self, name: str, table: Any) -> Any:
+        specification: Any = TABLES[name][0]
+        if name == "material" and isinstance(table, Mapping):
+            table, findings = self._expanded(table)
+            if not findings:
+                specification, findings = choose_specification(table, name, "law", LAWS)
+            if findings:
+                self._note(*findings)
+                return None
+        part, findings = validate_table(specification, table, name)
+        self._note(*findings)
+        return part
+
+    def _expanded(self, material: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Finding]]:
+        if "preset" not in material:
+            return material, []
+        table, wrong = expand_preset(material)
+        return table, [
+            Finding(f"material.{show_key(key)}", advice, show(material[key]))
+            for key, advice in wrong
+        ]
+
+    def _loads(self, tables: object) -> tuple[Any, ...] | None:
+        if not isinstance(tables, list | tuple):
+            hint = "in double brackets" if isinstance(tables, Mapping) else "one for each load"
+            self._note(Finding("load", f"write loads as tables [[load]], {hint}", show(tables)))
+            return None
+        loads = []
+        for index, table in enumerate(tables):
+            key = f"load.{index}"
+            specification: Any = TABLES["load"][0]
+            findings: list[Finding] = []
+            if isinstance(table, Mapping):
+                specification, findings = choose_specification(table, key, "kind", LOADS)
+            load = None
+            if not findings:
+                load, findings = validate_table(specification, table, key)
+            self._note(*findings)
+            loads.append(load)
+        return tuple(loads)
+
+    def _note(self, *findings: Finding) -> None:
+        for key, advice, value in findings:
+            self.problems.append(Problem(self._file_of(key), key, advice, value))
+
+    def _file_of(self, key: str) -> str:
+        """Find the file that the longest known part of a key came from."""
+        parts = key.split(".")
+        for length in range(len(parts), 0, -1):
+            file = self.origin.get(".".join(parts[:length]))
+            if file is not None:
+                return file
+        return self.file
+
+    def _shown(self, key: str) -> str | None:
+        value: Any = self.tables
+        for part in key.split("."):
+            try:
+                value = value[int(part) if isinstance(value, list | tuple) else part]
+            except (KeyError, IndexError, TypeError, ValueError):
+                return None
+        return show(value)
+
+
+def _kept(name: str, before: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    """Choose what stays of a skin file's table when a scene gives its own keys."""
+    if name == "material" and ("law" in table or "preset" in table):
+        return {}
+    if name == "electrodes" and "layout" in table:
+        return {}
+    if name == "oil" and "model" in table:
+        return {key: value for key, value in before.items() if key != "bulk_modulus"}
+    return dict(before)

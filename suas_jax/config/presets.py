@@ -1,0 +1,81 @@
+"""Materials that ship with the project, by name."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from suas_jax.config.errors import ConfigError, Problem, show, unknown
+from suas_jax.config.schema_material import LAWS
+from suas_jax.config.toml_file import read_toml
+
+
+@functools.cache
+def preset_folder() -> Path:
+    """Find the folder of the material presets.
+
+    Returns:
+        The folder beside this module in an installed package, or ``configs/materials`` of the
+        checkout that this module lies in.
+    """
+    installed = Path(__file__).parent / "materials"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs/materials"
+
+
+def preset_names() -> list[str]:
+    """List the material presets that ``preset = "..."`` may name."""
+    return sorted(path.stem for path in preset_folder().glob("*.toml"))
+
+
+def load_preset(name: str) -> dict[str, Any]:
+    """Read a preset.
+
+    Args:
+        name: of the preset, such as ``"epdm-paper"``.
+
+    Returns:
+        The keys of its [material] table, as they stand in the file.
+
+    Raises:
+        ConfigError: if there is no such preset.
+    """
+    if name not in preset_names():
+        advice = unknown(name, preset_names(), "preset", quoted=True)
+        raise ConfigError([Problem("", "material.preset", advice, show(name))])
+    path = preset_folder() / f"{name}.toml"
+    table = read_toml(path).get("material")
+    if not isinstance(table, dict) or table.get("law") not in LAWS:
+        raise ConfigError([Problem(str(path), "material", "is missing, or names no known law")])
+    return table
+
+
+def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Replace ``preset`` by the keys it stands for; the other keys override its constants.
+
+    Args:
+        material: a [material] table with the key ``preset``.
+
+    Returns:
+        The expanded table, and what is wrong with it: pairs of key and advice.
+
+    Raises:
+        ConfigError: if the preset's own file is damaged.
+    """
+    name = material["preset"]
+    if not isinstance(name, str) or name not in preset_names():
+        return {}, [("preset", unknown(str(name), preset_names(), "preset", quoted=True))]
+    table = load_preset(name)
+    law = table["law"]
+    constants = [key for key in LAWS[law].model_fields if key not in ("law", "convention")]
+    wrong: list[tuple[str, str]] = []
+    for key, value in material.items():
+        if key in constants:
+            table[key] = value
+        elif key in ("law", "convention"):
+            wrong.append((key, f"preset = {show(name)} already sets it; leave one of them out"))
+        elif key != "preset":
+            advice = unknown(key, constants, "key")
+            wrong.append((key, f"{advice} (beside preset = {show(name)}, law {show(law)})"))
+    return table, wrong

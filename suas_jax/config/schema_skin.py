@@ -1,0 +1,226 @@
+"""The skin: its dimensions, its oil and its electrodes."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from suas_jax.config.fields import (
+    Angle,
+    AsList,
+    Length,
+    PositiveLength,
+    PositivePressure,
+    Spec,
+    quantity,
+)
+from suas_jax.config.quantities import format_quantity
+
+
+class GeometrySpec(Spec):
+    """Dimensions of a skin whose cross-section is an arc clamped at both straight edges.
+
+    Attributes:
+        inner_radius: radius of the membrane's inner face [m].
+        thickness: thickness of the membrane [m].
+        half_angle: angle from the symmetry axis to a clamped edge [rad].
+        width: extent along the axis [m].
+        oil_gap: distance from the membrane's inner face to the rigid wall [m].
+    """
+
+    inner_radius: PositiveLength = Field(examples=['"57.5 mm"'])
+    thickness: PositiveLength = Field(examples=['"1.5 mm"'])
+    half_angle: Annotated[float, quantity("angle", above=0.0, below=math.pi)] = Field(
+        examples=['"90 deg"']
+    )
+    width: PositiveLength = Field(examples=['"123 mm"'])
+    oil_gap: PositiveLength = Field(examples=['"5 mm"'])
+
+    @field_validator("thickness")
+    @classmethod
+    def _thinner_than_radius(cls, thickness: float, info: ValidationInfo) -> float:
+        radius = info.data.get("inner_radius")
+        if radius is not None and thickness >= radius:
+            raise ValueError(
+                f"must be less than inner_radius ({format_quantity(radius, 'length')})"
+            )
+        return thickness
+
+    @field_validator("half_angle")
+    @classmethod
+    def _arc_longer_than_thick(cls, half_angle: float, info: ValidationInfo) -> float:
+        radius, thickness = info.data.get("inner_radius"), info.data.get("thickness")
+        if radius is None or thickness is None:
+            return half_angle
+        arc = 2.0 * half_angle * radius
+        if arc <= thickness:
+            raise ValueError(
+                f"the arc between the edges is {format_quantity(arc, 'length')}, no longer "
+                f"than the membrane is thick ({format_quantity(thickness, 'length')}); "
+                f"half_angle is measured from the symmetry axis to one edge"
+            )
+        return half_angle
+
+    @field_validator("oil_gap")
+    @classmethod
+    def _wall_around_axis(cls, oil_gap: float, info: ValidationInfo) -> float:
+        radius = info.data.get("inner_radius")
+        if radius is not None and oil_gap >= radius:
+            raise ValueError(
+                f"must be less than inner_radius ({format_quantity(radius, 'length')}): "
+                f"the rigid wall lies at inner_radius - oil_gap"
+            )
+        return oil_gap
+
+
+class OilSpec(Spec):
+    """The oil between the wall and the membrane.
+
+    Attributes:
+        model: ``"incompressible"``, ``"compressible"`` (p = -K ln(V/V0)) or ``"vented"``
+            (p = 0, no constraint on the volume).
+        bulk_modulus: K [Pa], with the compressible model only.
+        relative_permittivity: of the oil; None where nothing is sensed.
+    """
+
+    model: Literal["incompressible", "compressible", "vented"] = Field(
+        examples=['"incompressible"']
+    )
+    bulk_modulus: PositivePressure | None = Field(
+        default=None, validate_default=True, examples=['"1.5 GPa"']
+    )
+    relative_permittivity: Annotated[float, quantity("number", at_least=1.0)] | None = Field(
+        default=None, examples=["2.2"]
+    )
+
+    @field_validator("bulk_modulus")
+    @classmethod
+    def _with_compressible_only(
+        cls, bulk_modulus: float | None, info: ValidationInfo
+    ) -> float | None:
+        model = info.data.get("model")
+        if model == "compressible" and bulk_modulus is None:
+            raise ValueError('missing; model = "compressible" needs it, such as "1.5 GPa"')
+        if model in ("incompressible", "vented") and bulk_modulus is not None:
+            raise ValueError(
+                f'has no meaning with model = "{model}"; take it out, or set '
+                f'model = "compressible"'
+            )
+        return bulk_modulus
+
+
+class TaxelSpec(Spec):
+    """One round electrode on the rigid wall.
+
+    Attributes:
+        angle: of its centre, from the symmetry axis, positive towards +x [rad].
+        axial: of its centre, from mid-width [m].
+        diameter: of the electrode [m].
+    """
+
+    angle: Angle = Field(examples=['"-30 deg"'])
+    axial: Length = Field(default=0.0, examples=['"0 mm"'])
+    diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
+
+
+MODULE_TAXELS = 10
+"""Taxels of a triangular module, in rows of 1, 2, 3 and 4."""
+
+
+class ModuleSpec(Spec):
+    """One triangular module of ten taxels on the rigid wall, in rows of 1, 2, 3 and 4.
+
+    Lengths along the arc are measured on the wall. Without rotation the single taxel of the
+    first row points along +axial; a positive rotation turns the module from +angle towards
+    +axial.
+
+    Attributes:
+        angle: of the module's centroid, from the symmetry axis, positive towards +x [rad].
+        axial: of the module's centroid, from mid-width [m].
+        rotation: of the module about its centroid [rad].
+        pitch: distance between neighbouring taxels [m].
+        diameter: of the electrodes [m].
+        numbering: ``"paper"`` (the taxel at the centroid is number 10), or the numbers that
+            the ten places carry, place after place along the rows.
+    """
+
+    angle: Angle = Field(examples=['"0 deg"'])
+    axial: Length = Field(default=0.0, examples=['"0 mm"'])
+    rotation: Angle = Field(default=0.0, examples=['"0 deg"'])
+    pitch: PositiveLength = Field(default=6.533e-3, examples=['"6.533 mm"'])
+    diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
+    numbering: Literal["paper"] | tuple[int, ...] = Field(default="paper", examples=['"paper"'])
+
+    @field_validator("numbering", mode="before")
+    @classmethod
+    def _each_number_once(cls, numbering: object) -> object:
+        if numbering == "paper":
+            return numbering
+        every = list(range(1, MODULE_TAXELS + 1))
+        whole = isinstance(numbering, list | tuple) and all(type(n) is int for n in numbering)
+        if not whole or sorted(numbering) != every:  # type: ignore[call-overload]
+            raise ValueError(f'allowed: "paper", or a list of the numbers 1 to {every[-1]}')
+        return numbering
+
+
+class ElectrodesSpec(Spec):
+    """The electrodes and their converter.
+
+    Attributes:
+        capacitance: ``"parallel-plate"`` (the paper's) or ``"concentric"`` formula.
+        stray: capacitance in parallel with each taxel [F].
+        lsb: capacitance of one count [F].
+        noise: standard deviation of a reading [counts].
+        layout: ``"list"`` (``taxels`` of module 0) or ``"roboskin"`` (``modules``).
+        taxels: electrodes of the list layout, in the order of their numbers.
+        modules: triangles of the roboskin layout.
+    """
+
+    capacitance: Literal["parallel-plate", "concentric"] = Field(
+        default="parallel-plate", examples=['"parallel-plate"']
+    )
+    stray: Annotated[float, quantity("capacitance", at_least=0.0)] = Field(
+        default=0.0, examples=['"0 fF"']
+    )
+    lsb: Annotated[float, quantity("capacitance", above=0.0)] = Field(
+        default=3.05e-16, examples=['"0.305 fF"']
+    )
+    noise: Annotated[float, quantity("number", at_least=0.0)] = Field(
+        default=0.0, examples=["2.0"]
+    )
+    layout: Literal["list", "roboskin"] = Field(default="list", examples=['"list"'])
+    taxels: Annotated[tuple[TaxelSpec, ...], AsList] = Field(
+        default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
+    )
+    modules: Annotated[tuple[ModuleSpec, ...], AsList] = Field(
+        default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
+    )
+
+    @field_validator("taxels")
+    @classmethod
+    def _taxels_of_a_list(
+        cls, taxels: tuple[TaxelSpec, ...], info: ValidationInfo
+    ) -> tuple[TaxelSpec, ...]:
+        _belongs_to("taxels", bool(taxels), "list", info.data.get("layout"))
+        return taxels
+
+    @field_validator("modules")
+    @classmethod
+    def _modules_of_roboskin(
+        cls, modules: tuple[ModuleSpec, ...], info: ValidationInfo
+    ) -> tuple[ModuleSpec, ...]:
+        _belongs_to("modules", bool(modules), "roboskin", info.data.get("layout"))
+        return modules
+
+
+def _belongs_to(key: str, given: bool, owner: str, layout: str | None) -> None:
+    """Refuse the electrodes of another layout, and a layout without electrodes."""
+    if layout == owner and not given:
+        raise ValueError(
+            f'missing or empty; layout = "{owner}" needs at least one, for example '
+            f'{key} = [ {{ angle = "0 deg" }} ]'
+        )
+    if layout not in (None, owner) and given:
+        raise ValueError(f'belongs to layout = "{owner}", but layout is "{layout}"')

@@ -1,0 +1,114 @@
+"""Read a TOML file, or say where and why it can't be read."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from suas_jax.config.errors import ConfigError, Problem, nearest
+
+_PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+_BARE_QUANTITY = re.compile(r"=\s*\[?\s*([+-]?\d[\d.,]*(?:[eE][+-]?\d+)?)\s*([A-Za-zµμ°%]\S*)")
+_BARE_WORD = re.compile(r"=\s*([A-Za-z][\w/^-]*)\s*(?:#.*)?$")
+
+
+def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read a TOML file (UTF-8, with or without a byte order mark, any line ends).
+
+    Args:
+        path: the file.
+
+    Returns:
+        The tables of the file.
+
+    Raises:
+        ConfigError: if the file can't be read, is no UTF-8 text, no TOML, or empty.
+    """
+    file = os.fspath(path)
+    trouble = missing_file(file)
+    if trouble:
+        raise ConfigError([Problem(file, "", trouble)])
+    try:
+        raw = Path(file).read_bytes()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ConfigError([Problem(file, "", f"can't be read: {reason}")]) from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        advice = _not_text(error.object, error.start)
+        raise ConfigError([Problem(file, "", advice)]) from None
+    try:
+        tables = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError([Problem(file, "", _not_toml(text, str(error)))]) from None
+    except RecursionError:
+        raise ConfigError([Problem(file, "", "brackets are nested too deeply")]) from None
+    if not tables:
+        raise ConfigError([Problem(file, "", "the file is empty: it holds no table")])
+    return tables
+
+
+def missing_file(file: str, named_in: str = "") -> str | None:
+    """Say why a path is no file.
+
+    Args:
+        file: the path.
+        named_in: the file that names it, which it can't have been meant to be.
+
+    Returns:
+        The reason, with the nearest file beside it; None if it is a file.
+    """
+    path = Path(file)
+    try:
+        if path.is_dir():
+            return "is a directory; name a TOML file"
+        if path.exists():
+            return None
+        found = path.parent.glob("*.toml")
+        beside = [entry.name for entry in found if not entry.match(named_in or "/")]
+    except (OSError, ValueError) as error:  # such as a name with a NUL in it, or too long
+        return f"can't be read: {error}"
+    near = nearest(path.name, beside)
+    return "no such file" + (f'; did you mean "{near}"?' if near else "")
+
+
+def _not_text(raw: bytes, start: int) -> str:
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "is UTF-16 text; save it as UTF-8"
+    line = raw.count(b"\n", 0, start) + 1
+    column = start - (raw.rfind(b"\n", 0, start) + 1) + 1
+    return (
+        f"is not UTF-8 text (byte 0x{raw[start]:02x} at line {line}, column {column}); save it "
+        f"as UTF-8"
+    )
+
+
+def _not_toml(text: str, message: str) -> str:
+    """Turn the parser's message round: the place first, then the reason, then what to do."""
+    lines = re.split(r"\r?\n", text)
+    place = _PLACE.search(message)
+    if place is None or place.group(1) is None:
+        number, column = len(lines), len(lines[-1]) + 1
+    else:
+        number, column = int(place.group(1)), int(place.group(2))
+    reason = _PLACE.sub("", message)
+    # The parser shows names as Python tuples.
+    reason = re.sub(r"\(('[^']*'(?:, '[^']*')*),?\)", r"[\1]", reason).replace("'", "")
+    source = lines[min(number, len(lines)) - 1].strip()
+    quantity, word = _BARE_QUANTITY.search(source), _BARE_WORD.search(source)
+    if any(quote in source for quote in "“”„‘’"):
+        hint = "; use straight quotes"
+    elif quantity:
+        hint = f'; quantities stand in quotes: "{quantity.group(1)} {quantity.group(2)}"'
+    elif word:
+        hint = f'; text stands in quotes: "{word.group(1)}"'
+    elif "overwrite" in reason or "twice" in reason:
+        hint = "; the name is already taken"
+    else:
+        hint = ""
+    shown = f" in `{source[:60]}`" if source else ""
+    return f"line {number}, column {column}: not valid TOML: {reason}{shown}{hint}"

@@ -1,0 +1,109 @@
+"""What every material law is: a strain energy, and the modulus it starts with.
+
+A law declares its energy and nothing else. Stresses, tangents and parameter
+sensitivities follow by differentiation, so there is one place where the physics of
+a law can be right or wrong.
+"""
+
+import abc
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..kinematics import AbstractDeformation
+
+Constants: TypeAlias = ArrayLike | Sequence[ArrayLike]
+
+
+class AbstractLaw(eqx.Module):
+    """An isotropic, incompressible (or purely isochoric) hyperelastic law.
+
+    A law is a pytree whose leaves are its constants. A constant may carry trailing
+    batch axes ("lanes"); they broadcast against the trailing axes of the deformation,
+    so that one call evaluates many materials.
+    """
+
+    @abc.abstractmethod
+    def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
+        """Strain energy per unit reference volume.
+
+        Args:
+            deformation: the state of deformation, arrays of any shape.
+
+        Returns:
+            Ψ [J/m³], in the broadcast shape of deformation and constants; zero at rest.
+        """
+
+    @property
+    @abc.abstractmethod
+    def shear_modulus(self) -> Float[Array, "..."]:
+        """Shear modulus at small strain, μ [Pa], in the shape of the constants' lanes."""
+
+
+def constant(value: ArrayLike) -> Float[Array, "..."]:
+    """Convert a law's constant to a floating-point array, keeping a narrower float type.
+
+    Args:
+        value: a number, an array, or a traced value, in SI units.
+
+    Returns:
+        The same value as a JAX array that is floating-point and strongly typed, so that
+        a law built from Python numbers and one built from arrays share compiled programs.
+    """
+    return jnp.asarray(value, dtype=jnp.result_type(value, float))
+
+
+def constants(values: Constants) -> Float[Array, " terms *lanes"]:
+    """Convert a series of constants to an array whose leading axis counts the terms.
+
+    Args:
+        values: a number (one term), a sequence of numbers or traced values, or an array.
+
+    Returns:
+        Array [terms, *lanes].
+    """
+    if isinstance(values, Sequence):
+        if not values:
+            return jnp.zeros(0)
+        return jnp.stack(jnp.broadcast_arrays(*[constant(value) for value in values]))
+    return jnp.atleast_1d(constant(values))
+
+
+def known(value: Array) -> np.ndarray | None:
+    """Return the numbers behind a constant, or None while it is being traced."""
+    return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
+
+
+def require_positive(value: Array, what: str) -> None:
+    """Raise unless a constant is positive and finite; traced values pass unchecked.
+
+    Args:
+        value: the constant, any shape.
+        what: how the message calls it.
+
+    Raises:
+        ValueError: a concrete value is zero, negative, infinite or not a number.
+    """
+    numbers = known(value)
+    if numbers is not None and not np.all(np.isfinite(numbers) & (numbers > 0)):
+        raise ValueError(f"{what} must be positive and finite, got {numbers}")
+
+
+def require_finite(value: Array, what: str) -> None:
+    """Raise if a constant is infinite or not a number; traced values pass unchecked.
+
+    Args:
+        value: the constant, any shape.
+        what: how the message calls it.
+
+    Raises:
+        ValueError: a concrete value is not finite.
+    """
+    numbers = known(value)
+    if numbers is not None and not np.all(np.isfinite(numbers)):
+        raise ValueError(f"{what} must be finite, got {numbers}")

@@ -1,0 +1,64 @@
+"""Cubic Hermite shape functions on the unit interval.
+
+A function on an element of length L is ``N_0 v_0 + L N_1 s_0 + N_2 v_1 + L N_3 s_1`` with
+the values v and the slopes s (per unit length) at its two stations: continuous with its
+first derivative, as the bending energy of a thin shell asks.
+"""
+
+import numpy as np
+from jaxtyping import Array, Float
+
+# Coefficients of the four shape functions in ascending powers of xi.
+_HERMITE = np.array(
+    [[1.0, 0.0, -3.0, 2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, 3.0, -2.0], [0.0, 0.0, -1.0, 1.0]]
+)
+# Interior modes of degree four and five: value and slope vanish at both ends, so adding
+# them raises the order of one element without touching its neighbours.
+_BUBBLES = np.array([[0.0, 0.0, 1.0, -2.0, 1.0, 0.0], [0.0, 0.0, -1.0, 4.0, -5.0, 2.0]])
+
+
+def _evaluate(
+    coefficients: Float[np.ndarray, "shape power"],
+    xi: Float[Array | np.ndarray, "*points"],
+    derivative: int,
+) -> list[Float[Array | np.ndarray, "*points"]]:
+    shapes = []
+    for row in coefficients:
+        polynomial = np.polynomial.Polynomial(row)
+        for _ in range(derivative):
+            polynomial = polynomial.deriv()
+        value = 0.0 * xi
+        for c in polynomial.coef[::-1]:
+            value = value * xi + float(c)
+        shapes.append(value)
+    return shapes
+
+
+def hermite(
+    xi: Float[Array | np.ndarray, "*points"], derivative: int = 0
+) -> list[Float[Array | np.ndarray, "*points"]]:
+    """The four shape functions, or a derivative with respect to xi, at points in [0, 1].
+
+    Args:
+        xi: local coordinate, 0 at the left station and 1 at the right one.
+        derivative: order of differentiation, 0 to 3.
+
+    Returns:
+        Values for left value, left slope, right value, right slope; each shaped like xi.
+    """
+    return _evaluate(_HERMITE, xi, derivative)
+
+
+def bubbles(
+    xi: Float[Array | np.ndarray, "*points"], derivative: int = 0
+) -> list[Float[Array | np.ndarray, "*points"]]:
+    """The two interior modes xi^2 (1 - xi)^2 and xi^2 (1 - xi)^2 (2 xi - 1).
+
+    Args:
+        xi: local coordinate in [0, 1].
+        derivative: order of differentiation.
+
+    Returns:
+        Values of both modes; each shaped like xi.
+    """
+    return _evaluate(_BUBBLES, xi, derivative)

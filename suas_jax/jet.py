@@ -1,0 +1,53 @@
+"""Second-order expansions of elementwise functions of two inputs.
+
+In plane strain the energy at a quadrature point depends on two numbers. Differentiating
+a function of two inputs costs next to nothing, whatever the number of unknowns behind
+them; stress and tangent of every law and mechanics come from here.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Jet(NamedTuple):
+    """Value, gradient and Hessian of f(x, y), elementwise."""
+
+    value: Float[Array, "*shape"]
+    x: Float[Array, "*shape"]
+    y: Float[Array, "*shape"]
+    xx: Float[Array, "*shape"]
+    xy: Float[Array, "*shape"]
+    yy: Float[Array, "*shape"]
+
+
+def second_order(
+    fn: Callable[[Array, Array], Array],
+    x: Float[Array, "*shape"],
+    y: Float[Array, "*shape"],
+) -> Jet:
+    """Expand an elementwise function of two inputs to second order.
+
+    Args:
+        fn: function whose output at a point depends on the inputs at that point alone.
+        x: first input.
+        y: second input, of the same shape.
+
+    Returns:
+        The expansion, each entry of the shape of the inputs.
+    """
+    one, zero = jnp.ones_like(x), jnp.zeros_like(x)
+
+    def along_x(x: Array, y: Array) -> tuple[Array, Array]:
+        return jax.jvp(fn, (x, y), (one, zero))
+
+    def along_y(x: Array, y: Array) -> tuple[Array, Array]:
+        return jax.jvp(fn, (x, y), (zero, one))
+
+    (value, f_x), (f_y, f_xy) = jax.jvp(along_x, (x, y), (zero, one))
+    _, (_, f_xx) = jax.jvp(along_x, (x, y), (one, zero))
+    _, (_, f_yy) = jax.jvp(along_y, (x, y), (zero, one))
+    return Jet(value, f_x, f_y, f_xx, f_xy, f_yy)

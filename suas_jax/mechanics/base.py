@@ -1,0 +1,98 @@
+"""What the equilibrium asks of any mechanics.
+
+A mechanics is a discretised membrane with its loads: a pytree whose leaves are arrays
+with a trailing lane axis and whose structure (number of stations, blocks) is static.
+Everything is per unit width along the axis until results are reported.
+"""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
+
+
+class Assembly(NamedTuple):
+    """One evaluation of the membrane at a trial state.
+
+    Attributes:
+        residual: internal force less the oil's net pressure times the volume gradient
+            less the load factor times the load vector [N/m].
+        diagonal: diagonal blocks of the residual's derivative.
+        upper: blocks above the diagonal.
+        volume_gradient: derivative of the enclosed volume by the unknowns.
+        load: derivative of the loads' work at unit load factor by the unknowns [N/m].
+        volume_change: enclosed volume less its value at rest, per width [m^2].
+    """
+
+    residual: StationVector
+    diagonal: Diagonal
+    upper: OffDiagonal
+    volume_gradient: StationVector
+    load: StationVector
+    volume_change: Lanes
+
+
+class AbstractMechanics(eqx.Module):
+    """A membrane: strain energy, enclosed volume, the work of its loads.
+
+    Attributes:
+        film_volume: volume of the undeformed oil film per width [m^2].
+        length_scale: displacement beyond which linearisation can't be trusted [m].
+    """
+
+    film_volume: eqx.AbstractVar[Lanes]
+    length_scale: eqx.AbstractVar[Lanes]
+
+    @abc.abstractmethod
+    def rest(self) -> StationVector:
+        """Unknowns of the undeformed state."""
+
+    @abc.abstractmethod
+    def unknowns(self) -> int:
+        """Number of unknowns that are free to move, the oil's pressure not counted."""
+
+    @abc.abstractmethod
+    def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
+        """Residual and its derivatives at a trial state.
+
+        Args:
+            q: unknowns.
+            pressure: net pressure on the inner face, oil less external [Pa].
+            factor: dimensionless factor on all line loads.
+        """
+
+    @abc.abstractmethod
+    def strain_energy(self, q: StationVector) -> Lanes:
+        """Strain energy per width [J/m]."""
+
+    @abc.abstractmethod
+    def volume_change(self, q: StationVector) -> Lanes:
+        """Enclosed volume less its value at rest, per width [m^2]."""
+
+    @abc.abstractmethod
+    def work(self, q: StationVector) -> Lanes:
+        """Work of the line loads at unit factor, per width [J/m]."""
+
+    @abc.abstractmethod
+    def displacement_size(self, q: StationVector) -> Lanes:
+        """Largest component of displacement, the measure of convergence [m]."""
+
+    def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
+        """Total potential energy per width at given pressure and load factor [J/m].
+
+        Its gradient by q is the residual of `assemble`, its Hessian the tangent.
+        """
+        return (
+            self.strain_energy(q)
+            - pressure * self.volume_change(q)
+            - factor * self.work(q)
+        )
+
+
+def largest(values: Float[Array, "*axes lane"]) -> Lanes:
+    """Largest magnitude over all axes but the lanes."""
+    return jnp.max(jnp.abs(values), tuple(range(values.ndim - 1)))
