@@ -10,6 +10,7 @@ unknown and one more equation, the border::
 Lineax sees an ordinary linear operator and solver; the structure stays in this file.
 """
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -31,17 +32,26 @@ class BorderedVector(NamedTuple):
 class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     """A symmetric block-tridiagonal operator with an optional border.
 
+    The border is symmetric too unless its row is given apart from its column.
+
     Attributes:
         diagonal: blocks on the diagonal, symmetric.
         upper: block i couples the equations of station i to the unknowns of i + 1.
         column: the border's column, equal to its row, or None.
         corner: the border's diagonal entry, or None.
+        row: the border's row where it differs from the column.
     """
 
     diagonal: Diagonal
     upper: OffDiagonal
     column: StationVector | None
     corner: Lanes | None
+    row: StationVector | None = None
+
+    @property
+    def border_row(self) -> StationVector | None:
+        """The border's row."""
+        return self.column if self.row is None else self.row
 
     def mv(self, vector: BorderedVector) -> BorderedVector:
         """Matrix times vector."""
@@ -53,7 +63,7 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
         y = y + jnp.concatenate([above, zero], 1) + jnp.concatenate([zero, below], 1)
         if self.column is None:
             return BorderedVector(y, None)
-        row = jnp.sum(self.column * x, (0, 1)) + self.corner * z
+        row = jnp.sum(self.border_row * x, (0, 1)) + self.corner * z
         return BorderedVector(y + self.column * z, row)
 
     def as_matrix(self) -> Float[Array, "n n"]:
@@ -65,8 +75,10 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
         return columns(jnp.eye(flat.size, dtype=flat.dtype)).T
 
     def transpose(self) -> "BorderedBlockTridiagonal":
-        """The operator itself: it is symmetric."""
-        return self
+        """Row and column of the border change places; all else is symmetric."""
+        if self.row is None:
+            return self
+        return dataclasses.replace(self, column=self.row, row=self.column)
 
     def in_structure(self) -> BorderedVector:
         """Shapes of the vectors it acts on."""
@@ -88,7 +100,7 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
 
 @lx.is_symmetric.register(BorderedBlockTridiagonal)
 def _(operator: BorderedBlockTridiagonal) -> bool:
-    return True
+    return operator.row is None
 
 
 for _check in (
@@ -119,7 +131,7 @@ class Elimination(NamedTuple):
     Attributes:
         solution: unknowns, shaped like the right-hand side.
         negative: number of negative eigenvalues of the whole bordered operator, by
-            Sylvester's law of inertia. With the oil's constraint as border, an
+            Sylvester's law of inertia (meaningless where row and column differ). With the oil's constraint as border, an
             equilibrium is stable on the constraint surface if and only if it is one
             (without border: none).
         smallest_pivot: smallest ratio of a pivot's magnitude to its diagonal entry.
@@ -248,10 +260,10 @@ def _eliminate(
     outer_ratio = jnp.min(jnp.abs(outer_pivots / size), (0, 1), initial=jnp.inf)
     size = jnp.stack([diagonal[k, k, half] for k in range(dof)])
     ratio = jnp.min(jnp.abs(pivots / size), 0)
-    negative = jnp.sum(outer_pivots < 0, (0, 1))
+    negative = jnp.sum(outer_pivots < 0, (0, 1), dtype=jnp.int32)
     return _Sweep(
         jnp.moveaxis(solution, 0, 2),
-        negative[:lane] + negative[lane:] + jnp.sum(pivots < 0, 0),
+        negative[:lane] + negative[lane:] + jnp.sum(pivots < 0, 0, dtype=jnp.int32),
         jnp.minimum(jnp.minimum(outer_ratio[:lane], outer_ratio[lane:]), ratio),
     )
 
@@ -278,8 +290,9 @@ def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elim
     )
     sweep = _eliminate(operator.diagonal, operator.upper, both)
     particular, border = sweep.solution[:, 0], sweep.solution[:, 1]
-    schur = operator.corner - jnp.sum(operator.column * border, (0, 1))
-    z = (right.border - jnp.sum(operator.column * particular, (0, 1))) / schur
+    row = operator.border_row
+    schur = operator.corner - jnp.sum(row * border, (0, 1))
+    z = (right.border - jnp.sum(row * particular, (0, 1))) / schur
     return Elimination(
         BorderedVector(particular - border * z, z),
         sweep.negative + (schur < 0),
@@ -315,8 +328,8 @@ class BlockElimination(lx.AbstractLinearSolver[BorderedBlockTridiagonal]):
     def transpose(
         self, state: BorderedBlockTridiagonal, options: dict[str, Any]
     ) -> tuple[BorderedBlockTridiagonal, dict[str, Any]]:
-        """The system is symmetric."""
-        return state, options
+        """The transposed operator is its own state."""
+        return state.transpose(), options
 
     def conj(
         self, state: BorderedBlockTridiagonal, options: dict[str, Any]

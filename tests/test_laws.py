@@ -73,7 +73,7 @@ def energy(law: AbstractLaw, F: jax.Array) -> jax.Array:
 @eqx.filter_jit
 def expansion(law: AbstractLaw, F: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Energy, first Piola-Kirchhoff stress and its tangent."""
-    stress = jax.grad(energy, 1)
+    stress = jax.jacfwd(energy, 1)
     return energy(law, F), stress(law, F), jax.jacfwd(stress, 1)(law, F)
 
 

@@ -7,8 +7,8 @@ the squared stretch ::
     lambda^2 = (a + 2 m c / a) / (1 + Z/R)^2,     m = Z + Z^2 / (2 R)
 
 with a = |r'|^2 = l^2 and c = x'' y' - x' y'' = k l^3 of the mid-line r(s), so that the
-strain energy per length is a function of a and c alone. Both are measured from rest,
-A = a - 1 and B = c - 1/R, without cancellation.
+strain energy per length is a function of a and c alone. Strains are measured from rest,
+A = a - 1 and b = c/a - 1/R, without cancellation.
 
 Interpolation is cubic Hermite in the Cartesian displacement over exact reference
 geometry: the undeformed state is stress-free to the last digit.
@@ -31,9 +31,6 @@ from suas_jax.kinematics import FibreStretch
 from suas_jax.loads import LoadPoints
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
 from suas_jax.quadrature import gauss_legendre
-
-
-barrier = jax.lax.optimization_barrier
 
 
 class _Tables(NamedTuple):
@@ -62,8 +59,8 @@ class _Element(NamedTuple):
 
     r1: tuple[Array, Array]
     r2: tuple[Array, Array]
-    stretch: Array  # A = |r'|^2 - 1
-    bending: Array  # B = c - 1/R
+    stretch: Array  # A = a - 1
+    curvature: Array  # b = c/a - 1/R
 
 
 def _mix(matrix: np.ndarray, x: Array) -> Array:
@@ -206,36 +203,68 @@ class Shell(AbstractMechanics):
         )
         r1 = (t[0] + ux1, t[1] + uy1)
         r2 = (ux2 - n[0] / self.mid_radius, uy2 - n[1] / self.mid_radius)
-        return _Element(r1, r2, stretch, bending)
+        curvature = (bending - stretch / self.mid_radius) / (1 + stretch)
+        return _Element(r1, r2, stretch, curvature)
 
-    def fibre(self, stretch: Array, bending: Array, offset: Array) -> FibreStretch:
-        """Squared stretch less one of the fibre at a reference offset.
+    def _layers(self) -> tuple[Array, Array, Array, Array]:
+        """Fibres through the thickness: weight, and the factors of their squared stretch.
+
+        With b = c/a - 1/R a fibre has lambda^2 - 1 = along * (a - 1) + across * b.
+
+        Returns:
+            Offset [m], weight [m], along, across [m]; each [layer, 1, 1, lane].
+        """
+        points, weights = gauss_legendre(self.layers, -0.5, 0.5)
+        offset = points[:, None, None, None] * self.thickness
+        shell = 1 + offset / self.mid_radius
+        weight = weights[:, None, None, None] * self.thickness * shell
+        m = offset + offset**2 / (2 * self.mid_radius)
+        return offset, weight, 1 / shell**2, 2 * m / shell**2
+
+    def energy_density(self, stretch: Array, curvature: Array) -> Array:
+        """Strain energy per area of the mid-surface, integrated over the thickness [J/m^2].
 
         Args:
             stretch: A = |r'|^2 - 1.
-            bending: B = c - 1/R [1/m].
-            offset: Z from the mid-surface, positive outwards [m].
+            curvature: b = c / |r'|^2 - 1/R [1/m].
         """
-        m = offset + offset**2 / (2 * self.mid_radius)
-        curvature = (bending - stretch / self.mid_radius) / (1 + stretch)
-        return FibreStretch((stretch + 2 * m * curvature) / (1 + offset / self.mid_radius) ** 2)
+        _, weight, along, across = self._layers()
+        energy = self.law.energy(FibreStretch(along * stretch + across * curvature))
+        return jnp.sum(weight * energy, 0)
 
-    def energy_density(self, stretch: Array, bending: Array) -> Array:
-        """Strain energy per area of the mid-surface, integrated over the thickness [J/m^2]."""
-        points, weights = gauss_legendre(self.layers, -0.5, 0.5)
-        total = jnp.zeros_like(stretch)
-        for z, w in zip(points, weights, strict=True):
-            offset = z * self.thickness
-            fibre = self.fibre(stretch, bending, offset)
-            volume = w * self.thickness * (1 + offset / self.mid_radius)
-            total = total + volume * self.law.energy(fibre)
-        return total
+    def _energy_jet(self, stretch: Array, curvature: Array) -> Jet:
+        """The energy density to second order in A and b.
+
+        A fibre depends on one number, linear in both: two derivatives of the law are all
+        it takes. The sum over the layers is a reduction on purpose: the compiler keeps
+        its result instead of computing the law again for each of its uses.
+        """
+        _, weight, along, across = self._layers()
+
+        def energy(green: Array) -> Array:
+            return self.law.energy(FibreStretch(green))
+
+        def slope(green: Array) -> tuple[Array, Array]:
+            return jax.jvp(energy, (green,), (jnp.ones_like(green),))
+
+        green = along * stretch + across * curvature
+        (value, first), (_, second) = jax.jvp(slope, (green,), (jnp.ones_like(green),))
+        first, second = weight * first, weight * second
+        terms = (
+            weight * value,
+            along * first,
+            across * first,
+            along**2 * second,
+            along * across * second,
+            across**2 * second,
+        )
+        return Jet(*(jnp.sum(term, 0) for term in terms))
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
         tables = _tables(self.gauss)
         strains = self._strains(self._gather(q), tables)
-        density = self.energy_density(strains.stretch, strains.bending)
+        density = self.energy_density(strains.stretch, strains.curvature)
         weights = tables.weights[:, None, None] * self.lengths
         return jnp.sum(weights * density, (0, 1))
 
@@ -314,20 +343,19 @@ class Shell(AbstractMechanics):
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
         tables = _tables(self.gauss)
-        qe = barrier(self._gather(q))
+        qe = self._gather(q)
         strains = self._strains(qe, tables)
-        strains = barrier(strains)
-        jet = barrier(second_order(self.energy_density, strains.stretch, strains.bending))
-        stress, tangents = barrier(_point_terms(strains, jet, self.lengths))
+        jet = self._energy_jet(strains.stretch, strains.curvature)
+        stress, tangents = _point_terms(strains, jet, self.mid_radius, self.lengths)
         internal = _mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
         stiffness = _mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
-        stiffness = barrier(stiffness.reshape(4, 4, *stiffness.shape[1:]))
+        stiffness = stiffness.reshape(4, 4, *stiffness.shape[1:])
         volume, gradient = self._volume(qe)
         load, load_stiffness = self._load_terms(qe)
         coupling = pressure * tables.area[:, :, None, None]
         stiffness = stiffness - factor * load_stiffness
         stiffness = stiffness.at[:, :, 2].add(-coupling)
-        diagonal, upper = barrier(self._blocks(stiffness))
+        diagonal, upper = self._blocks(stiffness)
         return Assembly(
             self._scatter(internal - pressure * gradient - factor * load),
             diagonal,
@@ -395,35 +423,43 @@ class Shell(AbstractMechanics):
 
 
 def _point_terms(
-    strains: _Element, jet: Jet, length: Float[Array, "element lane"]
+    strains: _Element, jet: Jet, radius: Lanes, length: Float[Array, "element lane"]
 ) -> tuple[Array, Array]:
-    """Chain rule from (A, B) to r' and r'' at every quadrature point.
+    """Chain rule from (A, b) to r' and r'' at every quadrature point.
 
-    A is quadratic in r', B bilinear in r' and r'', so their derivatives are written out.
-    The powers of the element's length that turn derivatives by xi into derivatives by
-    arc length are applied here, which leaves constant matrices for the sums.
+    First to (a, c): b = c/a - 1/R. Then a is quadratic in r' and c = x'' y' - x' y''
+    bilinear, so their derivatives are written out. The powers of the element's length
+    that turn derivatives by xi into derivatives by arc length are applied here, which
+    leaves constant matrices for the sums.
 
     Returns:
         Stress [gauss, order, component, ...] and tangent [gauss, order, order,
         (xx, yy, xy), ...].
     """
+    inverse = 1 / (1 + strains.stretch)
+    ratio = -(strains.curvature + 1 / radius) * inverse  # db/da; db/dc = inverse
+    w_a = jet.x + jet.y * ratio
+    w_c = jet.y * inverse
+    w_aa = jet.xx + 2 * jet.xy * ratio + jet.yy * ratio**2 - 2 * jet.y * ratio * inverse
+    w_ac = (jet.xy + jet.yy * ratio) * inverse - jet.y * inverse**2
+    w_cc = jet.yy * inverse**2
     (x1, y1), (x2, y2) = strains.r1, strains.r2
     by_stretch = ((2 * x1, 2 * y1), (0.0, 0.0))
-    by_bending = ((-y2, x2), (y1, -x1))
+    by_curl = ((-y2, x2), (y1, -x1))
     power = (1.0, 1 / length)
 
     def stress(d: int, c: int) -> Array:
-        return power[d] * (jet.x * by_stretch[d][c] + jet.y * by_bending[d][c])
+        return power[d] * (w_a * by_stretch[d][c] + w_c * by_curl[d][c])
 
     def tangents(d: int, f: int, c: int, e: int) -> Array:
-        a, b = by_stretch[f][e], by_bending[f][e]
-        total = by_bending[d][c] * (jet.xy * a + jet.yy * b)
+        a, b = by_stretch[f][e], by_curl[f][e]
+        total = by_curl[d][c] * (w_ac * a + w_cc * b)
         if d == 0:
-            total = total + by_stretch[d][c] * (jet.xx * a + jet.xy * b)
+            total = total + by_stretch[d][c] * (w_aa * a + w_ac * b)
         if d == f == 0 and c == e:
-            total = total + 2 * jet.x
-        if d != f and c != e:  # B is the cross product of r'' and r'
-            total = total + (-jet.y if c == d else jet.y)
+            total = total + 2 * w_a
+        if d != f and c != e:  # c is the cross product of r'' and r'
+            total = total + (-w_c if c == d else w_c)
         return power[d] * power[f] / length * total
 
     pairs = ((0, 0), (1, 1), (0, 1))

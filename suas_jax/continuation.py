@@ -1,0 +1,219 @@
+"""Newton's method with adaptive load steps, as an Optimistix root finder.
+
+The load grows from the level of the starting state to full. Every step starts with the
+tangent at the last equilibrium: there the residual is linear in the load level, so the
+first Newton correction is a step along the path, cut to a trusted displacement (the
+radius). Newton then returns to the path; if it does not contract, the step is taken
+again with a smaller radius. All lanes advance independently inside one loop.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Bool, Int, PyTree
+
+from suas_jax._types import LaneCounts, Lanes
+from suas_jax.linear_solve import BlockElimination, BorderedVector
+from suas_jax.mechanics.base import largest
+from suas_jax.results import index_of
+
+
+class SteppingState(NamedTuple):
+    """Where each lane stands.
+
+    Attributes:
+        level: load level of the current trial.
+        good: last equilibrium.
+        good_level: its load level.
+        radius: trusted displacement of the next step [m].
+        tried: displacement of this step's first correction [m].
+        correction: size of the last Newton correction [m].
+        inner: Newton corrections taken in this step.
+        total: Newton corrections taken in all.
+        negative: negative eigenvalues of the tangent at the last equilibrium.
+        smallest_pivot: smallest relative pivot met.
+        result: index of the outcome.
+        done: whether the lane has ended.
+    """
+
+    level: Lanes
+    good: BorderedVector
+    good_level: Lanes
+    radius: Lanes
+    tried: Lanes
+    correction: Lanes
+    inner: LaneCounts
+    total: LaneCounts
+    negative: LaneCounts
+    smallest_pivot: Lanes
+    result: Int[Array, " lane"]
+    done: Bool[Array, " lane"]
+
+
+def _select(keep: Bool[Array, " lane"], a: PyTree, b: PyTree) -> PyTree:
+    return jax.tree.map(lambda x, y: jnp.where(keep, x, y), a, b)
+
+
+class LoadStepping(optx.AbstractRootFinder):
+    """Newton with load steps controlled by displacement.
+
+    `args` of the root-find is a triple: anything the function needs, the level to reach,
+    and the length by which displacements are judged. The function is called with the
+    first entry and a trial level and returns ``(residual, operator)``; its residual must
+    be affine in the level.
+
+    Attributes:
+        rtol: wanted size of the remaining error relative to the displacement.
+        atol: not used: displacement has no scale of its own at tiny loads.
+        first_radius: displacement trusted in the first step, in units of the length.
+        contraction: largest accepted ratio of successive corrections.
+        max_inner: Newton corrections before a step is given up.
+        smallest_step: step in load level at which the path counts as ended.
+        max_steps: Newton corrections before the slowest lane is given up.
+        until: accepts a state early (and ends the lane) where it returns true.
+    """
+
+    rtol: float = 1e-12
+    atol: float = 0.0
+    first_radius: float = 2.0
+    contraction: float = 0.9
+    max_inner: int = 12
+    smallest_step: float = 1e-7
+    max_steps: int = 400
+    until: Callable[[BorderedVector], Array] | None = None
+    norm: Callable[[PyTree], Array] = optx.max_norm
+
+    def init(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        args: PyTree,
+        options: dict[str, Any],
+        f_struct: PyTree,
+        aux_struct: PyTree,
+        tags: frozenset[object],
+    ) -> SteppingState:
+        """Start at the equilibrium `y` whose load level is `options["level"]`."""
+        _, target, length = args
+        lane = y.stations.shape[-1:]
+        dtype = y.stations.dtype
+        zeros, counts = jnp.zeros(lane, dtype), jnp.zeros(lane, jnp.int32)
+        level = jnp.broadcast_to(options.get("level", zeros), lane)
+        radius = jnp.maximum(self.first_radius * length, largest(y.stations[:2]))
+        return SteppingState(
+            level=jnp.broadcast_to(target, lane).astype(dtype),
+            good=y,
+            good_level=level,
+            radius=jnp.broadcast_to(radius, lane),
+            tried=zeros,
+            correction=zeros,
+            inner=counts,
+            total=counts,
+            negative=counts,
+            smallest_pivot=jnp.full(lane, jnp.inf, dtype),
+            result=counts,
+            done=jnp.zeros(lane, bool),
+        )
+
+    def step(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        args: PyTree,
+        options: dict[str, Any],
+        state: SteppingState,
+        tags: frozenset[object],
+    ) -> tuple[BorderedVector, SteppingState, PyTree]:
+        """One Newton correction, then accept, repeat or retry the load step."""
+        problem, target, length = args
+        residual, operator = fn(y, (problem, state.level, length))
+        solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
+        size = largest(solved.value.stations[:2])
+        first = state.inner == 0
+        cut = jnp.where(first, jnp.minimum(1, state.radius / size), 1)
+        cut = jnp.where(size > 0, cut, 1)
+        level = state.good_level + cut * (state.level - state.good_level)
+        level = jnp.where(first & (cut < 1), level, state.level)
+        trial = jax.tree.map(lambda a, b: a - cut * b, y, solved.value)
+        size = cut * size
+
+        # Newton contracts quadratically: e_next ~ size^3 / previous^2.
+        ratio = jnp.where(first, 1.0, size / state.correction)
+        scale = largest(trial.stations[:2])
+        fine = jnp.isfinite(size) & jnp.isfinite(scale)
+        expected = size * jnp.minimum(ratio, 1.0) ** 2
+        settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
+        # At the limit of the arithmetic corrections stop shrinking.
+        stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
+        inner = state.inner + 1
+        converged = fine & (settled | stagnant | (size == 0))
+        grows = ~first & (ratio > self.contraction) & (size > 1e-6 * scale)
+        failed = ~converged & (~fine | grows | (inner >= self.max_inner))
+
+        # An equilibrium: make it the new start, and try for the full load.
+        step = jnp.abs(level - state.good_level)
+        easy, hard = inner <= 5, inner >= 8
+        grown = jnp.where(easy, 2.0, jnp.where(hard, 0.7, 1.2)) * state.radius
+        reached = level == target
+        if self.until is not None:
+            reached = reached | self.until(trial)
+        # The step failed: forget it and trust a quarter of its first displacement.
+        tried = jnp.where(first, size, state.tried)
+        shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
+        tiny = self.smallest_step * jnp.maximum(jnp.abs(target), 1e-300)
+        hopeless = failed & (shrunk < 1e-6 * length)
+        stuck = converged & ~reached & (step < tiny)
+
+        live = ~state.done
+        accept, retry = live & converged, live & failed
+        result = jnp.where(stuck, index_of("limit_point"), state.result)
+        result = jnp.where(hopeless, index_of("no_convergence"), result)
+        new = SteppingState(
+            level=jnp.where(accept | retry, target, level),
+            good=_select(accept, trial, state.good),
+            good_level=jnp.where(accept, level, state.good_level),
+            radius=jnp.where(accept, grown, jnp.where(retry, shrunk, state.radius)),
+            tried=tried,
+            correction=size,
+            inner=jnp.where(accept | retry, 0, inner),
+            total=state.total + 1,
+            negative=jnp.where(accept, solved.stats["negative"], state.negative),
+            smallest_pivot=jnp.minimum(state.smallest_pivot, solved.stats["smallest_pivot"]),
+            result=result,
+            done=(accept & (reached | stuck)) | (live & hopeless),
+        )
+        new = _select(live, new, state)
+        trial = _select(live & ~failed, trial, new.good)
+        return trial, new, operator
+
+    def terminate(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        args: PyTree,
+        options: dict[str, Any],
+        state: SteppingState,
+        tags: frozenset[object],
+    ) -> tuple[Bool[Array, ""], optx.RESULTS]:
+        """Stop when every lane has ended; outcomes are kept per lane in the state."""
+        return jnp.all(state.done), optx.RESULTS.successful
+
+    def postprocess(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        aux: PyTree,
+        args: PyTree,
+        options: dict[str, Any],
+        state: SteppingState,
+        tags: frozenset[object],
+        result: optx.RESULTS,
+    ) -> tuple[BorderedVector, PyTree, dict[str, Any]]:
+        """Return the last equilibrium of every lane."""
+        return state.good, aux, {}
+
+
