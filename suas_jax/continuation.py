@@ -79,8 +79,8 @@ class LoadStepping(optx.AbstractRootFinder):
 
     rtol: float = 1e-12
     atol: float = 0.0
-    first_radius: float = 2.0
-    contraction: float = 0.9
+    first_radius: float = 4.0
+    contraction: float = 5.0
     max_inner: int = 12
     smallest_step: float = 1e-7
     max_steps: int = 400

@@ -1,0 +1,284 @@
+"""Where the stations go along the arc, and which element carries which load.
+
+Solutions have boundary layers at clamps and loads, where the membrane's bending stiffness
+meets its tension: stations gather there. A plan is made once from plain numbers. It states
+every station as a fixed combination of the *breakpoints* (clamps, load points, ends of
+loaded arcs), so stations move smoothly with the inputs and derivatives by a load's angle
+are those of the same discrete problem.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax._types import Lanes
+from suas_jax.geometry import SkinGeometry
+from suas_jax.loads import LineLoad, LoadPoints
+from suas_jax.quadrature import gauss_legendre
+
+_LOAD_GAUSS = 4  # points per element under a spread load; exact for cubic displacement
+# Elements shrink towards a layer in proportion to exp(distance / (_DECAY layer)), which
+# spreads the interpolation error of an exponential evenly over cubic elements.
+_DECAY = 4.0
+# Share of an interval's elements that follow its layers, when they are much shorter than it.
+_LAYER_SHARE = 1.5
+
+
+class MeshPlan(eqx.Module):
+    """A mesh as arrays of plain numbers; its shapes alone decide what is compiled.
+
+    Breakpoints are ordered: left clamp, right clamp, then those of each load in turn.
+
+    Attributes:
+        stations: weights of the breakpoints in each station's angle [station, breakpoint].
+        select: element of each load point [element, point].
+        position: weights of the breakpoints in each load point's angle [point, breakpoint].
+        share: share of its load that a point carries, for line loads [point].
+        span: weights of the breakpoints in the arc that a point stands for [point,
+            breakpoint], zero for line loads.
+        load: which load a point belongs to [load, point], one or zero.
+        values: the breakpoints when the plan was made [rad].
+        symmetric: whether the plan covers the left half of a symmetric skin.
+    """
+
+    stations: np.ndarray
+    select: np.ndarray
+    position: np.ndarray
+    share: np.ndarray
+    span: np.ndarray
+    load: np.ndarray
+    values: np.ndarray
+    symmetric: bool = eqx.field(static=True, default=False)
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return self.stations.shape[0] - 1
+
+    def half(self) -> "MeshPlan":
+        """The left half of a plan whose stations and loads are symmetric."""
+        n = self.elements // 2
+        element = np.argmax(self.select, 0)
+        crown = np.isclose(self.position @ self.values, 0, atol=1e-12)
+        keep = (element < n) | (crown & (element == n))
+        shared = crown[keep] & (self.share[keep] > 0)
+        element = np.minimum(element[keep], n - 1)
+        return MeshPlan(
+            self.stations[: n + 1],
+            np.eye(n)[:, element],
+            self.position[keep],
+            np.where(shared, self.share[keep] / 2, self.share[keep]),
+            self.span[keep],
+            self.load[:, keep],
+            self.values,
+            symmetric=True,
+        )
+
+    def refined(self) -> "MeshPlan":
+        """Every element of a plan of the whole arc divided in two."""
+        stations = np.empty((2 * self.elements + 1, self.stations.shape[1]))
+        stations[::2] = self.stations
+        stations[1::2] = (self.stations[1:] + self.stations[:-1]) / 2
+        return _with_loads(stations, self.values, (self.span != 0).any(1) @ self.load.T > 0)
+
+
+def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
+    """Angles of clamps and loads, in the order of the plan's weights [rad]."""
+    angles = [-geometry.half_angle, geometry.half_angle]
+    for load in loads:
+        angles += load.breakpoints(geometry)
+    return jnp.stack(jnp.broadcast_arrays(*angles))
+
+
+def plan_mesh(
+    numbers: Sequence[float],
+    spread: Sequence[bool],
+    elements: int,
+    layer: float,
+    *,
+    symmetric: bool = False,
+) -> MeshPlan:
+    """Place stations: one at each breakpoint, graded towards the layers.
+
+    Args:
+        numbers: values of the breakpoints [rad], in the order of `breakpoints`.
+        spread: for each load, whether it has an arc (two breakpoints) or not (one).
+        elements: along the whole arc.
+        layer: decay length of the boundary layers as an angle [rad].
+        symmetric: whether the loads are symmetric; stations then are, too, when the
+            number of elements is even.
+    """
+    values = np.asarray(numbers, float)
+    identity = np.eye(len(values))
+    clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
+    inner = list(identity[2:])
+    mirrored = symmetric and elements % 2 == 0
+    if mirrored:
+        inner = [w for w in inner if w @ values < -1e-12]
+        ends, count = [clamps[0], *inner, crown], elements // 2
+    else:
+        ends, count = [clamps[0], *inner, clamps[1]], elements
+    kept = _distinct(ends, values, count)
+    stations = _stations(kept, values, count, layer)
+    if mirrored:
+        swap = _mirror(values)
+        stations = np.concatenate([stations, stations[-2::-1][:, swap]])
+    return _with_loads(stations, values, spread)
+
+
+def _mirror(values: np.ndarray) -> np.ndarray:
+    """For each breakpoint the index of the one at the opposite angle."""
+    return np.array([int(np.argmin(np.abs(values + v))) for v in values])
+
+
+def _distinct(
+    candidates: list[np.ndarray], values: np.ndarray, elements: int
+) -> list[np.ndarray]:
+    """Breakpoints far enough apart for a station each, ends always kept."""
+    first, *middle, last = candidates
+    lower, upper = first @ values, last @ values
+    closest = 0.02 * (upper - lower) / elements
+    kept = [first]
+    for weights in sorted(middle, key=lambda w: float(w @ values)):
+        angle = weights @ values
+        room = angle - kept[-1] @ values > closest and upper - angle > closest
+        if room and len(kept) < elements:
+            kept.append(weights)
+    return [*kept, last]
+
+
+def _stations(
+    ends: list[np.ndarray], values: np.ndarray, elements: int, layer: float
+) -> np.ndarray:
+    """Divide the intervals between breakpoints by their density of stations."""
+    angles = np.array([w @ values for w in ends])
+    cumulative = [
+        _cumulative(b - a, layer) for a, b in zip(angles[:-1], angles[1:], strict=True)
+    ]
+    total = (angles[-1] - angles[0]) or 1.0
+    wanted = np.array(
+        [
+            grid[-1] + (b - a) / total
+            for (_, grid), a, b in zip(cumulative, angles[:-1], angles[1:], strict=True)
+        ]
+    )
+    counts = _apportion(wanted, elements)
+    rows = [ends[0]]
+    for (x, grid), n, a, b in zip(cumulative, counts, ends[:-1], ends[1:], strict=True):
+        fractions = np.interp(np.arange(1, n) / n, grid / grid[-1], x / x[-1])
+        rows += [(1 - f) * a + f * b for f in fractions]
+        rows.append(b)
+    return np.array(rows)
+
+
+def _cumulative(length: float, layer: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cumulative density of stations over an interval with a layer at either end."""
+    x = np.linspace(0, length, 2001)
+    decay = _DECAY * layer
+    reach = -np.expm1(-length / decay)
+    density = 1 / length + (_LAYER_SHARE / (2 * decay)) * (
+        np.exp(-x / decay) + np.exp(-(length - x) / decay)
+    ) * np.clip(reach, 0, 1)
+    steps = (density[1:] + density[:-1]) / 2 * np.diff(x)
+    return x, np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _apportion(wanted: np.ndarray, total: int) -> np.ndarray:
+    """Whole numbers in proportion to what is wanted, at least one each."""
+    counts = np.ones(len(wanted), int)
+    for _ in range(total - len(wanted)):
+        counts[np.argmax(wanted / counts)] += 1
+    return counts
+
+
+def _with_loads(stations: np.ndarray, values: np.ndarray, spread: Sequence[bool]) -> MeshPlan:
+    """Put every load on elements: as one point, or as quadrature points of its arc."""
+    angles = stations @ values
+    elements = len(angles) - 1
+    select, position, share, span, owner = [], [], [], [], []
+
+    def add(element: int, where: np.ndarray, part: float, arc: np.ndarray, k: int) -> None:
+        select.append(element)
+        position.append(where)
+        share.append(part)
+        span.append(arc)
+        owner.append(k)
+
+    identity, none = np.eye(len(values)), np.zeros(len(values))
+    at = 2
+    for k, has_arc in enumerate(spread):
+        if not has_arc:
+            where, value = identity[at], values[at]
+            near = int(np.argmin(np.abs(angles - value)))
+            on_station = abs(angles[near] - value) < 1e-12
+            if on_station and np.array_equal(stations[near], where):
+                add(near, where, 1.0, none, k)  # the station moves with the load
+            elif on_station and 0 < near < elements:
+                # The station belongs to another load: a one-sided derivative by this
+                # one's angle would be biased, so either element takes half.
+                add(near - 1, where, 0.5, none, k)
+                add(near, where, 0.5, none, k)
+            else:
+                inside = int(np.clip(np.searchsorted(angles, value) - 1, 0, elements - 1))
+                add(inside, where, 1.0, none, k)
+            at += 1
+            continue
+        left, right = identity[at], identity[at + 1]
+        points, weights = gauss_legendre(_LOAD_GAUSS)
+        for e in range(elements):
+            a = left if angles[e] <= left @ values + 1e-12 else stations[e]
+            b = right if angles[e + 1] >= right @ values - 1e-12 else stations[e + 1]
+            if (b - a) @ values <= 1e-12:
+                continue
+            for x, w in zip(points, weights, strict=True):
+                add(e, (1 - x) * a + x * b, 0.0, w * (b - a), k)
+        at += 2
+    n = len(select)
+    return MeshPlan(
+        stations,
+        np.eye(elements)[:, select] if n else np.zeros((elements, 0)),
+        np.array(position).reshape(n, len(values)),
+        np.array(share),
+        np.array(span).reshape(n, len(values)),
+        np.eye(len(spread))[:, owner] if n else np.zeros((len(spread), 0)),
+        values,
+    )
+
+
+def load_points(
+    plan: MeshPlan, geometry: SkinGeometry, loads: Sequence[LineLoad]
+) -> tuple[Float[Array, "station lane"], LoadPoints]:
+    """Stations and load points of a plan for the inputs at hand.
+
+    Args:
+        plan: the mesh.
+        geometry: dimensions, with a lane axis.
+        loads: line loads, in the order of the plan.
+    """
+    values = breakpoints(geometry, loads)
+    angles = plan.stations @ values
+    if not loads or plan.select.shape[1] == 0:
+        empty = jnp.zeros((plan.select.shape[0], 0, 1))
+        return angles, LoadPoints(empty, jnp.zeros((0, 1)), jnp.zeros((2, 0, 1)))
+    where = plan.position @ values
+    element = plan.select[:, :, None]
+    start = jnp.sum(element * angles[:-1, None], 0)
+    end = jnp.sum(element * angles[1:, None], 0)
+    widths: list[Lanes] = []
+    for load in loads:
+        ends = load.breakpoints(geometry)
+        widths.append(ends[1] - ends[0] if load.spread is not None else jnp.ones_like(ends[0]))
+    of_load = jnp.asarray(plan.load)
+    per_width = jnp.stack(
+        jnp.broadcast_arrays(
+            *(load.force * load.direction / geometry.width for load in loads)
+        ),
+        1,
+    )  # [2, load, lane]
+    force = jnp.einsum("kp,ckl->cpl", of_load, per_width)
+    arc = jnp.einsum("kp,kl->pl", of_load, jnp.stack(jnp.broadcast_arrays(*widths)))
+    part = plan.share[:, None] + (plan.span @ values) / arc
+    return angles, LoadPoints(element, (where - start) / (end - start), force * part)

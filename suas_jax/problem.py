@@ -1,0 +1,178 @@
+"""From a scene's numbers to the problem that is solved.
+
+The forward model is a pure function of `continuous_inputs`: this file maps those numbers,
+traced or not, to geometry, law, oil and loads. The scene itself only says which classes.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from suas_jax.config import LineLoadSpec, SceneSpec, structure
+from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from suas_jax.equilibrium import Problem
+from suas_jax.geometry import SkinGeometry
+from suas_jax.loads import LineLoad
+from suas_jax.mechanics.shell import Shell
+from suas_jax.mesh import MeshPlan, load_points, plan_mesh
+from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
+
+
+def all_numbers(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """Every value of a scene by TOML path, the continuous inputs replaced by those given."""
+    return {**dict(structure(scene)), **inputs}
+
+
+def _lane(value: Any) -> Array:
+    return jnp.asarray(value, float)[..., None]
+
+
+def geometry_of(numbers: Mapping[str, Any]) -> SkinGeometry:
+    """Dimensions from [geometry]."""
+    names = ("inner_radius", "thickness", "half_angle", "width", "oil_gap")
+    return SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
+
+
+def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
+    """Material law from [material], its constants with a lane axis."""
+    material = scene.material
+    if material.law == "ogden":
+        count = range(len(material.mu))
+        mu = jnp.stack([_lane(numbers[f"material.mu.{i}"]) for i in count])
+        alpha = jnp.stack([_lane(numbers[f"material.alpha.{i}"]) for i in count])
+        return Ogden.from_convention(mu, alpha, material.convention)
+    if material.law == "neo-hookean":
+        return NeoHookean(_lane(numbers["material.mu"]))
+    constants = [_lane(numbers[f"material.C{i}"]) for i in (1, 2, 3)]
+    return {"mooney-rivlin": MooneyRivlin, "yeoh": Yeoh}[material.law](*constants)
+
+
+def oil_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractOil:
+    """Oil model from [oil]."""
+    if scene.oil.model == "compressible":
+        return CompressibleOil(_lane(numbers["oil.bulk_modulus"]))
+    return {"incompressible": IncompressibleOil, "vented": VentedOil}[scene.oil.model]()
+
+
+def line_loads_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> list[LineLoad]:
+    """The line loads of [[load]], in the order of the file."""
+    loads = []
+    for i, spec in enumerate(scene.loads):
+        if not isinstance(spec, LineLoadSpec):
+            continue
+        turn = 0.0 if isinstance(spec.direction, str) else numbers[f"load.{i}.direction"]
+        spread = None if spec.spread is None else _lane(numbers[f"load.{i}.spread"])
+        loads.append(
+            LineLoad(
+                _lane(numbers[f"load.{i}.angle"]),
+                _lane(numbers[f"load.{i}.force"]),
+                _lane(turn),
+                spread,
+                vertical=spec.direction == "vertical",
+            )
+        )
+    return loads
+
+
+def external_pressure_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> Array:
+    """Sum of the uniform pressures of [[load]] [Pa]."""
+    total = _lane(0.0)
+    for i, spec in enumerate(scene.loads):
+        if not isinstance(spec, LineLoadSpec):
+            total = total + _lane(numbers[f"load.{i}.pressure"])
+    return total
+
+
+def build_problem(scene: SceneSpec, plan: MeshPlan, inputs: Mapping[str, ArrayLike]) -> Problem:
+    """The discrete problem of a scene as a function of its continuous inputs.
+
+    Args:
+        scene: says which law, oil and loads; its numbers are not used where `inputs` has
+            them.
+        plan: the mesh.
+        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+    """
+    numbers = all_numbers(scene, inputs)
+    geometry = geometry_of(numbers)
+    angles, points = load_points(plan, geometry, line_loads_of(scene, numbers))
+    shell = Shell.build(
+        geometry, law_of(scene, numbers), angles, points, symmetric=plan.symmetric
+    )
+    wanted = None
+    if scene.solve.oil_pressure is not None:
+        wanted = _lane(numbers["solve.oil_pressure"])
+    external = external_pressure_of(scene, numbers)
+    return Problem(shell, oil_of(scene, numbers), external, wanted)
+
+
+def _mirror_image(scene: SceneSpec) -> bool:
+    """Whether the loads are their own mirror image."""
+
+    def key(load: LineLoadSpec, sign: int) -> tuple[float, float, float, float]:
+        turn = 0.0
+        if load.direction == "vertical":
+            turn = load.angle  # the turn that points a radial force down
+        elif not isinstance(load.direction, str):
+            turn = load.direction
+        return (sign * load.angle, load.force, sign * turn, load.spread or 0.0)
+
+    loads = [load for load in scene.loads if isinstance(load, LineLoadSpec)]
+    given = sorted(key(load, 1) for load in loads)
+    mirrored = sorted(key(load, -1) for load in loads)
+    return bool(np.allclose(given, mirrored, rtol=1e-12, atol=1e-12)) if loads else True
+
+
+def plan_for(scene: SceneSpec, elements: int) -> MeshPlan:
+    """Mesh of the whole arc for a scene.
+
+    Args:
+        scene: the scene.
+        elements: along the whole arc.
+    """
+    geometry = scene.geometry
+    outer = geometry.inner_radius + geometry.thickness
+    numbers, spread = [-geometry.half_angle, geometry.half_angle], []
+    for load in scene.loads:
+        if isinstance(load, LineLoadSpec):
+            half = 0.0 if load.spread is None else load.spread / (2 * outer)
+            numbers += [load.angle] if load.spread is None else [
+                load.angle - half,
+                load.angle + half,
+            ]
+            spread.append(load.spread is not None)
+    return plan_mesh(
+        numbers, spread, elements, layer_angle(scene), symmetric=_mirror_image(scene)
+    )
+
+
+def layer_angle(scene: SceneSpec) -> float:
+    """Decay length of the boundary layers as an angle [rad].
+
+    Where tension N and bending stiffness D meet, displacement decays over sqrt(D / N),
+    with D = mu t^3 / 3 (plane strain, incompressible) and N = p R. Where the pressure is
+    not known, a line load that pulls the membrane into a tent has N of a few times its
+    force per width; the mesh needs the order of magnitude only.
+    """
+    g = scene.geometry
+    radius = g.inner_radius + g.thickness / 2
+    law = law_of(scene, all_numbers(scene, {}) | dict(_given_numbers(scene)))
+    stiffness = float(law.shear_modulus[0]) * g.thickness**3 / 3
+    if scene.solve.oil_pressure is not None:
+        tension = abs(scene.solve.oil_pressure) * radius
+    else:
+        forces = [abs(s.force) for s in scene.loads if isinstance(s, LineLoadSpec)]
+        pressures = [abs(s.pressure) for s in scene.loads if not isinstance(s, LineLoadSpec)]
+        trapped = scene.oil.model != "vented"
+        tension = (3 * sum(forces) / g.width if trapped else 0.0) + sum(pressures) * radius
+    if tension <= 0:
+        return 1.0
+    return min(1.0, float(np.sqrt(stiffness / tension)) / radius)
+
+
+def _given_numbers(scene: SceneSpec) -> Sequence[tuple[str, float]]:
+    from suas_jax.config import continuous_inputs
+
+    return list(continuous_inputs(scene).items())
