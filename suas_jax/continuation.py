@@ -70,9 +70,10 @@ class LoadStepping(optx.AbstractRootFinder):
         rtol: wanted size of the remaining error relative to the displacement.
         atol: not used: displacement has no scale of its own at tiny loads.
         first_radius: displacement trusted in the first step, in units of the length.
+        largest_step: displacement of a step relative to that of the state it starts from.
         contraction: largest accepted ratio of successive corrections.
         max_inner: Newton corrections before a step is given up.
-        smallest_step: step in load level at which the path counts as ended.
+        smallest_step: step relative to the load level at which the path counts as ended.
         max_steps: Newton corrections before the slowest lane is given up.
         until: accepts a state early (and ends the lane) where it returns true.
     """
@@ -80,6 +81,7 @@ class LoadStepping(optx.AbstractRootFinder):
     rtol: float = 1e-12
     atol: float = 0.0
     first_radius: float = 4.0
+    largest_step: float = float("inf")
     contraction: float = 5.0
     max_inner: int = 12
     smallest_step: float = 1e-7
@@ -134,7 +136,11 @@ class LoadStepping(optx.AbstractRootFinder):
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
         size = largest(solved.value.stations[:2])
         first = state.inner == 0
-        cut = jnp.where(first, jnp.minimum(1, state.radius / size), 1)
+        radius = state.radius
+        if self.largest_step < float("inf"):
+            reference = largest(state.good.stations[:2])
+            radius = jnp.minimum(radius, self.largest_step * reference)
+        cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
         cut = jnp.where(size > 0, cut, 1)
         level = state.good_level + cut * (state.level - state.good_level)
         level = jnp.where(first & (cut < 1), level, state.level)
@@ -164,7 +170,7 @@ class LoadStepping(optx.AbstractRootFinder):
         # The step failed: forget it and trust a quarter of its first displacement.
         tried = jnp.where(first, size, state.tried)
         shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
-        tiny = self.smallest_step * jnp.maximum(jnp.abs(target), 1e-300)
+        tiny = self.smallest_step * jnp.abs(level)
         hopeless = failed & (shrunk < 1e-6 * length)
         stuck = converged & ~reached & (step < tiny)
 

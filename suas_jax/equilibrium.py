@@ -173,6 +173,9 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
             level = start.factor
         return _step_to(problem, y, level, zero + 1, stepping)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
+    # The pressure grows with the square of the factor: a long step would land on the
+    # branch of the opposite sign.
+    stepping = dataclasses.replace(stepping, largest_step=1.0)
     if start is not None:
         y = BorderedVector(start.q, start.factor)
         return _step_to(problem, y, start.pressure, wanted, stepping)
@@ -180,7 +183,8 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     loads = dataclasses.replace(problem, oil_pressure=None)
     away = dataclasses.replace(
         stepping,
-        first_radius=0.1,
+        first_radius=0.5,
+        largest_step=float("inf"),
         until=lambda y: y.border * jnp.sign(wanted) > 0,
         max_steps=60,
     )
@@ -315,6 +319,28 @@ def equilibrium(
         state = State(found.y.stations, pressure, found.level)
     return Equilibrium(
         state, found.level, found.result, found.iterations, found.smallest_pivot
+    )
+
+
+def corrected(problem: Problem, state: State) -> State:
+    """One Newton correction of a state under the problem's full load.
+
+    Args:
+        problem: membrane, oil and loads.
+        state: a state near the equilibrium.
+    """
+    if problem.oil_pressure is not None:
+        y = BorderedVector(state.q, state.factor)
+        r, operator = residual(problem, y, problem.oil_pressure)
+        change = eliminate(operator, r).solution
+        return state._replace(q=state.q - change.stations, factor=y.border - change.border)
+    y = BorderedVector(state.q, state.pressure if problem.oil.trapped else None)
+    r, operator = residual(problem, y, state.factor)
+    change = eliminate(operator, r).solution
+    if change.border is None:
+        return state._replace(q=state.q - change.stations)
+    return state._replace(
+        q=state.q - change.stations, pressure=state.pressure - change.border
     )
 
 

@@ -41,6 +41,7 @@ class MeshPlan(eqx.Module):
             breakpoint], zero for line loads.
         load: which load a point belongs to [load, point], one or zero.
         values: the breakpoints when the plan was made [rad].
+        mirror: whether the loads are their own mirror image.
         symmetric: whether the plan covers the left half of a symmetric skin.
     """
 
@@ -51,6 +52,7 @@ class MeshPlan(eqx.Module):
     span: np.ndarray
     load: np.ndarray
     values: np.ndarray
+    mirror: bool = eqx.field(static=True, default=False)
     symmetric: bool = eqx.field(static=True, default=False)
 
     @property
@@ -74,6 +76,7 @@ class MeshPlan(eqx.Module):
             self.span[keep],
             self.load[:, keep],
             self.values,
+            mirror=True,
             symmetric=True,
         )
 
@@ -82,7 +85,8 @@ class MeshPlan(eqx.Module):
         stations = np.empty((2 * self.elements + 1, self.stations.shape[1]))
         stations[::2] = self.stations
         stations[1::2] = (self.stations[1:] + self.stations[:-1]) / 2
-        return _with_loads(stations, self.values, (self.span != 0).any(1) @ self.load.T > 0)
+        spread = (self.span != 0).any(1) @ self.load.T > 0
+        return _with_loads(stations, self.values, spread, self.mirror)
 
 
 def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
@@ -126,7 +130,7 @@ def plan_mesh(
     if mirrored:
         swap = _mirror(values)
         stations = np.concatenate([stations, stations[-2::-1][:, swap]])
-    return _with_loads(stations, values, spread)
+    return _with_loads(stations, values, spread, symmetric)
 
 
 def _mirror(values: np.ndarray) -> np.ndarray:
@@ -194,7 +198,9 @@ def _apportion(wanted: np.ndarray, total: int) -> np.ndarray:
     return counts
 
 
-def _with_loads(stations: np.ndarray, values: np.ndarray, spread: Sequence[bool]) -> MeshPlan:
+def _with_loads(
+    stations: np.ndarray, values: np.ndarray, spread: Sequence[bool], mirror: bool
+) -> MeshPlan:
     """Put every load on elements: as one point, or as quadrature points of its arc."""
     angles = stations @ values
     elements = len(angles) - 1
@@ -245,6 +251,7 @@ def _with_loads(stations: np.ndarray, values: np.ndarray, spread: Sequence[bool]
         np.array(span).reshape(n, len(values)),
         np.eye(len(spread))[:, owner] if n else np.zeros((len(spread), 0)),
         values,
+        mirror=mirror,
     )
 
 

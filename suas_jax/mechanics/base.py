@@ -36,6 +36,28 @@ class Assembly(NamedTuple):
     volume_change: Lanes
 
 
+class Profile(NamedTuple):
+    """A deformed section at points along the arc [sample, element, lane].
+
+    Attributes:
+        angle: reference angle [rad].
+        mid_displacement: of the mid-surface [m], components leading.
+        inner_displacement: of the inner face's material point at the same angle [m].
+        outer_displacement: of the outer face's [m].
+        inner_stretch: hoop stretch of the inner face.
+        outer_stretch: hoop stretch of the outer face.
+        energy_density: strain energy per volume, mean over the thickness [J/m^3].
+    """
+
+    angle: Array
+    mid_displacement: Array
+    inner_displacement: Array
+    outer_displacement: Array
+    inner_stretch: Array
+    outer_stretch: Array
+    energy_density: Array
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 

@@ -1,0 +1,151 @@
+"""What a user reads off an equilibrium: displacements, gaps, stretches, stability.
+
+Everything here is a smooth function of the state and the inputs (extremes are taken at
+the vertex of a parabola through neighbouring samples), so that any of it can be
+differentiated.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool
+
+from suas_jax._types import Lanes
+from suas_jax.config import LineLoadSpec, SceneSpec
+from suas_jax.constitutive.stability import drucker_modulus
+from suas_jax.equilibrium import Problem, State, verify
+from suas_jax.geometry import SkinGeometry, outward
+from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.shell_shape import at_angle, profile
+from suas_jax.problem import all_numbers, geometry_of, line_loads_of
+
+SAMPLES = 8  # intervals per element in which extremes are sought
+
+
+def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
+    """Largest of a sampled function, each element's samples joined by parabolas.
+
+    Parabolas never reach across an element's end, where solutions may have a kink.
+
+    Args:
+        values: samples [sample, element, lane].
+        companions: functions to evaluate at the same place.
+
+    Returns:
+        The largest value and each companion there, per lane.
+    """
+    samples, elements, lanes = values.shape
+    flat = values.reshape(samples * elements, lanes)
+    best = jnp.argmax(flat, 0)
+    row = jnp.clip(best // elements, 1, samples - 2)
+    element, lane = best % elements, jnp.arange(lanes)
+
+    def local(f: Array) -> tuple[Array, Array, Array]:
+        f = jnp.broadcast_to(f, values.shape)
+        left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
+        return middle, (right - left) / 2, left + right - 2 * middle
+
+    middle, slope, bend = local(values)
+    curved = jnp.where(bend < 0, bend, -1.0)
+    vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
+    x = jnp.clip(vertex, -1.0, 1.0)
+    found = [middle + slope * x + bend * x**2 / 2]
+    for companion in companions:
+        middle, slope, bend = local(companion)
+        found.append(middle + slope * x + bend * x**2 / 2)
+    return tuple(found)
+
+
+def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
+    """Smallest gap between inner face and wall [m], and its current polar angle [rad]."""
+    x, y = geometry.inner_radius * outward(shape.angle) + shape.inner_displacement
+    gap = jnp.sqrt(x**2 + y**2) - geometry.wall_radius
+    negative, angle = peak(-gap, jnp.arctan2(x, y))
+    return -negative, angle
+
+
+def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
+    """Drucker stability of the fibres at both faces."""
+    law = problem.mechanics.law
+    stable = True
+    for stretch in (shape.inner_stretch, shape.outer_stretch):
+        modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
+        stable = stable & jnp.all(modulus > 0, (0, 1))
+    return stable
+
+
+def load_observables(
+    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
+) -> list[dict[str, Any]]:
+    """Position, force and displacement of every load, in the order of the file."""
+    numbers = all_numbers(scene, inputs)
+    geometry = geometry_of(numbers)
+    lines = iter(line_loads_of(scene, numbers))
+    entries: list[dict[str, Any]] = []
+    for i, spec in enumerate(scene.loads):
+        if not isinstance(spec, LineLoadSpec):
+            pressure = jnp.asarray(numbers[f"load.{i}.pressure"])[..., None] * state.factor
+            entries.append({"kind": "pressure", "pressure_Pa": pressure})
+            continue
+        load = next(lines)
+        shape = at_angle(problem.mechanics, state.q, load.angle)
+        along = load.direction
+
+        def component(displacement: Array, along: Array = along) -> Lanes:
+            return jnp.sum(displacement[:, 0, 0] * along, 0)
+
+        entries.append(
+            {
+                "kind": "line",
+                "angle_deg": jnp.rad2deg(load.angle),
+                "arc_position_m": load.angle * geometry.outer_radius,
+                "force_N": load.force * state.factor,
+                "displacement_m": component(shape.mid_displacement),
+                "inner_displacement_m": component(shape.inner_displacement),
+            }
+        )
+    return entries
+
+
+def observe(
+    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
+) -> dict[str, Any]:
+    """Everything a solve reports about a state, in SI units, with a lane axis.
+
+    Args:
+        scene: the scene.
+        problem: its discrete problem over the whole arc.
+        state: the equilibrium.
+        inputs: the continuous inputs that the problem was built from.
+    """
+    numbers = all_numbers(scene, inputs)
+    geometry = geometry_of(numbers)
+    shape = profile(problem.mechanics, state.q, SAMPLES)
+    gap, gap_angle = _gap(shape, geometry)
+    moved = jnp.sqrt(jnp.sum(shape.inner_displacement**2, 0) + 1e-300)
+    check = verify(problem, state)
+    report = {
+        "loads": load_observables(scene, problem, state, inputs),
+        "oil_pressure_Pa": state.pressure,
+        "max_displacement_m": peak(moved)[0],
+        "min_gap_m": gap,
+        "min_gap_angle_deg": jnp.rad2deg(gap_angle),
+        "wall_contact": gap <= 0,
+        "strain_energy_J": problem.mechanics.strain_energy(state.q) * geometry.width,
+        "stretch_min": -peak(-shape.inner_stretch)[0],
+        "stretch_max": peak(shape.inner_stretch)[0],
+        "stable": check.stable,
+        "material_stable": _material_stable(problem, shape),
+        "volume_residual": check.volume_residual,
+    }
+    environment = scene.environment
+    if environment is not None and environment.depth is not None:
+        path = "environment."
+        ambient = (
+            numbers[path + "specific_weight"] * numbers[path + "depth"]
+            + numbers[path + "atmospheric_pressure"]
+        )
+        report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)
+        report["absolute_oil_pressure_Pa"] = ambient + state.pressure
+    return report

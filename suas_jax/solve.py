@@ -1,0 +1,309 @@
+"""Solve a scene: choose the mesh, find the equilibrium, estimate its error, report.
+
+One compiled program does all of it for a given structure of scene and number of
+elements; the numbers of the scene are its arguments.
+"""
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from suas_jax._types import Lanes
+from suas_jax.config import SceneSpec, continuous_inputs, structure
+from suas_jax.equilibrium import Problem, State, corrected, equilibrium
+from suas_jax.mechanics.shell_shape import mirrored, prolonged
+from suas_jax.mesh import MeshPlan
+from suas_jax.observables import load_observables, observe
+from suas_jax.problem import build_problem, plan_for
+from suas_jax.results import NAMES, advice
+
+Inputs = Mapping[str, ArrayLike]
+
+_MOST_ELEMENTS = 512
+
+
+class Structure:
+    """A scene compared by what decides the compiled program: all but its numbers."""
+
+    def __init__(self, scene: SceneSpec) -> None:
+        self.scene = scene
+        self.key = structure(scene)
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Structure) and self.key == other.key
+
+
+@dataclasses.dataclass(frozen=True)
+class Solution:
+    """A solved scene.
+
+    Attributes:
+        report: the quantities of `suas solve --json`, SI units in the key names.
+        state: the equilibrium on the whole arc.
+        plan: its mesh.
+        scene: what was solved.
+    """
+
+    report: dict[str, Any]
+    state: State
+    plan: MeshPlan
+    scene: SceneSpec
+
+    @property
+    def converged(self) -> bool:
+        """Whether the equilibrium was found."""
+        return bool(self.report["status"] == "converged")
+
+    def problem(self) -> Problem:
+        """The discrete problem on the whole arc."""
+        return build_problem(self.scene, self.plan, continuous_inputs(self.scene))
+
+
+def working_plan(plan: MeshPlan, symmetric: bool) -> MeshPlan:
+    """The half of a symmetric plan, or the plan itself."""
+    return plan.half() if symmetric else plan
+
+
+def is_symmetric(plan: MeshPlan) -> bool:
+    """Whether stations and loads of a plan are their own mirror image."""
+    angles = plan.stations @ plan.values
+    points = np.sort(plan.position @ plan.values)
+    return bool(
+        plan.mirror
+        and plan.elements % 2 == 0
+        and np.allclose(angles, -angles[::-1], atol=1e-12)
+        and np.allclose(points, -points[::-1], atol=1e-12)
+    )
+
+
+def whole(state: State, plan: MeshPlan) -> State:
+    """The state on the whole arc from the one that was solved."""
+    return state._replace(q=mirrored(state.q)) if plan.symmetric else state
+
+
+def _discretisation_error(coarse: dict[str, Any], fine: dict[str, Any]) -> Lanes:
+    """Error of the coarse solution, from one Newton correction with every element divided.
+
+    The coarse solution is so near the fine one that a single correction reaches it to
+    second order in the error. Pressure (or load factor) and the displacements of the
+    loads converge with the fourth power of the element length, so the fine solution's own
+    error is a sixteenth.
+    """
+    tiny = 1e-300
+    parts = [
+        jnp.abs(coarse[k] - fine[k]) / jnp.maximum(jnp.abs(fine[k]), tiny)
+        for k in ("pressure", "factor")
+    ]
+    size = functools.reduce(jnp.maximum, [jnp.abs(d) for d in fine["displacement"]], tiny)
+    parts += [
+        jnp.abs(a - b) / size
+        for a, b in zip(coarse["displacement"], fine["displacement"], strict=True)
+    ]
+    return functools.reduce(jnp.maximum, parts) * 16 / 15
+
+
+def _key_quantities(
+    scene: SceneSpec, problem: Problem, state: State, inputs: Inputs
+) -> dict[str, Any]:
+    loads = load_observables(scene, problem, state, inputs)
+    displacement = [load["displacement_m"] for load in loads if load["kind"] == "line"]
+    return {"pressure": state.pressure, "factor": state.factor, "displacement": displacement}
+
+
+@eqx.filter_jit
+def _program(
+    scene: Structure, plan: MeshPlan, half: MeshPlan, finer: tuple[MeshPlan, ...], inputs: Inputs
+) -> tuple[dict[str, Any], State, dict[str, Any]]:
+    """Solve on `half` (or `plan` itself), estimate on `finer`, observe on `plan`."""
+    spec = scene.scene
+    problem = build_problem(spec, half, inputs)
+    found = equilibrium(problem)
+    full = build_problem(spec, plan, inputs)
+    state = whole(found.state, half)
+    report = observe(spec, full, state, inputs)
+    if finer:
+        fine_plan, fine_half = finer
+        fine = build_problem(spec, fine_half, inputs)
+        start = found.state._replace(q=prolonged(problem.mechanics, found.state.q))
+        better = corrected(fine, start)
+        fine_full = build_problem(spec, fine_plan, inputs)
+        report["discretisation_error"] = _discretisation_error(
+            _key_quantities(spec, full, state, inputs),
+            _key_quantities(spec, fine_full, whole(better, fine_half), inputs),
+        )
+    outcome = {
+        "result": found.result,
+        "level": found.level,
+        "iterations": found.iterations,
+        "smallest_pivot": found.smallest_pivot,
+    }
+    return report, state, outcome
+
+
+class _Compiled:
+    """Compiled programs by scene structure and mesh size, with the time they took."""
+
+    def __init__(self) -> None:
+        self.programs: dict[Any, Callable[..., Any]] = {}
+        self.seconds = 0.0
+
+    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a jitted function, compiling apart so that both can be timed."""
+        dynamic, static = eqx.partition(arguments, eqx.is_array_like)
+        shapes = jax.tree.map(np.shape, dynamic)
+        key = (function, jax.tree.structure(static), tuple(jax.tree.leaves(static)))
+        key += (jax.tree.structure(dynamic), str(shapes))
+        if key not in self.programs:
+            begin = time.perf_counter()
+            self.programs[key] = function.lower(*arguments).compile()  # type: ignore[attr-defined]
+            self.seconds += time.perf_counter() - begin
+        return jax.block_until_ready(self.programs[key](*arguments))
+
+
+_COMPILED = _Compiled()
+
+
+def _starting_elements(scene: SceneSpec) -> int:
+    """Elements of the first mesh that is tried for a wanted error."""
+    intervals = 2 * (1 + len(scene.loads))
+    return max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals)
+
+
+def _plain(tree: Any) -> Any:
+    """Arrays of one lane to Python numbers."""
+
+    def number(x: Any) -> Any:
+        return np.asarray(x).reshape(-1)[0].item() if isinstance(x, (jax.Array, np.ndarray)) else x
+
+    return jax.tree.map(number, tree)
+
+
+def unloaded(scene: SceneSpec) -> bool:
+    """Whether nothing acts on the skin."""
+    return all(getattr(load, "force", getattr(load, "pressure", 0.0)) == 0 for load in scene.loads)
+
+
+@eqx.filter_jit
+def _rest_program(scene: Structure, plan: MeshPlan, inputs: Inputs) -> tuple[Any, State]:
+    problem = build_problem(scene.scene, plan, inputs)
+    zero = jnp.zeros(1)
+    state = State(problem.mechanics.rest(), zero, zero + 1)
+    return observe(scene.scene, problem, state, inputs), state
+
+
+def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
+    """Find the equilibrium of a scene.
+
+    The mesh is the one the scene asks for (`elements`), or is refined until the estimated
+    discretisation error meets `rtol`.
+
+    Args:
+        scene: what to solve.
+        repeat: how often to run after compilation; the solve time is the median.
+
+    Returns:
+        The solution; a failed solve is named in its report, not raised.
+    """
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+    static = Structure(scene)
+    compiled_before = _COMPILED.seconds
+
+    def attempt() -> tuple[dict[str, Any], State, dict[str, Any], MeshPlan, MeshPlan]:
+        elements = scene.solve.elements or _starting_elements(scene)
+        while True:
+            plan = plan_for(scene, elements)
+            if unloaded(scene):
+                report, state = _COMPILED.run(_rest_program, static, plan, inputs)
+                report["discretisation_error"] = 0.0
+                outcome = {"result": 0, "level": 1.0, "iterations": 0, "smallest_pivot": 1.0}
+                return report, state, outcome, plan, plan
+            symmetric = is_symmetric(plan)
+            finer_plan = plan.refined()
+            half = working_plan(plan, symmetric)
+            finer = (finer_plan, working_plan(finer_plan, symmetric))
+            report, state, outcome = _COMPILED.run(_program, static, plan, half, finer, inputs)
+            error = float(report["discretisation_error"][0])
+            enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
+            if scene.solve.elements or enough or 2 * elements > _MOST_ELEMENTS:
+                return report, state, outcome, plan, half
+            elements *= 2
+
+    result = attempt()
+    seconds = []
+    for _ in range(max(1, repeat)):
+        begin = time.perf_counter()
+        result = attempt()
+        seconds.append(time.perf_counter() - begin)
+    report, state, outcome, plan, half = result
+    report = {
+        **_header(scene, _plain(report), _plain(outcome)),
+        "iterations": _plain(outcome["iterations"]),
+        "unknowns": _unknowns(scene, half),
+    }
+    report["taxels"] = []
+    report["timings_s"] = {
+        "compile": _COMPILED.seconds - compiled_before,
+        "solve": float(np.median(seconds)),
+    }
+    return Solution(report, state, plan, scene)
+
+
+def _unknowns(scene: SceneSpec, plan: MeshPlan) -> int:
+    if unloaded(scene):
+        return 0
+    problem = build_problem(scene, plan, continuous_inputs(scene))
+    return problem.mechanics.unknowns() + int(problem.oil.trapped)
+
+
+def _header(scene: SceneSpec, report: dict[str, Any], outcome: dict[str, Any]) -> dict[str, Any]:
+    """Status, message and error estimate, ahead of the observables."""
+    status = NAMES[outcome["result"]]
+    error = report.pop("discretisation_error")
+    known = bool(np.isfinite(error)) and status == "converged"
+    message = [advice(status)]
+    if status != "converged" and scene.solve.oil_pressure is None:
+        message.append(f"It carries {outcome['level']:.4g} of the load.")
+    if status == "converged":
+        message += _remarks(scene, report, error if known else None)
+    return {
+        "model": "shell",
+        "status": status,
+        "message": " ".join(filter(None, message)),
+        "rtol_met": known and error <= scene.solve.rtol,
+        **report,
+        "error_estimate": error if known else None,
+        "discretisation_error": error if known else None,
+        "model_error": None,
+    }
+
+
+def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
+    """What a user should know about a converged state."""
+    remarks = []
+    if scene.solve.model == "auto":
+        remarks.append("Lumped shell chosen.")
+    if error is None:
+        remarks.append("The mesh's error could not be estimated.")
+    elif error > scene.solve.rtol:
+        remarks.append(f"Estimated mesh error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
+    if report["wall_contact"]:
+        remarks.append(
+            "The inner face has reached the rigid wall: contact is not modelled, the state "
+            "is not valid."
+        )
+    if not report["stable"]:
+        remarks.append("The equilibrium is unstable: a real membrane leaves it.")
+    if not report["material_stable"]:
+        remarks.append("The material leaves its stability window (see the stretches).")
+    return remarks
