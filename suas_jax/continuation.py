@@ -80,8 +80,8 @@ class LoadStepping(optx.AbstractRootFinder):
 
     rtol: float = 1e-12
     atol: float = 0.0
-    first_radius: float = 4.0
-    largest_step: float = float("inf")
+    first_radius: float | Array = 4.0
+    largest_step: float | Array | None = None
     contraction: float = 5.0
     max_inner: int = 12
     smallest_step: float = 1e-7
@@ -137,9 +137,10 @@ class LoadStepping(optx.AbstractRootFinder):
         size = largest(solved.value.stations[:2])
         first = state.inner == 0
         radius = state.radius
-        if self.largest_step < float("inf"):
-            reference = largest(state.good.stations[:2])
-            radius = jnp.minimum(radius, self.largest_step * reference)
+        if self.largest_step is not None:
+            size_of_state = largest(state.good.stations[:2])
+            relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
+            radius = jnp.minimum(radius, relative)
         cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
         cut = jnp.where(size > 0, cut, 1)
         level = state.good_level + cut * (state.level - state.good_level)

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 import optimistix as optx
-from jaxtyping import Array, Int, PyTree
+from jaxtyping import Array, Bool, Int
 
 from suas_jax._types import LaneCounts, Lanes, StationVector
 from suas_jax.continuation import LoadStepping
@@ -77,42 +77,11 @@ class Equilibrium(NamedTuple):
     smallest_pivot: Lanes
 
 
-def _loads_given(
-    problem: Problem, y: BorderedVector, factor: Lanes
-) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
-    """Residual and tangent with the oil's pressure as border unknown."""
-    mechanics, oil = problem.mechanics, problem.oil
-    oil_pressure = jnp.zeros_like(factor) if y.border is None else y.border
-    net = oil_pressure - factor * problem.external_pressure
-    a = mechanics.assemble(y.stations, net, factor)
-    if y.border is None:
-        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
-        return BorderedVector(a.residual, None), operator
-    film = mechanics.film_volume
-    defect = oil.expansion(oil_pressure, film) - a.volume_change
-    corner = oil.compliance(oil_pressure, film)
-    operator = BorderedBlockTridiagonal(a.diagonal, a.upper, -a.volume_gradient, corner)
-    return BorderedVector(a.residual, defect), operator
-
-
-def _pressure_given(
-    problem: Problem, y: BorderedVector, oil_pressure: Lanes
-) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
-    """Residual and tangent with the load factor as border unknown."""
-    mechanics, oil = problem.mechanics, problem.oil
-    factor = y.border
-    net = oil_pressure - factor * problem.external_pressure
-    a = mechanics.assemble(y.stations, net, factor)
-    defect = oil.expansion(oil_pressure, mechanics.film_volume) - a.volume_change
-    column = problem.external_pressure * a.volume_gradient - a.load
-    operator = BorderedBlockTridiagonal(
-        a.diagonal, a.upper, column, jnp.zeros_like(defect), row=-a.volume_gradient
-    )
-    return BorderedVector(a.residual, defect), operator
-
-
 def residual(
-    problem: Problem, y: BorderedVector, level: Lanes
+    problem: Problem,
+    y: BorderedVector,
+    level: Lanes,
+    pressure_given: Bool[Array, ""] | None = None,
 ) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
     """Residual of the equilibrium at a load level and its derivative.
 
@@ -120,12 +89,36 @@ def residual(
         problem: membrane, oil, loads.
         y: displacement and border unknown.
         level: factor on the loads where they are given, oil pressure [Pa] where that is.
+        pressure_given: where true the level is the pressure and the border unknown the
+            factor; None if that is nowhere so.
 
     Returns:
         The residual and the operator that is its derivative by y.
     """
-    given = _loads_given if problem.oil_pressure is None else _pressure_given
-    return given(problem, y, level)
+    mechanics, oil = problem.mechanics, problem.oil
+    if y.border is None:
+        a = mechanics.assemble(y.stations, -level * problem.external_pressure, level)
+        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
+        return BorderedVector(a.residual, None), operator
+    film = mechanics.film_volume
+    if pressure_given is None:
+        pressure, factor = y.border, level
+    else:
+        pressure = jnp.where(pressure_given, level, y.border)
+        factor = jnp.where(pressure_given, y.border, level)
+    a = mechanics.assemble(y.stations, pressure - factor * problem.external_pressure, factor)
+    defect = oil.expansion(pressure, film) - a.volume_change
+    by_pressure, compliance = -a.volume_gradient, oil.compliance(pressure, film)
+    if pressure_given is None:
+        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, by_pressure, compliance)
+    else:
+        by_factor = problem.external_pressure * a.volume_gradient - a.load
+        column = jnp.where(pressure_given, by_factor, by_pressure)
+        corner = jnp.where(pressure_given, 0.0, compliance)
+        operator = BorderedBlockTridiagonal(
+            a.diagonal, a.upper, column, corner, row=by_pressure
+        )
+    return BorderedVector(a.residual, defect), operator
 
 
 class _Found(NamedTuple):
@@ -137,19 +130,24 @@ class _Found(NamedTuple):
 
 
 def _step_to(
-    problem: Problem, y: BorderedVector, start: Lanes, target: Lanes, stepping: LoadStepping
+    problem: Problem,
+    y: BorderedVector,
+    start: Lanes,
+    target: Lanes,
+    stepping: LoadStepping,
+    pressure_given: Bool[Array, ""] | None = None,
 ) -> _Found:
     """Follow the path of equilibria from one level to another, in all lanes."""
 
     def fn(y: BorderedVector, args: Any) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
-        problem, level, _ = args
-        return residual(problem, y, level)
+        (problem, pressure_given), level, _ = args
+        return residual(problem, y, level, pressure_given)
 
     solution = optx.root_find(
         fn,
         stepping,
         y,
-        args=(problem, target, problem.mechanics.length_scale),
+        args=((problem, pressure_given), target, problem.mechanics.length_scale),
         options={"level": start},
         has_aux=True,
         max_steps=stepping.max_steps,
@@ -173,30 +171,51 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
             level = start.factor
         return _step_to(problem, y, level, zero + 1, stepping)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
-    # The pressure grows with the square of the factor: a long step would land on the
-    # branch of the opposite sign.
-    stepping = dataclasses.replace(stepping, largest_step=1.0)
+    # The pressure grows with the square of the factor: a step longer than the
+    # displacement could land on the branch of the opposite sign.
+    careful = dataclasses.replace(stepping, largest_step=1.0)
     if start is not None:
         y = BorderedVector(start.q, start.factor)
-        return _step_to(problem, y, start.pressure, wanted, stepping)
-    # At rest the pressure is stationary in the load factor: move away from it first.
-    loads = dataclasses.replace(problem, oil_pressure=None)
-    away = dataclasses.replace(
-        stepping,
-        first_radius=0.5,
-        largest_step=float("inf"),
-        until=lambda y: y.border * jnp.sign(wanted) > 0,
-        max_steps=60,
-    )
-    first = _step_to(loads, BorderedVector(rest, zero), zero, zero + 1e30, away)
-    found = _step_to(
-        problem, BorderedVector(first.y.stations, first.level), first.y.border, wanted, stepping
-    )
-    unreachable = (first.result != 0) | (found.result != 0)
-    return found._replace(
-        result=jnp.where(unreachable, index_of("unreachable_pressure"), 0),
-        iterations=first.iterations + found.iterations,
-        smallest_pivot=jnp.minimum(first.smallest_pivot, found.smallest_pivot),
+        return _step_to(problem, y, start.pressure, wanted, careful, jnp.array(True))
+    return _from_rest_to_pressure(problem, BorderedVector(rest, zero), wanted, careful)
+
+
+def _from_rest_to_pressure(
+    problem: Problem, rest: BorderedVector, wanted: Lanes, careful: LoadStepping
+) -> _Found:
+    """Reach an oil pressure from rest.
+
+    At rest the pressure is stationary in the load factor, so two stages are needed: away
+    from rest under growing loads until the pressure has the wanted sign, then along the
+    pressure with the factor unknown. Both run through one loop, traced once.
+    """
+
+    def stage(carry: Any, pressure_given: Bool[Array, ""]) -> tuple[Any, _Found]:
+        stations, factor, pressure = carry
+        border = jnp.where(pressure_given, factor, pressure)
+        level = jnp.where(pressure_given, pressure, factor)
+        stepping = dataclasses.replace(
+            careful,
+            first_radius=jnp.where(pressure_given, careful.first_radius, 0.5),
+            largest_step=jnp.where(pressure_given, careful.largest_step, jnp.inf),
+            until=lambda y: ~pressure_given & (y.border * jnp.sign(wanted) > 0),
+        )
+        target = jnp.where(pressure_given, wanted, 1e30)
+        y = BorderedVector(stations, border)
+        found = _step_to(problem, y, level, target, stepping, pressure_given)
+        other, level = found.y.border, found.level
+        factor = jnp.where(pressure_given, other, level)
+        pressure = jnp.where(pressure_given, level, other)
+        return (found.y.stations, factor, pressure), found
+
+    start = (rest.stations, rest.border, rest.border)
+    _, found = jax.lax.scan(stage, start, jnp.array([False, True]))
+    failed = jnp.any(found.result != 0, 0)
+    last = jax.tree.map(lambda x: x[-1], found)
+    return last._replace(
+        result=jnp.where(failed, index_of("unreachable_pressure"), 0),
+        iterations=jnp.sum(found.iterations, 0),
+        smallest_pivot=jnp.min(found.smallest_pivot, 0),
     )
 
 
@@ -246,7 +265,7 @@ def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Fou
 
     @find.def_vmap
     def _(size: int, batched: Any, arguments: Any) -> tuple[_Found, Any]:
-        lanes = max(x.shape[-1 ] for x in jax.tree.leaves(arguments))
+        lanes = max(x.shape[-1] for x in jax.tree.leaves(arguments))
         merged = jax.tree.map(lambda x, b: _merge(x, b, size, lanes), arguments, batched[0])
         found = find(merged)
 
@@ -270,17 +289,15 @@ def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
     t_problem, _, _ = tangents
     found = _root(problem, start, stepping)
     level = jax.lax.stop_gradient(found.level)
-    _, operator = residual(problem, found.y, level)
-    # The wanted pressure enters as the level.
-    if problem.oil_pressure is not None:
-        level = level + (problem.oil_pressure - jax.lax.stop_gradient(problem.oil_pressure))
+    given = None if problem.oil_pressure is None else jnp.array(True)
+    _, operator = residual(problem, found.y, level, given)
 
     def at_root(problem: Problem) -> BorderedVector:
         reached = level
-        if problem.oil_pressure is not None:
+        if problem.oil_pressure is not None:  # it enters as the level
             fixed = jax.lax.stop_gradient(problem.oil_pressure)
             reached = level + (problem.oil_pressure - fixed)
-        return residual(problem, found.y, reached)[0]
+        return residual(problem, found.y, reached, given)[0]
 
     _, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
     right = jax.tree.map(jnp.negative, change)
@@ -317,61 +334,43 @@ def equilibrium(
         if pressure is None:
             pressure = jnp.zeros(lanes, found.level.dtype)
         state = State(found.y.stations, pressure, found.level)
-    return Equilibrium(
-        state, found.level, found.result, found.iterations, found.smallest_pivot
-    )
-
-
-def corrected(problem: Problem, state: State) -> State:
-    """One Newton correction of a state under the problem's full load.
-
-    Args:
-        problem: membrane, oil and loads.
-        state: a state near the equilibrium.
-    """
-    if problem.oil_pressure is not None:
-        y = BorderedVector(state.q, state.factor)
-        r, operator = residual(problem, y, problem.oil_pressure)
-        change = eliminate(operator, r).solution
-        return state._replace(q=state.q - change.stations, factor=y.border - change.border)
-    y = BorderedVector(state.q, state.pressure if problem.oil.trapped else None)
-    r, operator = residual(problem, y, state.factor)
-    change = eliminate(operator, r).solution
-    if change.border is None:
-        return state._replace(q=state.q - change.stations)
-    return state._replace(
-        q=state.q - change.stations, pressure=state.pressure - change.border
-    )
+    return Equilibrium(state, found.level, found.result, found.iterations, found.smallest_pivot)
 
 
 class Verification(NamedTuple):
-    """What the tangent at a state says.
+    """What the tangent at a state says under given loads.
 
     Attributes:
         stable: positive tangent on the constraint surface.
-        volume_residual: relative to the film's volume.
-        force_residual: largest unbalanced force relative to the largest load or support.
+        correction: the state after one more Newton correction.
     """
 
-    stable: Array
-    volume_residual: Lanes
-    force_residual: Lanes
+    stable: Bool[Array, " lane"]
+    correction: State
 
 
 def verify(problem: Problem, state: State) -> Verification:
-    """Check an equilibrium: stability under the given loads, constraint, force balance.
+    """Test the stability of a state and how far it is from equilibrium.
 
     Args:
-        problem: membrane, oil and loads.
+        problem: membrane, oil and loads, possibly on a finer mesh than the state's.
         state: the state to check.
     """
-    problem = dataclasses.replace(problem, oil_pressure=None)
     border = state.pressure if problem.oil.trapped else None
     r, operator = residual(problem, BorderedVector(state.q, border), state.factor)
-    negative = eliminate(operator, r).negative
-    volume = jnp.zeros_like(state.pressure)
-    if r.border is not None:
-        volume = r.border / problem.mechanics.film_volume
-    axes = (0, 1)
-    reference = jnp.max(jnp.abs(r.stations), axes)
-    return Verification(negative == (1 if problem.oil.trapped else 0), volume, reference)
+    solved = eliminate(operator, r)
+    change = solved.solution
+    pressure = state.pressure if border is None else state.pressure - change.border
+    return Verification(
+        solved.negative == (1 if problem.oil.trapped else 0),
+        State(state.q - change.stations, pressure, state.factor),
+    )
+
+
+def volume_residual(problem: Problem, state: State) -> Lanes:
+    """Volume that the oil's law leaves unexplained, relative to the film's volume."""
+    if not problem.oil.trapped:
+        return jnp.zeros_like(state.pressure)
+    film = problem.mechanics.film_volume
+    expansion = problem.oil.expansion(state.pressure, film)
+    return (problem.mechanics.volume_change(state.q) - expansion) / film

@@ -280,9 +280,7 @@ def load_points(
         widths.append(ends[1] - ends[0] if load.spread is not None else jnp.ones_like(ends[0]))
     of_load = jnp.asarray(plan.load)
     per_width = jnp.stack(
-        jnp.broadcast_arrays(
-            *(load.force * load.direction / geometry.width for load in loads)
-        ),
+        jnp.broadcast_arrays(*(load.force * load.direction / geometry.width for load in loads)),
         1,
     )  # [2, load, lane]
     force = jnp.einsum("kp,ckl->cpl", of_load, per_width)

@@ -138,10 +138,14 @@ def plan_for(scene: SceneSpec, elements: int) -> MeshPlan:
     for load in scene.loads:
         if isinstance(load, LineLoadSpec):
             half = 0.0 if load.spread is None else load.spread / (2 * outer)
-            numbers += [load.angle] if load.spread is None else [
-                load.angle - half,
-                load.angle + half,
-            ]
+            numbers += (
+                [load.angle]
+                if load.spread is None
+                else [
+                    load.angle - half,
+                    load.angle + half,
+                ]
+            )
             spread.append(load.spread is not None)
     return plan_mesh(
         numbers, spread, elements, layer_angle(scene), symmetric=_mirror_image(scene)

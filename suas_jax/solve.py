@@ -18,7 +18,7 @@ from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
 from suas_jax.config import SceneSpec, continuous_inputs, structure
-from suas_jax.equilibrium import Problem, State, corrected, equilibrium
+from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mechanics.shell_shape import mirrored, prolonged
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import load_observables, observe
@@ -96,15 +96,13 @@ def _discretisation_error(coarse: dict[str, Any], fine: dict[str, Any]) -> Lanes
     """Error of the coarse solution, from one Newton correction with every element divided.
 
     The coarse solution is so near the fine one that a single correction reaches it to
-    second order in the error. Pressure (or load factor) and the displacements of the
-    loads converge with the fourth power of the element length, so the fine solution's own
+    second order in the error. Pressure and the displacements of the loads
+    converge with the fourth power of the element length, so the fine solution's own
     error is a sixteenth.
     """
     tiny = 1e-300
-    parts = [
-        jnp.abs(coarse[k] - fine[k]) / jnp.maximum(jnp.abs(fine[k]), tiny)
-        for k in ("pressure", "factor")
-    ]
+    pressure = jnp.abs(coarse["pressure"] - fine["pressure"])
+    parts = [pressure / jnp.maximum(jnp.abs(fine["pressure"]), tiny)]
     size = functools.reduce(jnp.maximum, [jnp.abs(d) for d in fine["displacement"]], tiny)
     parts += [
         jnp.abs(a - b) / size
@@ -118,30 +116,31 @@ def _key_quantities(
 ) -> dict[str, Any]:
     loads = load_observables(scene, problem, state, inputs)
     displacement = [load["displacement_m"] for load in loads if load["kind"] == "line"]
-    return {"pressure": state.pressure, "factor": state.factor, "displacement": displacement}
+    return {"pressure": state.pressure, "displacement": displacement}
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure, plan: MeshPlan, half: MeshPlan, finer: tuple[MeshPlan, ...], inputs: Inputs
+    scene: Structure, plan: MeshPlan, half: MeshPlan, fine_plan: MeshPlan, inputs: Inputs
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    """Solve on `half` (or `plan` itself), estimate on `finer`, observe on `plan`."""
+    """Solve on `half` (or `plan` itself), observe on `plan`, check on `fine_plan`.
+
+    One assembly on the fine mesh of the whole arc answers two questions: whether the
+    state is stable, sway included, and how far it is from a better solution.
+    """
     spec = scene.scene
-    problem = build_problem(spec, half, inputs)
-    found = equilibrium(problem)
-    full = build_problem(spec, plan, inputs)
+    found = equilibrium(build_problem(spec, half, inputs))
+    problem = build_problem(spec, plan, inputs)
     state = whole(found.state, half)
-    report = observe(spec, full, state, inputs)
-    if finer:
-        fine_plan, fine_half = finer
-        fine = build_problem(spec, fine_half, inputs)
-        start = found.state._replace(q=prolonged(problem.mechanics, found.state.q))
-        better = corrected(fine, start)
-        fine_full = build_problem(spec, fine_plan, inputs)
-        report["discretisation_error"] = _discretisation_error(
-            _key_quantities(spec, full, state, inputs),
-            _key_quantities(spec, fine_full, whole(better, fine_half), inputs),
-        )
+    report = observe(spec, problem, state, inputs)
+    fine = build_problem(spec, fine_plan, inputs)
+    start = state._replace(q=prolonged(problem.mechanics, state.q))
+    check = verify(fine, start)
+    report["stable"] = check.stable
+    report["discretisation_error"] = _discretisation_error(
+        _key_quantities(spec, problem, state, inputs),
+        _key_quantities(spec, fine, check.correction, inputs),
+    )
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -184,14 +183,18 @@ def _plain(tree: Any) -> Any:
     """Arrays of one lane to Python numbers."""
 
     def number(x: Any) -> Any:
-        return np.asarray(x).reshape(-1)[0].item() if isinstance(x, (jax.Array, np.ndarray)) else x
+        return (
+            np.asarray(x).reshape(-1)[0].item() if isinstance(x, (jax.Array, np.ndarray)) else x
+        )
 
     return jax.tree.map(number, tree)
 
 
 def unloaded(scene: SceneSpec) -> bool:
     """Whether nothing acts on the skin."""
-    return all(getattr(load, "force", getattr(load, "pressure", 0.0)) == 0 for load in scene.loads)
+    return all(
+        getattr(load, "force", getattr(load, "pressure", 0.0)) == 0 for load in scene.loads
+    )
 
 
 @eqx.filter_jit
@@ -225,14 +228,13 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
             plan = plan_for(scene, elements)
             if unloaded(scene):
                 report, state = _COMPILED.run(_rest_program, static, plan, inputs)
-                report["discretisation_error"] = 0.0
+                report |= {"discretisation_error": 0.0, "stable": True}
                 outcome = {"result": 0, "level": 1.0, "iterations": 0, "smallest_pivot": 1.0}
                 return report, state, outcome, plan, plan
             symmetric = is_symmetric(plan)
-            finer_plan = plan.refined()
             half = working_plan(plan, symmetric)
-            finer = (finer_plan, working_plan(finer_plan, symmetric))
-            report, state, outcome = _COMPILED.run(_program, static, plan, half, finer, inputs)
+            arguments = (static, plan, half, plan.refined(), inputs)
+            report, state, outcome = _COMPILED.run(_program, *arguments)
             error = float(report["discretisation_error"][0])
             enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
             if scene.solve.elements or enough or 2 * elements > _MOST_ELEMENTS:
@@ -266,7 +268,9 @@ def _unknowns(scene: SceneSpec, plan: MeshPlan) -> int:
     return problem.mechanics.unknowns() + int(problem.oil.trapped)
 
 
-def _header(scene: SceneSpec, report: dict[str, Any], outcome: dict[str, Any]) -> dict[str, Any]:
+def _header(
+    scene: SceneSpec, report: dict[str, Any], outcome: dict[str, Any]
+) -> dict[str, Any]:
     """Status, message and error estimate, ahead of the observables."""
     status = NAMES[outcome["result"]]
     error = report.pop("discretisation_error")
