@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 import optimistix as optx
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax._types import LaneCounts, Lanes, StationVector
 from suas_jax.continuation import LoadStepping
@@ -278,16 +278,8 @@ def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Fou
     return find((problem, start))
 
 
-@eqx.filter_custom_jvp
-def _root(problem: Problem, start: State | None, stepping: LoadStepping) -> _Found:
-    return _find(problem, start, stepping)
-
-
-@_root.def_jvp
-def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
-    problem, start, stepping = primals
-    t_problem, _, _ = tangents
-    found = _root(problem, start, stepping)
+def _implicit(problem: Problem, found: _Found, t_problem: Problem) -> _Found:
+    """Tangent of a root by the implicit function theorem."""
     level = jax.lax.stop_gradient(found.level)
     given = None if problem.oil_pressure is None else jnp.array(True)
     _, operator = residual(problem, found.y, level, given)
@@ -303,7 +295,45 @@ def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
     right = jax.tree.map(jnp.negative, change)
     dy = lx.linear_solve(operator, right, BlockElimination(), throw=False).value
     nothing = jax.tree.map(lambda _: None, found)
-    return found, nothing._replace(y=dy)
+    return nothing._replace(y=dy)
+
+
+@eqx.filter_custom_jvp
+def _root(problem: Problem, start: State | None, stepping: LoadStepping) -> _Found:
+    return _find(problem, start, stepping)
+
+
+@_root.def_jvp
+def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
+    found = _root(*primals)
+    return found, _implicit(primals[0], found, tangents[0])
+
+
+@eqx.filter_custom_jvp
+def _known(problem: Problem, found: _Found) -> _Found:
+    return found
+
+
+@_known.def_jvp
+def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
+    found = _known(*primals)
+    return found, _implicit(primals[0], found, tangents[0])
+
+
+def _outcome(problem: Problem, found: _Found) -> Equilibrium:
+    """Name what was found."""
+    if problem.oil_pressure is not None:
+        fixed = jax.lax.stop_gradient(problem.oil_pressure)
+        pressure = found.level + (problem.oil_pressure - fixed)
+        state = State(found.y.stations, pressure, found.y.border)
+    else:
+        pressure = found.y.border
+        if pressure is None:
+            pressure = jnp.zeros_like(found.level)
+        state = State(found.y.stations, pressure, found.level)
+    return Equilibrium(
+        state, found.level, found.result, found.iterations, found.smallest_pivot
+    )
 
 
 def equilibrium(
@@ -323,18 +353,73 @@ def equilibrium(
     Returns:
         The state with its outcome; derivatives flow through `state`.
     """
-    found = _root(problem, start, stepping or LoadStepping())
-    lanes = found.level.shape
+    return _outcome(problem, _root(problem, start, stepping or LoadStepping()))
+
+
+def differentiable(problem: Problem, state: State) -> State:
+    """Give a state that is known to be an equilibrium its derivatives, without solving.
+
+    Args:
+        problem: membrane, oil and loads that the state belongs to.
+        state: its equilibrium, as `equilibrium` found it.
+
+    Returns:
+        The same state; derivatives by the problem's leaves flow through it.
+    """
     if problem.oil_pressure is not None:
-        fixed = jax.lax.stop_gradient(problem.oil_pressure)
-        pressure = found.level + (problem.oil_pressure - fixed)
-        state = State(found.y.stations, pressure, found.y.border)
+        y, level = BorderedVector(state.q, state.factor), state.pressure
     else:
-        pressure = found.y.border
-        if pressure is None:
-            pressure = jnp.zeros(lanes, found.level.dtype)
-        state = State(found.y.stations, pressure, found.level)
-    return Equilibrium(state, found.level, found.result, found.iterations, found.smallest_pivot)
+        y = BorderedVector(state.q, state.pressure if problem.oil.trapped else None)
+        level = state.factor
+    count = jnp.zeros(level.shape, jnp.int32)
+    return _outcome(problem, _known(problem, _Found(y, level, count, count, level))).state
+
+
+def path(
+    problem: Problem, levels: Float[Array, " point"], start: State | None = None
+) -> Equilibrium:
+    """Equilibria along a path of loads, each continued from the one before.
+
+    Args:
+        problem: membrane, oil and loads; one lane.
+        levels: factors on the loads or, where the problem has a wanted oil pressure, oil
+            pressures [Pa], of one sign, in the order to visit.
+        start: equilibrium to start from; at rest where not given.
+
+    Returns:
+        Equilibria with a leading axis over the points. After a failure the last state is
+        repeated with the failure's result.
+    """
+    stepping = LoadStepping()
+    pressures = problem.oil_pressure is not None
+
+    def visit(carry: tuple[State, Array], level: Array) -> tuple[Any, Equilibrium]:
+        state, failed = carry
+        level = jnp.broadcast_to(level, state.factor.shape)
+        if pressures:
+            careful = dataclasses.replace(stepping, largest_step=1.0)
+            y = BorderedVector(state.q, state.factor)
+            given = jnp.array(True)
+            found = _step_to(problem, y, state.pressure, level, careful, given)
+            found = _outcome(problem, found)
+            found = found._replace(state=found.state._replace(pressure=found.level))
+        else:
+            border = state.pressure if problem.oil.trapped else None
+            y = BorderedVector(state.q, border)
+            found = _outcome(problem, _step_to(problem, y, state.factor, level, stepping))
+        result = jnp.where(failed != 0, failed, found.result)
+        state = jax.tree.map(lambda a, b: jnp.where(failed != 0, a, b), state, found.state)
+        return (state, result), found._replace(state=state, result=result)
+
+    rest = problem.mechanics.rest()
+    zero = jnp.zeros(rest.shape[-1:], rest.dtype)
+    result = jnp.zeros(rest.shape[-1:], jnp.int32)
+    if start is None and pressures:
+        first = equilibrium(dataclasses.replace(problem, oil_pressure=zero + levels[0]))
+        start, result = first.state, first.result
+    elif start is None:
+        start = State(rest, zero, zero)
+    return jax.lax.scan(visit, (start, result), levels)[1]
 
 
 class Verification(NamedTuple):

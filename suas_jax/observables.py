@@ -86,7 +86,7 @@ def load_observables(
     for i, spec in enumerate(scene.loads):
         if not isinstance(spec, LineLoadSpec):
             pressure = jnp.asarray(numbers[f"load.{i}.pressure"])[..., None] * state.factor
-            entries.append({"kind": "pressure", "pressure_Pa": pressure})
+            entries.append({"pressure_Pa": pressure})
             continue
         load = next(lines)
         shape = at_angle(problem.mechanics, state.q, load.angle)
@@ -97,7 +97,6 @@ def load_observables(
 
         entries.append(
             {
-                "kind": "line",
                 "angle_deg": jnp.rad2deg(load.angle),
                 "arc_position_m": load.angle * geometry.outer_radius,
                 "force_N": load.force * state.factor,

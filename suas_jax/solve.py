@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
-from suas_jax.config import SceneSpec, continuous_inputs, structure
+from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mechanics.shell_shape import mirrored, prolonged
 from suas_jax.mesh import MeshPlan
@@ -115,23 +115,19 @@ def _key_quantities(
     scene: SceneSpec, problem: Problem, state: State, inputs: Inputs
 ) -> dict[str, Any]:
     loads = load_observables(scene, problem, state, inputs)
-    displacement = [load["displacement_m"] for load in loads if load["kind"] == "line"]
+    displacement = [load["displacement_m"] for load in loads if "displacement_m" in load]
     return {"pressure": state.pressure, "displacement": displacement}
 
 
-@eqx.filter_jit
-def _program(
-    scene: Structure, plan: MeshPlan, half: MeshPlan, fine_plan: MeshPlan, inputs: Inputs
-) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    """Solve on `half` (or `plan` itself), observe on `plan`, check on `fine_plan`.
+def assess(
+    spec: SceneSpec, plan: MeshPlan, fine_plan: MeshPlan, state: State, inputs: Inputs
+) -> dict[str, Any]:
+    """Observe a state on `plan` and check it on `fine_plan`.
 
     One assembly on the fine mesh of the whole arc answers two questions: whether the
     state is stable, sway included, and how far it is from a better solution.
     """
-    spec = scene.scene
-    found = equilibrium(build_problem(spec, half, inputs))
     problem = build_problem(spec, plan, inputs)
-    state = whole(found.state, half)
     report = observe(spec, problem, state, inputs)
     fine = build_problem(spec, fine_plan, inputs)
     start = state._replace(q=prolonged(problem.mechanics, state.q))
@@ -141,6 +137,17 @@ def _program(
         _key_quantities(spec, problem, state, inputs),
         _key_quantities(spec, fine, check.correction, inputs),
     )
+    return report
+
+
+@eqx.filter_jit
+def _program(
+    scene: Structure, plan: MeshPlan, half: MeshPlan, fine_plan: MeshPlan, inputs: Inputs
+) -> tuple[dict[str, Any], State, dict[str, Any]]:
+    """Solve on `half` (or `plan` itself), then assess on the whole arc."""
+    found = equilibrium(build_problem(scene.scene, half, inputs))
+    state = whole(found.state, half)
+    report = assess(scene.scene, plan, fine_plan, state, inputs)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -171,6 +178,7 @@ class _Compiled:
 
 
 _COMPILED = _Compiled()
+run = _COMPILED.run
 
 
 def _starting_elements(scene: SceneSpec) -> int:
@@ -179,13 +187,13 @@ def _starting_elements(scene: SceneSpec) -> int:
     return max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals)
 
 
-def _plain(tree: Any) -> Any:
-    """Arrays of one lane to Python numbers."""
+def plain(tree: Any, row: int = 0) -> Any:
+    """Arrays to Python numbers, one row of them where they have many."""
 
     def number(x: Any) -> Any:
-        return (
-            np.asarray(x).reshape(-1)[0].item() if isinstance(x, (jax.Array, np.ndarray)) else x
-        )
+        if not isinstance(x, (jax.Array, np.ndarray)):
+            return x
+        return np.asarray(x).reshape(-1)[row].item()
 
     return jax.tree.map(number, tree)
 
@@ -227,14 +235,14 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         while True:
             plan = plan_for(scene, elements)
             if unloaded(scene):
-                report, state = _COMPILED.run(_rest_program, static, plan, inputs)
+                report, state = run(_rest_program, static, plan, inputs)
                 report |= {"discretisation_error": 0.0, "stable": True}
                 outcome = {"result": 0, "level": 1.0, "iterations": 0, "smallest_pivot": 1.0}
                 return report, state, outcome, plan, plan
             symmetric = is_symmetric(plan)
             half = working_plan(plan, symmetric)
             arguments = (static, plan, half, plan.refined(), inputs)
-            report, state, outcome = _COMPILED.run(_program, *arguments)
+            report, state, outcome = run(_program, *arguments)
             error = float(report["discretisation_error"][0])
             enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
             if scene.solve.elements or enough or 2 * elements > _MOST_ELEMENTS:
@@ -248,17 +256,26 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         result = attempt()
         seconds.append(time.perf_counter() - begin)
     report, state, outcome, plan, half = result
-    report = {
-        **_header(scene, _plain(report), _plain(outcome)),
-        "iterations": _plain(outcome["iterations"]),
-        "unknowns": _unknowns(scene, half),
-    }
-    report["taxels"] = []
+    report = report_of(scene, plain(report), plain(outcome), half)
     report["timings_s"] = {
         "compile": _COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
     return Solution(report, state, plan, scene)
+
+
+def report_of(
+    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any], half: MeshPlan
+) -> dict[str, Any]:
+    """The report of one state, in the order of the contract."""
+    kinds = [{"kind": load.kind} for load in scene.loads]
+    loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
+    return {
+        **_header(scene, observed | {"loads": loads}, outcome),
+        "iterations": outcome["iterations"],
+        "unknowns": _unknowns(scene, half),
+        "taxels": [],
+    }
 
 
 def _unknowns(scene: SceneSpec, plan: MeshPlan) -> int:

@@ -1,0 +1,13 @@
+"""Settings of the JAX runtime, made by entry points and never on import."""
+
+import jax
+import platformdirs
+
+
+def configure() -> None:
+    """Compute in float64 and keep compiled programs between runs."""
+    jax.config.update("jax_enable_x64", True)
+    cache = platformdirs.user_cache_path("suas_jax") / "compiled"
+    jax.config.update("jax_compilation_cache_dir", str(cache))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
