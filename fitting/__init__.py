@@ -1,0 +1,1 @@
+"""Tools that fit the skin's model to measurements."""

@@ -27,8 +27,11 @@ class SteppingState(NamedTuple):
 
     Attributes:
         level: load level of the current trial.
+        base: where this step started: an equilibrium, or a state near the path.
+        base_level: its load level.
         good: last equilibrium.
         good_level: its load level.
+        strict: whether every step has to end at an equilibrium, as after a failure.
         radius: trusted displacement of the next step [m].
         tried: displacement of this step's first correction [m].
         correction: size of the last Newton correction [m].
@@ -41,8 +44,11 @@ class SteppingState(NamedTuple):
     """
 
     level: Lanes
+    base: BorderedVector
+    base_level: Lanes
     good: BorderedVector
     good_level: Lanes
+    strict: Bool[Array, " lane"]
     radius: Lanes
     tried: Lanes
     correction: Lanes
@@ -72,6 +78,7 @@ class LoadStepping(optx.AbstractRootFinder):
         first_radius: displacement trusted in the first step, in units of the length.
         largest_step: displacement of a step relative to that of the state it starts from.
         contraction: largest accepted ratio of successive corrections.
+        path_tolerance: accepted error of a state on the way, relative to the step to it.
         max_inner: Newton corrections before a step is given up.
         smallest_step: step relative to the load level at which the path counts as ended.
         max_steps: Newton corrections before the slowest lane is given up.
@@ -83,6 +90,7 @@ class LoadStepping(optx.AbstractRootFinder):
     first_radius: float | Array = 4.0
     largest_step: float | Array | None = None
     contraction: float = 5.0
+    path_tolerance: float = 1e-2
     max_inner: int = 12
     smallest_step: float = 1e-7
     max_steps: int = 400
@@ -108,8 +116,11 @@ class LoadStepping(optx.AbstractRootFinder):
         radius = jnp.maximum(self.first_radius * length, largest(y.stations[:2]))
         return SteppingState(
             level=jnp.broadcast_to(target, lane).astype(dtype),
+            base=y,
+            base_level=level,
             good=y,
             good_level=level,
+            strict=jnp.zeros(lane, bool),
             radius=jnp.broadcast_to(radius, lane),
             tried=zeros,
             correction=zeros,
@@ -138,12 +149,12 @@ class LoadStepping(optx.AbstractRootFinder):
         first = state.inner == 0
         radius = state.radius
         if self.largest_step is not None:
-            size_of_state = largest(state.good.stations[:2])
+            size_of_state = largest(state.base.stations[:2])
             relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
             radius = jnp.minimum(radius, relative)
         cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
         cut = jnp.where(size > 0, cut, 1)
-        level = state.good_level + cut * (state.level - state.good_level)
+        level = state.base_level + cut * (state.level - state.base_level)
         level = jnp.where(first & (cut < 1), level, state.level)
         trial = jax.tree.map(lambda a, b: a - cut * b, y, solved.value)
         size = cut * size
@@ -156,33 +167,46 @@ class LoadStepping(optx.AbstractRootFinder):
         settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
         # At the limit of the arithmetic corrections stop shrinking.
         stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
+        equilibrium = fine & (settled | stagnant | (size == 0))
+        # On the way it is enough to be near the path, compared with the step along it:
+        # the next step's first correction starts from the residual that is left. This
+        # saves a quarter of all corrections. Should it lead astray, as it may close to a
+        # limit point, the lane goes back to its last equilibrium and becomes strict.
+        tried = jnp.where(first, size, state.tried)
+        near = ~first & (expected <= self.path_tolerance * tried) & (size <= 0.1 * tried)
+        near = fine & near & ~state.strict & (level != target)
         inner = state.inner + 1
-        converged = fine & (settled | stagnant | (size == 0))
+        converged = equilibrium | near
         grows = ~first & (ratio > self.contraction) & (size > 1e-6 * scale)
         failed = ~converged & (~fine | grows | (inner >= self.max_inner))
 
         # An equilibrium: make it the new start, and try for the full load.
-        step = jnp.abs(level - state.good_level)
-        easy, hard = inner <= 5, inner >= 8
+        step = jnp.abs(level - state.base_level)
+        easy, hard = inner <= jnp.where(near, 4, 5), inner >= jnp.where(near, 6, 8)
         grown = jnp.where(easy, 2.0, jnp.where(hard, 0.7, 1.2)) * state.radius
         reached = level == target
         if self.until is not None:
             reached = reached | self.until(trial)
         # The step failed: forget it and trust a quarter of its first displacement.
-        tried = jnp.where(first, size, state.tried)
         shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
         tiny = self.smallest_step * jnp.abs(level)
         hopeless = failed & (shrunk < 1e-6 * length)
-        stuck = converged & ~reached & (step < tiny)
+        stuck = equilibrium & ~reached & (step < tiny)
 
         live = ~state.done
         accept, retry = live & converged, live & failed
+        settle = accept & (equilibrium | reached)
         result = jnp.where(stuck, index_of("limit_point"), state.result)
         result = jnp.where(hopeless, index_of("no_convergence"), result)
         new = SteppingState(
             level=jnp.where(accept | retry, target, level),
-            good=_select(accept, trial, state.good),
-            good_level=jnp.where(accept, level, state.good_level),
+            base=_select(accept, trial, _select(retry, state.good, state.base)),
+            base_level=jnp.where(
+                accept, level, jnp.where(retry, state.good_level, state.base_level)
+            ),
+            good=_select(settle, trial, state.good),
+            good_level=jnp.where(settle, level, state.good_level),
+            strict=state.strict | retry,
             radius=jnp.where(accept, grown, jnp.where(retry, shrunk, state.radius)),
             tried=tried,
             correction=size,
@@ -194,7 +218,7 @@ class LoadStepping(optx.AbstractRootFinder):
             done=(accept & (reached | stuck)) | (live & hopeless),
         )
         new = _select(live, new, state)
-        trial = _select(live & ~failed, trial, new.good)
+        trial = _select(live & ~failed, trial, new.base)
         return trial, new, operator
 
     def terminate(
@@ -222,5 +246,3 @@ class LoadStepping(optx.AbstractRootFinder):
     ) -> tuple[BorderedVector, PyTree, dict[str, Any]]:
         """Return the last equilibrium of every lane."""
         return state.good, aux, {}
-
-

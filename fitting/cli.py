@@ -1,0 +1,39 @@
+"""The console script `suas`."""
+
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
+from suas_jax import cli as forward
+
+app = typer.Typer(
+    help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+forward.register(app)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"suas_jax {version('suas-jax')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    show_version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,88 @@
+"""Scenes around the paper's skin, and compiled functions that the physics tests share."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
+from suas_jax.equilibrium import Equilibrium, Problem, equilibrium, verify
+from suas_jax.problem import build_problem, plan_for
+from suas_jax.results import NAMES
+
+WIDTH = 0.123
+EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
+LAWS: dict[str, dict[str, Any]] = {
+    "mooney-rivlin": EPDM,
+    "neo-hookean": {"law": "neo-hookean", "mu": "32.6 MPa"},
+    "yeoh": {"law": "yeoh", "C1": "16 MPa", "C2": "-3 MPa", "C3": "5 MPa"},
+    "ogden": {
+        "law": "ogden",
+        "mu": ["31.5 MPa", "60 kPa", "-500 kPa"],
+        "alpha": [1.3, 5.0, -2.0],
+        "convention": "mu/alpha",
+    },
+}
+
+
+def quick(function: Callable, jit: Callable = eqx.filter_jit) -> Callable:
+    """Compile for a few calls, which the compiler's own optimisation would outlast."""
+    return jit(function, compiler_options={"xla_backend_optimization_level": 0})
+
+
+find = quick(equilibrium)
+check = quick(verify)
+
+
+def line(angle: float, force: float, **more: Any) -> dict[str, Any]:
+    """A line load; angle in degrees, force in newtons."""
+    return {"kind": "line", "angle": f"{angle} deg", "force": f"{force} N", **more}
+
+
+def scene(
+    *loads: dict[str, Any],
+    material: dict[str, Any] = EPDM,
+    oil: dict[str, Any] | None = None,
+    oil_pressure: float | None = None,
+    **geometry: float,
+) -> SceneSpec:
+    """The paper's skin with other loads, material, oil or dimensions (SI, angles in rad)."""
+    dimensions = {
+        "inner_radius": 0.0575,
+        "thickness": 0.0015,
+        "half_angle": np.pi / 2,
+        "width": WIDTH,
+        "oil_gap": 0.005,
+    } | geometry
+    units = {name: "rad" if name == "half_angle" else "m" for name in dimensions}
+    table: dict[str, Any] = {
+        "geometry": {name: f"{value!r} {units[name]}" for name, value in dimensions.items()},
+        "material": material,
+        "oil": oil or {"model": "incompressible"},
+        "load": list(loads),
+    }
+    if oil_pressure is not None:
+        table["solve"] = {"oil_pressure": f"{oil_pressure!r} Pa"}
+    return scene_from_dict(table)
+
+
+def problem_of(spec: SceneSpec, elements: int, *, half: bool = False) -> Problem:
+    """The discrete problem of a scene on a mesh of its own."""
+    plan = plan_for(spec, elements)
+    return build_problem(spec, plan.half() if half else plan, continuous_inputs(spec))
+
+
+def status(result: Equilibrium) -> str:
+    """Name of a single lane's outcome."""
+    return NAMES[int(result.result[0])]
+
+
+def converged(problem: Problem) -> Equilibrium:
+    """Solve from rest and insist."""
+    result = find(problem)
+    assert status(result) == "converged"
+    assert all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(result.state))
+    return result

@@ -1,0 +1,70 @@
+"""Shape functions of one element: what they interpolate, and their derivatives."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from suas_jax.element import bubbles, hermite
+from suas_jax.quadrature import gauss_legendre
+
+XI = np.linspace(0, 1, 11)
+
+
+def test_hermite_shapes_are_one_where_they_belong_and_zero_elsewhere() -> None:
+    ends = np.array([0.0, 1.0])
+    values, slopes = np.stack(hermite(ends)), np.stack(hermite(ends, 1))
+    at_stations = np.stack([values[:, 0], slopes[:, 0], values[:, 1], slopes[:, 1]])
+    np.testing.assert_array_equal(at_stations, np.eye(4))
+
+
+@pytest.mark.parametrize("derivative", range(4))
+def test_hermite_reproduces_every_cubic(derivative: int) -> None:
+    cubic = np.polynomial.Polynomial([0.3, -1.2, 0.7, 2.1])
+    slope = cubic.deriv()
+    nodal = [cubic(0.0), slope(0.0), cubic(1.0), slope(1.0)]
+    got = sum(n * v for n, v in zip(hermite(XI, derivative), nodal, strict=True))
+    want = (cubic.deriv(derivative) if derivative else cubic)(XI)
+    np.testing.assert_allclose(got, want, rtol=0, atol=2e-14)
+
+
+def test_bubbles_touch_no_neighbour() -> None:
+    ends = np.array([0.0, 1.0])
+    for derivative in (0, 1):
+        np.testing.assert_array_equal(np.stack(bubbles(ends, derivative)), 0)
+
+
+def test_bubbles_are_the_modes_named() -> None:
+    first = XI**2 * (1 - XI) ** 2
+    np.testing.assert_allclose(bubbles(XI)[0], first, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(bubbles(XI)[1], first * (2 * XI - 1), rtol=0, atol=1e-15)
+
+
+def test_bubbles_complete_the_quintics() -> None:
+    basis = np.stack([*hermite(XI), *bubbles(XI)], 1)
+    quintic = np.polynomial.Polynomial([0.3, -1.2, 0.7, 2.1, -0.9, 1.7])(XI)
+    _, rest, rank, _ = np.linalg.lstsq(basis, quintic, rcond=None)
+    assert rank == 6
+    assert rest[0] < 1e-28
+
+
+@pytest.mark.parametrize("shapes", [hermite, bubbles])
+@pytest.mark.parametrize("derivative", [1, 2, 3])
+def test_derivatives_are_those_of_the_shapes(shapes: Callable, derivative: int) -> None:
+    for i, got in enumerate(shapes(XI, derivative)):
+        slope = jax.vmap(jax.grad(lambda x, i=i: shapes(x, derivative - 1)[i]))(jnp.asarray(XI))
+        np.testing.assert_allclose(got, slope, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("points", range(1, 7))
+def test_quadrature_is_exact_to_its_degree_and_no_further(points: int) -> None:
+    x, w = gauss_legendre(points, 0.5, 2.0)
+    assert np.all(np.diff(x) > 0)
+    errors = [
+        abs(np.sum(w * x**k) / ((2.0 ** (k + 1) - 0.5 ** (k + 1)) / (k + 1)) - 1)
+        for k in range(2 * points + 1)
+    ]
+    assert max(errors[:-1]) < 1e-14
+    assert errors[-1] > 1e-9
