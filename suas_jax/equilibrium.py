@@ -82,6 +82,7 @@ def residual(
     y: BorderedVector,
     level: Lanes,
     pressure_given: Bool[Array, ""] | None = None,
+    tangent_level: Lanes | None = None,
 ) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
     """Residual of the equilibrium at a load level and its derivative.
 
@@ -91,34 +92,49 @@ def residual(
         level: factor on the loads where they are given, oil pressure [Pa] where that is.
         pressure_given: where true the level is the pressure and the border unknown the
             factor; None if that is nowhere so.
+        tangent_level: level at which the derivative is taken, if not the residual's own.
 
     Returns:
         The residual and the operator that is its derivative by y.
     """
     mechanics, oil = problem.mechanics, problem.oil
-    if y.border is None:
-        a = mechanics.assemble(y.stations, -level * problem.external_pressure, level)
-        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
-        return BorderedVector(a.residual, None), operator
-    film = mechanics.film_volume
-    if pressure_given is None:
-        pressure, factor = y.border, level
+    external = problem.external_pressure
+
+    def controls(level: Lanes) -> tuple[Lanes, Lanes]:
+        """Oil pressure and load factor."""
+        if y.border is None:
+            return jnp.zeros_like(level), level
+        if pressure_given is None:
+            return y.border, level
+        given = pressure_given
+        return jnp.where(given, level, y.border), jnp.where(given, y.border, level)
+
+    pressure, factor = controls(level)
+    if tangent_level is None:
+        a = mechanics.assemble(y.stations, pressure - factor * external, factor)
+        force = a.residual
     else:
-        pressure = jnp.where(pressure_given, level, y.border)
-        factor = jnp.where(pressure_given, y.border, level)
-    a = mechanics.assemble(y.stations, pressure - factor * problem.external_pressure, factor)
+        at_pressure, at_factor = controls(tangent_level)
+        a = mechanics.assemble(y.stations, at_pressure - at_factor * external, at_factor)
+        more = factor - at_factor
+        more_pressure = pressure - at_pressure - more * external
+        force = a.residual - more_pressure * a.volume_gradient - more * a.load
+    if y.border is None:
+        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
+        return BorderedVector(force, None), operator
+    film = mechanics.film_volume
     defect = oil.expansion(pressure, film) - a.volume_change
     by_pressure, compliance = -a.volume_gradient, oil.compliance(pressure, film)
     if pressure_given is None:
         operator = BorderedBlockTridiagonal(a.diagonal, a.upper, by_pressure, compliance)
     else:
-        by_factor = problem.external_pressure * a.volume_gradient - a.load
+        by_factor = external * a.volume_gradient - a.load
         column = jnp.where(pressure_given, by_factor, by_pressure)
         corner = jnp.where(pressure_given, 0.0, compliance)
         operator = BorderedBlockTridiagonal(
             a.diagonal, a.upper, column, corner, row=by_pressure
         )
-    return BorderedVector(a.residual, defect), operator
+    return BorderedVector(force, defect), operator
 
 
 class _Found(NamedTuple):
@@ -140,15 +156,14 @@ def _step_to(
     """Follow the path of equilibria from one level to another, in all lanes."""
 
     def fn(y: BorderedVector, args: Any) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
-        (problem, pressure_given), level, _ = args
-        return residual(problem, y, level, pressure_given)
+        (problem, pressure_given), (level, tangent_level), _ = args
+        return residual(problem, y, level, pressure_given, tangent_level)
 
     solution = optx.root_find(
         fn,
         stepping,
         y,
-        args=((problem, pressure_given), target, problem.mechanics.length_scale),
-        options={"level": start},
+        args=((problem, pressure_given), (target, start), problem.mechanics.length_scale),
         has_aux=True,
         max_steps=stepping.max_steps,
         throw=False,
@@ -291,8 +306,11 @@ def _implicit(problem: Problem, found: _Found, t_problem: Problem) -> _Found:
             reached = level + (problem.oil_pressure - fixed)
         return residual(problem, found.y, reached, given)[0]
 
-    _, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
-    right = jax.tree.map(jnp.negative, change)
+    value, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
+    # An equation that the perturbed inputs don't enter has the tangent None.
+    right = jax.tree.map(
+        lambda v, t: jnp.zeros_like(v) if t is None else -t, value, change
+    )
     dy = lx.linear_solve(operator, right, BlockElimination(), throw=False).value
     nothing = jax.tree.map(lambda _: None, found)
     return nothing._replace(y=dy)
