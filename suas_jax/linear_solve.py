@@ -13,7 +13,6 @@ Lineax sees an ordinary linear operator and solver; the structure stays in this 
 import dataclasses
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx

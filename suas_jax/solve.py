@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
+from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mechanics.shell_shape import mirrored, prolonged
 from suas_jax.mesh import MeshPlan
