@@ -58,16 +58,15 @@ def log(
     Exit status: 0 recorded, 2 bad input (the port can't be opened, or nothing came).
     """
     with bad_input():
-        from suas_jax.acquisition.formats import decoder
+        from suas_jax.acquisition.formats import decoder, open_source
         from suas_jax.acquisition.log_file import LogWriter, log_header
-        from suas_jax.acquisition.port import SerialSource
         from suas_jax.acquisition.record import FLAG_COLUMNS, record
         from suas_jax.acquisition.stream import Stream
         from suas_jax.acquisition.view import View, in_words
 
         decode = decoder(format_name)
         header = _skin_header(skin)
-        source = SerialSource(port, baud)
+        source = open_source(port, format_name, baud)
         started = time.monotonic()
         try:
             writer = LogWriter(
@@ -79,7 +78,7 @@ def log(
                     frame_format=format_name,
                     baud=str(baud),
                 ),
-                flags=FLAG_COLUMNS,
+                flags=FLAG_COLUMNS + decode.extra_columns,
                 flush_interval=flush,
                 rotate_bytes=None if rotate is None else round(1e6 * rotate),
                 overwrite=overwrite,

@@ -41,6 +41,7 @@ class TextDecoder:
     """Decoder of `text` lines; see the module's description."""
 
     clock_modulus: float | None = None
+    extra_columns: tuple[str, ...] = ()
 
     def __init__(self) -> None:
         self.tally = Tally()

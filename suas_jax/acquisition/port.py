@@ -11,7 +11,7 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import serial
 
@@ -32,6 +32,31 @@ class _DeviceFile(serial.Serial):
 
     def _reset_input_buffer(self) -> None:
         pass
+
+
+class Source(Protocol):
+    """Where bytes come from: a serial port, a CAN bus."""
+
+    name: str
+
+    @property
+    def is_network(self) -> bool:
+        """Whether a silent link may be dead without an error."""
+
+    def read(self) -> bytes:
+        """Bytes that have come, possibly none after a short wait; PortError when lost."""
+
+    def waiting(self) -> bytes:
+        """Bytes that are there already; never fails."""
+
+    def reopen(self) -> None:
+        """Open it again; PortError while that is not possible."""
+
+    def is_gone(self) -> bool:
+        """Whether it was unplugged without an error."""
+
+    def close(self) -> None:
+        """Let go of it; never fails."""
 
 
 @dataclass(frozen=True)

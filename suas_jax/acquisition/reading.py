@@ -13,6 +13,7 @@ class Reading(NamedTuple):
         module: module (triangle) number.
         counts: raw counts by taxel; None where the device sent no value.
         t_host: when its last byte was read, on the host's clock [s].
+        extra: what else the format carries, as the decoder's `extra_columns` name it.
     """
 
     seq: int
@@ -20,6 +21,7 @@ class Reading(NamedTuple):
     module: int
     counts: tuple[int | None, ...]
     t_host: float = float("nan")
+    extra: tuple[int, ...] = ()
 
 
 @dataclass
@@ -50,11 +52,13 @@ class Decoder(Protocol):
         tally: counts since the decoder was made.
         clock_modulus: the device clock starts again after this time [s]; None if unknown.
         checked: a checksum vouches for each reading.
+        extra_columns: names of what each reading has in `extra`.
     """
 
     tally: Tally
     clock_modulus: float | None
     checked: bool
+    extra_columns: tuple[str, ...]
 
     def feed(self, data: bytes, t_host: float) -> list[Reading]:
         """Take the bytes read at `t_host` [s]; return the readings they complete."""

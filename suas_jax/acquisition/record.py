@@ -40,7 +40,12 @@ def record(
                 if log.taxels is not None and width > log.taxels:
                     log.widen(width)
                 log.write(
-                    reading.t_host, t_device, reading.seq, reading.module, reading.counts, flags
+                    reading.t_host,
+                    t_device,
+                    reading.seq,
+                    reading.module,
+                    reading.counts,
+                    flags + reading.extra,
                 )
             if not batch:
                 log.flush()

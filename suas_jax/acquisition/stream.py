@@ -8,11 +8,11 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from suas_jax.acquisition.diagnose import not_understood
 from suas_jax.acquisition.integrity import Flags, Integrity, Summary
-from suas_jax.acquisition.port import PortError
+from suas_jax.acquisition.port import PortError, Source
 from suas_jax.acquisition.reading import Decoder, Reading, Tally
 
 # A port that says nothing, or nothing that makes sense, for this long is reported [s].
@@ -29,31 +29,6 @@ _GATHER = 2e-3
 _MOST_WAITING = 1024
 # Bytes kept to guess what an unintelligible stream is.
 _RECENT = 4096
-
-
-class Source(Protocol):
-    """Where bytes come from: a serial port, a CAN bus."""
-
-    name: str
-
-    @property
-    def is_network(self) -> bool:
-        """Whether a silent link may be dead without an error."""
-
-    def read(self) -> bytes:
-        """Bytes that have come, possibly none after a short wait; PortError when lost."""
-
-    def waiting(self) -> bytes:
-        """Bytes that are there already; never fails."""
-
-    def reopen(self) -> None:
-        """Open it again; PortError while that is not possible."""
-
-    def is_gone(self) -> bool:
-        """Whether it was unplugged without an error."""
-
-    def close(self) -> None:
-        """Let go of it; never fails."""
 
 
 class Judged(NamedTuple):
