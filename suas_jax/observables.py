@@ -17,7 +17,6 @@ from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.equilibrium import Problem, State, volume_residual
 from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.shell_shape import at_angle, profile
 from suas_jax.problem import all_numbers, geometry_of, line_loads_of
 
 SAMPLES = 8  # intervals per element in which extremes are sought
@@ -68,7 +67,7 @@ def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
 def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     """Drucker stability of the fibres at both faces."""
     law = problem.mechanics.law
-    stable = True
+    stable = jnp.array(True)
     for stretch in (shape.inner_stretch, shape.outer_stretch):
         modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
         stable = stable & jnp.all(modulus > 0, (0, 1))
@@ -89,7 +88,7 @@ def load_observables(
             entries.append({"pressure_Pa": pressure})
             continue
         load = next(lines)
-        shape = at_angle(problem.mechanics, state.q, load.angle)
+        shape = problem.mechanics.at_angle(state.q, load.angle)
         along = load.direction
 
         def component(displacement: Array, along: Array = along) -> Lanes:
@@ -120,7 +119,7 @@ def observe(
     """
     numbers = all_numbers(scene, inputs)
     geometry = geometry_of(numbers)
-    shape = profile(problem.mechanics, state.q, SAMPLES)
+    shape = problem.mechanics.profile(state.q, SAMPLES)
     gap, gap_angle = _gap(shape, geometry)
     moved = jnp.sqrt(jnp.sum(shape.inner_displacement**2, 0) + 1e-300)
     report = {
