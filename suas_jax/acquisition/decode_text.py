@@ -26,13 +26,12 @@ _LINE = re.compile(
     rb"((?:[ \t]*+(?:[0-9]{1,5}+|[nN]a[nN]|)[ \t]*+(?:,|\Z))++)"
 )
 _CHECKSUM = re.compile(rb"\*([0-9A-Fa-f]{4})[ \t]*\Z")
-# What can't stand in a line, without and with checksums.
-_FOREIGN = re.compile(rb"[^0-9.,eE+\- \t]")
-_FOREIGN_CHECKED = re.compile(rb"[^0-9.,a-fA-F+\- \t*]")
 # A module's number of counts is believed once this many lines agree.
 _AGREE = 2
 # Lines held back while the modules that have just appeared aren't sure of theirs.
 _MAX_HELD = 128
+# Places tried for the begin of a whole line in a damaged one: counts look like one, too.
+_SALVAGE_TRIES = 16
 # A module that keeps sending another number of counts has really changed.
 _CHANGED = 20
 
@@ -135,13 +134,24 @@ class TextDecoder:
         return Reading(int(seq), float(time or b"nan"), int(module), counts, t_host)
 
     def _salvaged(self, line: bytes, t_host: float) -> Reading | None:
-        """The whole line behind garbage that has no line end, if it is the one expected."""
-        foreign = _FOREIGN_CHECKED if self.checked else _FOREIGN
-        start = max((match.end() for match in foreign.finditer(line)), default=0)
-        reading = self._parse(line[start:], t_host) if start else None
-        if reading is None or self._widths.get(reading.module) != len(reading.counts):
-            return None
-        return reading if reading.seq in (self._last_seq, self._last_seq + 1) else None
+        """The whole line behind garbage or a line whose end was lost, if it is expected.
+
+        It must begin with the frame number that comes next, and then be right in every way.
+        """
+        for seq in (self._last_seq, self._last_seq + 1):
+            start = len(line)
+            for _ in range(_SALVAGE_TRIES):
+                start = line.rfind(b"%d," % seq, 1, start)
+                if start < 0:
+                    break
+                reading = self._parse(line[start:], t_host)
+                if (
+                    reading is not None
+                    and reading.seq == seq
+                    and self._widths.get(reading.module) == len(reading.counts)
+                ):
+                    return reading
+        return None
 
     def _sure_of_opening(self) -> list[Reading]:
         """Release the opening lines once each module has said twice how wide it is."""
