@@ -123,9 +123,7 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
     """Write a baseline as JSON: header, then counts and noise by module."""
     modules = [
         {"module": int(module), "so": _jsonable(so), "noise": _jsonable(noise)}
-        for module, so, noise in zip(
-            baseline.modules, baseline.so, baseline.noise, strict=True
-        )
+        for module, so, noise in zip(baseline.modules, baseline.so, baseline.noise, strict=True)
     ]
     content = {
         "format": FORMAT,

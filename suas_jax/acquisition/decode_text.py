@@ -80,7 +80,9 @@ class TextDecoder:
 
     def finish(self) -> list[Reading]:
         """End the stream: return what was held back, forget an unfinished line."""
-        readings = self._released(self._held)
+        held = self._without_partial(self._held)
+        self.tally.partial += len(self._held) - len(held)
+        readings = self._released(held)
         self._refuse(len(self._strangers))
         self.tally.discarded += len(self._buffer)
         self.tally.readings += len(readings)
@@ -161,11 +163,13 @@ class TextDecoder:
         agreed = {module for (module, _), lines in said.items() if lines >= _AGREE}
         agreed |= self._widths.keys()
         full = len(self._held) >= _MAX_HELD
-        if not full and any(module not in agreed for module, _ in said):
+        held = self._without_partial(self._held)
+        if not full and any(reading.module not in agreed for reading in held):
             return []
-        held, self._held = self._held, []
+        self.tally.partial += len(self._held) - len(held)
+        self._held = []
         self._opening = False
-        released = self._released([r for r in held if r.module in agreed], held)
+        released = self._released([r for r in held if r.module in agreed])
         for reading in held:
             if reading.module not in agreed:
                 released += self._introduced(reading)
@@ -182,16 +186,23 @@ class TextDecoder:
             self._strangers[reading.module] = reading
         return []
 
-    def _released(
-        self, readings: list[Reading], opening: list[Reading] | None = None
-    ) -> list[Reading]:
+    def _without_partial(self, held: list[Reading]) -> list[Reading]:
+        """The opening lines less the first, if that can be the tail of a longer line.
+
+        Then its frame number is the tail of a number that would fit, or its module is one
+        that never spoke again while all others did.
+        """
+        if len(held) < _AGREE:
+            return held
+        lines = Counter(reading.module for reading in held[1:])
+        alone = lines[held[0].module] == 0 and min(lines.values()) >= _AGREE
+        return held[1:] if alone or _is_tail(held[0].seq, held[1].seq) else held
+
+    def _released(self, readings: list[Reading]) -> list[Reading]:
         """Those of the readings that have their module's number of counts."""
         said = Counter((r.module, len(r.counts)) for r in readings)
         for (module, width), _ in said.most_common():
             self._widths.setdefault(module, width)
-        if opening and _is_tail(opening[0].seq, opening[1].seq):
-            self.tally.partial += 1
-            readings = [reading for reading in readings if reading is not opening[0]]
         kept = [reading for reading in readings if self._fits(reading)]
         if kept:
             self._last_seq = kept[-1].seq

@@ -60,9 +60,7 @@ def play_live(
                     err=True,
                 )
             device.wait_for_host(stop.is_set)
-            played = device.play(
-                readings, speed=speed, duration=duration, stopped=stop.is_set
-            )
+            played = device.play(readings, speed=speed, duration=duration, stopped=stop.is_set)
             if not stop.is_set():
                 device.let_host_finish(stop.is_set)
     finally:
