@@ -1,5 +1,6 @@
 """Frame formats: fixtures written by hand, round trips, and parsers that survive anything."""
 
+import itertools
 import math
 import random
 import tracemalloc
@@ -90,7 +91,7 @@ def test_cobs_round_trip_however_it_is_cut(reading, cuts):
     wire = ENCODERS["cobs"](reading)
     assert 0 not in wire[1:-1]
     borders = sorted({min(cut, len(wire)) for cut in cuts} | {0, len(wire)})
-    chunks = [wire[a:b] for a, b in zip(borders, borders[1:], strict=False)]
+    chunks = [wire[a:b] for a, b in itertools.pairwise(borders)]
     (back,) = decoded("cobs", *chunks)
     assert same(back, reading)
 
@@ -280,5 +281,5 @@ def test_no_bytes_break_a_decoder(name, chunks):
         decode.feed(chunk, 0.0)
     decode.finish()
     assert decode.tally.bytes == sum(map(len, chunks))
-    (back,) = [r for r in decode.feed(COBS_EXAMPLE, 0.0)] if name == "cobs" else [EXAMPLE]
+    (back,) = decode.feed(COBS_EXAMPLE, 0.0) if name == "cobs" else [EXAMPLE]
     assert same(back, EXAMPLE)

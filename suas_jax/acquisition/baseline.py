@@ -165,7 +165,7 @@ def read_baseline(path: Path) -> Baseline:
 
 def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
     """The counts of a baseline, arranged as in another; NaN where it has none."""
-    rest = np.full(like.so.shape, np.nan)
+    rest = np.full_like(like.so, np.nan)
     width = min(rest.shape[1], baseline.so.shape[1])
     for row, module in enumerate(like.modules):
         at = np.flatnonzero(baseline.modules == module)

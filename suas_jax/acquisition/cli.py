@@ -176,7 +176,7 @@ def baseline(
     ] = 0.05,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing baseline.")] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the baseline as JSON.")
+        bool, typer.Option("--json", help="Print it as JSON.")
     ] = False,
 ) -> None:
     """Average a log of the skin at rest; refused while the skin is loaded or drifting.

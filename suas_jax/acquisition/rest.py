@@ -21,11 +21,11 @@ def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
 
     configure()
     report = solve(scene_from_dict({"skin": str(skin.resolve())})).report
-    rest = np.full(like.so.shape, np.nan)
+    rest = np.full_like(like.so, np.nan)
     if not report.get("taxels"):
         raise ValueError(f"{skin}: no [electrodes]: nothing to compare with")
     for taxel in report["taxels"]:
         row = np.flatnonzero(like.modules == taxel["module"])
         if row.size and taxel["taxel"] <= rest.shape[1]:
-            rest[row[0], taxel["taxel"] - 1] = taxel["so"]
+            rest[int(row[0]), taxel["taxel"] - 1] = taxel["so"]
     return rest
