@@ -175,9 +175,7 @@ def baseline(
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
     ] = 0.05,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing baseline.")] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print it as JSON.")
-    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
 ) -> None:
     """Average a log of the skin at rest; refused while the skin is loaded or drifting.
 

@@ -139,7 +139,9 @@ class SerialSource:
             data = bytes(self._port.read(_MOST_AT_ONCE if self._by_socket else 1))
             return data + self.waiting() if data and not self._by_socket else data
         except (OSError, TypeError) as error:  # pyserial: TypeError when closed meanwhile
-            raise PortError(f"{self.name}: the connection was lost ({error})") from None
+            # pyserial's words for a device that is gone speak of something else.
+            why = "the device went away" if "readiness" in str(error) else error
+            raise PortError(f"{self.name}: the connection was lost ({why})") from None
 
     def waiting(self) -> bytes:
         """Bytes that are there already."""
