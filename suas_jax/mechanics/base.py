@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
@@ -103,16 +104,23 @@ class AbstractMechanics(eqx.Module):
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of displacement, the measure of convergence [m]."""
 
+    @abc.abstractmethod
+    def inner_face(
+        self, q: StationVector, xi: Float[np.ndarray, " sample"]
+    ) -> Float[Array, "component sample element lane"]:
+        """Current positions on the inner face [m], smooth along every element.
+
+        Args:
+            q: unknowns.
+            xi: local coordinates along an element, 0 at its left end and 1 at its right.
+        """
+
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].
 
         Its gradient by q is the residual of `assemble`, its Hessian the tangent.
         """
-        return (
-            self.strain_energy(q)
-            - pressure * self.volume_change(q)
-            - factor * self.work(q)
-        )
+        return self.strain_energy(q) - pressure * self.volume_change(q) - factor * self.work(q)
 
 
 def largest(values: Float[Array, "*axes lane"]) -> Lanes:

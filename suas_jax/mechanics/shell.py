@@ -33,6 +33,7 @@ from suas_jax.mechanics.shell_points import (
     Moments,
     Points,
     element_tables,
+    fibre_height,
     kinematics,
     mix,
     point_terms,
@@ -343,6 +344,22 @@ class Shell(AbstractMechanics):
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""
         return largest(q[:2])
+
+    def inner_face(
+        self, q: StationVector, xi: Float[np.ndarray, " sample"]
+    ) -> Float[Array, "2 sample element lane"]:
+        """Current positions on the inner face; see the base class."""
+        qe = self._gather(q)
+        u, u1, u2 = (
+            jnp.swapaxes(mix(np.stack(hermite(xi, order), 1), qe), 0, 1) / self.lengths**order
+            for order in range(3)
+        )
+        _, t, n = self._reference(xi)
+        r1, r2 = t + u1, u2 - n / self.mid_radius
+        a, c = r1[0] ** 2 + r1[1] ** 2, r2[0] * r1[1] - r2[1] * r1[0]
+        lever = -self.thickness / 2 + self.thickness**2 / (8 * self.mid_radius)
+        height = fibre_height(lever, a, c) / jnp.sqrt(a)
+        return self.mid_radius * n + u + height * jnp.stack([-r1[1], r1[0]])
 
 
 def _full(k: Float[Array, "4 4 3 element lane"]) -> Float[Array, "4 4 2 2 element lane"]:

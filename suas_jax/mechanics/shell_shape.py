@@ -11,6 +11,7 @@ from suas_jax.element import hermite
 from suas_jax.geometry import outward, tangent
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell import Shell
+from suas_jax.mechanics.shell_points import fibre_height
 
 
 class _MidLine(NamedTuple):
@@ -87,9 +88,7 @@ def _recover(shell: Shell, line: _MidLine) -> Profile:
     def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
         """Displacement and hoop stretch of the fibre at a reference offset."""
         m = offset + offset**2 / (2 * radius)
-        # zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3.
-        zeta = 2 * m / size / (1 + jnp.sqrt(1 + 2 * m * c / a**2))
-        moved = jnp.stack(line.u) + zeta * normal - offset * n
+        moved = jnp.stack(line.u) + fibre_height(m, a, c) * normal - offset * n
         green = (stretch + 2 * m * curvature) / (1 + offset / radius) ** 2
         return moved, jnp.sqrt(1 + green)
 
