@@ -10,15 +10,14 @@ values nor for derivatives, and one polynomial serves any number of rays.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from suas_jax._types import Lanes, StationVector
+from suas_jax.geometry import outward
 from suas_jax.mechanics.base import AbstractMechanics
 
-# Samples per element. Measured on the paper's cases with 16 elements, error of the gap
-# relative to 5 mm: 4 samples 4e-6, 5 1e-7, 6 3e-9, 8 3e-12.
-_SAMPLES = 6
+# Intervals an element is sampled in, the degree of its polynomial.
+_INTERVALS = 6
 
 
 class PolarFace(NamedTuple):
@@ -37,19 +36,18 @@ class PolarFace(NamedTuple):
     folded: Bool[Array, " lane"]
 
 
-def local_coordinates(samples: int = _SAMPLES) -> np.ndarray:
-    """Chebyshev points of the second kind on [0, 1], both ends included."""
-    return (1 - np.cos(np.pi * np.arange(samples) / (samples - 1))) / 2
-
-
-def polar_face(mechanics: AbstractMechanics, q: StationVector) -> PolarFace:
+def polar_face(
+    mechanics: AbstractMechanics, q: StationVector, inner_radius: Lanes
+) -> PolarFace:
     """Describe the deformed inner face by its radius over the polar angle.
 
     Args:
         mechanics: the membrane on the whole arc.
         q: its unknowns.
+        inner_radius: of the undeformed inner face [m].
     """
-    x, y = mechanics.inner_face(q, local_coordinates())
+    shape = mechanics.profile(q, _INTERVALS)
+    x, y = inner_radius * outward(shape.angle) + shape.inner_displacement
     angle, radius = jnp.arctan2(x, y), jnp.sqrt(x**2 + y**2)
     first, last = angle[0], angle[-1]
     t = (2 * angle - first - last) / (last - first)

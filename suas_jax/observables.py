@@ -17,7 +17,6 @@ from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.equilibrium import Problem, State, volume_residual
 from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.shell_shape import at_angle, profile
 from suas_jax.problem import all_numbers, geometry_of, line_loads_of
 from suas_jax.sensing import electrodes_of
 from suas_jax.taxel import taxel_names
@@ -91,7 +90,7 @@ def load_observables(
             entries.append({"pressure_Pa": pressure})
             continue
         load = next(lines)
-        shape = at_angle(problem.mechanics, state.q, load.angle)
+        shape = problem.mechanics.at_angle(state.q, load.angle)
         along = load.direction
 
         def component(displacement: Array, along: Array = along) -> Lanes:
@@ -114,7 +113,7 @@ def taxel_observables(
 ) -> dict[str, Array]:
     """What the taxels read, a column a quantity [taxel, lane]; empty without electrodes."""
     numbers = all_numbers(scene, inputs)
-    electrodes = electrodes_of(scene, numbers, geometry_of(numbers).wall_radius)
+    electrodes = electrodes_of(scene, numbers, geometry_of(numbers))
     if electrodes is None:
         return {}
     readings = electrodes.read(problem.mechanics, state.q)
@@ -153,7 +152,7 @@ def observe(
     """
     numbers = all_numbers(scene, inputs)
     geometry = geometry_of(numbers)
-    shape = profile(problem.mechanics, state.q, SAMPLES)
+    shape = problem.mechanics.profile(state.q, SAMPLES)
     gap, gap_angle = _gap(shape, geometry)
     moved = jnp.sqrt(jnp.sum(shape.inner_displacement**2, 0) + 1e-300)
     report = {

@@ -9,7 +9,6 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.geometry import outward
-from suas_jax.mechanics.shell_shape import profile
 from suas_jax.solve import Solution
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         file: where to write the figure; its ending chooses the format.
     """
     problem = solution.problem()
-    shape = profile(problem.mechanics, solution.state.q, _SAMPLES)
+    shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
     normal = np.asarray(outward(angle))

@@ -11,6 +11,7 @@ from suas_jax._types import Lanes, StationVector
 from suas_jax.capacitance import FORMULAS, AbstractCapacitance
 from suas_jax.config import SkinSpec
 from suas_jax.gap import gap_at, polar_face
+from suas_jax.geometry import SkinGeometry
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.taxel import Taxels, taxels_of
 
@@ -37,7 +38,7 @@ class Electrodes(eqx.Module):
 
     Attributes:
         taxels: where they are.
-        wall_radius: of the wall [m].
+        geometry: of the skin.
         permittivity: relative, of the oil.
         stray: capacitance in parallel with each taxel [F].
         lsb: capacitance of one count [F].
@@ -45,7 +46,7 @@ class Electrodes(eqx.Module):
     """
 
     taxels: Taxels
-    wall_radius: Lanes
+    geometry: SkinGeometry
     permittivity: Lanes
     stray: Lanes
     lsb: Lanes
@@ -61,24 +62,24 @@ class Electrodes(eqx.Module):
             mechanics: the membrane on the whole arc.
             q: its unknowns.
         """
-        taxels = self.taxels
-        rays = taxels.rays(self.wall_radius)
+        taxels, wall = self.taxels, self.geometry.wall_radius
+        rays = taxels.rays(wall)
         count, nodes, lanes = rays.shape
-        face = polar_face(mechanics, q)
-        gap = gap_at(face, rays.reshape(count * nodes, lanes), self.wall_radius)
+        face = polar_face(mechanics, q, self.geometry.inner_radius)
+        gap = gap_at(face, rays.reshape(count * nodes, lanes), wall)
         gap = gap.reshape(count, nodes, -1)
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
         clear = jnp.all(gap > 0, 1)
         safe = jnp.where(clear[:, None], gap, 1.0)
-        density = self.formula.per_area(safe, self.wall_radius, self.permittivity)
+        density = self.formula.per_area(safe, wall, self.permittivity)
         capacitance = self.stray + taxels.area * taxels.average(density)
         capacitance = jnp.where(clear, capacitance, jnp.nan)
         return Readings(gap[:, nodes // 2], capacitance, capacitance / self.lsb, ~clear)
 
 
 def electrodes_of(
-    spec: SkinSpec, numbers: Mapping[str, Any], wall_radius: Lanes
+    spec: SkinSpec, numbers: Mapping[str, Any], geometry: SkinGeometry
 ) -> Electrodes | None:
     """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed."""
     if spec.electrodes is None:
@@ -88,8 +89,8 @@ def electrodes_of(
         return jnp.asarray(numbers[path], float)[..., None]
 
     return Electrodes(
-        taxels_of(spec.electrodes, numbers, wall_radius),
-        wall_radius,
+        taxels_of(spec.electrodes, numbers, geometry.wall_radius),
+        geometry,
         value("oil.relative_permittivity"),
         value("electrodes.stray"),
         value("electrodes.lsb"),

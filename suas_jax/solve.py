@@ -20,7 +20,6 @@ from jaxtyping import ArrayLike
 from suas_jax._types import Lanes
 from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
-from suas_jax.mechanics.shell_shape import mirrored, prolonged
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import load_observables, observe, taxel_rows
 from suas_jax.problem import build_problem, plan_for
@@ -88,9 +87,9 @@ def is_symmetric(plan: MeshPlan) -> bool:
     )
 
 
-def whole(state: State, plan: MeshPlan) -> State:
+def whole(problem: Problem, state: State, plan: MeshPlan) -> State:
     """The state on the whole arc from the one that was solved."""
-    return state._replace(q=mirrored(state.q)) if plan.symmetric else state
+    return state._replace(q=problem.mechanics.mirrored(state.q)) if plan.symmetric else state
 
 
 def _discretisation_error(coarse: dict[str, Any], fine: dict[str, Any]) -> Lanes:
@@ -131,7 +130,7 @@ def assess(
     problem = build_problem(spec, plan, inputs)
     report = observe(spec, problem, state, inputs)
     fine = build_problem(spec, fine_plan, inputs)
-    start = state._replace(q=prolonged(problem.mechanics, state.q))
+    start = state._replace(q=problem.mechanics.prolonged(state.q))
     check = verify(fine, start)
     report["stable"] = check.stable
     report["discretisation_error"] = _discretisation_error(
@@ -146,8 +145,9 @@ def _program(
     scene: Structure, plan: MeshPlan, half: MeshPlan, fine_plan: MeshPlan, inputs: Inputs
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     """Solve on `half` (or `plan` itself), then assess on the whole arc."""
-    found = equilibrium(build_problem(scene.scene, half, inputs))
-    state = whole(found.state, half)
+    problem = build_problem(scene.scene, half, inputs)
+    found = equilibrium(problem)
+    state = whole(problem, found.state, half)
     report = assess(scene.scene, plan, fine_plan, state, inputs)
     outcome = {
         "result": found.result,

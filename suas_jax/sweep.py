@@ -67,10 +67,11 @@ def _program(
     levels: Array,
     start: State | None,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    found = path(build_problem(scene.scene, half, inputs), levels, start)
+    problem = build_problem(scene.scene, half, inputs)
+    found = path(problem, levels, start)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(scene.scene, plan, fine_plan, whole(state, half), inputs)
+        return assess(scene.scene, plan, fine_plan, whole(problem, state, half), inputs)
 
     reports = jax.lax.map(one, found.state)
     names = ("result", "level", "iterations", "smallest_pivot")

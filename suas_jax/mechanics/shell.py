@@ -24,24 +24,21 @@ from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.element import hermite
 from suas_jax.geometry import SkinGeometry, outward, tangent
-from suas_jax.jet import second_order
 from suas_jax.kinematics import FibreStretch
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
 from suas_jax.mechanics.shell_ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
+from suas_jax.mechanics.shell_loads import Loaded, load_terms, load_work, under
 from suas_jax.mechanics.shell_points import (
     Moments,
     Points,
     element_tables,
-    fibre_height,
     kinematics,
     mix,
     point_terms,
 )
+from suas_jax.mechanics.shell_shape import at, mirrored, prolonged, recovered, sampled
 from suas_jax.quadrature import gauss_legendre
-
-# Load points up to which their terms are written out one by one.
-_FEW_POINTS = 4
 
 
 class Shell(AbstractMechanics):
@@ -241,68 +238,10 @@ class Shell(AbstractMechanics):
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
-        displacement, r1, normal = self._at_loads(self._gather(q))
-        x, y = r1
-        size = jnp.sqrt(x**2 + y**2)
-        turned = jnp.stack([-y / size, x / size]) - normal
-        moved = displacement + self.thickness / 2 * turned
-        return jnp.sum(self.points.force * moved, (0, 1))
+        return load_work(self.points, self._loaded(self._gather(q)), self.thickness)
 
-    def _at_loads(self, qe: Array) -> tuple[Array, tuple[Array, Array], Array]:
-        """Displacement, current r' and reference normal at the load points."""
-        at, slope = self._load_shapes()
-        length, start, span = self._load_elements()
-        select = self.points.select
-        qp = jnp.sum(qe[:, :, :, None] * select, 2)
-        u = jnp.sum(at[:, None] * qp, 0)
-        u1 = jnp.sum(slope[:, None] * qp, 0) / length
-        angle = start + self.points.xi * span
-        t = tangent(angle)
-        return u, (t[0] + u1[0], t[1] + u1[1]), outward(angle)
-
-    def _load_shapes(self) -> tuple[Array, Array]:
-        xi = self.points.xi
-        return jnp.stack(hermite(xi)), jnp.stack(hermite(xi, 1))
-
-    def _load_elements(self) -> tuple[Array, Array, Array]:
-        select = self.points.select
-        span = self.angles[1:] - self.angles[:-1]
-        pick = [jnp.sum(select * x[:, None], 0) for x in (self.lengths, self.angles[:-1], span)]
-        return pick[0], pick[1], pick[2]
-
-    def _load_terms(self, qe: Array) -> tuple[Array, Array]:
-        """Load vector and its derivative, per element: [4, 2, E, L], [4, 4, 2, 2, E, L]."""
-        at, slope = self._load_shapes()
-        length, _, _ = self._load_elements()
-        _, (x, y), _ = self._at_loads(qe)
-        fx, fy = self.points.force
-
-        def projected(x: Array, y: Array) -> Array:
-            return (fy * x - fx * y) / jnp.sqrt(x**2 + y**2)
-
-        jet = second_order(projected, x, y)
-        half = self.thickness / 2
-        slope = slope / length
-        gradient = half * jnp.stack([jet.x, jet.y])
-        curvature = half * jnp.stack([jnp.stack([jet.xx, jet.xy]), jnp.stack([jet.xy, jet.yy])])
-        vector = at[:, None] * self.points.force + slope[:, None] * gradient
-        select = self.points.select
-        points = select.shape[1]
-        if points > _FEW_POINTS:
-            matrix = slope[:, None, None, None] * slope[None, :, None, None] * curvature
-            return (
-                jnp.einsum("ncpl,epl->ncel", vector, select),
-                jnp.einsum("nmcdpl,epl->nmcdel", matrix, select),
-            )
-        # Term by term, the few points of line loads become part of the loop that uses
-        # them; a contraction or a reduction would store zeros for most elements.
-        vectors, matrices = [], []
-        for p in range(points):
-            vectors.append(vector[:, :, p, None] * select[:, p])
-            bending = curvature[:, :, p, None] * select[:, p]
-            rows, columns = slope[:, None, p], slope[None, :, p]
-            matrices.append((rows * columns)[:, :, None, None, None] * bending)
-        return sum(vectors, jnp.zeros_like(qe)), sum(matrices, jnp.zeros(()))
+    def _loaded(self, qe: Array) -> Loaded:
+        return under(self.points, qe, self.angles, self.mid_radius)
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
@@ -316,7 +255,8 @@ class Shell(AbstractMechanics):
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = _full(stiffness.reshape(4, 4, *stiffness.shape[1:]))
         volume, gradient = self._volume(qe, rows[-4:])
-        load, load_stiffness = self._load_terms(qe)
+        load, load_stiffness = load_terms(self.points, self._loaded(qe), self.thickness)
+        load = jnp.broadcast_to(load, qe.shape)
         rotation = np.array([[0.0, 1.0], [-1.0, 0.0]])
         coupling = np.einsum("nm,ce->nmce", tables.area, rotation)[..., None, None]
         diagonal, upper = self._blocks(
@@ -341,25 +281,27 @@ class Shell(AbstractMechanics):
         diagonal = _sum(k[0, 0], k[1, 1])
         return turn_blocks(diagonal, k[0, 1], self._ends(), self._free()[:, [0, -1]])
 
+    def profile(self, q: StationVector, samples: int) -> Profile:
+        """The deformed section at evenly spaced points; see the base class."""
+        line = sampled(self._gather(q), self.angles, self.mid_radius, samples)
+        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+
+    def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
+        """The deformed section at a reference angle; see the base class."""
+        line = at(self._gather(q), self.angles, self.mid_radius, angle)
+        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+
+    def mirrored(self, q: StationVector) -> StationVector:
+        """Unknowns of the whole arc; see the base class."""
+        return mirrored(q)
+
+    def prolonged(self, q: StationVector) -> StationVector:
+        """The same deformation on elements half as long; see the base class."""
+        return prolonged(q, self._gather(q), self.lengths)
+
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""
         return largest(q[:2])
-
-    def inner_face(
-        self, q: StationVector, xi: Float[np.ndarray, " sample"]
-    ) -> Float[Array, "2 sample element lane"]:
-        """Current positions on the inner face; see the base class."""
-        qe = self._gather(q)
-        u, u1, u2 = (
-            jnp.swapaxes(mix(np.stack(hermite(xi, order), 1), qe), 0, 1) / self.lengths**order
-            for order in range(3)
-        )
-        _, t, n = self._reference(xi)
-        r1, r2 = t + u1, u2 - n / self.mid_radius
-        a, c = r1[0] ** 2 + r1[1] ** 2, r2[0] * r1[1] - r2[1] * r1[0]
-        lever = -self.thickness / 2 + self.thickness**2 / (8 * self.mid_radius)
-        height = fibre_height(lever, a, c) / jnp.sqrt(a)
-        return self.mid_radius * n + u + height * jnp.stack([-r1[1], r1[0]])
 
 
 def _full(k: Float[Array, "4 4 3 element lane"]) -> Float[Array, "4 4 2 2 element lane"]:

@@ -131,17 +131,3 @@ def point_terms(
         stresses.reshape(shape[0], 2, 2, *shape[2:]),
         tangents.reshape(shape[0], 2, 2, 3, *shape[2:]),
     )
-
-
-def fibre_height(lever: Array, a: Array, c: Array) -> Array:
-    """Current distance of a fibre from the mid-line along the normal [m].
-
-    It solves l (zeta + k zeta^2 / 2) = m, the conservation of the area between them, with
-    l^2 = a and k = c / l^3.
-
-    Args:
-        lever: m = Z + Z^2 / (2 R) of the fibre's reference offset Z [m].
-        a: |r'|^2.
-        c: x'' y' - x' y'' [1/m].
-    """
-    return 2 * lever / jnp.sqrt(a) / (1 + jnp.sqrt(1 + 2 * lever * c / a**2))
