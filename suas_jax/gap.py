@@ -79,13 +79,15 @@ def radius_at(face: PolarFace, angle: Float[Array, "ray #lane"]) -> Float[Array,
         angle: polar angles of the rays [rad]; beyond the clamped edges, where nothing
             moves, a ray takes the radius of the edge.
     """
-    edges = face.edges
+    edges, powers = face.edges, list(face.radius)
     angle = jnp.clip(angle, edges[0], edges[-1])
     element = jnp.sum(angle[:, None] >= edges[1:-1], 1)
-    table = jnp.concatenate(
-        [(edges[:-1] + edges[1:])[None] / 2, 2 / jnp.diff(edges, axis=0)[None], face.radius]
-    )
-    middle, scale, *powers = jnp.take_along_axis(table, element[None], 1)
+    table = jnp.stack([(edges[:-1] + edges[1:]) / 2, 2 / jnp.diff(edges, axis=0), *powers], -1)
+    # One row of the table a ray: with lanes and elements in one axis, rows are contiguous.
+    lanes = jnp.arange(edges.shape[1])
+    rows = jnp.moveaxis(table, 0, 1).reshape(-1, table.shape[-1])
+    picked = rows[lanes * table.shape[0] + element]
+    middle, scale, *powers = jnp.moveaxis(picked, -1, 0)
     t = (angle - middle) * scale
     radius = powers[-1]
     for power in powers[-2::-1]:

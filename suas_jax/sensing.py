@@ -1,9 +1,11 @@
 """From a deformed membrane to what its electrodes read: gap, capacitance, sensor output."""
 
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -64,18 +66,18 @@ class Electrodes(eqx.Module):
         """
         taxels, wall = self.taxels, self.geometry.wall_radius
         rays = taxels.rays(wall)
-        count, nodes, lanes = rays.shape
+        nodes, count, lanes = rays.shape
         face = polar_face(mechanics, q, self.geometry.inner_radius)
-        gap = gap_at(face, rays.reshape(count * nodes, lanes), wall)
-        gap = gap.reshape(count, nodes, -1)
+        gap = gap_at(face, rays.reshape(nodes * count, lanes), wall)
+        gap = jax.lax.optimization_barrier(gap).reshape(nodes, count, -1)
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
-        clear = jnp.all(gap > 0, 1)
-        safe = jnp.where(clear[:, None], gap, 1.0)
+        clear = functools.reduce(jnp.logical_and, [ray > 0 for ray in gap])
+        safe = jnp.where(clear, gap, 1.0)
         density = self.formula.per_area(safe, wall, self.permittivity)
         capacitance = self.stray + taxels.area * taxels.average(density)
         capacitance = jnp.where(clear, capacitance, jnp.nan)
-        return Readings(gap[:, nodes // 2], capacitance, capacitance / self.lsb, ~clear)
+        return Readings(gap[nodes // 2], capacitance, capacitance / self.lsb, ~clear)
 
 
 def electrodes_of(

@@ -59,7 +59,7 @@ class Taxels(eqx.Module):
         """Of the electrodes [m^2]."""
         return jnp.pi / 4 * self.diameter**2
 
-    def rays(self, wall_radius: Lanes) -> Float[Array, "taxel ray #lane"]:
+    def rays(self, wall_radius: Lanes) -> Float[Array, "ray taxel #lane"]:
         """Polar angles at which the gap is taken to average over a footprint [rad].
 
         The disc's chords weigh the points along the arc by sqrt(1 - x^2): Gauss-Chebyshev
@@ -68,14 +68,14 @@ class Taxels(eqx.Module):
         k = np.arange(1, _FOOTPRINT_RAYS + 1)
         x = -np.cos(k * np.pi / (_FOOTPRINT_RAYS + 1))
         half = self.diameter / (2 * wall_radius)
-        return self.angle[:, None] + x[:, None] * half[:, None]
+        return self.angle + x[:, None, None] * half
 
-    def average(self, values: Float[Array, "taxel ray lane"]) -> Float[Array, "taxel lane"]:
+    def average(self, values: Float[Array, "ray taxel lane"]) -> Float[Array, "taxel lane"]:
         """Mean over the footprints of values on the rays of `rays`."""
         k = np.arange(1, _FOOTPRINT_RAYS + 1)
         n = _FOOTPRINT_RAYS + 1
         weights = 2 / n * np.sin(k * np.pi / n) ** 2
-        return jnp.sum(weights[:, None] * values, 1)
+        return sum(w * v for w, v in zip(weights, values, strict=True))
 
 
 def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
