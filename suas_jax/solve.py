@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
+from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import load_observables, observe, taxel_rows
@@ -100,7 +100,7 @@ def _discretisation_error(coarse: dict[str, Any], fine: dict[str, Any]) -> Lanes
     converge with the fourth power of the element length, so the fine solution's own
     error is a sixteenth.
     """
-    tiny = 1e-300
+    tiny = jnp.asarray(1e-300)
     pressure = jnp.abs(coarse["pressure"] - fine["pressure"])
     parts = [pressure / jnp.maximum(jnp.abs(fine["pressure"]), tiny)]
     size = functools.reduce(jnp.maximum, [jnp.abs(d) for d in fine["displacement"]], tiny)
@@ -169,8 +169,9 @@ class _Compiled:
         """Call a jitted function, compiling apart so that both can be timed."""
         dynamic, static = eqx.partition(arguments, eqx.is_array_like)
         shapes = jax.tree.map(np.shape, dynamic)
-        key = (function, jax.tree.structure(static), tuple(jax.tree.leaves(static)))
-        key += (jax.tree.structure(dynamic), str(shapes))
+        leaves = tuple(jax.tree.leaves(static))
+        structures = (jax.tree.structure(static), jax.tree.structure(dynamic))
+        key = (function, structures, leaves, str(shapes))
         if key not in self.programs:
             begin = time.perf_counter()
             self.programs[key] = function.lower(*arguments).compile()  # type: ignore[attr-defined]
