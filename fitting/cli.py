@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from suas_jax import cli as forward
+from suas_jax.acquisition import cli as acquisition
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
@@ -14,6 +15,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 forward.register(app)
+acquisition.register(app)
 
 
 def _print_version(wanted: bool) -> None:
