@@ -17,7 +17,7 @@ from suas_jax.geometry import outward
 from suas_jax.mechanics.base import AbstractMechanics
 
 # Intervals an element is sampled in, the degree of its polynomial.
-_INTERVALS = 6
+_INTERVALS = 4
 
 
 class PolarFace(NamedTuple):

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -65,19 +64,20 @@ class Electrodes(eqx.Module):
             q: its unknowns.
         """
         taxels, wall = self.taxels, self.geometry.wall_radius
-        rays = taxels.rays(wall)
-        nodes, count, lanes = rays.shape
         face = polar_face(mechanics, q, self.geometry.inner_radius)
-        gap = gap_at(face, rays.reshape(nodes * count, lanes), wall)
-        gap = jax.lax.optimization_barrier(gap).reshape(nodes, count, -1)
+        # Ray after ray, not all in one array: a reduction over them would cost the
+        # compiled program several times what the look-ups do.
+        gaps = [gap_at(face, angle, wall) for angle in taxels.rays(wall)]
+        clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
-        clear = functools.reduce(jnp.logical_and, [ray > 0 for ray in gap])
-        safe = jnp.where(clear, gap, 1.0)
-        density = self.formula.per_area(safe, wall, self.permittivity)
-        capacitance = self.stray + taxels.area * taxels.average(density)
-        capacitance = jnp.where(clear, capacitance, jnp.nan)
-        return Readings(gap[nodes // 2], capacitance, capacitance / self.lsb, ~clear)
+        density = taxels.average(
+            self.formula.per_area(jnp.where(clear, gap, 1.0), wall, self.permittivity)
+            for gap in gaps
+        )
+        capacitance = jnp.where(clear, self.stray + taxels.area * density, jnp.nan)
+        centre = gaps[len(gaps) // 2]
+        return Readings(centre, capacitance, capacitance / self.lsb, ~clear)
 
 
 def electrodes_of(

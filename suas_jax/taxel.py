@@ -6,7 +6,7 @@ apart; its single taxel points along +axial and a row runs towards +angle until 
 is turned (positive from +angle towards +axial).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -70,12 +70,12 @@ class Taxels(eqx.Module):
         half = self.diameter / (2 * wall_radius)
         return self.angle + x[:, None, None] * half
 
-    def average(self, values: Float[Array, "ray taxel lane"]) -> Float[Array, "taxel lane"]:
-        """Mean over the footprints of values on the rays of `rays`."""
+    def average(self, values: Iterable[Float[Array, "taxel lane"]]) -> Array:
+        """Mean over the footprints [taxel, lane] of values on the rays, ray by ray."""
         k = np.arange(1, _FOOTPRINT_RAYS + 1)
         n = _FOOTPRINT_RAYS + 1
         weights = 2 / n * np.sin(k * np.pi / n) ** 2
-        return sum(w * v for w, v in zip(weights, values, strict=True))
+        return sum(w * v for w, v in zip(weights, values, strict=True))  # type: ignore[return-value]
 
 
 def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
