@@ -2,8 +2,8 @@
 
 Laplace's equation for the potential between wall and membrane on a structured mesh of the
 film's section, r = r_w + eta d(phi), stations along the arc as everywhere in the project:
-linear in phi, a polynomial of fifth degree across the film. The stations' unknowns form a
-block-tridiagonal system for the same solver as the membrane's.
+linear in phi, a polynomial across the film (of fifth degree unless told otherwise). The
+stations' unknowns form a block-tridiagonal system for the same solver as the membrane's.
 
 The membrane is grounded and the electrode at one volt. The wall around it is either a
 *guard* at the same potential, as converters drive their shields, or *bare*, where the field
@@ -45,7 +45,9 @@ class Film(NamedTuple):
 
 
 def wall_charge(
-    film: Film, driven: Bool[Array, "station #lane"] | Bool[np.ndarray, " station"]
+    film: Film,
+    driven: Bool[Array, "station #lane"] | Bool[np.ndarray, " station"],
+    degree: int = _DEGREE,
 ) -> Float[Array, "station lane"]:
     """Charge on the wall's stations over permittivity and volt, per unit of width.
 
@@ -54,23 +56,29 @@ def wall_charge(
     Args:
         film: the section.
         driven: stations at one volt; the others' potential is free (a bare wall).
+        degree: of the polynomial across the film. An electrode's edge on a bare wall is a
+            singularity: it wants 12 or more.
 
     Returns:
         Charge divided by eps0 eps_r, dimensionless; zero on a bare wall.
     """
     driven = jnp.reshape(jnp.asarray(driven), (film.angle.shape[0], -1))
-    blocks = _stiffness(film)  # [side, side, node, node, element, lane]; last node: membrane
+    # The last node across the film is the membrane's, at zero.
+    blocks = _stiffness(film, degree)
     free = blocks[:, :, :-1, :-1]
     diagonal = _sum(free[0, 0], free[1, 1])
     upper = free[0, 1]
-    wall = np.zeros((_DEGREE, 1, 1))
+    wall = np.zeros((degree, 1, 1))
     wall[0] = 1.0
     held = wall * driven  # [node, station, lane]
     lanes = jnp.broadcast_shapes(held.shape, (1, 1, film.gap.shape[-1]))
     potential = jnp.broadcast_to(held, lanes)
     right = -_times(diagonal, upper, potential) * (1 - held) + held
     loose = 1 - held
-    inner = diagonal * loose[:, None] * loose[None] + _identity(held)
+    inner = (
+        diagonal * loose[:, None] * loose[None]
+        + np.eye(degree)[:, :, None, None] * held[:, None]
+    )
     between = upper * loose[:, None, :-1] * loose[None, :, 1:]
     operator = BorderedBlockTridiagonal(inner, between, None, None)
     right = jnp.broadcast_to(right, (*right.shape[:-1], film.gap.shape[-1]))
@@ -97,7 +105,7 @@ def field_capacitance(
     """
     geometry, taxels = electrodes.geometry, electrodes.taxels
     wall = geometry.wall_radius
-    angle = np.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
+    angle = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
     gap = gap_at(polar_face(mechanics, q, geometry.inner_radius), angle, wall)
     clear = jnp.all(gap > 0, 0)
     film = Film(angle, jnp.where(clear, gap, 1.0), wall)
@@ -139,10 +147,10 @@ def chords(
     return (twice(x + h) - 2 * twice(x) + twice(x - h)) / h**2
 
 
-def _stiffness(film: Film) -> Float[Array, "2 2 node node element lane"]:
+def _stiffness(film: Film, degree: int) -> Float[Array, "2 2 node node element lane"]:
     """Element matrices of the energy integral of |grad u|^2 over the film."""
-    eta, eta_weights = gauss_legendre(_DEGREE + 2)
-    shape, slope = _radial(eta)  # [node, point]
+    eta, eta_weights = gauss_legendre(degree + 2)
+    shape, slope = _radial(eta, degree)  # [node, point]
     span = film.angle[1:] - film.angle[:-1]
     rise = (film.gap[1:] - film.gap[:-1]) / span
     total = jnp.zeros(())
@@ -169,13 +177,13 @@ def _outer(a: Array, b: Array) -> Array:
     return a[:, None, :, None] * b[None, :, None, :]
 
 
-def _radial(eta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _radial(eta: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Lagrange polynomials across the film and their derivatives [node, point]."""
-    nodes = (1 - np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)) / 2
+    nodes = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
     coefficients = np.linalg.inv(np.vander(nodes, increasing=True))
-    powers = np.vander(eta, _DEGREE + 1, increasing=True)
+    powers = np.vander(eta, degree + 1, increasing=True)
     slopes = np.zeros_like(powers)
-    slopes[:, 1:] = powers[:, :-1] * np.arange(1, _DEGREE + 1)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, degree + 1)
     return (powers @ coefficients).T, (slopes @ coefficients).T
 
 
@@ -192,7 +200,3 @@ def _times(diagonal: Array, upper: Array, x: Array) -> Array:
         .mv(BorderedVector(x, None))
         .stations
     )
-
-
-def _identity(held: Array) -> Array:
-    return np.eye(_DEGREE)[:, :, None, None] * held[:, None]

@@ -21,6 +21,7 @@ from suas_jax.problem import all_numbers, geometry_of, line_loads_of
 from suas_jax.sensing import electrodes_of
 from suas_jax.taxel import taxel_names
 
+_CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
 
 
@@ -72,7 +73,7 @@ def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     stable = jnp.array(True)
     for stretch in (shape.inner_stretch, shape.outer_stretch):
         modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
-        stable = stable & jnp.all(modulus > 0, (0, 1))
+        stable = stable & jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1))
     return stable
 
 
@@ -154,7 +155,9 @@ def observe(
     geometry = geometry_of(numbers)
     shape = problem.mechanics.profile(state.q, SAMPLES)
     gap, gap_angle = _gap(shape, geometry)
-    moved = jnp.sqrt(jnp.sum(shape.inner_displacement**2, 0) + 1e-300)
+    square = jnp.sum(shape.inner_displacement**2, 0)
+    at_rest = square == 0  # where a square root has no derivative
+    moved = jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
     report = {
         "loads": load_observables(scene, problem, state, inputs),
         "oil_pressure_Pa": state.pressure,

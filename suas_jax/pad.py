@@ -1,6 +1,7 @@
 """Tile the wall with triangular modules, as the paper's pad carries up to 32 of them."""
 
 import math
+from typing import Any
 
 from suas_jax.config import GeometrySpec, ModuleSpec
 from suas_jax.config.quantities import format_quantity
@@ -15,7 +16,7 @@ def tiled_modules(
     rows: int = 4,
     columns: int = 8,
     edge: float = PAPER_EDGE,
-    **module: float | str | tuple[int, ...],
+    **module: Any,
 ) -> tuple[ModuleSpec, ...]:
     """Cover the wall with rows of triangles that point up and down in turn.
 
@@ -46,9 +47,10 @@ def tiled_modules(
             # A triangle's centroid lies a third of its height above its base.
             middle = row + (2 / 3 if down else 1 / 3) - rows / 2
             angle = (column - (columns - 1) / 2) * edge / 2 / wall
-            pose = {"angle": angle, "axial": middle * height}
             rotation = math.pi if down else 0.0
-            modules.append(ModuleSpec(**pose, rotation=rotation, **module))
+            modules.append(
+                ModuleSpec(angle=angle, axial=middle * height, rotation=rotation, **module)
+            )
     return tuple(modules)
 
 

@@ -29,7 +29,7 @@ from suas_jax.cdc import Converter, Sample
 from suas_jax.config import LineLoadSpec, SceneSpec, load_scene
 from suas_jax.results import NAMES, advice
 from suas_jax.skin import SPREAD_POINTS, Loads, forward, loads_of, skin_of
-from suas_jax.solve import solve
+from suas_jax.solution import solve
 from suas_jax.taxel import taxel_names
 
 # Frames solved in one call, and the shape that is compiled.

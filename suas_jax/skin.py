@@ -70,8 +70,8 @@ class Loads(eqx.Module):
             force: likewise [N].
             turn: likewise, from the inward radial [rad].
         """
-        columns = (jnp.atleast_1d(jnp.asarray(x, float))[None] for x in (angle, force, turn))
-        return cls(*columns, jnp.zeros(1))
+        row = [jnp.atleast_1d(jnp.asarray(x, float))[None] for x in (angle, force, turn)]
+        return cls(row[0], row[1], row[2], jnp.zeros(1))
 
     def in_lanes(self) -> "Loads":
         """The same with every array as wide as the widest."""
@@ -120,7 +120,7 @@ class Skin(eqx.Module):
 
     def problem(self, loads: Loads) -> Problem:
         """The discrete problem of some loads: each a point inside an element."""
-        angles = np.linspace(-1, 1, self.elements + 1)[:, None] * self.geometry.half_angle
+        angles = jnp.linspace(-1, 1, self.elements + 1)[:, None] * self.geometry.half_angle
         element = jnp.sum(loads.angle >= angles[1:-1, None], 0)
         select = (np.arange(self.elements)[:, None, None] == element).astype(angles.dtype)
         start, end = (jnp.sum(select * side[:, None], 0) for side in (angles[:-1], angles[1:]))
@@ -238,8 +238,9 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
             angles.append(load.angle + x * half)
             forces.append(load.force * weight)
             turns.append(turn + x * half)
-    columns = [
-        jnp.reshape(jnp.stack(c), (-1, 1)) if c else jnp.zeros((0, 1))
-        for c in (angles, forces, turns)
-    ]
-    return Loads(*columns, external_pressure_of(scene, numbers))
+
+    def stacked(rows: list[Array]) -> Array:
+        return jnp.stack(rows) if rows else jnp.zeros((0, 1))
+
+    pressure = external_pressure_of(scene, numbers)
+    return Loads(stacked(angles), stacked(forces), stacked(turns), pressure)

@@ -75,7 +75,7 @@ class Taxels(eqx.Module):
         k = np.arange(1, _FOOTPRINT_RAYS + 1)
         n = _FOOTPRINT_RAYS + 1
         weights = 2 / n * np.sin(k * np.pi / n) ** 2
-        return sum(w * v for w, v in zip(weights, values, strict=True))  # type: ignore[return-value]
+        return sum(w * v for w, v in zip(weights, values, strict=True))
 
 
 def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -105,8 +105,10 @@ def taxels_of(
     names = taxel_names(electrodes)
     if electrodes.layout == "list":
         count = len(electrodes.taxels)
-        columns = (column("taxels", count, key) for key in ("angle", "axial", "diameter"))
-        return Taxels(*columns, *names)
+        angle, axial, diameter = (
+            column("taxels", count, key) for key in ("angle", "axial", "diameter")
+        )
+        return Taxels(angle, axial, diameter, *names)
     modules = electrodes.modules
     angle, axial, rotation, pitch, diameter = (
         column("modules", len(modules), key)
@@ -119,7 +121,11 @@ def taxels_of(
     angle = angle[:, None] + (x * cos - y * sin) / wall_radius
     axial = axial[:, None] + x * sin + y * cos
     diameter = jnp.broadcast_to(diameter[:, None], axial.shape)
-    return Taxels(*(c.reshape(-1, c.shape[-1]) for c in (angle, axial, diameter)), *names)
+
+    def flat(x: Array) -> Array:
+        return x.reshape(-1, x.shape[-1])
+
+    return Taxels(flat(angle), flat(axial), flat(diameter), *names)
 
 
 def _places_by_number(numbering: str | Sequence[int]) -> np.ndarray:

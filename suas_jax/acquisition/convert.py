@@ -207,5 +207,6 @@ def read_netcdf(path: Path) -> SoLog:
         for name in data.variables
         if str(name).startswith("flag_")
     }
-    row = (data[name].values for name in ("t_host", "t_device", "seq", "module", "so"))
-    return SoLog(path, header, *row, flags)
+    names = ("t_host", "t_device", "seq", "module", "so")
+    t_host, t_device, seq, module, so = (data[name].values for name in names)
+    return SoLog(path, header, t_host, t_device, seq, module, so, flags)
