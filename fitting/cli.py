@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from suas_jax import cli as forward
+from suas_jax import cli_sensing as sensing
 from suas_jax.acquisition import cli as acquisition
 
 app = typer.Typer(
@@ -15,6 +16,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 forward.register(app)
+sensing.register(app)
 acquisition.register(app)
 
 

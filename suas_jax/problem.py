@@ -13,7 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
+from suas_jax.config import (
+    LineLoadSpec,
+    SceneSpec,
+    SkinSpec,
+    continuous_inputs,
+    structure,
+)
 from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from suas_jax.equilibrium import Problem
 from suas_jax.geometry import SkinGeometry
@@ -23,7 +29,7 @@ from suas_jax.mesh import MeshPlan, load_points, plan_mesh
 from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
 
 
-def all_numbers(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
+def all_numbers(scene: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """Every value of a scene by TOML path, the continuous inputs replaced by those given."""
     return {**dict(structure(scene)), **inputs}
 
@@ -38,7 +44,7 @@ def geometry_of(numbers: Mapping[str, Any]) -> SkinGeometry:
     return SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
 
 
-def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
+def law_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
     """Material law from [material], its constants with a lane axis."""
     material = scene.material
     if material.law == "ogden":
@@ -52,7 +58,7 @@ def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
     return {"mooney-rivlin": MooneyRivlin, "yeoh": Yeoh}[material.law](*constants)
 
 
-def oil_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractOil:
+def oil_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
     """Oil model from [oil]."""
     if scene.oil.model == "compressible":
         return CompressibleOil(_lane(numbers["oil.bulk_modulus"]))

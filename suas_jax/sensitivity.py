@@ -27,13 +27,19 @@ def quantities(report: Any, prefix: str = "") -> list[str]:
         items = [(str(i), value) for i, value in enumerate(report)]
     else:
         smooth = eqx.is_array(report) and jnp.issubdtype(report.dtype, jnp.floating)
+        if smooth and report.ndim == 2:  # a column over the taxels
+            table, _, name = prefix.removesuffix(".").rpartition(".")
+            return [f"{table}.{i}.{name}" for i in range(report.shape[0])]
         return [prefix.removesuffix(".")] if smooth else []
     return [name for key, value in items for name in quantities(value, f"{prefix}{key}.")]
 
 
 def _pick(report: Any, path: str) -> Array:
     for key in path.split("."):
-        report = report[int(key)] if isinstance(report, list) else report[key]
+        if isinstance(report, dict) and key.isdigit():  # a table of columns over the taxels
+            report = {name: column[int(key)] for name, column in report.items()}
+        else:
+            report = report[int(key)] if isinstance(report, list) else report[key]
     return report
 
 

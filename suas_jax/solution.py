@@ -6,6 +6,7 @@ elements; the numbers of the scene are its arguments.
 
 import dataclasses
 import functools
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -20,7 +21,7 @@ from suas_jax._types import Lanes
 from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mesh import MeshPlan
-from suas_jax.observables import load_observables, observe
+from suas_jax.observables import load_observables, observe, taxel_rows
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.results import NAMES, advice
 
@@ -196,7 +197,7 @@ def _starting_elements(scene: SceneSpec) -> int:
     return max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals)
 
 
-def plain(tree: Any, row: int = 0) -> Any:
+def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
     """Arrays to Python numbers, one row of them where they have many."""
 
     def number(x: Any) -> Any:
@@ -204,7 +205,15 @@ def plain(tree: Any, row: int = 0) -> Any:
             return x
         return np.asarray(x).reshape(-1)[row].item()
 
-    return jax.tree.map(number, tree)
+    columns = tree.get("taxels", {})
+    numbers: dict[str, Any] = jax.tree.map(
+        number, {k: tree[k] for k in tree.keys() - {"taxels"}}
+    )
+    if columns:
+        count = columns["so"].shape[-2]
+        rows = {name: np.asarray(x).reshape(-1, count)[row] for name, x in columns.items()}
+        numbers["taxels"] = {name: x.tolist() for name, x in rows.items()}
+    return numbers
 
 
 def unloaded(scene: SceneSpec) -> bool:
@@ -279,16 +288,20 @@ def report_of(
     """The report of one state, in the order of the contract."""
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
+    taxels = taxel_rows(scene, observed.pop("taxels", {}))
     return {
-        **_header(scene, observed | {"loads": loads}, outcome),
+        **_header(scene, observed | {"loads": loads}, outcome, taxels),
         "iterations": outcome["iterations"],
         "unknowns": outcome["unknowns"],
-        "taxels": [],
+        "taxels": taxels,
     }
 
 
 def _header(
-    scene: SceneSpec, report: dict[str, Any], outcome: dict[str, Any]
+    scene: SceneSpec,
+    report: dict[str, Any],
+    outcome: dict[str, Any],
+    taxels: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Status, message and error estimate, ahead of the observables."""
     status = NAMES[outcome["result"]]
@@ -299,6 +312,7 @@ def _header(
         message.append(f"It carries {outcome['level']:.4g} of the load.")
     if status == "converged":
         message += _remarks(scene, report, error if known else None)
+        message += _blind(taxels)
     return {
         "model": "shell",
         "status": status,
@@ -330,3 +344,14 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")
     return remarks
+
+
+def _blind(taxels: list[dict[str, Any]]) -> list[str]:
+    """Which taxels have no reading, where there are such."""
+    blind = sum(not math.isfinite(taxel["so"]) for taxel in taxels)
+    if not blind:
+        return []
+    return [
+        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
+        "real converter saturates."
+    ]
