@@ -142,3 +142,40 @@ def test_command(rest, tmp_path, capsys):
         baseline(written("pressed.csv", pressed), tmp_path / "c.json", reference=out)
     assert "the skin was loaded" in capsys.readouterr().err
     assert not (tmp_path / "c.json").exists()
+
+
+SCENE = """
+[geometry]
+inner_radius = "57.5 mm"
+thickness = "1.5 mm"
+half_angle = "90 deg"
+width = "123 mm"
+oil_gap = "5 mm"
+[material]
+preset = "epdm-paper"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.2
+[electrodes]
+taxels = [ { angle = "-30 deg" }, { angle = "0 deg" }, { angle = "30 deg" } ]
+"""
+LOAD = '[[load]]\nkind = "line"\nangle = "0 deg"\nforce = "2 N"\ndirection = "radial"\n'
+
+
+def test_a_steady_load_shows_against_the_model(tmp_path, capsys):
+    """Logs of a simulated skin name their scene: rest is accepted, 2 N all the time are not."""
+    import typer
+
+    from suas_jax.acquisition.cli import baseline
+    from suas_jax.cli_sensing import simulate
+
+    for name, load in (("rest", ""), ("pressed", LOAD)):
+        scene, log = tmp_path / f"{name}.toml", tmp_path / f"{name}.csv"
+        scene.write_text(SCENE + load)
+        simulate(scene, log, rate=50.0, duration=2.0)
+    baseline(tmp_path / "rest.csv", tmp_path / "rest.json")
+    with pytest.raises(typer.Exit):
+        baseline(tmp_path / "pressed.csv", tmp_path / "pressed.json")
+    message = capsys.readouterr().err
+    assert "the skin was loaded: module 0, so_2" in message
+    assert "--model-tolerance" in message

@@ -299,3 +299,22 @@ def test_a_log_played_again_is_the_same_log(tmp_path):
 def test_a_fault_that_is_none_is_named(text):
     with pytest.raises(ValueError, match=r"fault|corrupt"):
         parse_faults([text])
+
+
+def test_a_scene_played_live(tmp_path):
+    from test_baseline import LOAD, SCENE
+
+    scene, link, truth = (tmp_path / name for name in ("scene.toml", "port", "truth.csv"))
+    scene.write_text(SCENE + LOAD)
+    player = suas(
+        "simulate", scene, "--live", "-o", truth, "--rate", 50, "--duration", 1,
+        "--port", link, "--json",
+    )  # fmt: skip
+    assert player.stdout
+    player.stdout.readline()  # the port is there
+    path = tmp_path / "log.csv"
+    logger = suas("log", link, "--format", "text", "-o", path, "--duration", 2.5)
+    totals, _ = ended(player)
+    logger.communicate(timeout=10)
+    np.testing.assert_array_equal(read_log(path).so, read_log(truth).so)
+    assert totals["rows"] == 50

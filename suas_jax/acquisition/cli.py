@@ -1,4 +1,4 @@
-"""`suas log`, `suas baseline` and the live part of `suas simulate`."""
+"""`suas log` and `suas baseline`."""
 
 import contextlib
 import json
@@ -23,7 +23,6 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands to the program."""
     app.command("log")(log)
     app.command("baseline")(baseline)
-    app.command("simulate")(simulate)
 
 
 def log(
@@ -169,7 +168,9 @@ def baseline(
     ] = 0.02,
     skin: Annotated[
         Path | None,
-        typer.Option(help="Skin file whose rest pattern to agree with; default: the log's."),
+        typer.Option(
+            help="Skin or scene to agree with at rest; default: the log's."
+        ),
     ] = None,
     model_tolerance: Annotated[
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
@@ -222,48 +223,3 @@ def _skin_of(log: "SoLog") -> Path | None:
     name = log.header.get("skin", "")
     places = (Path(name), log.path.parent / name)
     return next((place for place in places if name and place.is_file()), None)
-
-
-def simulate(
-    source: Annotated[Path, typer.Argument(metavar="SCENE|LOG", help="What to play.")],
-    live: Annotated[
-        bool, typer.Option("--live", help="Play as a device on a pseudo-terminal.")
-    ] = False,
-    format_name: Annotated[
-        str,
-        typer.Option("--format", metavar="NAME", help="text, text-checked, cobs, roboskin."),
-    ] = "text",
-    port: Annotated[
-        Path | None, typer.Option(metavar="LINK", help="Symbolic link to the pseudo-terminal.")
-    ] = None,
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=VALUE",
-            help="corrupt=P drop=P duplicate=P unplug=AT:FOR clock-wrap=AT "
-            "stuck=MODULE/TAXEL seed=N",
-        ),
-    ] = None,
-    speed: Annotated[float, typer.Option(help="Times faster than the clock.")] = 1.0,
-    loop: Annotated[bool, typer.Option(help="Play over and over.")] = False,
-    duration: Annotated[
-        float | None, typer.Option(min=0.0, metavar="S", help="Stop after this many seconds.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print what was played.")] = False,
-) -> None:
-    """Play a log as a device on a pseudo-terminal, with faults on demand."""
-    with bad_input():
-        from suas_jax.acquisition.device import log_readings, repeated
-        from suas_jax.acquisition.live import play_live
-        from suas_jax.acquisition.log_file import read_log
-
-        readings = log_readings(read_log(source))
-        play_live(
-            repeated(readings) if loop else readings,
-            format_name=format_name,
-            link=port,
-            faults=fault or (),
-            speed=speed,
-            duration=duration,
-            as_json=as_json,
-        )

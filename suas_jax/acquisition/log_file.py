@@ -353,6 +353,15 @@ def group_frames(log: SoLog) -> Frames:
     return Frames(log.t_host[start], log.t_device[start], log.seq[start], modules, so)
 
 
+def is_log(path: Path) -> bool:
+    """Whether a file begins as a log does: comments, then names with `t_host_s` among them."""
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() and not line.lstrip(b"\xef\xbb\xbf").startswith(b"#"):
+                return b"t_host_s" in line
+    return False
+
+
 def read_log(path: Path, *, follow: bool = True) -> SoLog:
     """Read a log, written here or by other hands.
 
