@@ -12,7 +12,6 @@ from suas_jax.element import hermite
 from suas_jax.geometry import outward, tangent
 from suas_jax.mechanics.base import Profile
 
-
 # Stretch given to a fibre of no length left, on the inner side of a fold.
 CRUSHED = 1e-6
 
