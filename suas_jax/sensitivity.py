@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from suas_jax.compiled import COMPILED
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium import State, differentiable
 from suas_jax.mesh import MeshPlan
@@ -85,7 +86,8 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
             f'"{path}" is not a quantity that can be differentiated; use one of '
             + ", ".join(allowed)
         )
-    found = _program(scene, path, solution.plan, solution.state, inputs)
+    arguments = (scene, path, solution.plan, solution.state, inputs)
+    found = COMPILED.run(_program, *arguments, once=True)
     return {name: float(value) for name, value in found.items()}
 
 

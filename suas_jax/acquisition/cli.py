@@ -168,9 +168,7 @@ def baseline(
     ] = 0.02,
     skin: Annotated[
         Path | None,
-        typer.Option(
-            help="Skin or scene to agree with at rest; default: the log's."
-        ),
+        typer.Option(help="Skin or scene to agree with at rest; default: the log's."),
     ] = None,
     model_tolerance: Annotated[
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
