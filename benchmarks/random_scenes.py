@@ -191,7 +191,9 @@ def main() -> None:
     console.print(f"largest imbalance of a converged scene: {worst:.1e} of the load")
     for o in outcomes:
         if o.oil != "vented" and o.valid and o.result != "converged":
-            console.print(f"valid, but {o.result} at {o.level:.4g}: {o.law}, {o.oil}, {o.inputs}")
+            console.print(
+                f"valid, but {o.result} at {o.level:.4g}: {o.law}, {o.oil}, {o.inputs}"
+            )
 
 
 if __name__ == "__main__":

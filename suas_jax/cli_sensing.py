@@ -25,12 +25,14 @@ def simulate(
     scene: Annotated[
         Path,
         typer.Argument(
-            metavar="SCENE|PATH", help="Scene (TOML), or load path (CSV) that names one."
+            metavar="SCENE|PATH",
+            help="Scene (TOML), load path (CSV) that names one, or, with --live, an SO log.",
         ),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="LOG.csv", help="SO log to write.")
-    ],
+        Path | None,
+        typer.Option("-o", "--output", metavar="LOG.csv", help="SO log to write."),
+    ] = None,
     rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
     duration: Annotated[
         float | None,
@@ -64,15 +66,65 @@ def simulate(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of noise, drift and faults.")] = 0,
     overwrite: Overwrite = False,
+    live: Annotated[
+        bool,
+        typer.Option("--live", help="Play as a device on a pseudo-terminal, at its own pace."),
+    ] = False,
+    frame_format: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help="Live: text, text-checked, cobs, roboskin.",
+        ),
+    ] = "text",
+    port: Annotated[
+        Path | None,
+        typer.Option(metavar="LINK", help="Live: symbolic link to the pseudo-terminal."),
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="Live: corrupt=P, drop=P, duplicate=P, unplug=AT:FOR, clock-wrap=AT, "
+            "stuck=MODULE/TAXEL, seed=N.",
+        ),
+    ] = None,
+    speed: Annotated[
+        float, typer.Option(metavar="FACTOR", help="Live: times faster than the clock.")
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option(help="Live: play over and over.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Live: print the port and what was played as JSON.")
+    ] = False,
 ) -> None:
     """Play a scene, or a path of loads, as the sensor output a skin would send.
 
+    It goes to a log (-o), or live to a pseudo-terminal, or both.
     Exit status: 0 written, 2 bad input, 3 a load has no equilibrium.
     """
     with bad_input():
         if not rate > 0 or (duration is not None and not duration > 0):
             raise ValueError("--rate and --duration must be positive")
-        _must_be_free(output, overwrite)
+        if output is None and not live:
+            raise ValueError("suas simulate: give -o LOG.csv, or --live, or both")
+        if output is not None:
+            _must_be_free(output, overwrite)
+        from suas_jax.acquisition.log_file import is_log
+
+        on_air = None
+        if live:
+            from suas_jax.acquisition.faults import parse_faults
+            from suas_jax.acquisition.live import LiveOptions, play_live, play_log
+
+            on_air = LiveOptions(
+                frame_format, port, parse_faults(fault or ()), speed, duration, loop, as_json
+            )
+        if scene.suffix.lower() != ".toml" and is_log(scene):
+            if output is not None or on_air is None:
+                raise ValueError(f"{scene}: is an SO log; it can be played with --live only")
+            play_log(scene, on_air)
+            return
         import numpy as np
 
         from suas_jax.acquisition.integrity import Flags, Integrity
@@ -105,6 +157,7 @@ def simulate(
             typer.echo(f"suas: {scene}: {error}", err=True)
             raise typer.Exit(NO_SOLUTION) from None
         sample = converter.sample(capacitance, time, random)
+        frames = list(play.readings(spec, time, sample, faults, random))
         judge = Integrity(None, checked=True)
         header = log_header(
             skin=str(scene),
@@ -114,18 +167,22 @@ def simulate(
         )
         assert spec.electrodes is not None  # or there would be no converter
         taxels = max(taxel_names(spec.electrodes)[1])
-        with LogWriter(
-            output, header, taxels=taxels, flags=Flags._fields, overwrite=overwrite
-        ) as writer:
-            for r in play.readings(spec, time, sample, faults, random):
-                t_device, flags = judge.judge(r)
-                writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)
-    note = f"{output}: {count} frames at {rate:g} Hz, {writer.rows} rows"
+        if output is not None:
+            with LogWriter(
+                output, header, taxels=taxels, flags=Flags._fields, overwrite=overwrite
+            ) as writer:
+                for r in frames:
+                    t_device, flags = judge.judge(r)
+                    writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)
+    note = f"{output or scene}: {count} frames at {rate:g} Hz, {len(frames)} rows"
     if sample.saturated.any():
         note += f"; {int(sample.saturated.sum())} counts saturated"
     if np.isnan(capacitance).any():
         note += f"; {int(np.isnan(capacitance).any(1).sum())} frames touch the wall"
     typer.echo(note, err=True)
+    if on_air is not None:
+        with bad_input():
+            play_live(frames, on_air)
 
 
 def convert(

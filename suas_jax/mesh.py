@@ -160,21 +160,28 @@ def _stations(
 ) -> np.ndarray:
     """Divide the intervals between breakpoints by their density of stations."""
     angles = np.array([w @ values for w in ends])
-    cumulative = [_cumulative(b - a, layer) for a, b in itertools.pairwise(angles)]
-    total = (angles[-1] - angles[0]) or 1.0
-    wanted = np.array(
-        [
-            grid[-1] + (b - a) / total
-            for (_, grid), a, b in zip(cumulative, angles[:-1], angles[1:], strict=True)
-        ]
-    )
-    counts = _apportion(wanted, elements)
+    lengths = [_rounded(b - a) for a, b in itertools.pairwise(angles)]
+    cumulative = [_cumulative(length, _rounded(layer)) for length in lengths]
+    wanted = [
+        grid[-1] + length / sum(lengths)
+        for (_, grid), length in zip(cumulative, lengths, strict=True)
+    ]
+    counts = _apportion(np.array(wanted), elements)
     rows = [ends[0]]
     for (x, grid), n, a, b in zip(cumulative, counts, ends[:-1], ends[1:], strict=True):
         fractions = np.interp(np.arange(1, n) / n, grid / grid[-1], x / x[-1])
         rows += [(1 - f) * a + f * b for f in fractions]
         rows.append(b)
     return np.array(rows)
+
+
+def _rounded(length: float) -> float:
+    """The nearest power of the fourth root of two.
+
+    Grading by rounded lengths divides nearby scenes alike, so that the difference of two
+    solves is what the gradient says and not the difference of two meshes.
+    """
+    return float(2 ** (np.round(4 * np.log2(length)) / 4)) if length > 0 else length
 
 
 def _cumulative(length: float, layer: float) -> tuple[np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+
 from benchmarks.random_scenes import Outcome, study
 
 # Every law, every oil, one and two loads; the benchmark crosses them all.

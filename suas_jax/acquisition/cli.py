@@ -15,12 +15,14 @@ import typer
 from suas_jax.cli import BAD_INPUT, bad_input
 
 if TYPE_CHECKING:
+    from suas_jax.acquisition.log_file import SoLog
     from suas_jax.acquisition.stream import Stream
 
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands to the program."""
     app.command("log")(log)
+    app.command("baseline")(baseline)
 
 
 def log(
@@ -104,11 +106,15 @@ def log(
                 )
     if as_json:
         typer.echo(json.dumps({"path": str(output)} | result, allow_nan=False))
-    else:
+    elif result["rows"]:
         typer.echo(f"{output}: {in_words(result)}", err=True)
-    if not result["rows"] and duration is not None and result["elapsed_s"] >= duration:
-        typer.echo(f"suas: {port}: no frame came in {duration:g} s", err=True)
-        raise typer.Exit(BAD_INPUT)
+    if not result["rows"]:
+        typer.echo(
+            f"suas: {port}: no frame came in {result['elapsed_s']:.1f} s; {output} is empty",
+            err=True,
+        )
+        if duration is not None and result["elapsed_s"] >= duration:
+            raise typer.Exit(BAD_INPUT)
 
 
 @contextlib.contextmanager
@@ -137,3 +143,83 @@ def _skin_header(skin: Path | None) -> dict[str, str]:
     if electrodes is None:
         raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
     return {"skin": str(skin), "scale": f"{1e15 * electrodes.lsb:.6g} fF"}
+
+
+def baseline(
+    path: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log of the unloaded skin, a few seconds.")
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="BASELINE", help="Baseline (JSON).")
+    ],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            metavar="COUNTS",
+            help="Allowed change within the log; default: what its noise explains.",
+        ),
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="BASELINE", help="Earlier baseline to agree with.")
+    ] = None,
+    reference_tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Allowed relative deviation from --reference.")
+    ] = 0.02,
+    skin: Annotated[
+        Path | None,
+        typer.Option(
+            help="Skin or scene to agree with at rest; default: the log's."
+        ),
+    ] = None,
+    model_tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
+    ] = 0.05,
+    overwrite: Annotated[bool, typer.Option(help="Replace an existing baseline.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
+    """Average a log of the skin at rest; refused while the skin is loaded or drifting.
+
+    Exit status: 0 taken, 2 bad input or not at rest.
+    """
+    with bad_input():
+        from suas_jax.acquisition.baseline import (
+            read_baseline,
+            refuse_loaded,
+            rest_of,
+            take_baseline,
+            write_baseline,
+        )
+        from suas_jax.acquisition.log_file import read_log
+
+        if output.exists() and not overwrite:
+            raise FileExistsError(f"{output}: exists; choose another name or give --overwrite")
+        log = read_log(path)
+        taken = take_baseline(log, tolerance=tolerance)
+        if reference is not None:
+            rest = rest_of(read_baseline(reference), taken)
+            refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
+        skin = _skin_of(log) if skin is None else skin
+        if skin is not None:
+            from suas_jax.acquisition.rest import rest_pattern
+
+            refuse_loaded(
+                taken,
+                rest_pattern(skin, taken),
+                tolerance=model_tolerance,
+                source=f"the model of {skin} (--model-tolerance)",
+                common_factor=True,
+            )
+        write_baseline(taken, output)
+    if as_json:
+        typer.echo(output.read_text(encoding="utf-8"), nl=False)
+    else:
+        taxels = int((taken.so == taken.so).sum())
+        typer.echo(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)
+
+
+def _skin_of(log: "SoLog") -> Path | None:
+    """The skin file that the log's header names, if it is here."""
+    name = log.header.get("skin", "")
+    places = (Path(name), log.path.parent / name)
+    return next((place for place in places if name and place.is_file()), None)

@@ -104,7 +104,7 @@ class CobsDecoder:
         if has_map:
             missing = int.from_bytes(payload[map_at:end], "little")
             counts = tuple(None if missing >> k & 1 else c for k, c in enumerate(counts))
-        return Reading(seq, clock * 1e-6, module, counts, t_host)
+        return Reading(seq, clock / 1e6, module, counts, t_host)
 
 
 def _unstuffed(frame: bytes) -> bytes | None:

@@ -26,13 +26,12 @@ _LINE = re.compile(
     rb"((?:[ \t]*+(?:[0-9]{1,5}+|[nN]a[nN]|)[ \t]*+(?:,|\Z))++)"
 )
 _CHECKSUM = re.compile(rb"\*([0-9A-Fa-f]{4})[ \t]*\Z")
-# What can't stand in a line, without and with checksums.
-_FOREIGN = re.compile(rb"[^0-9.,eE+\- \t]")
-_FOREIGN_CHECKED = re.compile(rb"[^0-9.,a-fA-F+\- \t*]")
 # A module's number of counts is believed once this many lines agree.
 _AGREE = 2
 # Lines held back while the modules that have just appeared aren't sure of theirs.
 _MAX_HELD = 128
+# Places tried for the begin of a whole line in a damaged one: counts look like one, too.
+_SALVAGE_TRIES = 16
 # A module that keeps sending another number of counts has really changed.
 _CHANGED = 20
 
@@ -81,7 +80,9 @@ class TextDecoder:
 
     def finish(self) -> list[Reading]:
         """End the stream: return what was held back, forget an unfinished line."""
-        readings = self._released(self._held)
+        held = self._without_partial(self._held)
+        self.tally.partial += len(self._held) - len(held)
+        readings = self._released(held)
         self._refuse(len(self._strangers))
         self.tally.discarded += len(self._buffer)
         self.tally.readings += len(readings)
@@ -135,13 +136,24 @@ class TextDecoder:
         return Reading(int(seq), float(time or b"nan"), int(module), counts, t_host)
 
     def _salvaged(self, line: bytes, t_host: float) -> Reading | None:
-        """The whole line behind garbage that has no line end, if it is the one expected."""
-        foreign = _FOREIGN_CHECKED if self.checked else _FOREIGN
-        start = max((match.end() for match in foreign.finditer(line)), default=0)
-        reading = self._parse(line[start:], t_host) if start else None
-        if reading is None or self._widths.get(reading.module) != len(reading.counts):
-            return None
-        return reading if reading.seq in (self._last_seq, self._last_seq + 1) else None
+        """The whole line behind garbage or a line whose end was lost, if it is expected.
+
+        It must begin with the frame number that comes next, and then be right in every way.
+        """
+        for seq in (self._last_seq, self._last_seq + 1):
+            start = len(line)
+            for _ in range(_SALVAGE_TRIES):
+                start = line.rfind(b"%d," % seq, 1, start)
+                if start < 0:
+                    break
+                reading = self._parse(line[start:], t_host)
+                if (
+                    reading is not None
+                    and reading.seq == seq
+                    and self._widths.get(reading.module) == len(reading.counts)
+                ):
+                    return reading
+        return None
 
     def _sure_of_opening(self) -> list[Reading]:
         """Release the opening lines once each module has said twice how wide it is."""
@@ -151,11 +163,13 @@ class TextDecoder:
         agreed = {module for (module, _), lines in said.items() if lines >= _AGREE}
         agreed |= self._widths.keys()
         full = len(self._held) >= _MAX_HELD
-        if not full and any(module not in agreed for module, _ in said):
+        held = self._without_partial(self._held)
+        if not full and any(reading.module not in agreed for reading in held):
             return []
-        held, self._held = self._held, []
+        self.tally.partial += len(self._held) - len(held)
+        self._held = []
         self._opening = False
-        released = self._released([r for r in held if r.module in agreed], held)
+        released = self._released([r for r in held if r.module in agreed])
         for reading in held:
             if reading.module not in agreed:
                 released += self._introduced(reading)
@@ -172,16 +186,23 @@ class TextDecoder:
             self._strangers[reading.module] = reading
         return []
 
-    def _released(
-        self, readings: list[Reading], opening: list[Reading] | None = None
-    ) -> list[Reading]:
+    def _without_partial(self, held: list[Reading]) -> list[Reading]:
+        """The opening lines less the first, if that can be the tail of a longer line.
+
+        Then its frame number is the tail of a number that would fit, or its module is one
+        that never spoke again while all others did.
+        """
+        if len(held) < _AGREE:
+            return held
+        lines = Counter(reading.module for reading in held[1:])
+        alone = lines[held[0].module] == 0 and min(lines.values()) >= _AGREE
+        return held[1:] if alone or _is_tail(held[0].seq, held[1].seq) else held
+
+    def _released(self, readings: list[Reading]) -> list[Reading]:
         """Those of the readings that have their module's number of counts."""
         said = Counter((r.module, len(r.counts)) for r in readings)
         for (module, width), _ in said.most_common():
             self._widths.setdefault(module, width)
-        if opening and _is_tail(opening[0].seq, opening[1].seq):
-            self.tally.partial += 1
-            readings = [reading for reading in readings if reading is not opening[0]]
         kept = [reading for reading in readings if self._fits(reading)]
         if kept:
             self._last_seq = kept[-1].seq

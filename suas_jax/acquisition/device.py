@@ -7,7 +7,6 @@ import contextlib
 import errno
 import math
 import os
-import random
 import select
 import termios
 import time
@@ -18,6 +17,7 @@ from itertools import groupby
 from pathlib import Path
 
 from suas_jax.acquisition.encode import ENCODERS
+from suas_jax.acquisition.faults import Faults, Injector
 from suas_jax.acquisition.log_file import SoLog
 from suas_jax.acquisition.reading import Reading
 
@@ -27,38 +27,6 @@ _HOST_STALLS = 0.5
 _LOOK = 0.01
 # A host needs this long from opening the port to switching off the terminal's echo [s].
 _SETTLE = 0.05
-_CLOCK_MODULUS = 2**32 * 1e-6
-
-
-@dataclass(frozen=True)
-class Faults:
-    """What goes wrong, on demand.
-
-    Attributes:
-        corrupt: probability that a byte is changed to another one.
-        drop: probability that a row is not sent.
-        duplicate: probability that a row is sent twice.
-        unplug_at: the port vanishes this long after the start [s]; None: never.
-        unplug_for: and comes back after this long [s].
-        wrap_clock_at: the device's clock starts so that it wraps after this long [s].
-        stuck: taxels (module, taxel from 1) that keep their first count.
-        seed: of all random faults.
-    """
-
-    corrupt: float = 0.0
-    drop: float = 0.0
-    duplicate: float = 0.0
-    unplug_at: float | None = None
-    unplug_for: float = 1.0
-    wrap_clock_at: float | None = None
-    stuck: tuple[tuple[int, int], ...] = ()
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("corrupt", "drop", "duplicate"):
-            value = getattr(self, name)
-            if not 0.0 <= value <= 1.0:
-                raise ValueError(f"fault {name} = {value}: a probability from 0 to 1")
 
 
 @dataclass
@@ -70,7 +38,7 @@ class Played:
         damaged: rows with at least one changed byte.
         dropped: rows left out on purpose.
         duplicated: rows sent twice.
-        stalled: rows dropped because the host took no bytes, or there was none.
+        stalled: rows among them that no host took: none there, too slow, or unplugged.
         bytes: bytes sent.
     """
 
@@ -135,9 +103,7 @@ class Device:
         self.played = Played()
         self._encode = ENCODERS[format_name]
         self._faults = Faults() if faults is None else faults
-        self._random = random.Random(self._faults.seed)
-        self._until_damage = self._next_damage()
-        self._stuck: dict[tuple[int, int], int | None] = {}
+        self._injector = Injector(self._faults)
         self._link = link
         self._master = -1
         if link is not None and (link.exists() or link.is_symlink()) and not link.is_symlink():
@@ -188,6 +154,12 @@ class Device:
         time.sleep(_SETTLE)
         self._drain()
 
+    def let_host_finish(self, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Stay plugged in until the host has taken what was sent, or has left."""
+        patience = time.monotonic() + _HOST_STALLS
+        while self._has_host() and not stopped() and time.monotonic() < patience:
+            time.sleep(_LOOK)
+
     def play(
         self,
         readings: Iterable[Reading],
@@ -207,8 +179,7 @@ class Device:
         Returns:
             What was sent.
         """
-        faults, start, first = self._faults, time.monotonic(), math.nan
-        unplugged = False
+        start, first = time.monotonic(), math.nan
         for t_device, together in groupby(readings, key=lambda reading: reading.t_device):
             first = t_device if math.isnan(first) else first
             due = start + (t_device - first) / speed
@@ -219,65 +190,35 @@ class Device:
                 time.sleep(min(wait, 0.1))
             if stopped():
                 break
-            if faults.unplug_at is not None and not unplugged and elapsed > faults.unplug_at:
-                unplugged = True
-                self.unplug()
-                time.sleep(faults.unplug_for)
-                self.plug_in()
-            self._send(b"".join(self._rows(together)))
+            self._follow_plug(elapsed)
+            rows = list(self._rows(together))
+            if self._master < 0 or not self._send(b"".join(rows)):
+                self.played.stalled += len(rows)
         return self.played
 
+    def _follow_plug(self, elapsed: float) -> None:
+        """Unplug, and plug in again, when the time has come."""
+        at, away = self._faults.unplug_at, self._faults.unplug_for
+        if at is None:
+            return
+        absent = at <= elapsed < at + away
+        if absent and self._master >= 0:
+            self.unplug()
+        elif not absent and self._master < 0:
+            self.plug_in()
+
     def _rows(self, readings: Iterable[Reading]) -> Iterator[bytes]:
-        faults, played = self._faults, self.played
+        played = self.played
         for reading in readings:
-            reading = self._with_faults(reading)
-            if faults.drop and self._random.random() < faults.drop:
-                played.dropped += 1
-                continue
-            copies = 1
-            if faults.duplicate and self._random.random() < faults.duplicate:
-                played.duplicated += 1
-                copies = 2
+            copies = self._injector.copies()
+            played.dropped += copies == 0
+            played.duplicated += copies == 2
             for _ in range(copies):
-                data = self._encode(reading)
-                damaged = self._damage(data)
+                data = self._encode(self._injector.distorted(reading))
+                damaged = self._injector.damaged(data)
                 played.rows += 1
                 played.damaged += damaged != data
                 yield damaged
-
-    def _with_faults(self, reading: Reading) -> Reading:
-        faults = self._faults
-        if faults.wrap_clock_at is not None:
-            shifted = reading.t_device + _CLOCK_MODULUS - faults.wrap_clock_at
-            reading = reading._replace(t_device=shifted % _CLOCK_MODULUS)
-        if faults.stuck:
-            counts = list(reading.counts)
-            for module, taxel in faults.stuck:
-                if module == reading.module and taxel <= len(counts):
-                    key = (module, taxel)
-                    counts[taxel - 1] = self._stuck.setdefault(key, counts[taxel - 1])
-            reading = reading._replace(counts=tuple(counts))
-        return reading
-
-    def _next_damage(self) -> int:
-        """Bytes until the next one to damage: geometric, one draw per damaged byte."""
-        p = self._faults.corrupt
-        if p == 0.0:
-            return 2**62
-        if p == 1.0:
-            return 0
-        return int(math.log(1.0 - self._random.random()) / math.log1p(-p))
-
-    def _damage(self, data: bytes) -> bytes:
-        if self._until_damage >= len(data):
-            self._until_damage -= len(data)
-            return data
-        changed = bytearray(data)
-        while self._until_damage < len(data):
-            changed[self._until_damage] ^= self._random.randrange(1, 256)
-            self._until_damage += 1 + self._next_damage()
-        self._until_damage -= len(data)
-        return bytes(changed)
 
     def _has_host(self) -> bool:
         poll = select.poll()
@@ -290,13 +231,13 @@ class Device:
             while os.read(self._master, 4096):
                 pass
 
-    def _send(self, data: bytes) -> None:
+    def _send(self, data: bytes) -> bool:
+        """Send, with the patience of a device; False if the host didn't take it."""
         self._drain()
         patience = time.monotonic() + _HOST_STALLS
         while data:
             if not self._has_host() or time.monotonic() > patience:
-                self.played.stalled += 1
-                return
+                return False
             try:
                 sent = os.write(self._master, data)
                 self.played.bytes += sent
@@ -305,3 +246,4 @@ class Device:
                 if error.errno not in (errno.EAGAIN, errno.EIO):
                     raise
                 select.select([], [self._master], [], _LOOK)
+        return True

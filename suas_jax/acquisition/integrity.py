@@ -178,8 +178,8 @@ class _Module:
             elapsed = min(likely, key=lambda w: abs(w - expected), default=expected)
         if math.isnan(elapsed):  # the clock is missing, or was
             return reading.t_device + self._offset
-        turns = elapsed - (reading.t_device - last.t_device)
-        return reading.t_device + self._offset + turns
+        offset = self._offset + elapsed - (reading.t_device - last.t_device)
+        return reading.t_device + round(offset, 6)
 
     def _compare(
         self, before: tuple[int | None, ...], now: tuple[int | None, ...]

@@ -20,7 +20,7 @@ import csv
 import os
 import re
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -41,6 +41,8 @@ _CONTINUED = "continued_in"
 # Rows of one frame may be interleaved with those of its neighbours (several buses), but
 # an equal seq further away is another frame: the counter wrapped or the device restarted.
 _FRAME_WINDOW = 256
+# Between the fields of a row once quotes are undone: ASCII's unit separator.
+_SEPARATOR = "\x1f"
 # Whole numbers up to here are exact in float64.
 _LARGEST_INTEGER = 2**53
 # Columns of a log in which no module ever spoke: a ROBOSKIN triangle's.
@@ -351,6 +353,15 @@ def group_frames(log: SoLog) -> Frames:
     return Frames(log.t_host[start], log.t_device[start], log.seq[start], modules, so)
 
 
+def is_log(path: Path) -> bool:
+    """Whether a file begins as a log does: comments, then names with `t_host_s` among them."""
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() and not line.lstrip(b"\xef\xbb\xbf").startswith(b"#"):
+                return b"t_host_s" in line
+    return False
+
+
 def read_log(path: Path, *, follow: bool = True) -> SoLog:
     """Read a log, written here or by other hands.
 
@@ -408,20 +419,20 @@ class _Parser:
         lines = list(self._lines(data))
         tail = lines.pop()  # empty, unless the file was cut off
         names: list[str] | None = None
-        rows: list[list[str]] = []
+        rows: list[str] = []  # with their fields told apart by _SEPARATOR
         numbers: list[int] = []
         for number, line in lines:
             if line.startswith("#"):
                 self._comment(line)
             elif line.strip():
-                fields = self._split(number, line)
+                row = self._separated(number, line)
                 if names is None:
-                    names = [name.strip() for name in fields]
+                    names = [name.strip() for name in row.split(_SEPARATOR)]
                     so = self._check_columns(number, names)
-                elif len(fields) != len(names):
-                    raise self._wrong_length(number, fields, names)
-                elif [name.strip() for name in fields] != names:
-                    rows.append(fields)
+                elif row.count(_SEPARATOR) != len(names) - 1:
+                    raise self._wrong_length(number, row.split(_SEPARATOR), names)
+                elif not row.lstrip().startswith(names[0]):  # else they are named once more
+                    rows.append(row)
                     numbers.append(number)
         if names is None:
             raise LogFileError(
@@ -430,8 +441,9 @@ class _Parser:
             )
         if tail[1].strip() and not tail[1].startswith("#"):
             self._last_line(*tail, names, rows, numbers, so)
-        columns = list(zip(*rows, strict=True)) if rows else [()] * len(names)
-        by_name = dict(zip(names, columns, strict=True))
+        # One flat list: a list for each row would cost several times more.
+        fields = _SEPARATOR.join(rows).split(_SEPARATOR) if rows else []
+        by_name = {name: fields[k :: len(names)] for k, name in enumerate(names)}
         known = {*KEY_COLUMNS, *so}
         counts = [self._floats(numbers, k, by_name[k], 0.0, MAX_COUNT) for k in so]
         return SoLog(
@@ -466,11 +478,11 @@ class _Parser:
                 raise LogFileError(f"{self.path}, line {number}: zero bytes inside the log")
             yield number, text
 
-    def _split(self, number: int, line: str) -> list[str]:
+    def _separated(self, number: int, line: str) -> str:
         if '"' not in line:
-            return line.split(",")
+            return line.replace(",", _SEPARATOR)
         try:
-            return next(csv.reader([line], strict=True))
+            return _SEPARATOR.join(next(csv.reader([line], strict=True)))
         except csv.Error as error:
             raise LogFileError(f"{self.path}, line {number}: {error}") from None
 
@@ -516,7 +528,7 @@ class _Parser:
         number: int,
         line: str,
         names: list[str],
-        rows: list[list[str]],
+        rows: list[str],
         numbers: list[int],
         so: list[str],
     ) -> None:
@@ -528,11 +540,12 @@ class _Parser:
         fields = line.split(",")
         if len(fields) == len(names) and names[-1] in so:
             module = names.index("module")
-            for row in reversed(rows[-_FRAME_WINDOW:]):
+            for earlier in reversed(rows[-_FRAME_WINDOW:]):
+                row = earlier.split(_SEPARATOR)
                 if row[module].strip() == fields[module].strip():
                     last, before = _number(fields[-1]), _number(row[-1])
                     if 0 < 0.5 * before < last < 2 * before:
-                        rows.append(fields)
+                        rows.append(_SEPARATOR.join(fields))
                         numbers.append(number)
                         return
                     break
@@ -542,16 +555,20 @@ class _Parser:
         self,
         numbers: list[int],
         name: str,
-        fields: Iterable[str],
+        texts: Sequence[str],
         low: float = -np.inf,
         high: float = np.inf,
     ) -> NDArray[np.float64]:
-        texts = list(fields)
-        values = np.array([_number(text) for text in texts], float)
+        try:
+            if "_" in "".join(texts):
+                raise ValueError
+            values = np.array(list(map(float, texts)))
+        except ValueError:  # missing values, or worse
+            values = np.array([_number(text) for text in texts], float)
         outside = np.isinf(values) | (values < low) | (values > high)
         bad = [
             i
-            for i in np.flatnonzero(outside | np.isnan(values))
+            for i in np.flatnonzero(outside | np.isnan(values)).tolist()
             if outside[i] or not _is_missing(texts[i])
         ]
         if bad:
@@ -563,10 +580,12 @@ class _Parser:
         return values
 
     def _integers(
-        self, numbers: list[int], name: str, fields: Iterable[str]
+        self, numbers: list[int], name: str, texts: Sequence[str]
     ) -> NDArray[np.int64]:
+        if all(map(str.isdecimal, texts)) and max(map(len, texts), default=0) < 16:
+            return np.array(list(map(int, texts)), np.int64)
         values = []
-        for i, text in enumerate(fields):
+        for i, text in enumerate(texts):
             value = _number(text)
             if not (value.is_integer() and 0 <= value <= _LARGEST_INTEGER):
                 raise LogFileError(

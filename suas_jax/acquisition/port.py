@@ -9,17 +9,17 @@ import contextlib
 import errno
 import os
 import re
+import select
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import serial
+from serial.urlhandler import protocol_socket
 
 _USB = re.compile(r"([0-9A-Fa-f]{4}):([0-9A-Fa-f]{4})(?::(.+))?")
 # How long a blocking read waits, so that a request to stop is soon seen [s].
 _READ_TIMEOUT = 0.1
-# socket:// can't say how much is waiting: read what comes within this time [s].
-_SOCKET_TIMEOUT = 0.02
 _MOST_AT_ONCE = 65536
 
 
@@ -32,6 +32,21 @@ class _DeviceFile(serial.Serial):
 
     def _reset_input_buffer(self) -> None:
         pass
+
+
+class _Socket(protocol_socket.Serial):
+    """A `socket://` port that keeps what comes first, and what came before its end."""
+
+    def reset_input_buffer(self) -> None:
+        pass
+
+    def read(self, size: int = 1) -> bytes:
+        if not select.select([self._socket], [], [], self._timeout)[0]:
+            return b""
+        data = self._socket.recv(size)
+        if not data:
+            raise serial.SerialException("the other end closed it")
+        return bytes(data)
 
 
 class Source(Protocol):
@@ -120,18 +135,19 @@ class SerialSource:
     def read(self) -> bytes:
         """Bytes that have come, after waiting for the first at most 0.1 s; often empty."""
         try:
-            if self._by_socket:
-                return bytes(self._port.read(4096))
-            data = bytes(self._port.read(1))
-            return data + self.waiting() if data else data
+            # A socket can't say how much is waiting, but returns what there is.
+            data = bytes(self._port.read(_MOST_AT_ONCE if self._by_socket else 1))
+            return data + self.waiting() if data and not self._by_socket else data
         except (OSError, TypeError) as error:  # pyserial: TypeError when closed meanwhile
-            raise PortError(f"{self.name}: the connection was lost ({error})") from None
+            # pyserial's words for a device that is gone speak of something else.
+            why = "the device went away" if "readiness" in str(error) else error
+            raise PortError(f"{self.name}: the connection was lost ({why})") from None
 
     def waiting(self) -> bytes:
         """Bytes that are there already."""
         try:
             if self._by_socket:
-                return bytes(self._port.read(4096))
+                return bytes(self._port.read(_MOST_AT_ONCE)) if self._port.in_waiting else b""
             waiting = min(self._port.in_waiting, _MOST_AT_ONCE)
             return bytes(self._port.read(waiting)) if waiting else b""
         except (OSError, TypeError):
@@ -158,11 +174,12 @@ class SerialSource:
                 raise PortError(f"{self.name}: no such USB device is plugged in; {_ports()}")
             path = found
         self._by_socket = path.startswith("socket://")
-        timeout = _SOCKET_TIMEOUT if self._by_socket else _READ_TIMEOUT
         try:
+            if self._by_socket:
+                return _Socket(path, self._baud, timeout=_READ_TIMEOUT)
             if "://" in path:
-                return serial.serial_for_url(path, self._baud, timeout=timeout)
-            return _DeviceFile(path, self._baud, timeout=timeout, exclusive=True)
+                return serial.serial_for_url(path, self._baud, timeout=_READ_TIMEOUT)
+            return _DeviceFile(path, self._baud, timeout=_READ_TIMEOUT, exclusive=True)
         except (OSError, ValueError) as error:
             raise PortError(_why(self.name, path, self._baud, error)) from None
 

@@ -15,8 +15,11 @@ from suas_jax.acquisition.integrity import Flags, Integrity, Summary
 from suas_jax.acquisition.port import PortError, Source
 from suas_jax.acquisition.reading import Decoder, Reading, Tally
 
-# A port that says nothing, or nothing that makes sense, for this long is reported [s].
-SILENT_AFTER = 2.0
+# A port that says nothing, or nothing that makes sense, for this long is reported [s]; a
+# device that speaks more seldom, after three times its own second longest pause (the
+# longest may have been a fault).
+SILENT_AFTER = 1.5
+_PAUSES = 3.0
 # Wait between two tries to open a lost port again [s].
 _RETRY = 0.2
 # A silent network link is opened anew after this long: it may be dead without an error [s].
@@ -83,6 +86,7 @@ class Stream:
         self._chunks: queue.Queue[_Chunk] = queue.Queue(_MOST_WAITING)
         self._heard = self._understood = self._lost_at = clock()
         self._recent = b""
+        self._pauses = (0.0, 0.0)  # the two longest between chunks, ascending [s]
         self._silent = self._puzzled = False  # reported, and not yet over
 
     @property
@@ -140,6 +144,10 @@ class Stream:
             self._report(f"{self._source.name}: data again")
             self._silent = False
             self._understood = chunk.t_host
+        if self._recent or self.tally.readings:
+            pause = chunk.t_host - self._heard
+            _, *longest = sorted((*self._pauses, pause))
+            self._pauses = (longest[0], longest[1])
         self._heard = chunk.t_host
         readings = self._decode.feed(chunk.data, chunk.t_host)
         if readings:
@@ -159,13 +167,14 @@ class Stream:
         if self.lost_link:
             return
         now = self._clock()
-        if now - self._heard > SILENT_AFTER and not self._silent:
+        patience = max(SILENT_AFTER, _PAUSES * self._pauses[0])
+        if now - self._heard > patience and not self._silent:
             self._silent = True
             self._report(
                 f"{self._source.name}: silent for {now - self._heard:.0f} s, still listening; "
                 "check that the device is powered and sends, the cable, and TX/RX"
             )
-        elif self._heard - self._understood > 0.75 * SILENT_AFTER and not self._puzzled:
+        elif self._heard - self._understood > patience and not self._puzzled:
             self._puzzled = True
             self._report(not_understood(self._source.name, self._format, self._recent))
 
