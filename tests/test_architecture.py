@@ -11,15 +11,19 @@ ROOT = Path(__file__).parent.parent
 # The data flow; a module may import from its own layer and from those before it.
 LAYERS = [
     ["config", "_types", "results", "quadrature", "jet", "analytic", "spectral", "runtime"],
+    ["acquisition"],  # the serial logger: without the model, and without JAX
     ["geometry", "element", "kinematics", "linear_solve"],
     ["constitutive"],
     ["loads", "oil", "mesh"],
     ["mechanics"],
+    ["capacitance", "cdc", "gap", "pad", "taxel"],
+    ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
     ["problem", "observables"],
-    ["solution", "sensitivity", "sweep"],
+    ["solution", "sensitivity", "sweep", "skin"],
+    ["simulate", "rest"],
     ["plot"],
-    ["cli"],
+    ["cli", "cli_sensing", "cli_acquisition"],
 ]
 
 

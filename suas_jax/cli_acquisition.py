@@ -168,9 +168,7 @@ def baseline(
     ] = 0.02,
     skin: Annotated[
         Path | None,
-        typer.Option(
-            help="Skin or scene to agree with at rest; default: the log's."
-        ),
+        typer.Option(help="Skin or scene to agree with at rest; default: the log's."),
     ] = None,
     model_tolerance: Annotated[
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
@@ -201,7 +199,7 @@ def baseline(
             refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
         skin = _skin_of(log) if skin is None else skin
         if skin is not None:
-            from suas_jax.acquisition.rest import rest_pattern
+            from suas_jax.rest import rest_pattern
 
             refuse_loaded(
                 taken,
