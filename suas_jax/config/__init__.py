@@ -27,6 +27,7 @@ from suas_jax.config.schema_scene import (
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     GeometrySpec,
+    LayerSpec,
     ModuleSpec,
     OilSpec,
     TaxelSpec,
@@ -37,6 +38,7 @@ __all__ = [
     "ElectrodesSpec",
     "EnvironmentSpec",
     "GeometrySpec",
+    "LayerSpec",
     "LineLoadSpec",
     "LoadSpec",
     "MaterialSpec",
