@@ -28,6 +28,7 @@ from suas_jax.constitutive import (
 )
 
 _SMALLEST_EXPONENT = 1e-4
+_LARGEST_POWER = 80.0
 
 
 class Scales(NamedTuple):
@@ -37,11 +38,13 @@ class Scales(NamedTuple):
         stress: a typical modulus [Pa].
         i1: largest I₁ − 3 in the data.
         i2: largest I₂ − 3 in the data.
+        strain: largest |log λ| of any direction in the data.
     """
 
     stress: ArrayLike
     i1: ArrayLike
     i2: ArrayLike
+    strain: ArrayLike
 
 
 class AbstractFamily(abc.ABC):
@@ -83,9 +86,20 @@ class AbstractFamily(abc.ABC):
         """Starting points θ, shape [count, p]; the first is a plain guess."""
 
     def refined(
-        self, theta: Float[Array, " p"], columns: Callable[[AbstractLaw], Array], target: Array
+        self,
+        theta: Float[Array, " p"],
+        columns: Callable[[AbstractLaw], Array],
+        scales: Scales,
+        target: Array,
     ) -> Float[Array, " p"]:
-        """Improve a start: by default only its overall stiffness, a linear unknown."""
+        """Improve a start by what is linear in it; by default it stays.
+
+        Args:
+            theta: the start.
+            columns: weighed readings of a law with unit modulus.
+            scales: sizes that make constants dimensionless.
+            target: weighed measurements.
+        """
         return theta
 
     def ordered(self, constants: np.ndarray) -> np.ndarray:
@@ -207,7 +221,7 @@ class Family(AbstractFamily):
 
 @dataclasses.dataclass(frozen=True)
 class OgdenFamily(AbstractFamily):
-    """Ogden's law with a number of terms, θ = (log m_p/s, α_p), m_p = μ_p α_p / 2.
+    """Ogden's law with a number of terms, θ = (log m_p/s, ~α_p), m_p = μ_p α_p / 2.
 
     Attributes:
         terms: number of terms.
@@ -238,7 +252,7 @@ class OgdenFamily(AbstractFamily):
     def constants(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " p"]:
         """μ_p [Pa] and α_p."""
         share = scales.stress * jnp.exp(theta[: self.terms])
-        alpha = _away_from_zero(theta[self.terms :])
+        alpha = self._exponents(theta, scales)
         return jnp.concatenate([2.0 * share / alpha, alpha])
 
     def unconstrained(
@@ -246,7 +260,16 @@ class OgdenFamily(AbstractFamily):
     ) -> Float[Array, " p"]:
         """Parameters from μ_p [Pa] and α_p."""
         mu, alpha = constants[: self.terms], constants[self.terms :]
-        return jnp.concatenate([jnp.log(0.5 * mu * alpha / scales.stress), alpha])
+        within = jnp.minimum(jnp.abs(alpha) * scales.strain / _LARGEST_POWER, 1.0 - 1e-9)
+        spread = alpha / jnp.sqrt(1.0 - within**2)
+        return jnp.concatenate([jnp.log(0.5 * mu * alpha / scales.stress), spread])
+
+    def _exponents(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " terms"]:
+        """α_p, which θ_p is as long as it is small; λ^α_p stays below exp(80)."""
+        spread = theta[self.terms :]
+        alpha = spread / jnp.sqrt(1.0 + (spread * scales.strain / _LARGEST_POWER) ** 2)
+        near = jnp.abs(alpha) < _SMALLEST_EXPONENT
+        return jnp.where(near, jnp.where(alpha < 0, -1.0, 1.0) * _SMALLEST_EXPONENT, alpha)
 
     def law(self, constants: Float[Array, " p"]) -> AbstractLaw:
         """The law with these constants."""
@@ -262,10 +285,14 @@ class OgdenFamily(AbstractFamily):
         return np.concatenate([share, alpha], axis=1)
 
     def refined(
-        self, theta: Float[Array, " p"], columns: Callable[[AbstractLaw], Array], target: Array
+        self,
+        theta: Float[Array, " p"],
+        columns: Callable[[AbstractLaw], Array],
+        scales: Scales,
+        target: Array,
     ) -> Float[Array, " p"]:
         """Best shares m_p ≥ 0 for the given exponents: the residual is linear in them."""
-        alpha = _away_from_zero(theta[self.terms :])
+        alpha = self._exponents(theta, scales)
         basis = jax.vmap(lambda a: columns(Ogden((2.0 / a)[None], a[None])))(alpha)
         basis = jnp.where(jnp.isfinite(basis), basis, 0.0)
         gram, moment = basis @ basis.T, basis @ target
@@ -289,11 +316,6 @@ class OgdenFamily(AbstractFamily):
         mu, alpha = constants[: self.terms], constants[self.terms :]
         order = np.argsort(-mu * alpha, kind="stable")
         return np.concatenate([mu[order], alpha[order]])
-
-
-def _away_from_zero(alpha: Array) -> Array:
-    near = jnp.abs(alpha) < _SMALLEST_EXPONENT
-    return jnp.where(near, jnp.where(alpha < 0, -1.0, 1.0) * _SMALLEST_EXPONENT, alpha)
 
 
 _DEGREES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))

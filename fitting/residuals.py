@@ -4,10 +4,7 @@ r_i(θ) = √w_i (y_i(θ) − y_i) / s_i: what least squares makes small, and wh
 is built from. The scale s_i says which misfit counts as one.
 """
 
-from collections.abc import Sequence
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -87,18 +84,3 @@ def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np
         floor: smallest scale [Pa].
     """
     return np.maximum(np.maximum(np.abs(value), companion), floor)
-
-
-def stacked(tests: Sequence[AbstractExperiment]) -> tuple[AbstractExperiment, ...]:
-    """Tests in the order in which their readings are concatenated."""
-    return tuple(tests)
-
-
-@eqx.filter_jit
-def evaluate(residuals: Residuals, theta: Float[Array, "k p"]) -> tuple[Array, Array]:
-    """Residuals [k, n] and their derivatives [k, n, p] at several points."""
-
-    def one(t: Array) -> tuple[Array, Array]:
-        return residuals(t), jax.jacfwd(residuals)(t)
-
-    return jax.vmap(one)(theta)
