@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from fitting import cli_material
 from suas_jax import cli as forward
 
 app = typer.Typer(
@@ -14,6 +15,11 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 forward.register(app)
+
+# `suas fit` holds every command that fits the model to measurements.
+fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
+cli_material.register(fit)
+app.add_typer(fit, name="fit")
 
 
 def _print_version(wanted: bool) -> None:

@@ -59,9 +59,9 @@ class Dataset:
         measure: what was read: "nominal", "cauchy", "second_pk", "shear", "difference"
             or "pressure".
         coordinate: what a plot is drawn against: stretch, shear or relative height.
-        stretch_1: λ₁, shape [n]; the largest stretch of a bulge is not known beforehand.
+        stretch_1: λ₁, shape [n]; of a bulge, an estimate at its apex.
         stretch_2: λ₂, shape [n].
-        factors: e₁, e₂, c₁, c₂, shape [4, n]; zeros for a bulge.
+        factors: e₁, e₂, c₁, c₂, shape [4, n]; of a bulge, an estimate.
         value: readings [Pa], shape [n].
         companion: largest stress read at the same state [Pa], shape [n].
         sigma: standard deviation of the noise [Pa], NaN where not stated, shape [n].
@@ -519,10 +519,12 @@ class _Reader:
             self.warnings.append(f"{flat.sum()} rows of a flat diaphragm say nothing; left out")
             values = np.where(flat, np.nan, values)
             relative = np.where(flat, 1.0, relative)
-        # A spherical cap: the mean of meridional and hoop stretch at the apex.
-        angle = 2.0 * np.arctan(relative)
-        stretch = (angle / np.sin(angle)) if np.all(relative < 1.0) else 1.0 + relative**2
-        factors = np.zeros((4, len(values)))
+        # The spherical cap of this height (Hill's special solution): stretch 1 + η² at the
+        # apex, p = 4 σ η (T/a) / ((1 + η²) λ²). It starts the fit; a membrane finishes it.
+        stretch = 1.0 + relative**2
+        e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
+        share = 4.0 * relative * thickness / radius / stretch**3
+        factors = np.stack([e1, e2, share * c1, share * c2])
         return self._finish(
             "pressure",
             stretch,

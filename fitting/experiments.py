@@ -78,10 +78,8 @@ class Bulge(AbstractExperiment):
             step = jnp.clip((value - wanted) / jax.lax.stop_gradient(slope), -0.7, 0.7)
             return log_e - step
 
-        # A spherical cap of this height stretches its meridian evenly by this much.
-        half_angle = 2.0 * jnp.arctan(self.height)
-        start = jnp.log(jnp.log(half_angle / jnp.sin(half_angle)) + 0.2 * self.height**2)
-        start = jnp.where(jnp.isfinite(start), start, 0.0)
+        # The apex of a spherical cap of this height stretches by about 1 + η².
+        start = jnp.log(jnp.log1p(self.height**2))
         found = jax.lax.fori_loop(
             0, _NEWTON_STEPS, lambda _, x: newton(frozen, x), jax.lax.stop_gradient(start)
         )
