@@ -97,9 +97,13 @@ _QUANTITIES = tuple(
             "stress",
             r"(?:cauchy|true)_stress_difference_(?:11_minus_22|1_minus_2)",
         ),
-        ("sigma", "stress", r"(?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)"
-                            r"(?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?"
-                            r"(?:_pressure)?"),
+        (
+            "sigma",
+            "stress",
+            r"(?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)"
+            r"(?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?"
+            r"(?:_pressure)?",
+        ),
         ("nominal_shear", "stress", r"(?:nominal_|engineering_|cauchy_)?shear_stress"),
         ("cauchy", "stress", r"(?:cauchy|true|kirchhoff)_?stress"),
         ("second_pk", "stress", r"(?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?"),

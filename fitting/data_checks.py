@@ -4,6 +4,7 @@ Nothing here changes data: what looks wrong is said, with the reason.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -84,7 +85,7 @@ def _goes_back(h: np.ndarray) -> np.ndarray:
         return back  # shuffled rows
     edges = np.concatenate([[0], turns + 1, [len(direction)]])
     went_out = 0.0
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in itertools.pairwise(edges):
         if direction[first] >= 0:
             went_out = max(went_out, h[last])
         elif (
@@ -145,12 +146,10 @@ def _unit_doubts(data: Dataset) -> list[str]:
     longest = float(np.max(np.maximum(data.stretch_1, data.stretch_2)))
     doubts = []
     if np.isfinite(modulus) and modulus > 0.0:
-        stiff = modulus * longest**2 > _STIFF_AND_LONG or (
-            modulus > _STIFF and longest > _LONG
-        )
+        stiff = modulus * longest**2 > _STIFF_AND_LONG or (modulus > _STIFF and longest > _LONG)
         if stiff and data.mode in ("uniaxial", "equibiaxial", "pure_shear", "biaxial"):
             doubts.append(
-                f"the unit is doubtful: a rubber with a shear modulus of {modulus / 1e6:.3g} MPa "
+                f"the unit is doubtful: a rubber of shear modulus {modulus / 1e6:.3g} MPa "
                 f"does not usually stretch to {longest:.3g}; values in kgf/cm2 labelled MPa are "
                 f"10.2 times too large"
             )
@@ -164,9 +163,7 @@ def _unit_doubts(data: Dataset) -> list[str]:
 
 def contradictions(sets: Sequence[Dataset]) -> list[str]:
     """Data sets whose initial stiffnesses don't belong to one material."""
-    known = [
-        (data, initial_modulus(data)) for data in sets if data.mode in (*PATHS, "biaxial")
-    ]
+    known = [(data, initial_modulus(data)) for data in sets if data.mode in (*PATHS, "biaxial")]
     known = [(data, modulus) for data, modulus in known if modulus > 0.0]
     if len(known) < 2:
         return []
@@ -191,7 +188,9 @@ def header_contradicts(data: Dataset, comments: Sequence[str], columns: Sequence
     text = " ".join(comments).casefold().replace("²", "2").replace("^2", "2")
     named = " ".join(columns).casefold()
     for unit in ("kgf/cm2", "kg/cm2", "psi"):
-        if unit in text and unit.replace("/", "") not in named.replace("/", "").replace("_", ""):
+        if unit in text and unit.replace("/", "") not in named.replace("/", "").replace(
+            "_", ""
+        ):
             return (
                 f"{data.file}: the unit is doubtful: a comment names {unit}, the columns "
                 f"state another unit"

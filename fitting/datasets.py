@@ -97,7 +97,7 @@ class Dataset:
         """Number of readings."""
         return len(self.value)
 
-    def select(self, keep: np.ndarray, **changes: object) -> "Dataset":
+    def select(self, keep: np.ndarray) -> "Dataset":
         """The readings where `keep` is true."""
         arrays = {
             field.name: getattr(self, field.name)[..., keep]
@@ -105,7 +105,7 @@ class Dataset:
             if isinstance(getattr(self, field.name), np.ndarray)
             and getattr(self, field.name).shape[-1:] == (self.size,)
         }
-        return dataclasses.replace(self, **{**arrays, **changes})  # type: ignore[arg-type]
+        return dataclasses.replace(self, **arrays)
 
 
 def mode_named(name: str) -> str:
@@ -620,7 +620,11 @@ class _Reader:
             self._require_positive(sigma, quantity)
             return sigma
         text = self.noise or next(
-            (self.table.metadata[key] for key in ("sigma", "noise") if key in self.table.metadata),
+            (
+                self.table.metadata[key]
+                for key in ("sigma", "noise")
+                if key in self.table.metadata
+            ),
             None,
         )
         if text is None:
@@ -637,9 +641,7 @@ class _Reader:
         return np.where(size > 0.0, size, np.max(size))
 
 
-def _measured(
-    factors: tuple[np.ndarray, ...], stretch: np.ndarray, measure: str
-) -> np.ndarray:
+def _measured(factors: tuple[np.ndarray, ...], stretch: np.ndarray, measure: str) -> np.ndarray:
     """Turn factors that read Cauchy stress into those of another measure."""
     power = {"cauchy": 0, "nominal": 1, "second_pk": 2}[measure]
     e1, e2, c1, c2 = factors

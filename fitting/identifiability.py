@@ -162,7 +162,9 @@ def describe(
         factor = "" if abs(size - 1.0) < 5e-3 else f"{size:.2g} "
         name = names[i] if in_pascals else f"d{names[i]}/{sizes[i]:.3g}"
         sign = "-" if ratios[i] < 0.0 else "+"
-        text += f" {sign} {factor}{name}" if text else f"{'-' if sign == '-' else ''}{factor}{name}"
+        text += (
+            f" {sign} {factor}{name}" if text else f"{'-' if sign == '-' else ''}{factor}{name}"
+        )
     return f"{text} (free by {_percent(spread)})"
 
 

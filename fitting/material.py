@@ -15,7 +15,7 @@ from fitting.datasets import PATHS, Dataset
 from fitting.diagnostics import Misfit, information_criteria, misfit
 from fitting.experiments import Homogeneous, mode_factors, padded
 from fitting.identifiability import Uncertainty, uncertainty
-from fitting.least_squares import LANES, Minima, minimise
+from fitting.least_squares import Minima, minimise
 from fitting.parameters import AbstractFamily, family
 from fitting.problem import Problem, pose
 from suas_jax.constitutive import AbstractLaw, stable_range
@@ -37,7 +37,7 @@ CANDIDATES: tuple[tuple[str, int], ...] = (
 _ALL_STATES = frozenset(["biaxial", "biaxial_difference"])
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _DISTINCT = 0.02
-_UNRELIABLE = 0.1
+_UNKNOWN = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,9 +109,7 @@ class MaterialFit:
         """AICc and BIC."""
         count = int(self.problem.residuals.used.sum())
         known = self.problem.kind == "noise"
-        return information_criteria(
-            2.0 * self.cost, count, self.family.size, known_noise=known
-        )
+        return information_criteria(2.0 * self.cost, count, self.family.size, known_noise=known)
 
     def predict(self, mode: str, stretch: np.ndarray, level: float = 0.95) -> Band:
         """Predict a mode, measured or not, with the uncertainty of the constants.
@@ -149,6 +147,7 @@ class MaterialFit:
         family, judged = self.family, self.uncertainty
         aicc, bic = self.criteria
         stable = self.stable
+        unknown_modes, extrapolated = self._extrapolations()
         report: dict[str, Any] = {
             "law": family.law_name,
             "parameters": family.tree(map(float, self.constants)),
@@ -175,13 +174,13 @@ class MaterialFit:
             "bic": bic,
             "condition_number": judged.condition_number,
             "singular_values": judged.singular_values.tolist(),
-            "unidentifiable": [*judged.unidentifiable, *self._rivals()],
+            "unidentifiable": [*judged.unidentifiable, *self._rivals(), *unknown_modes],
             "stable_range": {mode: list(ends) for mode, ends in stable.items()},
             "misfit": _plain(dataclasses.asdict(self.misfit)),
             "starts": self.starts,
             "starts_converged": int(self.minima.converged.sum()),
             "starts_agreeing": self.minima.agreeing,
-            "warnings": [*self.remarks, *self._doubts(stable)],
+            "warnings": [*self.remarks, *self._doubts(stable), *extrapolated],
             "status": self.status,
         }
         if family.law_name == "ogden":
@@ -287,7 +286,6 @@ class MaterialFit:
             doubts.append("only one start reached the lowest minimum: use more --starts")
         if self.misfit.words:
             doubts.append(self.misfit.words)
-        doubts += self._extrapolations()
         for data in self.sets:
             if data.mode not in stable:
                 continue
@@ -300,36 +298,49 @@ class MaterialFit:
                 )
         return doubts
 
-    def _extrapolations(self) -> list[str]:
-        """Modes that were not measured, and how sure their prediction is."""
+    def _extrapolations(self) -> tuple[list[str], list[str]]:
+        """Modes that the data leave open, and a warning about all that were not measured.
+
+        The prediction of a mode is as uncertain as its 95 % band, or as far as other
+        minima that fit as well predict it, whichever is more.
+        """
         modes = {data.mode for data in self.sets}
-        if modes & _ALL_STATES:
-            return []
         measured = modes & set(PATHS)
         if modes & _EQUIBIAXIAL_TESTS:
             measured.add("equibiaxial")
         missing = [mode for mode in PATHS if mode not in measured]
-        if not missing:
-            return []
+        if not missing or modes & _ALL_STATES:
+            return [], []
         largest = float(np.exp(self.problem.residuals.scales.strain))
         ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
-        parts, poor = [], False
+        parts, unknown = [], []
         for mode in missing:
             stretch = np.linspace(1.0, ends[mode], 9)[1:]
             band = self.predict(mode, stretch)
-            ratio = float(np.max(band.half_width / np.maximum(np.abs(band.nominal), 1e-300)))
-            poor |= not ratio < _UNRELIABLE
-            amount = f"+-{100.0 * ratio:.2g} %" if ratio < 100.0 else "nothing"
+            half = band.half_width
+            for other in self.rivals():
+                half = np.maximum(
+                    half, np.abs(self._nominal(mode, stretch, other) - band.nominal)
+                )
+            ratio = float(np.max(half / np.maximum(np.abs(band.nominal), 1e-300)))
+            amount = f"+-{100.0 * ratio:.2g} %" if ratio < 10.0 else "no useful accuracy"
             parts.append(f"{mode} to {amount} up to a stretch of {ends[mode]:.2f}")
-        known = ", ".join(sorted(modes))
-        advice = (
-            "measure one of them" if poor else "the band assumes that the law itself is right"
+            if not ratio < _UNKNOWN:
+                unknown.append(
+                    f"{mode} stress: not measured, and known to {amount} only (95 %, up to "
+                    f"a stretch of {ends[mode]:.2f})"
+                )
+        advice = "measure it" if unknown else "the band assumes that the law itself is right"
+        warning = (
+            f"only {', '.join(sorted(modes))} was measured, other modes are extrapolated: "
+            f"{', '.join(parts)}; {advice}"
         )
-        return [
-            f"only {known} was measured: other modes are extrapolated (95 %: "
-            + ", ".join(parts)
-            + f"); {advice}"
-        ]
+        return unknown, [warning]
+
+    def _nominal(self, mode: str, stretch: np.ndarray, constants: np.ndarray) -> np.ndarray:
+        """Nominal stress of a mode for other constants of the law [Pa]."""
+        changed = dataclasses.replace(self, constants=constants)
+        return changed.predict(mode, stretch).nominal
 
 
 def fit_material(
@@ -389,9 +400,7 @@ def fit_material(
     known_noise = residual == "noise"
     shape = _residual_paths(used, problem, constants)
     typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
-    judged_misfit = misfit(
-        shape, chosen.size, known_noise=known_noise, exact=1e-4 * typical
-    )
+    judged_misfit = misfit(shape, chosen.size, known_noise=known_noise, exact=1e-4 * typical)
     judged = uncertainty(
         problem.residuals,
         constants,
@@ -409,10 +418,10 @@ class NoFit(ArithmeticError):  # noqa: N818
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Laws compared on the same data, best AICc first.
+    """Laws compared on the same data.
 
     Attributes:
-        fits: one per law that could be fitted.
+        fits: one per law that could be fitted, lowest AICc first.
         failed: reasons, by law, of those that could not.
     """
 
@@ -421,8 +430,12 @@ class Comparison:
 
     @property
     def best(self) -> MaterialFit:
-        """The lowest AICc among converged fits."""
-        return self.fits[0]
+        """The lowest AICc among converged fits that determine all their constants.
+
+        A law with a combination of constants that the data leave free has terms to spare;
+        it is chosen only where every law has one.
+        """
+        return min(self.fits, key=lambda fit: bool(fit.uncertainty.unidentifiable))
 
     @property
     def table(self) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ its exponent, which keeps Eq. 12 and is smooth through α_p = 0, where μ_p alon
 
 import abc
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -105,6 +105,17 @@ class AbstractFamily(abc.ABC):
     def ordered(self, constants: np.ndarray) -> np.ndarray:
         """Constants in canonical order, where equal laws can be written in several."""
         return constants
+
+    def signs(
+        self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest constants that the law's own conditions allow, each [p].
+
+        Args:
+            constants: a point that meets them, where a condition leaves a choice.
+            bounds: what else is asked of the constants; it may make that choice.
+        """
+        return np.full(self.size, -np.inf), np.full(self.size, np.inf)
 
     def tree(self, values: Any) -> dict[str, Any]:
         """Per-constant values by the keys of [material]."""
@@ -211,6 +222,15 @@ class Family(AbstractFamily):
         """The law with these constants."""
         return self.build(*constants)
 
+    def signs(
+        self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Zero and up for positive constants that stand alone."""
+        alone = [part.kind != "free" for part in self.parts]
+        if self.modulus_is_sum:
+            alone[0] = False
+        return np.where(alone, 0.0, -np.inf), np.full(self.size, np.inf)
+
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Uniform in each constant's range of starts; the first from its middle."""
         low, high = np.array([part.start for part in self.parts]).T
@@ -310,6 +330,20 @@ class OgdenFamily(AbstractFamily):
         usual = jnp.abs(moment) / size / self.terms
         share = jnp.maximum(share, jnp.maximum(1e-3 * usual, 1e-12))
         return theta.at[: self.terms].set(jnp.log(share))
+
+    def signs(
+        self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """μ_p α_p > 0: each exponent keeps its sign, unless a bound fixes another one."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for p in range(self.terms):
+            negative = constants[self.terms + p] < 0.0
+            for name in (f"mu.{p}", f"alpha.{p}"):
+                least, most = bounds.get(name, (-np.inf, np.inf))
+                negative = (negative or most <= 0.0) and least < 0.0
+            for i in (p, self.terms + p):
+                low[i], high[i] = (-np.inf, 0.0) if negative else (0.0, np.inf)
+        return low, high
 
     def ordered(self, constants: np.ndarray) -> np.ndarray:
         """Terms by falling share of the shear modulus."""

@@ -108,7 +108,9 @@ def _scales(sets: Sequence[Dataset], kind: str) -> tuple[list[np.ndarray], list[
         # Pressures and stresses are compared with their own kind.
         found = []
         for data in sets:
-            alike = [s for s in sets if (s.measure == "pressure") == (data.measure == "pressure")]
+            alike = [
+                s for s in sets if (s.measure == "pressure") == (data.measure == "pressure")
+            ]
             size = float(np.sqrt(np.mean(np.concatenate([s.value for s in alike]) ** 2)))
             found.append(np.full(data.size, size if size > 0.0 else 1.0))
         return found, [0.0] * len(sets)

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 _MISSING = frozenset(
-    ["", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "inf", "+inf", "-inf"]
-    + ["#div/0!", "#value!", "#num!", "1.#qnan", "1.#inf", "."]
+    "|nan|na|n/a|#n/a|null|none|-|--|---|.|inf|+inf|-inf|#div/0!|#value!|#num!|1.#qnan|1.#inf".split(
+        "|"
+    )
 )
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
 _META = re.compile(r"^\s*([A-Za-z][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
@@ -94,9 +95,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     texts = [_row(file, number, line, delimiter, len(names)) for number, line in body]
     if not texts:
         raise DataError(f"{file}: there is no row below the column names")
-    cells = np.array(
-        [[_number(text) for text in row] for row in texts], dtype=float
-    )
+    cells = np.array([[_number(text) for text in row] for row in texts], dtype=float)
     metadata = {}
     for text in [*comments, *(line.replace(delimiter, ": ", 1) for line in preamble)]:
         found = _META.match(text)
@@ -154,7 +153,9 @@ def _header(file: str, rows: list[tuple[int, str]]) -> tuple[int, str]:
             if delimiter not in line.strip():
                 continue
             names = _fields(line, delimiter)
-            wordy = [bool(re.search(r"[^\W\d]", n)) and _NUMBER.fullmatch(n) is None for n in names]
+            wordy = [
+                bool(re.search(r"[^\W\d]", n)) and _NUMBER.fullmatch(n) is None for n in names
+            ]
             if sum(wordy) < 2 or not all(w or not n for w, n in zip(wordy, names, strict=True)):
                 continue
             if not following:
@@ -187,8 +188,11 @@ def _numeric(fields: list[str]) -> bool:
 def _is_units(fields: list[str], width: int) -> bool:
     words = [f for f in fields if f]
     short = all(len(f) <= 14 for f in words)
-    return bool(words) and short and len(fields) >= width - 1 and all(
-        math.isnan(_number(f)) and not is_missing(f) for f in words if f != "-"
+    return (
+        bool(words)
+        and short
+        and len(fields) >= width - 1
+        and all(math.isnan(_number(f)) and not is_missing(f) for f in words if f != "-")
     )
 
 

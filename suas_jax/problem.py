@@ -29,7 +29,6 @@ from suas_jax.mechanics.shell import Shell
 from suas_jax.mesh import MeshPlan, load_points, plan_mesh
 from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
 
-
 _LAWS: dict[str, type[AbstractLaw]] = {
     "neo-hookean": NeoHookean,
     "mooney-rivlin": MooneyRivlin,

@@ -20,7 +20,8 @@ _POWERS = (
 class ArrudaBoyce(AbstractLaw):
     """Eight-chain network of Langevin chains, five terms of its series (Arruda, Boyce 1993).
 
-    Ψ = μ Σ_{i=1..5} C_i λ_m^(2 − 2i) (I₁^i − 3^i),   C = 1/2, 1/20, 11/1050, 19/7000, 519/673750
+    Ψ = μ Σ_{i=1..5} C_i λ_m^(2 − 2i) (I₁^i − 3^i)
+    C = 1/2, 1/20, 11/1050, 19/7000, 519/673750
 
     μ is the rubbery modulus nkT. The modulus at small strain is larger,
     μ (1 + 3/(5λ_m²) + 99/(175λ_m⁴) + 513/(875λ_m⁶) + 42039/(67375λ_m⁸)).
