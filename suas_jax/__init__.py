@@ -13,16 +13,16 @@ _HOMES = {
     "with_inputs": "suas_jax.config",
     "with_solve": "suas_jax.config",
     "ConfigError": "suas_jax.config",
-    "solve": "suas_jax.solve",
-    "Solution": "suas_jax.solve",
-    "gradient": "suas_jax.gradient",
+    "solve": "suas_jax.solution",
+    "Solution": "suas_jax.solution",
+    "gradient": "suas_jax.sensitivity",
     "force_sweep": "suas_jax.sweep",
     "pressure_sweep": "suas_jax.sweep",
     "plot_solution": "suas_jax.plot",
     "plot_sweep": "suas_jax.plot",
 }
 
-__all__ = sorted(_HOMES)  # noqa: PLE0605
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

@@ -7,6 +7,7 @@ radius). Newton then returns to the path; if it does not contract, the step is t
 again with a smaller radius. All lanes advance independently inside one loop.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -67,10 +68,12 @@ def _select(keep: Bool[Array, " lane"], a: PyTree, b: PyTree) -> PyTree:
 class LoadStepping(optx.AbstractRootFinder):
     """Newton with load steps controlled by displacement.
 
-    `args` of the root-find is a triple: anything the function needs, the level to reach,
-    and the length by which displacements are judged. The function is called with the
-    first entry and a trial level and returns ``(residual, operator)``; its residual must
-    be affine in the level.
+    `args` of the root-find is a triple: anything the function needs, the levels to reach
+    and to start from, and the length by which displacements are judged. The function is
+    called with the levels at which its residual and its tangent are wanted and returns
+    ``(residual, operator)``; the residual must be affine in the level. (The tangent is
+    not: a dead load has a stiffness of its own, and that of a load still far away would
+    send the first step of a path astray.)
 
     Attributes:
         rtol: wanted size of the remaining error relative to the displacement.
@@ -88,7 +91,7 @@ class LoadStepping(optx.AbstractRootFinder):
     rtol: float = 1e-12
     atol: float = 0.0
     first_radius: float | Array = 4.0
-    largest_step: float | Array | None = None
+    largest_step: float | Array = math.inf
     contraction: float = 5.0
     path_tolerance: float = 1e-2
     max_inner: int = 12
@@ -107,12 +110,12 @@ class LoadStepping(optx.AbstractRootFinder):
         aux_struct: PyTree,
         tags: frozenset[object],
     ) -> SteppingState:
-        """Start at the equilibrium `y` whose load level is `options["level"]`."""
-        _, target, length = args
+        """Start at the equilibrium `y` of the lower level."""
+        _, (target, start), length = args
         lane = y.stations.shape[-1:]
         dtype = y.stations.dtype
         zeros, counts = jnp.zeros(lane, dtype), jnp.zeros(lane, jnp.int32)
-        level = jnp.broadcast_to(options.get("level", zeros), lane)
+        level = jnp.broadcast_to(start, lane).astype(dtype)
         radius = jnp.maximum(self.first_radius * length, largest(y.stations[:2]))
         return SteppingState(
             level=jnp.broadcast_to(target, lane).astype(dtype),
@@ -142,16 +145,16 @@ class LoadStepping(optx.AbstractRootFinder):
         tags: frozenset[object],
     ) -> tuple[BorderedVector, SteppingState, PyTree]:
         """One Newton correction, then accept, repeat or retry the load step."""
-        problem, target, length = args
-        residual, operator = fn(y, (problem, state.level, length))
+        problem, (target, _), length = args
+        first = state.inner == 0
+        tangent_level = jnp.where(first, state.base_level, state.level)
+        residual, operator = fn(y, (problem, (state.level, tangent_level), length))
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
         size = largest(solved.value.stations[:2])
-        first = state.inner == 0
         radius = state.radius
-        if self.largest_step is not None:
-            size_of_state = largest(state.base.stations[:2])
-            relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
-            radius = jnp.minimum(radius, relative)
+        size_of_state = largest(state.base.stations[:2])
+        relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
+        radius = jnp.minimum(radius, relative)
         cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
         cut = jnp.where(size > 0, cut, 1)
         level = state.base_level + cut * (state.level - state.base_level)
@@ -167,7 +170,7 @@ class LoadStepping(optx.AbstractRootFinder):
         settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
         # At the limit of the arithmetic corrections stop shrinking.
         stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
-        equilibrium = fine & (settled | stagnant | (size == 0))
+        equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length))
         # On the way it is enough to be near the path, compared with the step along it:
         # the next step's first correction starts from the residual that is left. This
         # saves a quarter of all corrections. Should it lead astray, as it may close to a
@@ -231,7 +234,7 @@ class LoadStepping(optx.AbstractRootFinder):
         tags: frozenset[object],
     ) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Stop when every lane has ended; outcomes are kept per lane in the state."""
-        return jnp.all(state.done), optx.RESULTS.successful
+        return jnp.all(state.done), optx.RESULTS.successful  # type: ignore[return-value]
 
     def postprocess(
         self,

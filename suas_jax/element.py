@@ -12,26 +12,6 @@ from jaxtyping import Array, Float
 _HERMITE = np.array(
     [[1.0, 0.0, -3.0, 2.0], [0.0, 1.0, -2.0, 1.0], [0.0, 0.0, 3.0, -2.0], [0.0, 0.0, -1.0, 1.0]]
 )
-# Interior modes of degree four and five: value and slope vanish at both ends, so adding
-# them raises the order of one element without touching its neighbours.
-_BUBBLES = np.array([[0.0, 0.0, 1.0, -2.0, 1.0, 0.0], [0.0, 0.0, -1.0, 4.0, -5.0, 2.0]])
-
-
-def _evaluate(
-    coefficients: Float[np.ndarray, "shape power"],
-    xi: Float[Array | np.ndarray, "*points"],
-    derivative: int,
-) -> list[Float[Array | np.ndarray, "*points"]]:
-    shapes = []
-    for row in coefficients:
-        polynomial = np.polynomial.Polynomial(row)
-        for _ in range(derivative):
-            polynomial = polynomial.deriv()
-        value = 0.0 * xi
-        for c in polynomial.coef[::-1]:
-            value = value * xi + float(c)
-        shapes.append(value)
-    return shapes
 
 
 def hermite(
@@ -46,19 +26,13 @@ def hermite(
     Returns:
         Values for left value, left slope, right value, right slope; each shaped like xi.
     """
-    return _evaluate(_HERMITE, xi, derivative)
-
-
-def bubbles(
-    xi: Float[Array | np.ndarray, "*points"], derivative: int = 0
-) -> list[Float[Array | np.ndarray, "*points"]]:
-    """The two interior modes xi^2 (1 - xi)^2 and xi^2 (1 - xi)^2 (2 xi - 1).
-
-    Args:
-        xi: local coordinate in [0, 1].
-        derivative: order of differentiation.
-
-    Returns:
-        Values of both modes; each shaped like xi.
-    """
-    return _evaluate(_BUBBLES, xi, derivative)
+    shapes = []
+    for row in _HERMITE:
+        polynomial = np.polynomial.Polynomial(row)
+        for _ in range(derivative):
+            polynomial = polynomial.deriv()
+        value = 0.0 * xi
+        for c in polynomial.coef[::-1]:
+            value = value * xi + float(c)
+        shapes.append(value)
+    return shapes

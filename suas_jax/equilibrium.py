@@ -82,6 +82,7 @@ def residual(
     y: BorderedVector,
     level: Lanes,
     pressure_given: Bool[Array, ""] | None = None,
+    tangent_level: Lanes | None = None,
 ) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
     """Residual of the equilibrium at a load level and its derivative.
 
@@ -91,34 +92,54 @@ def residual(
         level: factor on the loads where they are given, oil pressure [Pa] where that is.
         pressure_given: where true the level is the pressure and the border unknown the
             factor; None if that is nowhere so.
+        tangent_level: level at which the derivative is taken, if not the residual's own.
 
     Returns:
         The residual and the operator that is its derivative by y.
     """
     mechanics, oil = problem.mechanics, problem.oil
-    if y.border is None:
-        a = mechanics.assemble(y.stations, -level * problem.external_pressure, level)
-        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
-        return BorderedVector(a.residual, None), operator
-    film = mechanics.film_volume
-    if pressure_given is None:
-        pressure, factor = y.border, level
+    external = problem.external_pressure
+
+    def controls(level: Lanes) -> tuple[Lanes, Lanes]:
+        """Oil pressure and load factor."""
+        if y.border is None:
+            return jnp.zeros_like(level), level
+        if pressure_given is None:
+            return y.border, level
+        given = pressure_given
+        return jnp.where(given, level, y.border), jnp.where(given, y.border, level)
+
+    pressure, factor = controls(level)
+    if tangent_level is None:
+        a = mechanics.assemble(y.stations, pressure - factor * external, factor)
+        force = a.residual
     else:
-        pressure = jnp.where(pressure_given, level, y.border)
-        factor = jnp.where(pressure_given, y.border, level)
-    a = mechanics.assemble(y.stations, pressure - factor * problem.external_pressure, factor)
+        at_pressure, at_factor = controls(tangent_level)
+        a = mechanics.assemble(y.stations, at_pressure - at_factor * external, at_factor)
+        more = factor - at_factor
+        more_pressure = pressure - at_pressure - more * external
+        force = a.residual - more_pressure * a.volume_gradient - more * a.load
+    if y.border is None:
+        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
+        return BorderedVector(force, None), operator
+    film = mechanics.film_volume
     defect = oil.expansion(pressure, film) - a.volume_change
     by_pressure, compliance = -a.volume_gradient, oil.compliance(pressure, film)
     if pressure_given is None:
         operator = BorderedBlockTridiagonal(a.diagonal, a.upper, by_pressure, compliance)
     else:
-        by_factor = problem.external_pressure * a.volume_gradient - a.load
+        by_factor = external * a.volume_gradient - a.load
         column = jnp.where(pressure_given, by_factor, by_pressure)
         corner = jnp.where(pressure_given, 0.0, compliance)
         operator = BorderedBlockTridiagonal(
             a.diagonal, a.upper, column, corner, row=by_pressure
         )
-    return BorderedVector(a.residual, defect), operator
+    return BorderedVector(force, defect), operator
+
+
+def _border(y: BorderedVector) -> Lanes:
+    """The border unknown; zero, as a vented oil's pressure, where there is none."""
+    return jnp.zeros(y.stations.shape[-1:]) if y.border is None else y.border
 
 
 class _Found(NamedTuple):
@@ -127,6 +148,10 @@ class _Found(NamedTuple):
     result: Int[Array, " lane"]
     iterations: LaneCounts
     smallest_pivot: Lanes
+
+    @property
+    def border(self) -> Lanes:
+        return _border(self.y)
 
 
 def _step_to(
@@ -140,15 +165,14 @@ def _step_to(
     """Follow the path of equilibria from one level to another, in all lanes."""
 
     def fn(y: BorderedVector, args: Any) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
-        (problem, pressure_given), level, _ = args
-        return residual(problem, y, level, pressure_given)
+        (problem, pressure_given), (level, tangent_level), _ = args
+        return residual(problem, y, level, pressure_given, tangent_level)
 
-    solution = optx.root_find(
-        fn,
+    solution: optx.Solution = optx.root_find(
+        fn,  # type: ignore[arg-type]
         stepping,
         y,
-        args=((problem, pressure_given), target, problem.mechanics.length_scale),
-        options={"level": start},
+        args=((problem, pressure_given), (target, start), problem.mechanics.length_scale),
         has_aux=True,
         max_steps=stepping.max_steps,
         throw=False,
@@ -177,11 +201,11 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     if start is not None:
         y = BorderedVector(start.q, start.factor)
         return _step_to(problem, y, start.pressure, wanted, careful, jnp.array(True))
-    return _from_rest_to_pressure(problem, BorderedVector(rest, zero), wanted, careful)
+    return _from_rest_to_pressure(problem, rest, wanted, careful)
 
 
 def _from_rest_to_pressure(
-    problem: Problem, rest: BorderedVector, wanted: Lanes, careful: LoadStepping
+    problem: Problem, rest: StationVector, wanted: Lanes, careful: LoadStepping
 ) -> _Found:
     """Reach an oil pressure from rest.
 
@@ -190,25 +214,25 @@ def _from_rest_to_pressure(
     pressure with the factor unknown. Both run through one loop, traced once.
     """
 
-    def stage(carry: Any, pressure_given: Bool[Array, ""]) -> tuple[Any, _Found]:
-        stations, factor, pressure = carry
+    def stage(carry: State, pressure_given: Bool[Array, ""]) -> tuple[State, _Found]:
+        stations, pressure, factor = carry
         border = jnp.where(pressure_given, factor, pressure)
         level = jnp.where(pressure_given, pressure, factor)
         stepping = dataclasses.replace(
             careful,
             first_radius=jnp.where(pressure_given, careful.first_radius, 0.5),
             largest_step=jnp.where(pressure_given, careful.largest_step, jnp.inf),
-            until=lambda y: ~pressure_given & (y.border * jnp.sign(wanted) > 0),
+            until=lambda y: ~pressure_given & (_border(y) * jnp.sign(wanted) > 0),
         )
         target = jnp.where(pressure_given, wanted, 1e30)
         y = BorderedVector(stations, border)
         found = _step_to(problem, y, level, target, stepping, pressure_given)
-        other, level = found.y.border, found.level
+        other, level = found.border, found.level
         factor = jnp.where(pressure_given, other, level)
         pressure = jnp.where(pressure_given, level, other)
-        return (found.y.stations, factor, pressure), found
+        return State(found.y.stations, pressure, factor), found
 
-    start = (rest.stations, rest.border, rest.border)
+    start = State(rest, jnp.zeros_like(wanted), jnp.zeros_like(wanted))
     _, found = jax.lax.scan(stage, start, jnp.array([False, True]))
     failed = jnp.any(found.result != 0, 0)
     last = jax.tree.map(lambda x: x[-1], found)
@@ -239,7 +263,8 @@ def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Fou
         leaves, tree = jax.tree.flatten(arguments)
         lanes = max(x.shape[-1] for x in leaves)
         if lanes <= _CHUNK:
-            return _solve_lanes(*arguments, stepping)
+            problem, start = arguments
+            return _solve_lanes(problem, start, stepping)
         chunks = -(-lanes // _CHUNK)
         size = -(-lanes // chunks)
 
@@ -253,7 +278,8 @@ def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Fou
         def one(own: list[Array]) -> _Found:
             rest = iter(own)
             mixed = [x if s else next(rest) for x, s in zip(leaves, shared, strict=True)]
-            return _solve_lanes(*jax.tree.unflatten(tree, mixed), stepping)
+            problem, start = jax.tree.unflatten(tree, mixed)
+            return _solve_lanes(problem, start, stepping)
 
         found = jax.lax.map(one, own)
 
@@ -291,8 +317,9 @@ def _implicit(problem: Problem, found: _Found, t_problem: Problem) -> _Found:
             reached = level + (problem.oil_pressure - fixed)
         return residual(problem, found.y, reached, given)[0]
 
-    _, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
-    right = jax.tree.map(jnp.negative, change)
+    value, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
+    # An equation that the perturbed inputs don't enter has the tangent None.
+    right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else -t, value, change)
     dy = lx.linear_solve(operator, right, BlockElimination(), throw=False).value
     nothing = jax.tree.map(lambda _: None, found)
     return nothing._replace(y=dy)
@@ -325,15 +352,10 @@ def _outcome(problem: Problem, found: _Found) -> Equilibrium:
     if problem.oil_pressure is not None:
         fixed = jax.lax.stop_gradient(problem.oil_pressure)
         pressure = found.level + (problem.oil_pressure - fixed)
-        state = State(found.y.stations, pressure, found.y.border)
+        state = State(found.y.stations, pressure, found.border)
     else:
-        pressure = found.y.border
-        if pressure is None:
-            pressure = jnp.zeros_like(found.level)
-        state = State(found.y.stations, pressure, found.level)
-    return Equilibrium(
-        state, found.level, found.result, found.iterations, found.smallest_pivot
-    )
+        state = State(found.y.stations, found.border, found.level)
+    return Equilibrium(state, found.level, found.result, found.iterations, found.smallest_pivot)
 
 
 def equilibrium(
@@ -400,8 +422,8 @@ def path(
             careful = dataclasses.replace(stepping, largest_step=1.0)
             y = BorderedVector(state.q, state.factor)
             given = jnp.array(True)
-            found = _step_to(problem, y, state.pressure, level, careful, given)
-            found = _outcome(problem, found)
+            root = _step_to(problem, y, state.pressure, level, careful, given)
+            found = _outcome(problem, root)
             found = found._replace(state=found.state._replace(pressure=found.level))
         else:
             border = state.pressure if problem.oil.trapped else None
@@ -445,7 +467,7 @@ def verify(problem: Problem, state: State) -> Verification:
     r, operator = residual(problem, BorderedVector(state.q, border), state.factor)
     solved = eliminate(operator, r)
     change = solved.solution
-    pressure = state.pressure if border is None else state.pressure - change.border
+    pressure = state.pressure - _border(change)
     return Verification(
         solved.negative == (1 if problem.oil.trapped else 0),
         State(state.q - change.stations, pressure, state.factor),

@@ -11,12 +11,13 @@ Lineax sees an ordinary linear operator and solver; the structure stays in this 
 """
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from suas_jax._types import Diagonal, LaneCounts, Lanes, OffDiagonal, StationVector
@@ -48,10 +49,11 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     corner: Lanes | None
     row: StationVector | None = None
 
-    @property
-    def border_row(self) -> StationVector | None:
-        """The border's row."""
-        return self.column if self.row is None else self.row
+    def border(self) -> tuple[StationVector, StationVector, Lanes]:
+        """Column, row and corner of an operator that has a border."""
+        assert self.column is not None
+        assert self.corner is not None
+        return self.column, self.column if self.row is None else self.row, self.corner
 
     def mv(self, vector: BorderedVector) -> BorderedVector:
         """Matrix times vector."""
@@ -61,17 +63,17 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
         above = jnp.einsum("ab...,b...->a...", self.upper, x[:, 1:])
         below = jnp.einsum("ab...,a...->b...", self.upper, x[:, :-1])
         y = y + jnp.concatenate([above, zero], 1) + jnp.concatenate([zero, below], 1)
-        if self.column is None:
+        if z is None:
             return BorderedVector(y, None)
-        row = jnp.sum(self.border_row * x, (0, 1)) + self.corner * z
-        return BorderedVector(y + self.column * z, row)
+        column, row, corner = self.border()
+        return BorderedVector(y + column * z, jnp.sum(row * x, (0, 1)) + corner * z)
 
     def as_matrix(self) -> Float[Array, "n n"]:
         """Dense matrix (for tests and small problems)."""
         structure = self.in_structure()
         zeros = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), structure)
-        flat, unravel = jax.flatten_util.ravel_pytree(zeros)
-        columns = jax.vmap(lambda e: jax.flatten_util.ravel_pytree(self.mv(unravel(e)))[0])
+        flat, unravel = ravel_pytree(zeros)
+        columns = jax.vmap(lambda e: ravel_pytree(self.mv(unravel(e)))[0])
         return columns(jnp.eye(flat.size, dtype=flat.dtype)).T
 
     def transpose(self) -> "BorderedBlockTridiagonal":
@@ -83,15 +85,11 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     def in_structure(self) -> BorderedVector:
         """Shapes of the vectors it acts on."""
         dof, _, station, _ = self.diagonal.shape
-        lane = jnp.broadcast_shapes(
-            *(x.shape[-1:] for x in jax.tree.leaves(self))
-        )
-        border = None
-        if self.column is not None:
-            border = jax.ShapeDtypeStruct(lane, self.diagonal.dtype)
-        return BorderedVector(
-            jax.ShapeDtypeStruct((dof, station, *lane), self.diagonal.dtype), border
-        )
+        lane = jnp.broadcast_shapes(*(x.shape[-1:] for x in jax.tree.leaves(self)))
+        dtype = self.diagonal.dtype
+        stations: Any = jax.ShapeDtypeStruct((dof, station, *lane), dtype)
+        border: Any = None if self.column is None else jax.ShapeDtypeStruct(lane, dtype)
+        return BorderedVector(stations, border)
 
     def out_structure(self) -> BorderedVector:
         """Shapes of the vectors it returns."""
@@ -131,15 +129,26 @@ class Elimination(NamedTuple):
     Attributes:
         solution: unknowns, shaped like the right-hand side.
         negative: number of negative eigenvalues of the whole bordered operator, by
-            Sylvester's law of inertia (meaningless where row and column differ). With the oil's constraint as border, an
-            equilibrium is stable on the constraint surface if and only if it is one
-            (without border: none).
+            Sylvester's law of inertia (meaningless where row and column differ). With the
+            oil's constraint as border, an equilibrium is stable on the constraint surface
+            if and only if it is one (without border: none).
         smallest_pivot: smallest ratio of a pivot's magnitude to its diagonal entry.
     """
 
     solution: BorderedVector
     negative: LaneCounts
     smallest_pivot: Lanes
+
+
+def product(
+    a: Float[Array, "dof row lane"], b: Float[Array, "dof column lane"]
+) -> Float[Array, "row column lane"]:
+    """The transpose of one small matrix times another, in every lane.
+
+    Written out over the few rows: a batched contraction would loop over the lanes.
+    """
+    terms = [a[k, :, None] * b[k, None] for k in range(a.shape[0])]
+    return functools.reduce(jnp.add, terms)
 
 
 class _Sweep(NamedTuple):
@@ -230,7 +239,7 @@ def _eliminate(
         block, coupling, rhs = station
         block, rhs = block - carry[0], rhs - carry[1]
         joint, pivots = _ldl_solve(block, jnp.concatenate([coupling, rhs], 1))
-        update = sum(coupling[k][:, None] * joint[k][None] for k in range(dof))
+        update = product(coupling, joint)
         return (update[:, :dof], update[:, dof:]), (joint[:, :dof], joint[:, dof:], pivots)
 
     start = (
@@ -253,9 +262,7 @@ def _eliminate(
         backward, jnp.concatenate([middle, middle], -1), (coupled, reduced), reverse=True
     )
     right_half = outer[1:] if even else outer
-    solution = jnp.concatenate(
-        [outer[..., :lane], middle[None], right_half[::-1, ..., lane:]]
-    )
+    solution = jnp.concatenate([outer[..., :lane], middle[None], right_half[::-1, ..., lane:]])
     size = jnp.stack([chain[0][:, k, k] for k in range(dof)], 1)
     outer_ratio = jnp.min(jnp.abs(outer_pivots / size), (0, 1), initial=jnp.inf)
     size = jnp.stack([diagonal[k, k, half] for k in range(dof)])
@@ -280,18 +287,15 @@ def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elim
     Returns:
         The solution with the number of negative eigenvalues and the smallest pivot.
     """
-    if operator.column is None:
+    if right.border is None:
         sweep = _eliminate(operator.diagonal, operator.upper, right.stations[:, None])
         solution = BorderedVector(sweep.solution[:, 0], None)
         return Elimination(solution, sweep.negative, sweep.smallest_pivot)
-    lane = jnp.broadcast_shapes(right.stations.shape, operator.column.shape)
-    both = jnp.stack(
-        [jnp.broadcast_to(right.stations, lane), jnp.broadcast_to(operator.column, lane)], 1
-    )
+    column, row, corner = operator.border()
+    both = jnp.stack(jnp.broadcast_arrays(right.stations, column), 1)
     sweep = _eliminate(operator.diagonal, operator.upper, both)
     particular, border = sweep.solution[:, 0], sweep.solution[:, 1]
-    row = operator.border_row
-    schur = operator.corner - jnp.sum(row * border, (0, 1))
+    schur = corner - jnp.sum(row * border, (0, 1))
     z = (right.border - jnp.sum(row * particular, (0, 1))) / schur
     return Elimination(
         BorderedVector(particular - border * z, z),

@@ -4,14 +4,22 @@ The forward model is a pure function of `continuous_inputs`: this file maps thos
 traced or not, to geometry, law, oil and loads. The scene itself only says which classes.
 """
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, structure
+from suas_jax.config import (
+    LineLoadSpec,
+    SceneSpec,
+    SkinSpec,
+    continuous_inputs,
+    structure,
+)
 from suas_jax.constitutive import (
     AbstractLaw,
     ArrudaBoyce,
@@ -39,7 +47,7 @@ _LAWS: dict[str, type[AbstractLaw]] = {
 }
 
 
-def all_numbers(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
+def all_numbers(scene: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """Every value of a scene by TOML path, the continuous inputs replaced by those given."""
     return {**dict(structure(scene)), **inputs}
 
@@ -54,7 +62,7 @@ def geometry_of(numbers: Mapping[str, Any]) -> SkinGeometry:
     return SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
 
 
-def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
+def law_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
     """Material law from [material], its constants with a lane axis."""
     material = scene.material
     if material.law == "ogden":
@@ -67,7 +75,7 @@ def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
     return _LAWS[material.law](**{key: _lane(numbers[f"material.{key}"]) for key in keys})
 
 
-def oil_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractOil:
+def oil_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
     """Oil model from [oil]."""
     if scene.oil.model == "compressible":
         return CompressibleOil(_lane(numbers["oil.bulk_modulus"]))
@@ -169,6 +177,7 @@ def plan_for(scene: SceneSpec, elements: int) -> MeshPlan:
     )
 
 
+@functools.lru_cache(maxsize=64)
 def layer_angle(scene: SceneSpec) -> float:
     """Decay length of the boundary layers as an angle [rad].
 
@@ -179,8 +188,7 @@ def layer_angle(scene: SceneSpec) -> float:
     """
     g = scene.geometry
     radius = g.inner_radius + g.thickness / 2
-    law = law_of(scene, all_numbers(scene, {}) | dict(_given_numbers(scene)))
-    stiffness = float(law.shear_modulus[0]) * g.thickness**3 / 3
+    stiffness = float(_shear_modulus(scene)) * g.thickness**3 / 3
     if scene.solve.oil_pressure is not None:
         tension = abs(scene.solve.oil_pressure) * radius
     else:
@@ -193,7 +201,10 @@ def layer_angle(scene: SceneSpec) -> float:
     return min(1.0, float(np.sqrt(stiffness / tension)) / radius)
 
 
-def _given_numbers(scene: SceneSpec) -> Sequence[tuple[str, float]]:
-    from suas_jax.config import continuous_inputs
+def _shear_modulus(scene: SceneSpec) -> Array:
+    """Small-strain shear modulus of the membrane [Pa], compiled as one program."""
 
-    return list(continuous_inputs(scene).items())
+    def modulus(numbers: dict[str, ArrayLike]) -> Array:
+        return law_of(scene, all_numbers(scene, numbers)).shear_modulus[0]
+
+    return jax.jit(modulus)(continuous_inputs(scene))

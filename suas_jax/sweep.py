@@ -1,7 +1,9 @@
 """Load-displacement curves: one continuation through many loads."""
 
+import csv
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -10,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from suas_jax.compiled import COMPILED
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -20,14 +23,13 @@ from suas_jax.config import (
 from suas_jax.equilibrium import State, path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
-from suas_jax.solve import (
+from suas_jax.solution import (
     Inputs,
     Structure,
     assess,
     is_symmetric,
     plain,
     report_of,
-    run,
     whole,
     working_plan,
 )
@@ -36,6 +38,26 @@ _START_ELEMENTS = 32
 _MOST_ELEMENTS = 256
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
+
+
+# Observables of a point that go into the table.
+_COLUMNS = (
+    "oil_pressure_Pa",
+    "max_displacement_m",
+    "min_gap_m",
+    "min_gap_angle_deg",
+    "wall_contact",
+    "strain_energy_J",
+    "stretch_min",
+    "stretch_max",
+    "stable",
+    "status",
+)
+
+
+def _total_force(report: dict[str, Any]) -> float:
+    lines = [load for load in report["loads"] if load["kind"] == "line"]
+    return sum(abs(load["force_N"]) for load in lines)
 
 
 class SweepError(ValueError):
@@ -56,6 +78,24 @@ class Sweep:
     first_contact: dict[str, float] | None
     scene: SceneSpec
 
+    def rows(self) -> list[dict[str, Any]]:
+        """The curve as a table: total force, each load's entries, the main observables."""
+        rows = []
+        for point in self.points:
+            row = {"force_N": _total_force(point)}
+            for i, load in enumerate(point["loads"]):
+                row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
+            rows.append(row | {key: point[key] for key in _COLUMNS})
+        return rows
+
+    def write_csv(self, path: Path) -> None:
+        """Write the table; column names carry the SI units."""
+        rows = self.rows()
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+
 
 @eqx.filter_jit
 def _program(
@@ -67,14 +107,17 @@ def _program(
     levels: Array,
     start: State | None,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    found = path(build_problem(scene.scene, half, inputs), levels, start)
+    problem = build_problem(scene.scene, half, inputs)
+    found = path(problem, levels, start)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(scene.scene, plan, fine_plan, whole(state, half), inputs)
+        return assess(scene.scene, plan, fine_plan, whole(problem, state, half), inputs)
 
     reports = jax.lax.map(one, found.state)
-    names = ("result", "level", "iterations", "smallest_pivot")
-    return reports, found.state, {name: getattr(found, name) for name in names}
+    outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
+    unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
+    outcome["unknowns"] = jnp.full_like(found.result, unknowns)
+    return reports, found.state, outcome
 
 
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
@@ -160,10 +203,10 @@ class _Curve:
         visit = levels[levels != 0] if pressures else levels
         arguments = (self.plan, self.half, self.fine, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
-        found = run(_program, Structure(self.scene), *arguments, known)
+        found = COMPILED.run(_program, Structure(self.scene), *arguments, known)
         reports, self.states, outcomes = found
         rows = [
-            report_of(self.scene, plain(reports, i), plain(outcomes, i), self.half)
+            report_of(self.scene, plain(reports, i), plain(outcomes, i))
             for i in range(len(visit))
         ]
         if len(visit) < len(levels):
@@ -213,9 +256,8 @@ class _Curve:
 
 
 def _contact_of(report: dict[str, Any]) -> dict[str, float]:
-    forces = [abs(load["force_N"]) for load in report["loads"] if load["kind"] == "line"]
     return {
-        "force_N": sum(forces),
+        "force_N": _total_force(report),
         "oil_pressure_Pa": report["oil_pressure_Pa"],
         "angle_deg": report["min_gap_angle_deg"],
     }

@@ -1,13 +1,11 @@
 """Shape functions of one element: what they interpolate, and their derivatives."""
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.element import bubbles, hermite
+from suas_jax.element import hermite
 from suas_jax.quadrature import gauss_legendre
 
 XI = np.linspace(0, 1, 11)
@@ -30,31 +28,12 @@ def test_hermite_reproduces_every_cubic(derivative: int) -> None:
     np.testing.assert_allclose(got, want, rtol=0, atol=2e-14)
 
 
-def test_bubbles_touch_no_neighbour() -> None:
-    ends = np.array([0.0, 1.0])
-    for derivative in (0, 1):
-        np.testing.assert_array_equal(np.stack(bubbles(ends, derivative)), 0)
-
-
-def test_bubbles_are_the_modes_named() -> None:
-    first = XI**2 * (1 - XI) ** 2
-    np.testing.assert_allclose(bubbles(XI)[0], first, rtol=0, atol=1e-15)
-    np.testing.assert_allclose(bubbles(XI)[1], first * (2 * XI - 1), rtol=0, atol=1e-15)
-
-
-def test_bubbles_complete_the_quintics() -> None:
-    basis = np.stack([*hermite(XI), *bubbles(XI)], 1)
-    quintic = np.polynomial.Polynomial([0.3, -1.2, 0.7, 2.1, -0.9, 1.7])(XI)
-    _, rest, rank, _ = np.linalg.lstsq(basis, quintic, rcond=None)
-    assert rank == 6
-    assert rest[0] < 1e-28
-
-
-@pytest.mark.parametrize("shapes", [hermite, bubbles])
 @pytest.mark.parametrize("derivative", [1, 2, 3])
-def test_derivatives_are_those_of_the_shapes(shapes: Callable, derivative: int) -> None:
-    for i, got in enumerate(shapes(XI, derivative)):
-        slope = jax.vmap(jax.grad(lambda x, i=i: shapes(x, derivative - 1)[i]))(jnp.asarray(XI))
+def test_derivatives_are_those_of_the_shapes(derivative: int) -> None:
+    for i, got in enumerate(hermite(XI, derivative)):
+        slope = jax.vmap(jax.grad(lambda x, i=i: hermite(x, derivative - 1)[i]))(
+            jnp.asarray(XI)
+        )
         np.testing.assert_allclose(got, slope, rtol=0, atol=1e-13)
 
 

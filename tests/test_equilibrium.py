@@ -14,7 +14,7 @@ from skins import EPDM, WIDTH, check, converged, find, line, problem_of, quick, 
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium import equilibrium, volume_residual
 from suas_jax.mechanics.shell import Shell
-from suas_jax.mechanics.shell_shape import at_angle, mirrored
+from suas_jax.mechanics.shell_shape import mirrored
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.results import NAMES
 
@@ -34,7 +34,7 @@ either_case = pytest.mark.parametrize("case", CASES)
 
 @quick
 def inner_displacement(shell: Shell, q: jax.Array, angle: jax.Array) -> jax.Array:
-    return at_angle(shell, q, angle).inner_displacement[:, 0, 0, 0]
+    return shell.at_angle(q, angle).inner_displacement[:, 0, 0, 0]
 
 
 def reference_rows() -> list[dict[str, str]]:

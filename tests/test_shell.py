@@ -12,7 +12,6 @@ from suas_jax.config import continuous_inputs
 from suas_jax.kinematics import LogStretches
 from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.mechanics.shell import Shell
-from suas_jax.mechanics.shell_shape import profile
 from suas_jax.problem import build_problem, plan_for
 
 ELEMENTS = 4
@@ -199,7 +198,7 @@ def test_section_energy_is_that_of_an_incompressible_annulus(
 # The enclosed volume.
 
 
-sampled = quick(profile)
+sampled = quick(Shell.profile)
 
 
 def area(points: np.ndarray) -> float:

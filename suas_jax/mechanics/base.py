@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax.constitutive.base import AbstractLaw
 
 
 class Assembly(NamedTuple):
@@ -62,12 +63,17 @@ class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
     Attributes:
+        law: the membrane's material.
         film_volume: volume of the undeformed oil film per width [m^2].
-        length_scale: displacement beyond which linearisation can't be trusted [m].
     """
 
+    law: eqx.AbstractVar[AbstractLaw]
     film_volume: eqx.AbstractVar[Lanes]
-    length_scale: eqx.AbstractVar[Lanes]
+
+    @property
+    @abc.abstractmethod
+    def length_scale(self) -> Lanes:
+        """Displacement beyond which linearisation can't be trusted [m]."""
 
     @abc.abstractmethod
     def rest(self) -> StationVector:
@@ -103,16 +109,38 @@ class AbstractMechanics(eqx.Module):
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of displacement, the measure of convergence [m]."""
 
+    @abc.abstractmethod
+    def profile(self, q: StationVector, samples: int) -> Profile:
+        """The deformed section at evenly spaced points of every element.
+
+        Args:
+            q: unknowns of the whole arc.
+            samples: intervals an element is divided in.
+        """
+
+    @abc.abstractmethod
+    def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
+        """The deformed section at one reference angle per lane; leading axes of length one.
+
+        Args:
+            q: unknowns.
+            angle: from the symmetry axis, within the discretised arc [rad].
+        """
+
+    @abc.abstractmethod
+    def mirrored(self, q: StationVector) -> StationVector:
+        """Unknowns of the whole arc from those of the left half of a symmetric one."""
+
+    @abc.abstractmethod
+    def prolonged(self, q: StationVector) -> StationVector:
+        """The same deformation on a mesh with every element along the arc divided in two."""
+
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].
 
         Its gradient by q is the residual of `assemble`, its Hessian the tangent.
         """
-        return (
-            self.strain_energy(q)
-            - pressure * self.volume_change(q)
-            - factor * self.work(q)
-        )
+        return self.strain_energy(q) - pressure * self.volume_change(q) - factor * self.work(q)
 
 
 def largest(values: Float[Array, "*axes lane"]) -> Lanes:

@@ -24,11 +24,11 @@ from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.element import hermite
 from suas_jax.geometry import SkinGeometry, outward, tangent
-from suas_jax.jet import second_order
 from suas_jax.kinematics import FibreStretch
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
 from suas_jax.mechanics.shell_ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
+from suas_jax.mechanics.shell_loads import Loaded, load_terms, load_work, under
 from suas_jax.mechanics.shell_points import (
     Moments,
     Points,
@@ -37,10 +37,8 @@ from suas_jax.mechanics.shell_points import (
     mix,
     point_terms,
 )
+from suas_jax.mechanics.shell_shape import at, mirrored, prolonged, recovered, sampled
 from suas_jax.quadrature import gauss_legendre
-
-# Load points up to which their terms are written out one by one.
-_FEW_POINTS = 4
 
 
 class Shell(AbstractMechanics):
@@ -92,13 +90,13 @@ class Shell(AbstractMechanics):
             symmetric: whether the last station is the crown of a symmetric arch.
         """
         return cls(
-            law,
-            geometry.mid_radius,
-            geometry.thickness,
-            angles,
-            points,
-            geometry.film_area / (2 if symmetric else 1),
-            symmetric,
+            law=law,
+            mid_radius=geometry.mid_radius,
+            thickness=geometry.thickness,
+            angles=angles,
+            points=points,
+            film_volume=geometry.film_area / (2 if symmetric else 1),
+            symmetric=symmetric,
         )
 
     @property
@@ -168,9 +166,9 @@ class Shell(AbstractMechanics):
             Weight [m], lever m [m], and (1 + Z/R)^2; each [layer, 1, 1, lane].
         """
         points, weights = gauss_legendre(self.layers, -0.5, 0.5)
-        offset = points[:, None, None, None] * self.thickness
+        offset = jnp.asarray(points)[:, None, None, None] * self.thickness
         shell = 1 + offset / self.mid_radius
-        weight = weights[:, None, None, None] * self.thickness * shell
+        weight = jnp.asarray(weights)[:, None, None, None] * self.thickness * shell
         return weight, 2 * offset + offset**2 / self.mid_radius, shell**2
 
     def energy_density(self, stretch: Array, curvature: Array) -> Array:
@@ -201,11 +199,15 @@ class Shell(AbstractMechanics):
 
         green = (stretch + lever * curvature) / square
         first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))
-        powers = [weight, weight * lever, weight * lever**2]
         first, second = first / square, second / square**2
+
+        def moment(power: Array, derivative: Array) -> Array:
+            return jnp.sum(power * derivative, 0)
+
+        ones, squares = weight * lever, weight * lever**2
         return Moments(
-            tuple(jnp.sum(power * first, 0) for power in powers[:2]),
-            tuple(jnp.sum(power * second, 0) for power in powers),
+            (moment(weight, first), moment(ones, first)),
+            (moment(weight, second), moment(ones, second), moment(squares, second)),
         )
 
     def strain_energy(self, q: StationVector) -> Lanes:
@@ -240,68 +242,10 @@ class Shell(AbstractMechanics):
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
-        displacement, r1, normal = self._at_loads(self._gather(q))
-        x, y = r1
-        size = jnp.sqrt(x**2 + y**2)
-        turned = jnp.stack([-y / size, x / size]) - normal
-        moved = displacement + self.thickness / 2 * turned
-        return jnp.sum(self.points.force * moved, (0, 1))
+        return load_work(self.points, self._loaded(self._gather(q)), self.thickness)
 
-    def _at_loads(self, qe: Array) -> tuple[Array, tuple[Array, Array], Array]:
-        """Displacement, current r' and reference normal at the load points."""
-        at, slope = self._load_shapes()
-        length, start, span = self._load_elements()
-        select = self.points.select
-        qp = jnp.sum(qe[:, :, :, None] * select, 2)
-        u = jnp.sum(at[:, None] * qp, 0)
-        u1 = jnp.sum(slope[:, None] * qp, 0) / length
-        angle = start + self.points.xi * span
-        t = tangent(angle)
-        return u, (t[0] + u1[0], t[1] + u1[1]), outward(angle)
-
-    def _load_shapes(self) -> tuple[Array, Array]:
-        xi = self.points.xi
-        return jnp.stack(hermite(xi)), jnp.stack(hermite(xi, 1))
-
-    def _load_elements(self) -> tuple[Array, Array, Array]:
-        select = self.points.select
-        span = self.angles[1:] - self.angles[:-1]
-        pick = [jnp.sum(select * x[:, None], 0) for x in (self.lengths, self.angles[:-1], span)]
-        return pick[0], pick[1], pick[2]
-
-    def _load_terms(self, qe: Array) -> tuple[Array, Array]:
-        """Load vector and its derivative, per element: [4, 2, E, L], [4, 4, 2, 2, E, L]."""
-        at, slope = self._load_shapes()
-        length, _, _ = self._load_elements()
-        _, (x, y), _ = self._at_loads(qe)
-        fx, fy = self.points.force
-
-        def projected(x: Array, y: Array) -> Array:
-            return (fy * x - fx * y) / jnp.sqrt(x**2 + y**2)
-
-        jet = second_order(projected, x, y)
-        half = self.thickness / 2
-        slope = slope / length
-        gradient = half * jnp.stack([jet.x, jet.y])
-        curvature = half * jnp.stack([jnp.stack([jet.xx, jet.xy]), jnp.stack([jet.xy, jet.yy])])
-        vector = at[:, None] * self.points.force + slope[:, None] * gradient
-        select = self.points.select
-        points = select.shape[1]
-        if points > _FEW_POINTS:
-            matrix = slope[:, None, None, None] * slope[None, :, None, None] * curvature
-            return (
-                jnp.einsum("ncpl,epl->ncel", vector, select),
-                jnp.einsum("nmcdpl,epl->nmcdel", matrix, select),
-            )
-        # Term by term, the few points of line loads become part of the loop that uses
-        # them; a contraction or a reduction would store zeros for most elements.
-        vectors, matrices = [], []
-        for p in range(points):
-            vectors.append(vector[:, :, p, None] * select[:, p])
-            bending = curvature[:, :, p, None] * select[:, p]
-            rows, columns = slope[:, None, p], slope[None, :, p]
-            matrices.append((rows * columns)[:, :, None, None, None] * bending)
-        return sum(vectors, jnp.zeros_like(qe)), sum(matrices, jnp.zeros(()))
+    def _loaded(self, qe: Array) -> Loaded:
+        return under(self.points, qe, self.angles, self.mid_radius)
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
@@ -315,7 +259,8 @@ class Shell(AbstractMechanics):
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = _full(stiffness.reshape(4, 4, *stiffness.shape[1:]))
         volume, gradient = self._volume(qe, rows[-4:])
-        load, load_stiffness = self._load_terms(qe)
+        load, load_stiffness = load_terms(self.points, self._loaded(qe), self.thickness)
+        load = jnp.broadcast_to(load, qe.shape)
         rotation = np.array([[0.0, 1.0], [-1.0, 0.0]])
         coupling = np.einsum("nm,ce->nmce", tables.area, rotation)[..., None, None]
         diagonal, upper = self._blocks(
@@ -339,6 +284,24 @@ class Shell(AbstractMechanics):
         k = k.reshape(2, 2, 4, 4, *k.shape[6:])
         diagonal = _sum(k[0, 0], k[1, 1])
         return turn_blocks(diagonal, k[0, 1], self._ends(), self._free()[:, [0, -1]])
+
+    def profile(self, q: StationVector, samples: int) -> Profile:
+        """The deformed section at evenly spaced points; see the base class."""
+        line = sampled(self._gather(q), self.angles, self.mid_radius, samples)
+        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+
+    def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
+        """The deformed section at a reference angle; see the base class."""
+        line = at(self._gather(q), self.angles, self.mid_radius, angle)
+        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+
+    def mirrored(self, q: StationVector) -> StationVector:
+        """Unknowns of the whole arc; see the base class."""
+        return mirrored(q)
+
+    def prolonged(self, q: StationVector) -> StationVector:
+        """The same deformation on elements half as long; see the base class."""
+        return prolonged(q, self._gather(q), self.lengths)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

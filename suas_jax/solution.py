@@ -6,8 +6,9 @@ elements; the numbers of the scene are its arguments.
 
 import dataclasses
 import functools
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -17,11 +18,11 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
+from suas_jax.compiled import COMPILED
+from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
-from suas_jax.mechanics.shell_shape import mirrored, prolonged
 from suas_jax.mesh import MeshPlan
-from suas_jax.observables import load_observables, observe
+from suas_jax.observables import load_observables, observe, taxel_rows
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.results import NAMES, advice
 
@@ -87,36 +88,41 @@ def is_symmetric(plan: MeshPlan) -> bool:
     )
 
 
-def whole(state: State, plan: MeshPlan) -> State:
+def whole(problem: Problem, state: State, plan: MeshPlan) -> State:
     """The state on the whole arc from the one that was solved."""
-    return state._replace(q=mirrored(state.q)) if plan.symmetric else state
+    return state._replace(q=problem.mechanics.mirrored(state.q)) if plan.symmetric else state
 
 
 def _discretisation_error(coarse: dict[str, Any], fine: dict[str, Any]) -> Lanes:
     """Error of the coarse solution, from one Newton correction with every element divided.
 
     The coarse solution is so near the fine one that a single correction reaches it to
-    second order in the error. Pressure and the displacements of the loads
+    second order in the error. Pressure and mid-surface displacements of the loads
     converge with the fourth power of the element length, so the fine solution's own
-    error is a sixteenth.
+    error is a sixteenth; the inner face's displacement follows the curvature, which
+    converges with the second power.
     """
-    tiny = 1e-300
+    tiny = jnp.asarray(1e-300)
     pressure = jnp.abs(coarse["pressure"] - fine["pressure"])
     parts = [pressure / jnp.maximum(jnp.abs(fine["pressure"]), tiny)]
     size = functools.reduce(jnp.maximum, [jnp.abs(d) for d in fine["displacement"]], tiny)
-    parts += [
-        jnp.abs(a - b) / size
-        for a, b in zip(coarse["displacement"], fine["displacement"], strict=True)
-    ]
-    return functools.reduce(jnp.maximum, parts) * 16 / 15
+
+    def difference(name: str) -> list[Lanes]:
+        return [jnp.abs(a - b) / size for a, b in zip(coarse[name], fine[name], strict=True)]
+
+    fast = [part * 16 / 15 for part in [*parts, *difference("displacement")]]
+    slow = [part * 4 / 3 for part in difference("inner_displacement")]
+    return functools.reduce(jnp.maximum, fast + slow)
 
 
-def _key_quantities(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Inputs
-) -> dict[str, Any]:
-    loads = load_observables(scene, problem, state, inputs)
-    displacement = [load["displacement_m"] for load in loads if "displacement_m" in load]
-    return {"pressure": state.pressure, "displacement": displacement}
+def _key_quantities(loads: list[dict[str, Any]], pressure: Lanes) -> dict[str, Any]:
+    """What the error is estimated for."""
+    lines = [load for load in loads if "displacement_m" in load]
+    return {
+        "pressure": pressure,
+        "displacement": [load["displacement_m"] for load in lines],
+        "inner_displacement": [load["inner_displacement_m"] for load in lines],
+    }
 
 
 def assess(
@@ -130,12 +136,13 @@ def assess(
     problem = build_problem(spec, plan, inputs)
     report = observe(spec, problem, state, inputs)
     fine = build_problem(spec, fine_plan, inputs)
-    start = state._replace(q=prolonged(problem.mechanics, state.q))
+    start = state._replace(q=problem.mechanics.prolonged(state.q))
     check = verify(fine, start)
     report["stable"] = check.stable
+    better = load_observables(spec, fine, check.correction, inputs)
     report["discretisation_error"] = _discretisation_error(
-        _key_quantities(spec, problem, state, inputs),
-        _key_quantities(spec, fine, check.correction, inputs),
+        _key_quantities(report["loads"], state.pressure),
+        _key_quantities(better, check.correction.pressure),
     )
     return report
 
@@ -145,40 +152,18 @@ def _program(
     scene: Structure, plan: MeshPlan, half: MeshPlan, fine_plan: MeshPlan, inputs: Inputs
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     """Solve on `half` (or `plan` itself), then assess on the whole arc."""
-    found = equilibrium(build_problem(scene.scene, half, inputs))
-    state = whole(found.state, half)
+    problem = build_problem(scene.scene, half, inputs)
+    found = equilibrium(problem)
+    state = whole(problem, found.state, half)
     report = assess(scene.scene, plan, fine_plan, state, inputs)
     outcome = {
         "result": found.result,
         "level": found.level,
         "iterations": found.iterations,
         "smallest_pivot": found.smallest_pivot,
+        "unknowns": jnp.full(1, problem.mechanics.unknowns() + int(problem.oil.trapped)),
     }
     return report, state, outcome
-
-
-class _Compiled:
-    """Compiled programs by scene structure and mesh size, with the time they took."""
-
-    def __init__(self) -> None:
-        self.programs: dict[Any, Callable[..., Any]] = {}
-        self.seconds = 0.0
-
-    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a jitted function, compiling apart so that both can be timed."""
-        dynamic, static = eqx.partition(arguments, eqx.is_array_like)
-        shapes = jax.tree.map(np.shape, dynamic)
-        key = (function, jax.tree.structure(static), tuple(jax.tree.leaves(static)))
-        key += (jax.tree.structure(dynamic), str(shapes))
-        if key not in self.programs:
-            begin = time.perf_counter()
-            self.programs[key] = function.lower(*arguments).compile()  # type: ignore[attr-defined]
-            self.seconds += time.perf_counter() - begin
-        return jax.block_until_ready(self.programs[key](*arguments))
-
-
-_COMPILED = _Compiled()
-run = _COMPILED.run
 
 
 def _starting_elements(scene: SceneSpec) -> int:
@@ -187,7 +172,7 @@ def _starting_elements(scene: SceneSpec) -> int:
     return max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals)
 
 
-def plain(tree: Any, row: int = 0) -> Any:
+def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
     """Arrays to Python numbers, one row of them where they have many."""
 
     def number(x: Any) -> Any:
@@ -195,7 +180,14 @@ def plain(tree: Any, row: int = 0) -> Any:
             return x
         return np.asarray(x).reshape(-1)[row].item()
 
-    return jax.tree.map(number, tree)
+    columns = tree.get("taxels", {})
+    others = {name: x for name, x in tree.items() if name != "taxels"}
+    numbers: dict[str, Any] = jax.tree.map(number, others)
+    if columns:
+        count = columns["so"].shape[-2]
+        rows = {name: np.asarray(x).reshape(-1, count)[row] for name, x in columns.items()}
+        numbers["taxels"] = {name: x.tolist() for name, x in rows.items()}
+    return numbers
 
 
 def unloaded(scene: SceneSpec) -> bool:
@@ -228,65 +220,63 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     """
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     static = Structure(scene)
-    compiled_before = _COMPILED.seconds
+    once = repeat == 1
+    compiled_before = COMPILED.seconds
 
-    def attempt() -> tuple[dict[str, Any], State, dict[str, Any], MeshPlan, MeshPlan]:
+    def attempt() -> tuple[dict[str, Any], State, dict[str, Any], MeshPlan]:
         elements = scene.solve.elements or _starting_elements(scene)
         while True:
             plan = plan_for(scene, elements)
             if unloaded(scene):
-                report, state = run(_rest_program, static, plan, inputs)
+                report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
                 report |= {"discretisation_error": 0.0, "stable": True}
-                outcome = {"result": 0, "level": 1.0, "iterations": 0, "smallest_pivot": 1.0}
-                return report, state, outcome, plan, plan
+                outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
+                return report, state, outcome, plan
             symmetric = is_symmetric(plan)
             half = working_plan(plan, symmetric)
             arguments = (static, plan, half, plan.refined(), inputs)
-            report, state, outcome = run(_program, *arguments)
+            report, state, outcome = COMPILED.run(_program, *arguments, once=once)
             error = float(report["discretisation_error"][0])
             enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
             if scene.solve.elements or enough or 2 * elements > _MOST_ELEMENTS:
-                return report, state, outcome, plan, half
+                return report, state, outcome, plan
             elements *= 2
 
     result = attempt()
     seconds = []
-    for _ in range(max(1, repeat)):
+    for _ in range(repeat):
         begin = time.perf_counter()
         result = attempt()
         seconds.append(time.perf_counter() - begin)
-    report, state, outcome, plan, half = result
-    report = report_of(scene, plain(report), plain(outcome), half)
+    report, state, outcome, plan = result
+    report = report_of(scene, plain(report), plain(outcome))
     report["timings_s"] = {
-        "compile": _COMPILED.seconds - compiled_before,
+        "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
     return Solution(report, state, plan, scene)
 
 
 def report_of(
-    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any], half: MeshPlan
+    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any]
 ) -> dict[str, Any]:
     """The report of one state, in the order of the contract."""
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
+    taxels = taxel_rows(scene, observed.pop("taxels", {}))
     return {
-        **_header(scene, observed | {"loads": loads}, outcome),
+        **_header(scene, observed | {"loads": loads}, outcome, taxels),
         "iterations": outcome["iterations"],
-        "unknowns": _unknowns(scene, half),
-        "taxels": [],
+        "unknowns": outcome["unknowns"],
+        "taxels": taxels,
     }
 
 
-def _unknowns(scene: SceneSpec, plan: MeshPlan) -> int:
-    if unloaded(scene):
-        return 0
-    problem = build_problem(scene, plan, continuous_inputs(scene))
-    return problem.mechanics.unknowns() + int(problem.oil.trapped)
-
-
 def _header(
-    scene: SceneSpec, report: dict[str, Any], outcome: dict[str, Any]
+    scene: SceneSpec,
+    report: dict[str, Any],
+    outcome: dict[str, Any],
+    taxels: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Status, message and error estimate, ahead of the observables."""
     status = NAMES[outcome["result"]]
@@ -297,6 +287,7 @@ def _header(
         message.append(f"It carries {outcome['level']:.4g} of the load.")
     if status == "converged":
         message += _remarks(scene, report, error if known else None)
+        message += _blind(taxels)
     return {
         "model": "shell",
         "status": status,
@@ -328,3 +319,14 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")
     return remarks
+
+
+def _blind(taxels: list[dict[str, Any]]) -> list[str]:
+    """Which taxels have no reading, where there are such."""
+    blind = sum(not math.isfinite(taxel["so"]) for taxel in taxels)
+    if not blind:
+        return []
+    return [
+        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
+        "real converter saturates."
+    ]
