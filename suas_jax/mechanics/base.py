@@ -12,7 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax._types import Lanes, StationVector
+from suas_jax.block_tridiagonal import AbstractTangent
 from suas_jax.constitutive.base import AbstractLaw
 
 
@@ -22,16 +23,14 @@ class Assembly(NamedTuple):
     Attributes:
         residual: internal force less the oil's net pressure times the volume gradient
             less the load factor times the load vector [N/m].
-        diagonal: diagonal blocks of the residual's derivative.
-        upper: blocks above the diagonal.
+        tangent: the residual's derivative by the unknowns.
         volume_gradient: derivative of the enclosed volume by the unknowns.
         load: derivative of the loads' work at unit load factor by the unknowns [N/m].
         volume_change: enclosed volume less its value at rest, per width [m^2].
     """
 
     residual: StationVector
-    diagonal: Diagonal
-    upper: OffDiagonal
+    tangent: AbstractTangent
     volume_gradient: StationVector
     load: StationVector
     volume_change: Lanes

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax.block_tridiagonal import BlockTridiagonal
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.element import hermite
 from suas_jax.geometry import SkinGeometry, outward, tangent
@@ -264,8 +265,7 @@ class Shell(AbstractMechanics):
         )
         return Assembly(
             self._scatter(internal - pressure * gradient - factor * load),
-            diagonal,
-            upper,
+            BlockTridiagonal(diagonal, upper),
             self._scatter(gradient),
             self._scatter(load),
             volume,
