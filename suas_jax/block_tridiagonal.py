@@ -7,6 +7,7 @@ unknown by unknown here, large ones with unknowns of their own inside the elemen
 """
 
 import abc
+import functools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,7 +15,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax._types import Diagonal, LaneCounts, OffDiagonal, Lanes, StationVector
+from suas_jax._types import Diagonal, LaneCounts, Lanes, OffDiagonal, StationVector
+
+
+def product(
+    a: Float[Array, "dof row lane"], b: Float[Array, "dof column lane"]
+) -> Float[Array, "row column lane"]:
+    """The transpose of one small matrix times another, in every lane.
+
+    Written out over the few rows: a batched contraction would loop over the lanes.
+    """
+    terms = [a[k, :, None] * b[k, None] for k in range(a.shape[0])]
+    return functools.reduce(jnp.add, terms)
 
 
 class Sweep(NamedTuple):
@@ -162,7 +174,7 @@ def _eliminate(
         block, coupling, rhs = station
         block, rhs = block - carry[0], rhs - carry[1]
         joint, pivots = _ldl_solve(block, jnp.concatenate([coupling, rhs], 1))
-        update = sum(coupling[k][:, None] * joint[k][None] for k in range(dof))
+        update = product(coupling, joint)
         return (update[:, :dof], update[:, dof:]), (joint[:, :dof], joint[:, dof:], pivots)
 
     start = (
@@ -185,9 +197,7 @@ def _eliminate(
         backward, jnp.concatenate([middle, middle], -1), (coupled, reduced), reverse=True
     )
     right_half = outer[1:] if even else outer
-    solution = jnp.concatenate(
-        [outer[..., :lane], middle[None], right_half[::-1, ..., lane:]]
-    )
+    solution = jnp.concatenate([outer[..., :lane], middle[None], right_half[::-1, ..., lane:]])
     size = jnp.stack([chain[0][:, k, k] for k in range(dof)], 1)
     outer_ratio = jnp.min(jnp.abs(outer_pivots / size), (0, 1), initial=jnp.inf)
     size = jnp.stack([diagonal[k, k, half] for k in range(dof)])

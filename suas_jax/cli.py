@@ -26,9 +26,7 @@ Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).
 Model = Annotated[
     str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
 ]
-Rtol = Annotated[
-    float | None, typer.Option(help="Wanted relative error; overrides the scene.")
-]
+Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
 
 
 def register(app: typer.Typer) -> None:

@@ -7,6 +7,7 @@ radius). Newton then returns to the path; if it does not contract, the step is t
 again with a smaller radius. All lanes advance independently inside one loop.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -90,7 +91,7 @@ class LoadStepping(optx.AbstractRootFinder):
     rtol: float = 1e-12
     atol: float = 0.0
     first_radius: float | Array = 4.0
-    largest_step: float | Array | None = None
+    largest_step: float | Array = math.inf
     contraction: float = 5.0
     path_tolerance: float = 1e-2
     max_inner: int = 12
@@ -151,10 +152,9 @@ class LoadStepping(optx.AbstractRootFinder):
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
         size = largest(solved.value.stations[:2])
         radius = state.radius
-        if self.largest_step is not None:
-            size_of_state = largest(state.base.stations[:2])
-            relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
-            radius = jnp.minimum(radius, relative)
+        size_of_state = largest(state.base.stations[:2])
+        relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
+        radius = jnp.minimum(radius, relative)
         cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
         cut = jnp.where(size > 0, cut, 1)
         level = state.base_level + cut * (state.level - state.base_level)
@@ -234,7 +234,7 @@ class LoadStepping(optx.AbstractRootFinder):
         tags: frozenset[object],
     ) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Stop when every lane has ended; outcomes are kept per lane in the state."""
-        return jnp.all(state.done), optx.RESULTS.successful
+        return jnp.all(state.done), optx.RESULTS.successful  # type: ignore[return-value]
 
     def postprocess(
         self,

@@ -36,4 +36,3 @@ def hermite(
             value = value * xi + float(c)
         shapes.append(value)
     return shapes
-

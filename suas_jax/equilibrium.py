@@ -137,12 +137,21 @@ def residual(
     return BorderedVector(force, defect), operator
 
 
+def _border(y: BorderedVector) -> Lanes:
+    """The border unknown; zero, as a vented oil's pressure, where there is none."""
+    return jnp.zeros(y.stations.shape[-1:]) if y.border is None else y.border
+
+
 class _Found(NamedTuple):
     y: BorderedVector
     level: Lanes
     result: Int[Array, " lane"]
     iterations: LaneCounts
     smallest_pivot: Lanes
+
+    @property
+    def border(self) -> Lanes:
+        return _border(self.y)
 
 
 def _step_to(
@@ -159,8 +168,8 @@ def _step_to(
         (problem, pressure_given), (level, tangent_level), _ = args
         return residual(problem, y, level, pressure_given, tangent_level)
 
-    solution = optx.root_find(
-        fn,
+    solution: optx.Solution = optx.root_find(
+        fn,  # type: ignore[arg-type]
         stepping,
         y,
         args=((problem, pressure_given), (target, start), problem.mechanics.length_scale),
@@ -192,11 +201,11 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     if start is not None:
         y = BorderedVector(start.q, start.factor)
         return _step_to(problem, y, start.pressure, wanted, careful, jnp.array(True))
-    return _from_rest_to_pressure(problem, BorderedVector(rest, zero), wanted, careful)
+    return _from_rest_to_pressure(problem, rest, wanted, careful)
 
 
 def _from_rest_to_pressure(
-    problem: Problem, rest: BorderedVector, wanted: Lanes, careful: LoadStepping
+    problem: Problem, rest: StationVector, wanted: Lanes, careful: LoadStepping
 ) -> _Found:
     """Reach an oil pressure from rest.
 
@@ -205,25 +214,25 @@ def _from_rest_to_pressure(
     pressure with the factor unknown. Both run through one loop, traced once.
     """
 
-    def stage(carry: Any, pressure_given: Bool[Array, ""]) -> tuple[Any, _Found]:
-        stations, factor, pressure = carry
+    def stage(carry: State, pressure_given: Bool[Array, ""]) -> tuple[State, _Found]:
+        stations, pressure, factor = carry
         border = jnp.where(pressure_given, factor, pressure)
         level = jnp.where(pressure_given, pressure, factor)
         stepping = dataclasses.replace(
             careful,
             first_radius=jnp.where(pressure_given, careful.first_radius, 0.5),
             largest_step=jnp.where(pressure_given, careful.largest_step, jnp.inf),
-            until=lambda y: ~pressure_given & (y.border * jnp.sign(wanted) > 0),
+            until=lambda y: ~pressure_given & (_border(y) * jnp.sign(wanted) > 0),
         )
         target = jnp.where(pressure_given, wanted, 1e30)
         y = BorderedVector(stations, border)
         found = _step_to(problem, y, level, target, stepping, pressure_given)
-        other, level = found.y.border, found.level
+        other, level = found.border, found.level
         factor = jnp.where(pressure_given, other, level)
         pressure = jnp.where(pressure_given, level, other)
-        return (found.y.stations, factor, pressure), found
+        return State(found.y.stations, pressure, factor), found
 
-    start = (rest.stations, rest.border, rest.border)
+    start = State(rest, jnp.zeros_like(wanted), jnp.zeros_like(wanted))
     _, found = jax.lax.scan(stage, start, jnp.array([False, True]))
     failed = jnp.any(found.result != 0, 0)
     last = jax.tree.map(lambda x: x[-1], found)
@@ -254,7 +263,8 @@ def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Fou
         leaves, tree = jax.tree.flatten(arguments)
         lanes = max(x.shape[-1] for x in leaves)
         if lanes <= _CHUNK:
-            return _solve_lanes(*arguments, stepping)
+            problem, start = arguments
+            return _solve_lanes(problem, start, stepping)
         chunks = -(-lanes // _CHUNK)
         size = -(-lanes // chunks)
 
@@ -268,7 +278,8 @@ def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Fou
         def one(own: list[Array]) -> _Found:
             rest = iter(own)
             mixed = [x if s else next(rest) for x, s in zip(leaves, shared, strict=True)]
-            return _solve_lanes(*jax.tree.unflatten(tree, mixed), stepping)
+            problem, start = jax.tree.unflatten(tree, mixed)
+            return _solve_lanes(problem, start, stepping)
 
         found = jax.lax.map(one, own)
 
@@ -308,9 +319,7 @@ def _implicit(problem: Problem, found: _Found, t_problem: Problem) -> _Found:
 
     value, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
     # An equation that the perturbed inputs don't enter has the tangent None.
-    right = jax.tree.map(
-        lambda v, t: jnp.zeros_like(v) if t is None else -t, value, change
-    )
+    right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else -t, value, change)
     dy = lx.linear_solve(operator, right, BlockElimination(), throw=False).value
     nothing = jax.tree.map(lambda _: None, found)
     return nothing._replace(y=dy)
@@ -343,15 +352,10 @@ def _outcome(problem: Problem, found: _Found) -> Equilibrium:
     if problem.oil_pressure is not None:
         fixed = jax.lax.stop_gradient(problem.oil_pressure)
         pressure = found.level + (problem.oil_pressure - fixed)
-        state = State(found.y.stations, pressure, found.y.border)
+        state = State(found.y.stations, pressure, found.border)
     else:
-        pressure = found.y.border
-        if pressure is None:
-            pressure = jnp.zeros_like(found.level)
-        state = State(found.y.stations, pressure, found.level)
-    return Equilibrium(
-        state, found.level, found.result, found.iterations, found.smallest_pivot
-    )
+        state = State(found.y.stations, found.border, found.level)
+    return Equilibrium(state, found.level, found.result, found.iterations, found.smallest_pivot)
 
 
 def equilibrium(
@@ -418,8 +422,8 @@ def path(
             careful = dataclasses.replace(stepping, largest_step=1.0)
             y = BorderedVector(state.q, state.factor)
             given = jnp.array(True)
-            found = _step_to(problem, y, state.pressure, level, careful, given)
-            found = _outcome(problem, found)
+            root = _step_to(problem, y, state.pressure, level, careful, given)
+            found = _outcome(problem, root)
             found = found._replace(state=found.state._replace(pressure=found.level))
         else:
             border = state.pressure if problem.oil.trapped else None
@@ -463,7 +467,7 @@ def verify(problem: Problem, state: State) -> Verification:
     r, operator = residual(problem, BorderedVector(state.q, border), state.factor)
     solved = eliminate(operator, r)
     change = solved.solution
-    pressure = state.pressure if border is None else state.pressure - change.border
+    pressure = state.pressure - _border(change)
     return Verification(
         solved.negative == (1 if problem.oil.trapped else 0),
         State(state.q - change.stations, pressure, state.factor),

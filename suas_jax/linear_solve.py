@@ -13,10 +13,10 @@ Lineax sees an ordinary linear operator and solver; the structure stays in this 
 import dataclasses
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from suas_jax._types import LaneCounts, Lanes, StationVector
@@ -47,26 +47,27 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     corner: Lanes | None
     row: StationVector | None = None
 
-    @property
-    def border_row(self) -> StationVector | None:
-        """The border's row."""
-        return self.column if self.row is None else self.row
+    def border(self) -> tuple[StationVector, StationVector, Lanes]:
+        """Column, row and corner of an operator that has a border."""
+        assert self.column is not None
+        assert self.corner is not None
+        return self.column, self.column if self.row is None else self.row, self.corner
 
     def mv(self, vector: BorderedVector) -> BorderedVector:
         """Matrix times vector."""
         x, z = vector
         y = self.tangent.mv(x)
-        if self.column is None:
+        if z is None:
             return BorderedVector(y, None)
-        row = jnp.sum(self.border_row * x, (0, 1)) + self.corner * z
-        return BorderedVector(y + self.column * z, row)
+        column, row, corner = self.border()
+        return BorderedVector(y + column * z, jnp.sum(row * x, (0, 1)) + corner * z)
 
     def as_matrix(self) -> Float[Array, "n n"]:
         """Dense matrix (for tests and small problems)."""
         structure = self.in_structure()
         zeros = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), structure)
-        flat, unravel = jax.flatten_util.ravel_pytree(zeros)
-        columns = jax.vmap(lambda e: jax.flatten_util.ravel_pytree(self.mv(unravel(e)))[0])
+        flat, unravel = ravel_pytree(zeros)
+        columns = jax.vmap(lambda e: ravel_pytree(self.mv(unravel(e)))[0])
         return columns(jnp.eye(flat.size, dtype=flat.dtype)).T
 
     def transpose(self) -> "BorderedBlockTridiagonal":
@@ -78,12 +79,13 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     def in_structure(self) -> BorderedVector:
         """Shapes of the vectors it acts on."""
         inner = self.tangent.structure
-        border = [x.shape[-1:] for x in (self.column, self.corner, self.row) if x is not None]
-        lane = jnp.broadcast_shapes(inner.shape[-1:], *border)
-        return BorderedVector(
-            jax.ShapeDtypeStruct((*inner.shape[:-1], *lane), inner.dtype),
-            None if self.column is None else jax.ShapeDtypeStruct(lane, inner.dtype),
-        )
+        borders = (x for x in (self.column, self.corner, self.row) if x is not None)
+        lane = jnp.broadcast_shapes(inner.shape[-1:], *(x.shape[-1:] for x in borders))
+        stations: Any = jax.ShapeDtypeStruct((*inner.shape[:-1], *lane), inner.dtype)
+        border: Any = None
+        if self.column is not None:
+            border = jax.ShapeDtypeStruct(lane, inner.dtype)
+        return BorderedVector(stations, border)
 
     def out_structure(self) -> BorderedVector:
         """Shapes of the vectors it returns."""
@@ -123,9 +125,9 @@ class Elimination(NamedTuple):
     Attributes:
         solution: unknowns, shaped like the right-hand side.
         negative: number of negative eigenvalues of the whole bordered operator, by
-            Sylvester's law of inertia (meaningless where row and column differ). With the oil's constraint as border, an
-            equilibrium is stable on the constraint surface if and only if it is one
-            (without border: none).
+            Sylvester's law of inertia (meaningless where row and column differ). With the
+            oil's constraint as border, an equilibrium is stable on the constraint surface
+            if and only if it is one (without border: none).
         smallest_pivot: smallest ratio of a pivot's magnitude to its diagonal entry.
     """
 
@@ -146,18 +148,15 @@ def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elim
     Returns:
         The solution with the number of negative eigenvalues and the smallest pivot.
     """
-    if operator.column is None:
+    if right.border is None:
         sweep = operator.tangent.solve(right.stations[:, None])
         solution = BorderedVector(sweep.solution[:, 0], None)
         return Elimination(solution, sweep.negative, sweep.smallest_pivot)
-    lane = jnp.broadcast_shapes(right.stations.shape, operator.column.shape)
-    both = jnp.stack(
-        [jnp.broadcast_to(right.stations, lane), jnp.broadcast_to(operator.column, lane)], 1
-    )
+    column, row, corner = operator.border()
+    both = jnp.stack(jnp.broadcast_arrays(right.stations, column), 1)
     sweep = operator.tangent.solve(both)
     particular, border = sweep.solution[:, 0], sweep.solution[:, 1]
-    row = operator.border_row
-    schur = operator.corner - jnp.sum(row * border, (0, 1))
+    schur = corner - jnp.sum(row * border, (0, 1))
     z = (right.border - jnp.sum(row * particular, (0, 1))) / schur
     return Elimination(
         BorderedVector(particular - border * z, z),

@@ -7,6 +7,7 @@ loaded arcs), so stations move smoothly with the inputs and derivatives by a loa
 are those of the same discrete problem.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -159,9 +160,7 @@ def _stations(
 ) -> np.ndarray:
     """Divide the intervals between breakpoints by their density of stations."""
     angles = np.array([w @ values for w in ends])
-    cumulative = [
-        _cumulative(b - a, layer) for a, b in zip(angles[:-1], angles[1:], strict=True)
-    ]
+    cumulative = [_cumulative(b - a, layer) for a, b in itertools.pairwise(angles)]
     total = (angles[-1] - angles[0]) or 1.0
     wanted = np.array(
         [
@@ -266,12 +265,12 @@ def load_points(
         loads: line loads, in the order of the plan.
     """
     values = breakpoints(geometry, loads)
-    angles = plan.stations @ values
+    angles = jnp.asarray(plan.stations) @ values
     if not loads or plan.select.shape[1] == 0:
         empty = jnp.zeros((plan.select.shape[0], 0, 1))
         return angles, LoadPoints(empty, jnp.zeros((0, 1)), jnp.zeros((2, 0, 1)))
-    where = plan.position @ values
-    element = plan.select[:, :, None]
+    where = jnp.asarray(plan.position) @ values
+    element = jnp.asarray(plan.select)[:, :, None]
     start = jnp.sum(element * angles[:-1, None], 0)
     end = jnp.sum(element * angles[1:, None], 0)
     widths: list[Lanes] = []

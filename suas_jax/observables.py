@@ -67,7 +67,7 @@ def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
 def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     """Drucker stability of the fibres at both faces."""
     law = problem.mechanics.law
-    stable = True
+    stable = jnp.array(True)
     for stretch in (shape.inner_stretch, shape.outer_stretch):
         modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
         stable = stable & jnp.all(modulus > 0, (0, 1))

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from suas_jax.geometry import outward
 from suas_jax.solve import Solution
 
 if TYPE_CHECKING:
@@ -33,7 +32,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
     shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
-    normal = np.asarray(outward(angle))
+    normal = np.stack([np.sin(angle), np.cos(angle)])
     thickness = geometry.thickness
 
     def face(radius: float, displacement: object) -> tuple[np.ndarray, np.ndarray]:

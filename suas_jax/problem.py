@@ -4,14 +4,16 @@ The forward model is a pure function of `continuous_inputs`: this file maps thos
 traced or not, to geometry, law, oil and loads. The scene itself only says which classes.
 """
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, structure
+from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
 from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from suas_jax.equilibrium import Problem
 from suas_jax.geometry import SkinGeometry
@@ -152,6 +154,7 @@ def plan_for(scene: SceneSpec, elements: int) -> MeshPlan:
     )
 
 
+@functools.lru_cache(maxsize=64)
 def layer_angle(scene: SceneSpec) -> float:
     """Decay length of the boundary layers as an angle [rad].
 
@@ -162,8 +165,7 @@ def layer_angle(scene: SceneSpec) -> float:
     """
     g = scene.geometry
     radius = g.inner_radius + g.thickness / 2
-    law = law_of(scene, all_numbers(scene, {}) | dict(_given_numbers(scene)))
-    stiffness = float(law.shear_modulus[0]) * g.thickness**3 / 3
+    stiffness = float(_shear_modulus(scene)) * g.thickness**3 / 3
     if scene.solve.oil_pressure is not None:
         tension = abs(scene.solve.oil_pressure) * radius
     else:
@@ -176,7 +178,10 @@ def layer_angle(scene: SceneSpec) -> float:
     return min(1.0, float(np.sqrt(stiffness / tension)) / radius)
 
 
-def _given_numbers(scene: SceneSpec) -> Sequence[tuple[str, float]]:
-    from suas_jax.config import continuous_inputs
+def _shear_modulus(scene: SceneSpec) -> Array:
+    """Small-strain shear modulus of the membrane [Pa], compiled as one program."""
 
-    return list(continuous_inputs(scene).items())
+    def modulus(numbers: dict[str, ArrayLike]) -> Array:
+        return law_of(scene, all_numbers(scene, numbers)).shear_modulus[0]
+
+    return jax.jit(modulus)(continuous_inputs(scene))

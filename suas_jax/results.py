@@ -45,4 +45,4 @@ def index_of(name: str) -> int:
 
 def advice(name: str) -> str:
     """What a result means and what to do; empty for `converged`."""
-    return str(RESULTS[getattr(RESULTS, name)])
+    return str(RESULTS[getattr(RESULTS, name)])  # type: ignore[misc]

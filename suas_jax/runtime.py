@@ -9,5 +9,5 @@ def configure() -> None:
     jax.config.update("jax_enable_x64", True)
     cache = platformdirs.user_cache_path("suas_jax") / "compiled"
     jax.config.update("jax_compilation_cache_dir", str(cache))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -74,8 +74,10 @@ def _program(
         return assess(scene.scene, plan, fine_plan, whole(problem, state, half), inputs)
 
     reports = jax.lax.map(one, found.state)
-    names = ("result", "level", "iterations", "smallest_pivot")
-    return reports, found.state, {name: getattr(found, name) for name in names}
+    outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
+    unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
+    outcome["unknowns"] = jnp.full_like(found.result, unknowns)
+    return reports, found.state, outcome
 
 
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
@@ -164,7 +166,7 @@ class _Curve:
         found = run(_program, Structure(self.scene), *arguments, known)
         reports, self.states, outcomes = found
         rows = [
-            report_of(self.scene, plain(reports, i), plain(outcomes, i), self.half)
+            report_of(self.scene, plain(reports, i), plain(outcomes, i))
             for i in range(len(visit))
         ]
         if len(visit) < len(levels):

@@ -31,7 +31,9 @@ def test_hermite_reproduces_every_cubic(derivative: int) -> None:
 @pytest.mark.parametrize("derivative", [1, 2, 3])
 def test_derivatives_are_those_of_the_shapes(derivative: int) -> None:
     for i, got in enumerate(hermite(XI, derivative)):
-        slope = jax.vmap(jax.grad(lambda x, i=i: hermite(x, derivative - 1)[i]))(jnp.asarray(XI))
+        slope = jax.vmap(jax.grad(lambda x, i=i: hermite(x, derivative - 1)[i]))(
+            jnp.asarray(XI)
+        )
         np.testing.assert_allclose(got, slope, rtol=0, atol=1e-13)
 
 

@@ -1,0 +1,1 @@
+"""Discretised membranes: what bends, stretches and encloses the oil."""

@@ -139,11 +139,7 @@ class AbstractMechanics(eqx.Module):
 
         Its gradient by q is the residual of `assemble`, its Hessian the tangent.
         """
-        return (
-            self.strain_energy(q)
-            - pressure * self.volume_change(q)
-            - factor * self.work(q)
-        )
+        return self.strain_energy(q) - pressure * self.volume_change(q) - factor * self.work(q)
 
 
 def largest(values: Float[Array, "*axes lane"]) -> Lanes:

@@ -91,13 +91,13 @@ class Shell(AbstractMechanics):
             symmetric: whether the last station is the crown of a symmetric arch.
         """
         return cls(
-            law,
-            geometry.mid_radius,
-            geometry.thickness,
-            angles,
-            points,
-            geometry.film_area / (2 if symmetric else 1),
-            symmetric,
+            law=law,
+            mid_radius=geometry.mid_radius,
+            thickness=geometry.thickness,
+            angles=angles,
+            points=points,
+            film_volume=geometry.film_area / (2 if symmetric else 1),
+            symmetric=symmetric,
         )
 
     @property
@@ -167,9 +167,9 @@ class Shell(AbstractMechanics):
             Weight [m], lever m [m], and (1 + Z/R)^2; each [layer, 1, 1, lane].
         """
         points, weights = gauss_legendre(self.layers, -0.5, 0.5)
-        offset = points[:, None, None, None] * self.thickness
+        offset = jnp.asarray(points)[:, None, None, None] * self.thickness
         shell = 1 + offset / self.mid_radius
-        weight = weights[:, None, None, None] * self.thickness * shell
+        weight = jnp.asarray(weights)[:, None, None, None] * self.thickness * shell
         return weight, 2 * offset + offset**2 / self.mid_radius, shell**2
 
     def energy_density(self, stretch: Array, curvature: Array) -> Array:
@@ -200,11 +200,15 @@ class Shell(AbstractMechanics):
 
         green = (stretch + lever * curvature) / square
         first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))
-        powers = [weight, weight * lever, weight * lever**2]
         first, second = first / square, second / square**2
+
+        def moment(power: Array, derivative: Array) -> Array:
+            return jnp.sum(power * derivative, 0)
+
+        ones, squares = weight * lever, weight * lever**2
         return Moments(
-            tuple(jnp.sum(power * first, 0) for power in powers[:2]),
-            tuple(jnp.sum(power * second, 0) for power in powers),
+            (moment(weight, first), moment(ones, first)),
+            (moment(weight, second), moment(ones, second), moment(squares, second)),
         )
 
     def strain_energy(self, q: StationVector) -> Lanes:

@@ -4,12 +4,15 @@ Clamps and the crown's symmetry concern the end stations alone: their few number
 taken out, worked on and put back, which leaves everything between untouched.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax._types import Diagonal, OffDiagonal, StationVector
+from suas_jax.block_tridiagonal import product
 
 EndMatrices = Float[Array, "4 4 end #lane"]
 
@@ -33,7 +36,7 @@ def turn_matrices(t: Float[Array, "2 end #lane"]) -> EndMatrices:
 def turn_vector(matrices: EndMatrices, q: StationVector) -> StationVector:
     """Multiply the end stations of a vector."""
     ends = jnp.stack([q[:, 0], q[:, -1]], 1)
-    turned = sum(matrices[:, k] * ends[k] for k in range(4))
+    turned = functools.reduce(jnp.add, [matrices[:, k] * ends[k] for k in range(4)])
     return _put(_put(q, turned[:, 0], 0), turned[:, 1], -1)
 
 
@@ -51,9 +54,9 @@ def turn_blocks(
     turn = matrices * free
     ends = jnp.stack([diagonal[:, :, 0], diagonal[:, :, -1]], 2)
     fixed = np.eye(4)[:, :, None, None] * (1 - free)
-    ends = _times(_transposed_times(turn, ends), turn) + fixed
+    ends = _times(product(turn, ends), turn) + fixed
     diagonal = _put(_put(diagonal, ends[:, :, 0], 0), ends[:, :, 1], -1)
-    upper = _put(upper, _transposed_times(turn[:, :, 0], upper[:, :, 0]), 0)
+    upper = _put(upper, product(turn[:, :, 0], upper[:, :, 0]), 0)
     upper = _put(upper, _times(upper[:, :, -1], turn[:, :, 1]), -1)
     return diagonal, upper
 
@@ -64,8 +67,4 @@ def _put(x: Array, station: Array, index: int) -> Array:
 
 
 def _times(a: Array, b: Array) -> Array:
-    return sum(a[:, k, None] * b[None, k] for k in range(4))
-
-
-def _transposed_times(a: Array, b: Array) -> Array:
-    return sum(a[k, :, None] * b[k, None] for k in range(4))
+    return product(jnp.swapaxes(a, 0, 1), b)

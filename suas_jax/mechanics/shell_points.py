@@ -35,7 +35,7 @@ def element_tables(gauss: int) -> Tables:
 
 def mix(matrix: np.ndarray, x: Array) -> Array:
     """Apply a constant matrix to the leading axis: one product for all elements and lanes."""
-    flat = matrix @ x.reshape(x.shape[0], -1)
+    flat = jnp.asarray(matrix) @ x.reshape(x.shape[0], -1)
     return flat.reshape(matrix.shape[0], *x.shape[1:])
 
 

@@ -60,7 +60,7 @@ def at(
     inside = jnp.clip(jnp.sum(start <= angle, 0) - 1, 0, count - 1)
     pick = (jnp.arange(count)[:, None] == inside).astype(start.dtype)
     first, last = jnp.sum(pick * start, 0), jnp.sum(pick * end, 0)
-    xi = (angle - first) / (last - first)
+    xi = ((angle - first) / (last - first))[None, None]
     here = jnp.sum(qe * pick, 2)[:, :, None, None]
     return _interpolated(angle[None, None], xi, here, radius * (last - first))
 

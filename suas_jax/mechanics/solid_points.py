@@ -80,7 +80,9 @@ def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinemat
     (xx, xy), (yx, yy) = (
         tuple(g[D][0] * d[0][c] + g[D][1] * d[1][c] for D in range(2)) for c in range(2)
     )
-    state = PlaneStrain.from_displacement_gradient(jnp.stack([jnp.stack([xx, xy]), jnp.stack([yx, yy])]))
+    state = PlaneStrain.from_displacement_gradient(
+        jnp.stack([jnp.stack([xx, xy]), jnp.stack([yx, yy])])
+    )
     stretch, shear = xx - yy, xy + yx
     deviator = ((stretch, shear), (shear, -stretch))
     cofactor = ((1 + yy, -yx), (-xy, 1 + xx))

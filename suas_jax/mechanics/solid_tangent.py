@@ -125,10 +125,14 @@ class ElementTangent(AbstractTangent):
         pressure = jnp.moveaxis(pressure, 1, 2)
         fixed = _dot(element.inverse[:, :, None], pressure[1:])
         held = force - _dot(element.centre[:, :, None], fixed)
-        change = sum(
-            element.coupling[i][:, :, None] * fixed[i] + element.follow[i][:, :, None] * held[i]
-            for i in range(2)
-        ) - (self.penalty * element.mean)[:, :, None] * pressure[0]
+        change = (
+            sum(
+                element.coupling[i][:, :, None] * fixed[i]
+                + element.follow[i][:, :, None] * held[i]
+                for i in range(2)
+            )
+            - (self.penalty * element.mean)[:, :, None] * pressure[0]
+        )
         lines = {
             name: _placed(change[first:last].reshape(-1, *change.shape[2:]), step)
             for name, (first, last, step) in _GROUPS.items()
@@ -199,7 +203,9 @@ class ElementTangent(AbstractTangent):
         (a, b), (c, d) = ([v[_CENTRE, mode, i] for i in range(2)] for mode in (1, 2))
         inverse = jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / (a * d - b * c)
         linear = jnp.moveaxis(v[:8, 1:], 1, 0)
-        follow = jnp.stack([inverse[i, 0] * linear[0] + inverse[i, 1] * linear[1] for i in (0, 1)])
+        follow = jnp.stack(
+            [inverse[i, 0] * linear[0] + inverse[i, 1] * linear[1] for i in (0, 1)]
+        )
         half = coupling - 0.5 * jnp.stack(
             [centre[i, 0] * follow[0] + centre[i, 1] * follow[1] for i in (0, 1)]
         )
