@@ -131,9 +131,7 @@ def residual(
         by_factor = external * a.volume_gradient - a.load
         column = jnp.where(pressure_given, by_factor, by_pressure)
         corner = jnp.where(pressure_given, 0.0, compliance)
-        operator = BorderedBlockTridiagonal(
-            a.tangent, column, corner, row=by_pressure
-        )
+        operator = BorderedBlockTridiagonal(a.tangent, column, corner, row=by_pressure)
     return BorderedVector(force, defect), operator
 
 

@@ -7,6 +7,7 @@ loaded arcs), so stations move smoothly with the inputs and derivatives by a loa
 are those of the same discrete problem.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
 
@@ -44,6 +45,7 @@ class MeshPlan(eqx.Module):
         values: the breakpoints when the plan was made [rad].
         mirror: whether the loads are their own mirror image.
         symmetric: whether the plan covers the left half of a symmetric skin.
+        layers: elements through the thickness; none for the lumped shell.
     """
 
     stations: np.ndarray
@@ -55,6 +57,7 @@ class MeshPlan(eqx.Module):
     values: np.ndarray
     mirror: bool = eqx.field(static=True, default=False)
     symmetric: bool = eqx.field(static=True, default=False)
+    layers: int = eqx.field(static=True, default=0)
 
     @property
     def elements(self) -> int:
@@ -79,15 +82,39 @@ class MeshPlan(eqx.Module):
             self.values,
             mirror=True,
             symmetric=True,
+            layers=self.layers,
         )
 
-    def refined(self) -> "MeshPlan":
-        """Every element of a plan of the whole arc divided in two."""
-        stations = np.empty((2 * self.elements + 1, self.stations.shape[1]))
-        stations[::2] = self.stations
-        stations[1::2] = (self.stations[1:] + self.stations[:-1]) / 2
+    def refined(self, elements: int | None = None) -> "MeshPlan":
+        """Elements of a plan of the whole arc divided in two.
+
+        Args:
+            elements: how many there shall be; the last one stays whole if they are odd.
+        """
+        whole = 2 * self.elements - (elements or 2 * self.elements)
+        divided = self.stations[: self.elements + 1 - whole]
+        stations = np.empty((2 * len(divided) - 1, self.stations.shape[1]))
+        stations[::2] = divided
+        stations[1::2] = (divided[1:] + divided[:-1]) / 2
+        stations = np.concatenate([stations, self.stations[self.elements + 1 - whole :]])
+        return self._on(stations, self.layers)
+
+    def comparison(self) -> "MeshPlan":
+        """The mesh that the error is estimated with.
+
+        Finer for the shell, whose solution costs little, coarser for the solid.
+        """
+        if not self.layers:
+            return self.refined()
+        pairs = self.elements // 2 * 2
+        stations = np.concatenate([self.stations[: pairs + 1 : 2], self.stations[pairs + 1 :]])
+        return self._on(stations, self.layers // 2 if self.layers % 2 == 0 else self.layers)
+
+    def _on(self, stations: np.ndarray, layers: int) -> "MeshPlan":
+        """The same loads on other elements."""
         spread = (self.span != 0).any(1) @ self.load.T > 0
-        return _with_loads(stations, self.values, spread, self.mirror)
+        plan = _with_loads(stations, self.values, spread.tolist(), self.mirror)
+        return dataclasses.replace(plan, layers=layers)
 
 
 def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
@@ -105,6 +132,7 @@ def plan_mesh(
     layer: float,
     *,
     symmetric: bool = False,
+    local: float | None = None,
 ) -> MeshPlan:
     """Place stations: one at each breakpoint, graded towards the layers.
 
@@ -115,7 +143,10 @@ def plan_mesh(
         layer: decay length of the boundary layers as an angle [rad].
         symmetric: whether the loads are symmetric; stations then are, too, when the
             number of elements is even.
+        local: decay length of what breakpoints cause in their neighbourhood, besides, in a
+            continuum [rad].
     """
+    decays = (layer,) if local is None else (layer, local)
     values = np.asarray(numbers, float)
     identity = np.eye(len(values))
     clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
@@ -127,7 +158,7 @@ def plan_mesh(
     else:
         ends, count = [clamps[0], *inner, clamps[1]], elements
     kept = _distinct(ends, values, count)
-    stations = _stations(kept, values, count, layer)
+    stations = _stations(kept, values, count, decays)
     if mirrored:
         swap = _mirror(values)
         stations = np.concatenate([stations, stations[-2::-1][:, swap]])
@@ -156,11 +187,11 @@ def _distinct(
 
 
 def _stations(
-    ends: list[np.ndarray], values: np.ndarray, elements: int, layer: float
+    ends: list[np.ndarray], values: np.ndarray, elements: int, decays: tuple[float, ...]
 ) -> np.ndarray:
     """Divide the intervals between breakpoints by their density of stations."""
     angles = np.array([w @ values for w in ends])
-    cumulative = [_cumulative(b - a, layer) for a, b in itertools.pairwise(angles)]
+    cumulative = [_cumulative(b - a, decays) for a, b in itertools.pairwise(angles)]
     total = (angles[-1] - angles[0]) or 1.0
     wanted = np.array(
         [
@@ -177,14 +208,16 @@ def _stations(
     return np.array(rows)
 
 
-def _cumulative(length: float, layer: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cumulative density of stations over an interval with a layer at either end."""
-    x = np.linspace(0, length, 2001)
-    decay = _DECAY * layer
-    reach = -np.expm1(-length / decay)
-    density = 1 / length + (_LAYER_SHARE / (2 * decay)) * (
-        np.exp(-x / decay) + np.exp(-(length - x) / decay)
-    ) * np.clip(reach, 0, 1)
+def _cumulative(length: float, decays: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Cumulative density of stations over an interval with layers at either end."""
+    shortest = min(_DECAY * min(decays), length)
+    ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
+    x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
+    density = np.full_like(x, 1 / length)
+    for decay in (_DECAY * layer for layer in decays):
+        reach = -np.expm1(-length / decay)
+        near = np.exp(-x / decay) + np.exp(-(length - x) / decay)
+        density = density + _LAYER_SHARE / (2 * decay) * near * reach
     steps = (density[1:] + density[:-1]) / 2 * np.diff(x)
     return x, np.concatenate([[0.0], np.cumsum(steps)])
 

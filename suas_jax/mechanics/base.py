@@ -58,6 +58,18 @@ class Profile(NamedTuple):
     energy_density: Array
 
 
+class ErrorShares(NamedTuple):
+    """Error of a solution relative to its difference to that on the comparison mesh.
+
+    Attributes:
+        fast: of pressure and of mid-surface displacements.
+        slow: of the inner face's displacements.
+    """
+
+    fast: float
+    slow: float
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -131,8 +143,16 @@ class AbstractMechanics(eqx.Module):
         """Unknowns of the whole arc from those of the left half of a symmetric one."""
 
     @abc.abstractmethod
-    def prolonged(self, q: StationVector) -> StationVector:
-        """The same deformation on a mesh with every element along the arc divided in two."""
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        """The same deformation on the mesh that errors are estimated with.
+
+        That is `mesh.MeshPlan.comparison`: finer than the mechanics' own, or coarser.
+        """
+
+    @property
+    @abc.abstractmethod
+    def error_shares(self) -> ErrorShares:
+        """How errors follow from differences to the solution on the comparison mesh."""
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].

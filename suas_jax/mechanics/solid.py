@@ -19,10 +19,11 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.kinematics import PlaneStrain
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, ErrorShares, Profile, largest
 from suas_jax.mechanics.solid_element import EDGE_AREA, NODES, TABLES, quadratic
 from suas_jax.mechanics.solid_layout import Layout, NodeValues
 from suas_jax.mechanics.solid_points import Grid, Kinematics, kinematics, point_terms
+from suas_jax.mechanics.solid_shape import coarsened, mirrored, section
 from suas_jax.mechanics.solid_tangent import ElementTangent
 
 # Penalty on an element's change of volume in shear moduli; see `ElementTangent`.
@@ -140,7 +141,7 @@ class Solid(AbstractMechanics):
         return _moments(change) / jnp.sum(self.grid.volume, 0)
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
-        """The mixed potential, stationary in displacements and pressures; see the base class."""
+        """The mixed potential, pressures included; see the base class."""
         u, p = self.layout.gather(q)
         change = self.grid.volume * kinematics(self.grid, u).dilatation
         constraint = jnp.sum(p * _moments(change), (0, 1, 2))
@@ -216,19 +217,41 @@ class Solid(AbstractMechanics):
 
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
-        raise NotImplementedError
+        u, _ = self.layout.gather(q)
+        xi = jnp.linspace(-1, 1, samples + 1)[:, None, None]
+        start, end = self.angles[:-1], self.angles[1:]
+        angle = start + (xi + 1) / 2 * (end - start)
+        nodes = self.layout.corners(self.stations, self.middles)
+        return section(angle, xi, u, nodes, self.law)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
         """The deformed section at a reference angle; see the base class."""
-        raise NotImplementedError
+        u, _ = self.layout.gather(q)
+        nodes = self.layout.corners(self.stations, self.middles)
+        start, end = self.angles[:-1], self.angles[1:]
+        inside = jnp.clip(jnp.sum(start <= angle, 0) - 1, 0, self.layout.elements - 1)
+
+        def pick(x: Array) -> Array:
+            index = jnp.broadcast_to(inside, x.shape[-1:])
+            index = index.reshape((1,) * (x.ndim - 1) + (-1,))
+            return jnp.take_along_axis(x, index, -2)
+
+        first, last = pick(start)[0], pick(end)[0]
+        xi = 2 * (angle - first) / (last - first) - 1
+        return section(angle[None, None], xi[None, None], pick(u), pick(nodes), self.law)
 
     def mirrored(self, q: StationVector) -> StationVector:
         """Unknowns of the whole arc; see the base class."""
-        raise NotImplementedError
+        return mirrored(self.layout, q)
 
-    def prolonged(self, q: StationVector) -> StationVector:
-        """The same deformation on a finer mesh; see the base class."""
-        raise NotImplementedError
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        """The same deformation on the coarser mesh; see the base class."""
+        return coarsened(self.layout, q)
+
+    @property
+    def error_shares(self) -> ErrorShares:
+        """A point load limits the rate of convergence to two, the coarser mesh is compared."""
+        return ErrorShares(1 / 3, 1 / 3)
 
 
 def _free(layout: Layout, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:

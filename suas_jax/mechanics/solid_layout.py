@@ -45,6 +45,18 @@ class Layout(NamedTuple):
         """All unknowns stored with a station."""
         return 2 * self.dof + PRESSURES * self.layers
 
+    def split(self, q: StationVector) -> tuple[Array, Array]:
+        """Displacements at the stations, and what lies between them, [row, ..., lane]."""
+        return q[: self.dof], q[self.dof :, :-1]
+
+    def joined(
+        self,
+        stations: Float[Array, "dof station lane"],
+        inside: Float[Array, "row element lane"],
+    ) -> StationVector:
+        """The inverse of `split`."""
+        return jnp.concatenate([stations, jnp.pad(inside, [(0, 0), (0, 1), (0, 0)])])
+
     def lines(self, q: StationVector) -> tuple[Array, Array]:
         """Displacements at the stations and half-way between them, [2, node, ..., lane]."""
 
@@ -83,8 +95,7 @@ class Layout(NamedTuple):
             right, [*rest, (1, 0), (0, 0)]
         )
         inside = jnp.concatenate([middle, p.reshape(-1, *p.shape[2:])])
-        inside = jnp.pad(inside, [(0, 0), (0, 1), (0, 0)])
-        return jnp.concatenate([stations * free, inside])
+        return self.joined(stations * free, inside)
 
     def _line(self, parts: list[Array]) -> Array:
         """Sum [2, layer, ...] of the three nodes across each element into [dof, ...]."""
