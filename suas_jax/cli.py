@@ -121,6 +121,10 @@ def solve(
                 from suas_jax.plot import plot_solution
 
                 plot_solution(solution, plot)
+            if vtu is not None:
+                from suas_jax.vtu import write_vtu
+
+                write_vtu(solution, vtu)
     if as_json:
         typer.echo(json.dumps(finite(report), allow_nan=False))
     else:

@@ -12,7 +12,7 @@ from suas_jax.equilibrium import State, differentiable
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe
 from suas_jax.problem import build_problem
-from suas_jax.solve import Inputs, Solution, Structure
+from suas_jax.solve import Inputs, Solution, Structure, run
 
 
 class UnknownQuantityError(ValueError):
@@ -79,7 +79,8 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
             f'"{path}" is not a quantity that can be differentiated; use one of '
             + ", ".join(allowed)
         )
-    found = _program(scene, path, solution.plan, solution.state, inputs)
+    arguments = (scene, path, solution.plan, solution.state, inputs)
+    found = run(_program, *arguments, quick=bool(solution.plan.layers))
     return {name: float(value) for name, value in found.items()}
 
 

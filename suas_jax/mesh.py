@@ -8,8 +8,8 @@ are those of the same discrete problem.
 """
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -132,7 +132,7 @@ def plan_mesh(
     layer: float,
     *,
     symmetric: bool = False,
-    local: float | None = None,
+    local: tuple[float, float] | None = None,
 ) -> MeshPlan:
     """Place stations: one at each breakpoint, graded towards the layers.
 
@@ -143,10 +143,10 @@ def plan_mesh(
         layer: decay length of the boundary layers as an angle [rad].
         symmetric: whether the loads are symmetric; stations then are, too, when the
             number of elements is even.
-        local: decay length of what breakpoints cause in their neighbourhood, besides, in a
-            continuum [rad].
+        local: in a continuum, decay length of what breakpoints cause in their
+            neighbourhood besides, and the smallest length of elements [rad].
     """
-    decays = (layer,) if local is None else (layer, local)
+    density = _Density((layer,)) if local is None else _Density((layer, local[0]), local[1])
     values = np.asarray(numbers, float)
     identity = np.eye(len(values))
     clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
@@ -158,7 +158,7 @@ def plan_mesh(
     else:
         ends, count = [clamps[0], *inner, clamps[1]], elements
     kept = _distinct(ends, values, count)
-    stations = _stations(kept, values, count, decays)
+    stations = _stations(kept, values, count, density)
     if mirrored:
         swap = _mirror(values)
         stations = np.concatenate([stations, stations[-2::-1][:, swap]])
@@ -187,11 +187,11 @@ def _distinct(
 
 
 def _stations(
-    ends: list[np.ndarray], values: np.ndarray, elements: int, decays: tuple[float, ...]
+    ends: list[np.ndarray], values: np.ndarray, elements: int, density: "_Density"
 ) -> np.ndarray:
     """Divide the intervals between breakpoints by their density of stations."""
     angles = np.array([w @ values for w in ends])
-    cumulative = [_cumulative(b - a, decays) for a, b in itertools.pairwise(angles)]
+    cumulative = density.cumulative(np.diff(angles), elements)
     total = (angles[-1] - angles[0]) or 1.0
     wanted = np.array(
         [
@@ -208,18 +208,60 @@ def _stations(
     return np.array(rows)
 
 
-def _cumulative(length: float, decays: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Cumulative density of stations over an interval with layers at either end."""
-    shortest = min(_DECAY * min(decays), length)
-    ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
-    x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
-    density = np.full_like(x, 1 / length)
-    for decay in (_DECAY * layer for layer in decays):
-        reach = -np.expm1(-length / decay)
-        near = np.exp(-x / decay) + np.exp(-(length - x) / decay)
-        density = density + _LAYER_SHARE / (2 * decay) * near * reach
+class _Density(NamedTuple):
+    """How close stations lie.
+
+    Attributes:
+        decays: decay lengths of the layers at either end of an interval [rad].
+        smallest: length below which elements gain nothing, because those across the
+            thickness are no smaller [rad].
+    """
+
+    decays: tuple[float, ...]
+    smallest: float = 0.0
+
+    def cumulative(
+        self, lengths: np.ndarray, elements: int
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Position and number of stations up to there, for every interval."""
+        pairs = [self._of(length) for length in lengths]
+        if self.smallest > 0:
+            pairs = _limited(pairs, elements, self.smallest)
+        return [(x, _integrals(x, density)) for x, density in pairs]
+
+    def _of(self, length: float) -> tuple[np.ndarray, np.ndarray]:
+        shortest = min(_DECAY * min(self.decays), length)
+        ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
+        x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
+        density = np.full_like(x, 1 / length)
+        for decay in (_DECAY * layer for layer in self.decays):
+            reach = -np.expm1(-length / decay)
+            near = np.exp(-x / decay) + np.exp(-(length - x) / decay)
+            density = density + _LAYER_SHARE / (2 * decay) * near * reach
+        return x, density
+
+
+def _integrals(x: np.ndarray, density: np.ndarray) -> np.ndarray:
     steps = (density[1:] + density[:-1]) / 2 * np.diff(x)
-    return x, np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _limited(
+    pairs: list[tuple[np.ndarray, np.ndarray]], elements: int, smallest: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Add the smallest length to that of every element, their number kept."""
+    total = sum(x[-1] for x, _ in pairs)
+    smallest = min(smallest, 0.95 * total / elements)
+
+    def scaled(c: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [(x, c * d / (1 + c * d * smallest)) for x, d in pairs]
+
+    low, high = 1e-6, 1e12
+    for _ in range(200):
+        c = np.sqrt(low * high)
+        count = sum(_integrals(x, d)[-1] for x, d in scaled(c))
+        low, high = (c, high) if count < elements else (low, c)
+    return scaled(high)
 
 
 def _apportion(wanted: np.ndarray, total: int) -> np.ndarray:

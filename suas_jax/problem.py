@@ -27,6 +27,8 @@ from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, Vented
 
 # Decay length of what a load or clamp does to the section around it, in thicknesses.
 _LOCAL_FIELD = 0.25
+# Length of the shortest elements relative to their height.
+_SMALLEST = 0.5
 
 
 def all_numbers(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -166,7 +168,8 @@ def plan_for(scene: SceneSpec, elements: int, layers: int = 0) -> MeshPlan:
     if not layers:
         return plan_mesh(numbers, spread, elements, layer, symmetric=symmetric)
     # Elements come in pairs: joined, they make the mesh that the error is estimated with.
-    local = _LOCAL_FIELD * geometry.thickness / outer
+    thickness = geometry.thickness / outer
+    local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness / layers)
     pairs = plan_mesh(
         numbers, spread, (elements + 1) // 2, layer, symmetric=symmetric, local=local
     )

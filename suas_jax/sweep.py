@@ -163,7 +163,9 @@ class _Curve:
         visit = levels[levels != 0] if pressures else levels
         arguments = (self.plan, self.half, self.other, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
-        found = run(_program, Structure(self.scene), *arguments, known)
+        found = run(
+            _program, Structure(self.scene), *arguments, known, quick=bool(self.size.layers)
+        )
         reports, self.states, outcomes = found
         rows = [
             report_of(self.scene, plain(reports, i), plain(outcomes, i))

@@ -86,6 +86,11 @@ class AbstractMechanics(eqx.Module):
     def length_scale(self) -> Lanes:
         """Displacement beyond which linearisation can't be trusted [m]."""
 
+    @property
+    @abc.abstractmethod
+    def clamp_reach(self) -> Lanes:
+        """Angle from a clamped edge within which stretches diverge on finer meshes [rad]."""
+
     @abc.abstractmethod
     def rest(self) -> StationVector:
         """Unknowns of the undeformed state."""

@@ -106,6 +106,11 @@ class Shell(AbstractMechanics):
         return self.thickness
 
     @property
+    def clamp_reach(self) -> Lanes:
+        """Zero: the shell's stretches are bounded [rad]."""
+        return jnp.zeros_like(self.thickness)
+
+    @property
     def lengths(self) -> Float[Array, "element #lane"]:
         """Reference lengths of the elements along the mid-surface [m]."""
         return self.mid_radius * (self.angles[1:] - self.angles[:-1])
@@ -305,8 +310,9 @@ class Shell(AbstractMechanics):
 
     @property
     def error_shares(self) -> ErrorShares:
-        """Pressure and mid-surface converge with order four, so the finer solution's own
-        error is a sixteenth; the inner face follows the curvature, of order two.
+        """Order four; two for the inner face, which follows the curvature.
+
+        The finer solution's own error is a sixteenth, or a quarter.
         """
         return ErrorShares(16 / 15, 4 / 3)
 

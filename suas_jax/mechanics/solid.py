@@ -107,6 +107,11 @@ class Solid(AbstractMechanics):
         return self.thickness
 
     @property
+    def clamp_reach(self) -> Lanes:
+        """One and a half thicknesses: the corner of clamp and face is singular [rad]."""
+        return 1.5 * self.thickness / jnp.sqrt(jnp.sum(self.stations[:, 0, 0] ** 2, 0))
+
+    @property
     def _ends(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
         return _free(self.layout, self.symmetric)
 
