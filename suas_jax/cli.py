@@ -5,7 +5,6 @@ start at once.
 """
 
 import contextlib
-import csv
 import json
 import sys
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ import typer
 
 if TYPE_CHECKING:
     from suas_jax.config import SceneSpec
+    from suas_jax.sweep import Sweep
 
 BAD_INPUT = 2
 NO_SOLUTION = 3
@@ -71,6 +71,13 @@ def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
     return scene
 
 
+def _check_figure(file: Path | None) -> None:
+    if file is not None:
+        from suas_jax.plot import check_figure_file
+
+        check_figure_file(file)
+
+
 def _refuse(option: str, advice: str) -> None:
     raise ValueError(f"{option}: {advice}")
 
@@ -104,16 +111,17 @@ def solve(
         spec = _scene(scene, model, rtol)
         if vtu is not None and spec.solve.model != "solid":
             _refuse("--vtu", "fields through the thickness come with the solid model only")
+        _check_figure(plot)
         with _working("solving"):
             from suas_jax.runtime import configure
 
             configure()
-            from suas_jax.solve import solve as run
+            from suas_jax.solution import solve as run
 
             solution = run(spec, repeat=repeat)
             report = solution.report
             if gradient is not None:
-                from suas_jax.gradient import gradient as differentiate
+                from suas_jax.sensitivity import gradient as differentiate
 
                 known = solution.converged
                 report["gradient"] = differentiate(solution, gradient) if known else None
@@ -164,6 +172,7 @@ def sweep(
         if (force is None) == (oil_pressure is None):
             _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
         spec = _scene(scene, model, rtol)
+        _check_figure(plot)
         values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
         with _working("sweeping"):
             from suas_jax.runtime import configure
@@ -173,7 +182,7 @@ def sweep(
 
             curve = (force_sweep if force else pressure_sweep)(spec, values)
             if csv_file is not None:
-                _write_csv(curve.points, csv_file)
+                curve.write_csv(csv_file)
             if plot is not None:
                 from suas_jax.plot import plot_sweep
 
@@ -182,7 +191,7 @@ def sweep(
         result = {"points": curve.points, "first_contact": curve.first_contact}
         typer.echo(json.dumps(finite(result), allow_nan=False))
     else:
-        _print_curve(curve.points, curve.first_contact)
+        _print_curve(curve)
     if any(point["status"] != "converged" for point in curve.points):
         raise typer.Exit(NO_SOLUTION)
 
@@ -212,36 +221,6 @@ def finite(tree: Any) -> Any:
     if isinstance(tree, float) and (tree != tree or tree in (float("inf"), -float("inf"))):
         return None
     return tree
-
-
-_COLUMNS = (
-    "oil_pressure_Pa",
-    "max_displacement_m",
-    "min_gap_m",
-    "min_gap_angle_deg",
-    "wall_contact",
-    "strain_energy_J",
-    "stretch_min",
-    "stretch_max",
-    "stable",
-    "status",
-)
-
-
-def _row(point: dict[str, Any]) -> dict[str, Any]:
-    lines = [load for load in point["loads"] if load["kind"] == "line"]
-    row: dict[str, Any] = {"force_N": sum(abs(load["force_N"]) for load in lines)}
-    for i, load in enumerate(point["loads"]):
-        row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
-    return row | {key: point[key] for key in _COLUMNS}
-
-
-def _write_csv(points: list[dict[str, Any]], path: Path) -> None:
-    rows = [_row(point) for point in points]
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def _print_report(report: dict[str, Any]) -> None:
@@ -289,15 +268,14 @@ def _print_report(report: dict[str, Any]) -> None:
         console.print(gradients)
 
 
-def _print_curve(points: list[dict[str, Any]], contact: dict[str, float] | None) -> None:
+def _print_curve(curve: "Sweep") -> None:
     from rich.console import Console
     from rich.table import Table
 
     console = Console()
     names = ("force [N]", "oil [kPa]", "largest displacement [mm]", "smallest gap [mm]")
     table = Table(*names, "status")
-    for point in points:
-        row = _row(point)
+    for row in curve.rows():
         table.add_row(
             f"{row['force_N']:.4g}",
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
@@ -306,6 +284,7 @@ def _print_curve(points: list[dict[str, Any]], contact: dict[str, float] | None)
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         )
     console.print(table)
+    contact = curve.first_contact
     if contact is None:
         console.print("The inner face does not reach the wall.")
     else:

@@ -8,6 +8,7 @@ are those of the same discrete problem.
 """
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -146,7 +147,9 @@ def plan_mesh(
         local: in a continuum, decay length of what breakpoints cause in their
             neighbourhood besides, and the smallest length of elements [rad].
     """
-    density = _Density((layer,)) if local is None else _Density((layer, local[0]), local[1])
+    density = _Density((_rounded(layer),))
+    if local is not None:
+        density = _Density((*density.decays, _rounded(local[0])), _rounded(local[1]))
     values = np.asarray(numbers, float)
     identity = np.eye(len(values))
     clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
@@ -191,21 +194,28 @@ def _stations(
 ) -> np.ndarray:
     """Divide the intervals between breakpoints by their density of stations."""
     angles = np.array([w @ values for w in ends])
-    cumulative = density.cumulative(np.diff(angles), elements)
-    total = (angles[-1] - angles[0]) or 1.0
-    wanted = np.array(
-        [
-            grid[-1] + (b - a) / total
-            for (_, grid), a, b in zip(cumulative, angles[:-1], angles[1:], strict=True)
-        ]
-    )
-    counts = _apportion(wanted, elements)
+    lengths = [_rounded(b - a) for a, b in itertools.pairwise(angles)]
+    cumulative = density.cumulative(lengths, elements)
+    wanted = [
+        grid[-1] + length / sum(lengths)
+        for (_, grid), length in zip(cumulative, lengths, strict=True)
+    ]
+    counts = _apportion(np.array(wanted), elements)
     rows = [ends[0]]
     for (x, grid), n, a, b in zip(cumulative, counts, ends[:-1], ends[1:], strict=True):
         fractions = np.interp(np.arange(1, n) / n, grid / grid[-1], x / x[-1])
         rows += [(1 - f) * a + f * b for f in fractions]
         rows.append(b)
     return np.array(rows)
+
+
+def _rounded(length: float) -> float:
+    """The nearest power of the fourth root of two.
+
+    Grading by rounded lengths divides nearby scenes alike, so that the difference of two
+    solves is what the gradient says and not the difference of two meshes.
+    """
+    return float(2 ** (np.round(4 * np.log2(length)) / 4)) if length > 0 else length
 
 
 class _Density(NamedTuple):
@@ -221,7 +231,7 @@ class _Density(NamedTuple):
     smallest: float = 0.0
 
     def cumulative(
-        self, lengths: np.ndarray, elements: int
+        self, lengths: Sequence[float], elements: int
     ) -> list[tuple[np.ndarray, np.ndarray]]:
         """Position and number of stations up to there, for every interval."""
         pairs = [self._of(length) for length in lengths]

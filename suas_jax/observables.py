@@ -19,6 +19,7 @@ from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.mechanics.base import AbstractMechanics, Profile
 from suas_jax.problem import all_numbers, geometry_of, line_loads_of
 
+_CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
 
 
@@ -86,7 +87,7 @@ def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     stable = jnp.array(True)
     for stretch in (shape.inner_stretch, shape.outer_stretch):
         modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
-        stable = stable & jnp.all(modulus > 0, (0, 1))
+        stable = stable & jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1))
     return stable
 
 
@@ -138,7 +139,9 @@ def observe(
     shape = problem.mechanics.profile(state.q, SAMPLES)
     gap, gap_angle = _gap(shape, geometry)
     shape = _away_from_clamps(problem.mechanics, shape)
-    moved = jnp.sqrt(jnp.sum(shape.inner_displacement**2, 0) + 1e-300)
+    square = jnp.sum(shape.inner_displacement**2, 0)
+    at_rest = square == 0  # where a square root has no derivative
+    moved = jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
     report = {
         "loads": load_observables(scene, problem, state, inputs),
         "oil_pressure_Pa": state.pressure,

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from suas_jax.solve import Solution
+from suas_jax.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -125,15 +125,28 @@ def plot_sweep(sweep: "Sweep", file: Path | None = None) -> Figure:
     return _written(figure, file)
 
 
+def check_figure_file(file: Path) -> None:
+    """Make sure that a figure can be written, before any work is done for it.
+
+    Args:
+        file: where the figure is to go; its ending chooses the format.
+
+    Raises:
+        ValueError: the ending is no figure format, or the folder does not exist.
+    """
+    formats = Figure().canvas.get_supported_filetypes()
+    ending = file.suffix.removeprefix(".").lower()
+    if ending not in formats:
+        raise ValueError(
+            f'{file}: "{ending}" is no figure format; use one of {", ".join(sorted(formats))}'
+        )
+    if not file.absolute().parent.is_dir():
+        raise ValueError(f"{file}: the folder {file.parent} does not exist")
+
+
 def _written(figure: Figure, file: Path | None) -> Figure:
     if file is not None:
-        formats = figure.canvas.get_supported_filetypes()
-        ending = file.suffix.removeprefix(".").lower()
-        if ending not in formats:
-            raise ValueError(
-                f'--plot {file}: "{ending}" is no figure format; use one of '
-                + ", ".join(sorted(formats))
-            )
+        check_figure_file(file)
         with mpl.rc_context({"savefig.dpi": 150}):
             figure.savefig(file)
     return figure

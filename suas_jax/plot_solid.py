@@ -8,7 +8,7 @@ from suas_jax.mechanics.solid import Solid
 from suas_jax.mechanics.solid_element import NODES
 from suas_jax.mechanics.solid_fields import nodal_fields
 from suas_jax.plot import WALL, arrows
-from suas_jax.solve import Solution
+from suas_jax.solution import Solution
 
 # Four small quadrilaterals cover the nine nodes of an element.
 _QUADS = [

@@ -1,7 +1,9 @@
 """Load-displacement curves: one continuation through many loads."""
 
+import csv
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +23,7 @@ from suas_jax.equilibrium import State, path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.resolution import Resolution, first_of_sweep, forced
-from suas_jax.solve import (
+from suas_jax.solution import (
     Inputs,
     Structure,
     assess,
@@ -35,6 +37,26 @@ from suas_jax.solve import (
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
+
+
+# Observables of a point that go into the table.
+_COLUMNS = (
+    "oil_pressure_Pa",
+    "max_displacement_m",
+    "min_gap_m",
+    "min_gap_angle_deg",
+    "wall_contact",
+    "strain_energy_J",
+    "stretch_min",
+    "stretch_max",
+    "stable",
+    "status",
+)
+
+
+def _total_force(report: dict[str, Any]) -> float:
+    lines = [load for load in report["loads"] if load["kind"] == "line"]
+    return sum(abs(load["force_N"]) for load in lines)
 
 
 class SweepError(ValueError):
@@ -54,6 +76,24 @@ class Sweep:
     points: list[dict[str, Any]]
     first_contact: dict[str, float] | None
     scene: SceneSpec
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The curve as a table: total force, each load's entries, the main observables."""
+        rows = []
+        for point in self.points:
+            row = {"force_N": _total_force(point)}
+            for i, load in enumerate(point["loads"]):
+                row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
+            rows.append(row | {key: point[key] for key in _COLUMNS})
+        return rows
+
+    def write_csv(self, path: Path) -> None:
+        """Write the table; column names carry the SI units."""
+        rows = self.rows()
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
 
 
 @eqx.filter_jit
@@ -218,9 +258,8 @@ class _Curve:
 
 
 def _contact_of(report: dict[str, Any]) -> dict[str, float]:
-    forces = [abs(load["force_N"]) for load in report["loads"] if load["kind"] == "line"]
     return {
-        "force_N": sum(forces),
+        "force_N": _total_force(report),
         "oil_pressure_Pa": report["oil_pressure_Pa"],
         "angle_deg": report["min_gap_angle_deg"],
     }

@@ -8,7 +8,7 @@ import numpy as np
 from suas_jax.mechanics.solid import Solid
 from suas_jax.mechanics.solid_element import NODES
 from suas_jax.mechanics.solid_fields import nodal_fields
-from suas_jax.solve import Solution
+from suas_jax.solution import Solution
 
 # A biquadratic quadrilateral of VTK: corners, middles of the edges, centre.
 _VTK_NODES = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1))

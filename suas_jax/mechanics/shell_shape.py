@@ -12,6 +12,9 @@ from suas_jax.element import hermite
 from suas_jax.geometry import outward, tangent
 from suas_jax.mechanics.base import Profile
 
+# Stretch given to a fibre of no length left, on the inner side of a fold.
+CRUSHED = 1e-6
+
 
 class MidLine(NamedTuple):
     """Displacement of the mid-line and its first two derivatives by arc length."""
@@ -103,11 +106,13 @@ def recovered(
     def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
         """Displacement and hoop stretch of the fibre at a reference offset."""
         m = offset + offset**2 / (2 * radius)
-        # zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3.
-        zeta = 2 * m / size / (1 + jnp.sqrt(1 + 2 * m * c / a**2))
+        # zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane
+        # folded more sharply than its thickness allows has no solution: see CRUSHED.
+        root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
+        zeta = 2 * m / size / (1 + root)
         moved = jnp.stack(line.u) + zeta * normal - offset * n
         green = (stretch + 2 * m * curvature) / (1 + offset / radius) ** 2
-        return moved, jnp.sqrt(1 + green)
+        return moved, jnp.sqrt(jnp.maximum(1 + green, CRUSHED**2))
 
     inner, inner_stretch = face(-thickness / 2)
     outer, outer_stretch = face(thickness / 2)

@@ -20,7 +20,7 @@ from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.kinematics import PlaneStrain
 from suas_jax.loads import LoadPoints
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, ErrorShares, Profile, largest
-from suas_jax.mechanics.solid_element import EDGE_AREA, NODES, TABLES, quadratic
+from suas_jax.mechanics.solid_element import EDGE_AREA, NODES, TABLES, mixed, quadratic
 from suas_jax.mechanics.solid_layout import Layout, NodeValues
 from suas_jax.mechanics.solid_points import Grid, Kinematics, kinematics, point_terms
 from suas_jax.mechanics.solid_shape import coarsened, mirrored, section
@@ -84,16 +84,16 @@ class Solid(AbstractMechanics):
         stations = radius * outward(angles)[:, None]
         middles = radius * outward((angles[1:] + angles[:-1]) / 2)[:, None]
         return cls(
-            law,
-            geometry.thickness,
-            angles,
-            stations,
-            middles,
-            Grid.of(layout.corners(stations, middles)),
-            _load_vector(layout, points, _free(layout, symmetric)),
-            geometry.film_area / (2 if symmetric else 1),
-            layers,
-            symmetric,
+            law=law,
+            thickness=geometry.thickness,
+            angles=angles,
+            stations=stations,
+            middles=middles,
+            grid=Grid.of(layout.corners(stations, middles)),
+            load=_load_vector(layout, points, _free(layout, symmetric)),
+            film_volume=geometry.film_area / (2 if symmetric else 1),
+            layers=layers,
+            symmetric=symmetric,
         )
 
     @property
@@ -183,17 +183,14 @@ class Solid(AbstractMechanics):
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
         u, p = self.layout.gather(q)
-        psi = TABLES.modes[:, :, None, None, None]
-        at_points = sum(psi[:, a] * p[a] for a in range(3))
+        at_points = mixed(TABLES.modes, p)
         terms = point_terms(self.law, self.grid, kinematics(self.grid, u), at_points)
         tail = u.shape[2:]
-
-        def mixed(table: np.ndarray, x: Array, *shape: int) -> Array:
-            return (table @ x.reshape(table.shape[1], -1)).reshape(*shape, *tail)
-
-        internal = mixed(TABLES.force, terms.stress, 9, 2)
-        stiffness = mixed(TABLES.stiffness, terms.tangent, 9, 9, 3)
-        constraint = mixed(TABLES.coupling, terms.cofactor, 9, 3, 2)
+        internal = mixed(TABLES.force, _paired(terms.stress)).reshape(9, 2, *tail)
+        tangent = terms.tangent.reshape(-1, 3, *tail)
+        stiffness = mixed(TABLES.stiffness, tangent).reshape(9, 9, 3, *tail)
+        coupling = mixed(TABLES.coupling, _paired(terms.cofactor))
+        constraint = coupling.reshape(9, 3, 2, *tail)
         volume, face = self._volume(u)
         stiffness = stiffness - pressure * _FOLLOWER[:, :, :, : self.layers]
         gradient = self._on_inner_face(face)
@@ -279,8 +276,12 @@ _FOLLOWER = _follower()
 
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
     """Integrals with the pressure modes."""
-    flat = TABLES.modes.T @ change.reshape(change.shape[0], -1)
-    return flat.reshape(-1, *change.shape[1:])
+    return mixed(TABLES.modes.T, change)
+
+
+def _paired(x: Float[Array, "gauss 4 *rest"]) -> Float[Array, "gauss*2 2 *rest"]:
+    """Quadrature point and local direction first, component next."""
+    return x.reshape(-1, 2, *x.shape[2:])
 
 
 def _load_vector(

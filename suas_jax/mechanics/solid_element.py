@@ -6,21 +6,22 @@ first, those inside the column of elements next, the node inside the element las
 satisfies the inf-sup condition; piecewise constant pressure would lock.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from suas_jax.quadrature import gauss_legendre
+
+Values = TypeVar("Values", np.ndarray, Array)
 
 # (position along the arc, position through the thickness) of each node, 0 to 2.
 NODES = ((0, 0), (0, 1), (0, 2), (2, 0), (2, 1), (2, 2), (1, 0), (1, 2), (1, 1))
 PRESSURES = 3  # modes 1, xi, eta
 
 
-def quadratic(
-    x: Float[np.ndarray, "*points"], derivative: int = 0
-) -> list[Float[np.ndarray, "*points"]]:
+def quadratic(x: Values, derivative: int = 0) -> list[Values]:
     """Lagrange polynomials for nodes at -1, 0 and 1, or their derivatives.
 
     Args:
@@ -30,6 +31,12 @@ def quadratic(
     if derivative:
         return [x - 0.5, -2 * x, x + 0.5]
     return [x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2]
+
+
+def mixed(table: Float[np.ndarray, "row column"], x: Array) -> Array:
+    """Apply a constant matrix to the leading axis: one product for all elements."""
+    flat = jnp.asarray(table) @ x.reshape(table.shape[1], -1)
+    return flat.reshape(table.shape[0], *x.shape[1:])
 
 
 def gradients(

@@ -49,7 +49,7 @@ def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     u, p = layout.gather(q)
     x = layout.corners(solid.stations, solid.middles)
     local = np.array(NODES, float) - 1
-    xi, eta = (local[:, i, None, None] for i in range(2))
+    xi, eta = (jnp.asarray(local)[:, i, None, None] for i in range(2))
     gradient, _ = displacement_gradient(xi, eta, u, x)
     state = PlaneStrain.from_displacement_gradient(gradient)
     # Node positions lie on circles: the normal is the direction of the position.

@@ -19,9 +19,10 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.jet import second_order
 from suas_jax.kinematics import PlaneStrain
-from suas_jax.mechanics.solid_element import TABLES
+from suas_jax.mechanics.solid_element import TABLES, mixed
 
 PointField = Float[Array, "gauss layer element lane"]
+Tensor = tuple[tuple[Array, Array], tuple[Array, Array]]
 
 
 class Grid(eqx.Module):
@@ -40,7 +41,7 @@ class Grid(eqx.Module):
         """Map of every element from the positions of its nodes."""
         (xx, xy), (yx, yy) = local_derivatives(nodes)
         area = xx * yy - xy * yx
-        weights = TABLES.weights[:, None, None, None]
+        weights = jnp.asarray(TABLES.weights)[:, None, None, None]
         return cls(((yy / area, -xy / area), (-yx / area, xx / area)), weights * area)
 
 
@@ -48,8 +49,7 @@ def local_derivatives(
     u: Float[Array, "9 2 layer element lane"],
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Derivatives of a nodal field by (xi, eta) at the quadrature points, [d][component]."""
-    flat = TABLES.gradient.reshape(-1, 9) @ u.reshape(9, -1)
-    h = flat.reshape(-1, 2, *u.shape[1:])
+    h = mixed(TABLES.gradient.reshape(-1, 9), u).reshape(-1, 2, *u.shape[1:])
     return (h[:, 0, 0], h[:, 0, 1]), (h[:, 1, 0], h[:, 1, 1])
 
 
@@ -65,8 +65,8 @@ class Kinematics(NamedTuple):
 
     distortion: PointField
     dilatation: PointField
-    deviator: tuple[tuple[Array, Array], ...]
-    cofactor: tuple[tuple[Array, Array], ...]
+    deviator: Tensor
+    cofactor: Tensor
 
 
 def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinematics:
@@ -87,10 +87,11 @@ def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinemat
     deviator = ((stretch, shear), (shear, -stretch))
     cofactor = ((1 + yy, -yx), (-xy, 1 + xx))
 
-    def pulled(a: tuple[tuple[Array, Array], ...]) -> tuple[tuple[Array, Array], ...]:
-        return tuple(
-            tuple(a[c][0] * g[0][k] + a[c][1] * g[1][k] for k in range(2)) for c in range(2)
+    def pulled(a: Tensor) -> Tensor:
+        (aa, ab), (ba, bb) = (
+            [a[c][0] * g[0][k] + a[c][1] * g[1][k] for k in range(2)] for c in range(2)
         )
+        return (aa, ab), (ba, bb)
 
     return Kinematics(state.distortion, state.dilatation, pulled(deviator), pulled(cofactor))
 

@@ -1,5 +1,7 @@
 """The deformed solid, recovered from its unknowns: positions, stretches, energy."""
 
+import functools
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -58,7 +60,7 @@ def section(
 
 
 def displacement_gradient(
-    xi: Array, eta: Array | float, u: Nodes, x: Nodes
+    xi: Array, eta: Array, u: Nodes, x: Nodes
 ) -> tuple[Float[Array, "2 2 layer ..."], Float[Array, "layer ..."]]:
     """Derivatives of the displacement by position, and the area of a unit of (xi, eta).
 
@@ -73,9 +75,9 @@ def displacement_gradient(
 
     def local(values: Nodes) -> tuple[Array, Array]:
         v = values[:, :, :, None]
-        along = sum(dn[a] * m[b] * v[i] for i, (a, b) in enumerate(NODES))
-        across = sum(n[a] * dm[b] * v[i] for i, (a, b) in enumerate(NODES))
-        return along, across
+        along = [dn[a] * m[b] * v[i] for i, (a, b) in enumerate(NODES)]
+        across = [n[a] * dm[b] * v[i] for i, (a, b) in enumerate(NODES)]
+        return functools.reduce(jnp.add, along), functools.reduce(jnp.add, across)
 
     (x1, x2), (u1, u2) = local(x), local(u)
     area = x1[0] * x2[1] - x1[1] * x2[0]
@@ -89,7 +91,7 @@ def _mean_energy(xi: Array, u: Nodes, x: Nodes, law: AbstractLaw) -> Array:
     points, weights = gauss_legendre(3, -1.0, 1.0)
     total, volume = jnp.zeros(()), jnp.zeros(())
     for eta, weight in zip(points, weights, strict=True):
-        gradient, area = displacement_gradient(xi, eta, u, x)
+        gradient, area = displacement_gradient(xi, jnp.asarray(eta), u, x)
         density = law.energy(PlaneStrain.from_displacement_gradient(gradient))
         total = total + weight * jnp.sum(area * density, 0)
         volume = volume + weight * jnp.sum(area, 0)

@@ -15,6 +15,7 @@ as constraints while the material holds. Every one of them that is missing or in
 belongs to the membrane and is counted.
 """
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -288,27 +289,28 @@ def _batched(x: Array) -> Array:
 
 def _placed(x: Array, step: int) -> Array:
     """Sum layers' vectors [row, right, layer, ...], each `step` rows further on."""
-    size, layers = x.shape[0], x.shape[2]
+    layers = x.shape[2]
     rest = [(0, 0)] * (x.ndim - 2)
-    return sum(
-        jnp.pad(x[:, :, j], [(step * j, step * (layers - 1 - j)), *rest]) for j in range(layers)
-    ).reshape(size + step * (layers - 1), x.shape[1], *x.shape[3:])
+    return functools.reduce(
+        jnp.add,
+        [
+            jnp.pad(x[:, :, j], [(step * j, step * (layers - 1 - j)), *rest])
+            for j in range(layers)
+        ],
+    )
 
 
 def _placed_twice(x: Array, down: int, along: int) -> Array:
     """Sum layers' matrices [row, column, layer, ...], each further down and along."""
     layers = x.shape[2]
     rest = [(0, 0)] * (x.ndim - 3)
-    return sum(
-        jnp.pad(
-            x[:, :, j],
-            [
-                (down * j, down * (layers - 1 - j)),
-                (along * j, along * (layers - 1 - j)),
-                *rest,
-            ],
-        )
-        for j in range(layers)
+
+    def room(step: int, j: int) -> tuple[int, int]:
+        return step * j, step * (layers - 1 - j)
+
+    return functools.reduce(
+        jnp.add,
+        [jnp.pad(x[:, :, j], [room(down, j), room(along, j), *rest]) for j in range(layers)],
     )
 
 

@@ -12,7 +12,7 @@ from suas_jax.equilibrium import State, differentiable
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe
 from suas_jax.problem import build_problem
-from suas_jax.solve import Inputs, Solution, Structure, run
+from suas_jax.solution import Inputs, Solution, Structure, run
 
 
 class UnknownQuantityError(ValueError):

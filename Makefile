@@ -1,0 +1,45 @@
+# `make demo` and `make test` work on a machine that has Python 3.11 or newer and nothing else.
+
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: demo test check notebooks lock clean
+
+demo: $(READY)
+	$(BIN)/python benchmarks/demo.py
+
+test: check
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(MAKE) --no-print-directory notebooks
+
+check: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+notebooks: $(READY)
+	$(BIN)/python -m pytest -n 2 --nbmake --nbmake-timeout=300 notebooks
+
+# The first Python that is new enough and can make environments.
+$(READY): pyproject.toml requirements.lock
+	@for python in python3.11 python3.12 python3.13 python3 python /usr/bin/python3.11; do \
+	  if $$python -c 'import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 11))' \
+	      2>/dev/null; then found=$$python; break; fi; \
+	done; \
+	if [ -z "$$found" ]; then \
+	  echo "No Python 3.11 or newer with the venv module was found; install one first." >&2; \
+	  exit 1; \
+	fi; \
+	echo "Creating .venv with $$found"; \
+	$$found -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --no-deps --no-build-isolation --editable .
+	@touch $@
+
+# Pin what is installed now; needs an environment in which the tests pass.
+lock:
+	$(BIN)/python -m pip freeze --exclude-editable | grep -v '@' > requirements.lock
+
+clean:
+	rm -rf .venv .jax_cache demo

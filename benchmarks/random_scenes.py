@@ -1,0 +1,200 @@
+"""Random scenes: does every one converge or fail by name?
+
+Thickness 0.1-5 mm, one or two loads within 80 degrees, 0 to 10 times the force of the
+paper's case A at 10 kPa, every law, every oil. A scene that fails must have left the model's
+validity before (wall contact, an unstable material) or have a limit point, as a vented arch
+does. Run: ``python -m benchmarks.random_scenes [COUNT]``.
+"""
+
+import dataclasses
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from rich.console import Console
+from rich.table import Table
+
+from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_inputs
+from suas_jax.equilibrium import equilibrium, residual
+from suas_jax.linear_solve import BorderedVector
+from suas_jax.mechanics.base import largest
+from suas_jax.mesh import MeshPlan
+from suas_jax.observables import observe
+from suas_jax.problem import build_problem, plan_for
+from suas_jax.results import NAMES
+from suas_jax.runtime import configure
+from suas_jax.solution import Structure, plain
+
+ELEMENTS = 32
+FORCE_AT_10_KPA = 24.4  # N, the paper's case A
+LAWS: dict[str, dict[str, Any]] = {
+    "mooney-rivlin": {
+        "law": "mooney-rivlin",
+        "C1": "20.7 MPa",
+        "C2": "-4.4 MPa",
+        "C3": "77 kPa",
+    },
+    "neo-hookean": {"law": "neo-hookean", "mu": "3 MPa"},
+    "yeoh": {"law": "yeoh", "C1": "0.6 MPa", "C2": "-10 kPa", "C3": "1 kPa"},
+    "ogden": {
+        "law": "ogden",
+        "mu": ["0.63 MPa", "1.2 kPa", "-10 kPa"],
+        "alpha": [1.3, 5.0, -2.0],
+        "convention": "mu/alpha",
+    },
+}
+OILS: dict[str, dict[str, Any]] = {
+    "incompressible": {"model": "incompressible"},
+    "compressible": {"model": "compressible", "bulk_modulus": "1.5 GPa"},
+    "vented": {"model": "vented"},
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of one scene.
+
+    Attributes:
+        law: of the membrane.
+        oil: model of the oil.
+        inputs: continuous inputs, SI.
+        result: name of the result.
+        level: share of the load that the last equilibrium carries.
+        iterations: Newton corrections.
+        report: observables of the last equilibrium.
+        imbalance: its force residual relative to the load.
+    """
+
+    law: str
+    oil: str
+    inputs: dict[str, float]
+    result: str
+    level: float
+    iterations: int
+    report: dict[str, Any]
+    imbalance: float
+
+    @property
+    def valid(self) -> bool:
+        """Whether the last equilibrium is within the model's validity."""
+        return not self.report["wall_contact"] and bool(self.report["material_stable"])
+
+    @property
+    def label(self) -> str:
+        """Result for the table; a failure out of validity says what came first."""
+        if self.result == "converged" or self.valid:
+            return self.result
+        cause = "wall_contact" if self.report["wall_contact"] else "material_unstable"
+        return f"{self.result} after {cause}"
+
+
+def pattern(law: str, oil: str, loads: int) -> SceneSpec:
+    """A scene of the wanted structure around the paper's skin."""
+    angles = (20.0, -35.0)[:loads]
+    tables = {
+        "geometry": {
+            "inner_radius": "57.5 mm",
+            "thickness": "1.5 mm",
+            "half_angle": "90 deg",
+            "width": "123 mm",
+            "oil_gap": "5 mm",
+        },
+        "material": LAWS[law],
+        "oil": OILS[oil],
+        "load": [{"kind": "line", "angle": f"{a} deg", "force": "10 N"} for a in angles],
+        "solve": {"model": "shell"},
+    }
+    return scene_from_dict(tables)
+
+
+def sample(rng: np.random.Generator, scene: SceneSpec) -> SceneSpec:
+    """The pattern with random thickness, angles and forces."""
+    angles = rng.uniform(-80, 80, len(scene.loads))
+    while np.min(np.diff(np.sort(angles)), initial=np.inf) < 3.0:
+        angles = rng.uniform(-80, 80, len(scene.loads))
+    drawn = {"geometry.thickness": float(np.exp(rng.uniform(np.log(1e-4), np.log(5e-3))))}
+    for i, angle in enumerate(angles):
+        drawn[f"load.{i}.angle"] = float(np.deg2rad(angle))
+        drawn[f"load.{i}.force"] = float(rng.uniform(0, 10 * FORCE_AT_10_KPA))
+    return with_inputs(scene, drawn)
+
+
+@eqx.filter_jit
+def _solve(structure: Structure, plans: MeshPlan, inputs: dict[str, Array]) -> dict[str, Any]:
+    scene = structure.scene
+
+    def one(plan: MeshPlan, inputs: dict[str, Array]) -> dict[str, Any]:
+        problem = build_problem(scene, plan, inputs)
+        found = equilibrium(problem)
+        border = found.state.pressure if problem.oil.trapped else None
+        y = BorderedVector(found.state.q, border)
+        force, _ = residual(problem, y, found.level)
+        load = problem.mechanics.assemble(found.state.q, 0 * found.level, found.level).load
+        outcome = {
+            "result": found.result,
+            "level": found.level,
+            "iterations": found.iterations,
+            "imbalance": largest(force.stations) / largest(load),
+            "report": observe(scene, problem, found.state, inputs),
+        }
+        return jax.tree.map(lambda x: x[0], outcome)
+
+    return jax.vmap(one)(plans, inputs)
+
+
+ALL_PATTERNS = tuple((law, oil, n) for law in LAWS for oil in OILS for n in (1, 2))
+
+
+def study(
+    count: int, seed: int = 0, patterns: Sequence[tuple[str, str, int]] = ALL_PATTERNS
+) -> list[Outcome]:
+    """Solve `count` random scenes of each pattern: law, oil, number of loads."""
+    rng = np.random.default_rng(seed)
+    outcomes = []
+    for law, oil, loads in patterns:
+        structure = pattern(law, oil, loads)
+        scenes = [sample(rng, structure) for _ in range(count)]
+        plans = [plan_for(scene, ELEMENTS) for scene in scenes]
+        stacked = jax.tree.map(lambda *x: np.stack(x), *plans)
+        inputs = [continuous_inputs(scene) for scene in scenes]
+        lanes = {key: jnp.array([values[key] for values in inputs]) for key in inputs[0]}
+        solved = _solve(Structure(structure), stacked, lanes)
+        for i, values in enumerate(inputs):
+            one = plain(solved, i)
+            result = NAMES[one.pop("result")]
+            outcomes.append(Outcome(law, oil, values, result, **one))
+    return outcomes
+
+
+def main() -> None:
+    """Print a table of outcomes."""
+    configure()
+    total = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    outcomes = study(-(-total // len(ALL_PATTERNS)))
+    labels = sorted({outcome.label for outcome in outcomes})
+    table = Table("law", "oil", *labels, "most corrections", title=f"{len(outcomes)} scenes")
+    for law in LAWS:
+        for oil in OILS:
+            group = [o for o in outcomes if (o.law, o.oil) == (law, oil)]
+            counts = Counter(o.label for o in group)
+            most = max(o.iterations for o in group)
+            table.add_row(law, oil, *(str(counts[label]) for label in labels), str(most))
+    console = Console()
+    console.print(table)
+    worst = max(o.imbalance for o in outcomes if o.result == "converged")
+    console.print(f"largest imbalance of a converged scene: {worst:.1e} of the load")
+    for o in outcomes:
+        if o.oil != "vented" and o.valid and o.result != "converged":
+            console.print(
+                f"valid, but {o.result} at {o.level:.4g}: {o.law}, {o.oil}, {o.inputs}"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""`suas solve` and `suas sweep` as a program and as a person meet them."""
+
+import csv
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from fitting.cli import app
+
+SCENES = Path(__file__).parent.parent / "configs" / "scenes"
+CASE_A, CASE_B = str(SCENES / "case_a.toml"), str(SCENES / "case_b.toml")
+KEYS = {
+    "model": str,
+    "status": str,
+    "message": str,
+    "rtol_met": bool,
+    "loads": list,
+    "oil_pressure_Pa": float,
+    "max_displacement_m": float,
+    "min_gap_m": float,
+    "min_gap_angle_deg": float,
+    "wall_contact": bool,
+    "strain_energy_J": float,
+    "stretch_min": float,
+    "stretch_max": float,
+    "stable": bool,
+    "material_stable": bool,
+    "volume_residual": float,
+    "error_estimate": float,
+    "discretisation_error": float,
+    "iterations": int,
+    "unknowns": int,
+    "taxels": list,
+    "timings_s": dict,
+}
+LOAD_KEYS = {"angle_deg", "arc_position_m", "force_N", "displacement_m", "inner_displacement_m"}
+
+
+def suas(*arguments: str, status: int = 0) -> Any:
+    """Run the command line in this process."""
+    result = CliRunner().invoke(app, list(arguments))
+    assert result.exit_code == status, result.output
+    return result
+
+
+@pytest.fixture(scope="module")
+def case_b() -> dict[str, Any]:
+    return json.loads(suas("solve", CASE_B, "--json", "--gradient", "min_gap_m").stdout)
+
+
+def test_json_has_the_contract_s_keys(case_b: dict[str, Any]) -> None:
+    assert {key: type(case_b[key]) for key in KEYS} == KEYS
+    assert set(case_b["loads"][0]) >= LOAD_KEYS
+    assert set(case_b["timings_s"]) == {"compile", "solve"}
+    assert case_b["status"] == "converged"
+    assert case_b["rtol_met"]
+
+
+def test_case_b_is_the_paper_s(case_b: dict[str, Any]) -> None:
+    load = case_b["loads"][0]
+    assert load["force_N"] == pytest.approx(20.7, rel=3e-3)
+    assert load["angle_deg"] == pytest.approx(45)
+    assert load["arc_position_m"] == pytest.approx(math.radians(45) * 59e-3)
+    assert case_b["oil_pressure_Pa"] == pytest.approx(10e3, rel=1e-12)
+    assert abs(case_b["volume_residual"]) < 1e-10
+
+
+def test_gradient_names_every_input_of_the_file(case_b: dict[str, Any]) -> None:
+    gradient = case_b["gradient"]
+    wanted = {"geometry.thickness", "material.C1", "load.0.angle", "solve.oil_pressure"}
+    assert wanted <= set(gradient)
+    # The gap shrinks as the wanted pressure grows.
+    assert gradient["solve.oil_pressure"] < 0
+
+
+def test_gradient_is_the_difference_of_two_solves(
+    case_b: dict[str, Any], tmp_path: Path
+) -> None:
+    gaps = []
+    for angle in (44.9, 45.1):
+        scene = (SCENES / "case_b.toml").read_text(encoding="utf-8")
+        scene = scene.replace('"45 deg"', f'"{angle} deg"')
+        scene = scene.replace("../skins", str(SCENES.parent / "skins"))
+        path = tmp_path / f"{angle}.toml"
+        path.write_text(scene, encoding="utf-8")
+        gaps.append(json.loads(suas("solve", str(path), "--json").stdout)["min_gap_m"])
+    slope = (gaps[1] - gaps[0]) / math.radians(0.2)
+    assert case_b["gradient"]["load.0.angle"] == pytest.approx(slope, rel=1e-4)
+
+
+def test_symmetric_scene_solves_half_the_arc() -> None:
+    symmetric = json.loads(suas("solve", CASE_A, "--json").stdout)
+    assert symmetric["loads"][0]["force_N"] == pytest.approx(24.4, rel=3e-3)
+    assert symmetric["stable"]
+    assert symmetric["unknowns"] < 16 * 4
+
+
+def test_table_for_a_person_has_units() -> None:
+    shown = suas("solve", CASE_B).stdout
+    assert all(text in shown for text in ("N at 45 deg", "mm", "kPa", "mJ", "stable"))
+
+
+def test_sweep_writes_what_it_prints(tmp_path: Path) -> None:
+    curve, figure = tmp_path / "curve.csv", tmp_path / "curve.svg"
+    options = ("--json", "--csv", str(curve), "--plot", str(figure))
+    result = suas("sweep", CASE_B, "--force", "0:40:5", *options)
+    printed = json.loads(result.stdout)
+    assert figure.read_text(encoding="utf-8").lstrip().startswith("<?xml")
+    with curve.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["force_N"]) for row in rows] == pytest.approx([0, 10, 20, 30, 40])
+    for row, point in zip(rows, printed["points"], strict=True):
+        assert float(row["oil_pressure_Pa"]) == point["oil_pressure_Pa"]
+    assert printed["first_contact"]["force_N"] == pytest.approx(38.1, rel=0.01)
+    assert [point["wall_contact"] for point in printed["points"]] == [False] * 4 + [True]
+    assert printed["points"][0]["max_displacement_m"] == 0
+
+
+def test_first_contact_of_case_a() -> None:
+    printed = json.loads(suas("sweep", CASE_A, "--force", "0:90:10", "--json").stdout)
+    assert printed["first_contact"]["force_N"] == pytest.approx(82.8, rel=0.01)
+
+
+def test_vented_collapse_is_a_named_failure_with_a_state(tmp_path: Path) -> None:
+    scene = (SCENES / "vented.toml").read_text(encoding="utf-8")
+    path = tmp_path / "collapse.toml"
+    scene = scene.replace('"10 N"', '"20 N"').replace("../skins", str(SCENES.parent / "skins"))
+    path.write_text(scene, encoding="utf-8")
+    report = json.loads(suas("solve", str(path), "--json", status=3).stdout)
+    assert report["status"] == "limit_point"
+    assert 13.5 < report["loads"][0]["force_N"] < 14.0
+    assert math.isfinite(report["max_displacement_m"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("solve", "nowhere.toml"), ("nowhere.toml",)),
+        (("solve", CASE_A, "--rtol", "-1"), ("--rtol", "-1")),
+        (("solve", CASE_A, "--model", "beam"), ("--model", "beam", "shell")),
+        (("solve", CASE_A, "--plot", "figure.xyz"), ("figure.xyz", "png")),
+        (("solve", CASE_A, "--plot", "no/such/figure.png"), ("no/such",)),
+        (("solve", CASE_A, "--gradient", "oil_presure_Pa"), ("oil_pressure_Pa",)),
+        (("sweep", CASE_A), ("--force", "--oil-pressure")),
+        (("sweep", CASE_A, "--force", "0:30"), ("0:30", "FROM:TO:COUNT")),
+        (("sweep", CASE_A, "--force", "0:30:0"), ("0:30:0", "FROM:TO:COUNT")),
+        (("sweep", CASE_A, "--force", "nan:30:3"), ("--force", "finite")),
+        (("sweep", CASE_A, "--force", "-5:5:3"), ("--force", "sign")),
+    ],
+)
+def test_mistakes_are_answered(arguments: tuple[str, ...], words: tuple[str, ...]) -> None:
+    result = suas(*arguments, status=2)
+    assert result.stdout == ""
+    assert all(word in result.stderr for word in words), result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_version() -> None:
+    assert suas("--version").stdout.startswith("suas_jax 0.")
