@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
@@ -23,10 +22,10 @@ from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mechanics.base import ErrorShares
 from suas_jax.mesh import MeshPlan
-from suas_jax.observables import load_observables, observe, taxel_rows
+from suas_jax.observables import load_observables, observe
 from suas_jax.problem import build_problem, plan_for
-from suas_jax.resolution import first, forced, is_solid
-from suas_jax.results import NAMES, advice
+from suas_jax.report import plain, report_of
+from suas_jax.resolution import first, forced
 
 Inputs = Mapping[str, ArrayLike]
 
@@ -168,24 +167,6 @@ def _program(
     return report, state, outcome
 
 
-def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
-    """Arrays to Python numbers, one row of them where they have many."""
-
-    def number(x: Any) -> Any:
-        if not isinstance(x, (jax.Array, np.ndarray)):
-            return x
-        return np.asarray(x).reshape(-1)[row].item()
-
-    columns = tree.get("taxels", {})
-    others = {name: x for name, x in tree.items() if name != "taxels"}
-    numbers: dict[str, Any] = jax.tree.map(number, others)
-    if columns:
-        count = columns["so"].shape[-2]
-        rows = {name: np.asarray(x).reshape(-1, count)[row] for name, x in columns.items()}
-        numbers["taxels"] = {name: x.tolist() for name, x in rows.items()}
-    return numbers
-
-
 def unloaded(scene: SceneSpec) -> bool:
     """Whether nothing acts on the skin."""
     return all(
@@ -253,70 +234,6 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "solve": float(np.median(seconds)),
     }
     return Solution(report, state, plan, scene)
-
-
-def report_of(
-    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any]
-) -> dict[str, Any]:
-    """The report of one state, in the order of the contract."""
-    kinds = [{"kind": load.kind} for load in scene.loads]
-    loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
-    taxels = taxel_rows(scene, observed.pop("taxels", {}))
-    return {
-        **_header(scene, observed | {"loads": loads}, outcome, taxels),
-        "iterations": outcome["iterations"],
-        "unknowns": outcome["unknowns"],
-        "taxels": taxels,
-    }
-
-
-def _header(
-    scene: SceneSpec,
-    report: dict[str, Any],
-    outcome: dict[str, Any],
-    taxels: list[dict[str, Any]],
-) -> dict[str, Any]:
-    """Status, message and error estimate, ahead of the observables."""
-    status = NAMES[outcome["result"]]
-    error = report.pop("discretisation_error")
-    known = bool(np.isfinite(error)) and status == "converged"
-    message = [advice(status)]
-    if status != "converged" and scene.solve.oil_pressure is None:
-        message.append(f"It carries {outcome['level']:.4g} of the load.")
-    if status == "converged":
-        message += _remarks(scene, report, error if known else None)
-        message += _blind(taxels)
-    return {
-        "model": "solid" if is_solid(scene) else "shell",
-        "status": status,
-        "message": " ".join(filter(None, message)),
-        "rtol_met": known and error <= scene.solve.rtol,
-        **report,
-        "error_estimate": error if known else None,
-        "discretisation_error": error if known else None,
-        "model_error": None,
-    }
-
-
-def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
-    """What a user should know about a converged state."""
-    remarks = []
-    if scene.solve.model == "auto":
-        remarks.append("Lumped shell chosen.")
-    if error is None:
-        remarks.append("The mesh's error could not be estimated.")
-    elif error > scene.solve.rtol:
-        remarks.append(f"Estimated mesh error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
-    if report["wall_contact"]:
-        remarks.append(
-            "The inner face has reached the rigid wall: contact is not modelled, the state "
-            "is not valid."
-        )
-    if not report["stable"]:
-        remarks.append("The equilibrium is unstable: a real membrane leaves it.")
-    if not report["material_stable"]:
-        remarks.append("The material leaves its stability window (see the stretches).")
-    return remarks
 
 
 def _blind(taxels: list[dict[str, Any]]) -> list[str]:

@@ -23,14 +23,13 @@ from suas_jax.config import (
 from suas_jax.equilibrium import State, path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
+from suas_jax.report import plain, report_of
 from suas_jax.resolution import Resolution, first_of_sweep, forced
 from suas_jax.solution import (
     Inputs,
     Structure,
     assess,
     is_symmetric,
-    plain,
-    report_of,
     whole,
     working_plan,
 )

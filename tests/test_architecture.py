@@ -20,7 +20,7 @@ LAYERS = [
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
-    ["problem", "observables", "resolution"],
+    ["problem", "observables", "resolution", "report"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],
     ["plot", "plot_solid", "vtu"],
