@@ -1,5 +1,6 @@
 """What a solve reports: named quantities in SI units, ready for JSON."""
 
+import math
 from typing import Any
 
 import jax
