@@ -69,12 +69,9 @@ def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
 
 def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     """Drucker stability of the fibres at both faces."""
-    law = problem.mechanics.law
-    stable = jnp.array(True)
-    for stretch in (shape.inner_stretch, shape.outer_stretch):
-        modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
-        stable = stable & jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1))
-    return stable
+    stretch = jnp.stack([shape.inner_stretch, shape.outer_stretch])
+    modulus = drucker_modulus(problem.mechanics.law, stretch, jnp.ones_like(stretch))
+    return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
 
 
 def load_observables(

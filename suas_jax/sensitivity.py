@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from suas_jax.compiled import COMPILED
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium import State, differentiable
 from suas_jax.mesh import MeshPlan
@@ -88,7 +89,8 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
             + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
             + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
         )
-    found = _program(scene, path, solution.plan, solution.state, inputs)
+    arguments = (scene, path, solution.plan, solution.state, inputs)
+    found = COMPILED.run(_program, *arguments, once=True)
     return {name: float(value) for name, value in found.items()}
 
 

@@ -8,7 +8,7 @@ import dataclasses
 import functools
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
+from suas_jax.compiled import COMPILED
 from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mesh import MeshPlan
@@ -114,13 +115,11 @@ def _discretisation_error(coarse: dict[str, Any], fine: dict[str, Any]) -> Lanes
     return functools.reduce(jnp.maximum, fast + slow)
 
 
-def _key_quantities(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Inputs
-) -> dict[str, Any]:
-    loads = load_observables(scene, problem, state, inputs)
+def _key_quantities(loads: list[dict[str, Any]], pressure: Lanes) -> dict[str, Any]:
+    """What the error is estimated for."""
     lines = [load for load in loads if "displacement_m" in load]
     return {
-        "pressure": state.pressure,
+        "pressure": pressure,
         "displacement": [load["displacement_m"] for load in lines],
         "inner_displacement": [load["inner_displacement_m"] for load in lines],
     }
@@ -140,9 +139,10 @@ def assess(
     start = state._replace(q=problem.mechanics.prolonged(state.q))
     check = verify(fine, start)
     report["stable"] = check.stable
+    better = load_observables(spec, fine, check.correction, inputs)
     report["discretisation_error"] = _discretisation_error(
-        _key_quantities(spec, problem, state, inputs),
-        _key_quantities(spec, fine, check.correction, inputs),
+        _key_quantities(report["loads"], state.pressure),
+        _key_quantities(better, check.correction.pressure),
     )
     return report
 
@@ -166,31 +166,6 @@ def _program(
     return report, state, outcome
 
 
-class _Compiled:
-    """Compiled programs by scene structure and mesh size, with the time they took."""
-
-    def __init__(self) -> None:
-        self.programs: dict[Any, Callable[..., Any]] = {}
-        self.seconds = 0.0
-
-    def run(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a jitted function, compiling apart so that both can be timed."""
-        dynamic, static = eqx.partition(arguments, eqx.is_array_like)
-        arrays, structure = jax.tree.flatten(dynamic)
-        settings, frame = jax.tree.flatten(static)
-        shapes = tuple(np.shape(x) for x in arrays)
-        key = (function, structure, shapes, frame, tuple(settings))
-        if key not in self.programs:
-            begin = time.perf_counter()
-            self.programs[key] = function.lower(*arguments).compile()  # type: ignore[attr-defined]
-            self.seconds += time.perf_counter() - begin
-        return jax.block_until_ready(self.programs[key](*arguments))
-
-
-_COMPILED = _Compiled()
-run = _COMPILED.run
-
-
 def _starting_elements(scene: SceneSpec) -> int:
     """Elements of the first mesh that is tried for a wanted error."""
     intervals = 2 * (1 + len(scene.loads))
@@ -206,9 +181,8 @@ def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
         return np.asarray(x).reshape(-1)[row].item()
 
     columns = tree.get("taxels", {})
-    numbers: dict[str, Any] = jax.tree.map(
-        number, {k: tree[k] for k in tree.keys() - {"taxels"}}
-    )
+    others = {name: x for name, x in tree.items() if name != "taxels"}
+    numbers: dict[str, Any] = jax.tree.map(number, others)
     if columns:
         count = columns["so"].shape[-2]
         rows = {name: np.asarray(x).reshape(-1, count)[row] for name, x in columns.items()}
@@ -246,21 +220,22 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     """
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     static = Structure(scene)
-    compiled_before = _COMPILED.seconds
+    once = repeat == 1
+    compiled_before = COMPILED.seconds
 
     def attempt() -> tuple[dict[str, Any], State, dict[str, Any], MeshPlan]:
         elements = scene.solve.elements or _starting_elements(scene)
         while True:
             plan = plan_for(scene, elements)
             if unloaded(scene):
-                report, state = run(_rest_program, static, plan, inputs)
+                report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
                 report |= {"discretisation_error": 0.0, "stable": True}
                 outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
                 return report, state, outcome, plan
             symmetric = is_symmetric(plan)
             half = working_plan(plan, symmetric)
             arguments = (static, plan, half, plan.refined(), inputs)
-            report, state, outcome = run(_program, *arguments)
+            report, state, outcome = COMPILED.run(_program, *arguments, once=once)
             error = float(report["discretisation_error"][0])
             enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
             if scene.solve.elements or enough or 2 * elements > _MOST_ELEMENTS:
@@ -269,14 +244,14 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     result = attempt()
     seconds = []
-    for _ in range(max(1, repeat)):
+    for _ in range(repeat):
         begin = time.perf_counter()
         result = attempt()
         seconds.append(time.perf_counter() - begin)
     report, state, outcome, plan = result
     report = report_of(scene, plain(report), plain(outcome))
     report["timings_s"] = {
-        "compile": _COMPILED.seconds - compiled_before,
+        "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
     return Solution(report, state, plan, scene)

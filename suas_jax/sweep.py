@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from suas_jax.compiled import COMPILED
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -29,7 +30,6 @@ from suas_jax.solution import (
     is_symmetric,
     plain,
     report_of,
-    run,
     whole,
     working_plan,
 )
@@ -203,7 +203,7 @@ class _Curve:
         visit = levels[levels != 0] if pressures else levels
         arguments = (self.plan, self.half, self.fine, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
-        found = run(_program, Structure(self.scene), *arguments, known)
+        found = COMPILED.run(_program, Structure(self.scene), *arguments, known)
         reports, self.states, outcomes = found
         rows = [
             report_of(self.scene, plain(reports, i), plain(outcomes, i))
