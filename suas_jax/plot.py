@@ -65,7 +65,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
         f"smallest gap {1e3 * report['min_gap_m']:.3g} mm ({report['status']})"
     )
-    return _written(figure, file)
+    return written(figure, file)
 
 
 def _arrows(
@@ -120,7 +120,7 @@ def plot_sweep(sweep: "Sweep", file: Path | None = None) -> Figure:
         right.legend()
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    return _written(figure, file)
+    return written(figure, file)
 
 
 def check_figure_file(file: Path) -> None:
@@ -142,7 +142,8 @@ def check_figure_file(file: Path) -> None:
         raise ValueError(f"{file}: the folder {file.parent} does not exist")
 
 
-def _written(figure: Figure, file: Path | None) -> Figure:
+def written(figure: Figure, file: Path | None) -> Figure:
+    """Write a figure where a file is given, and return it."""
     if file is not None:
         check_figure_file(file)
         with mpl.rc_context({"savefig.dpi": 150}):
