@@ -66,9 +66,14 @@ def plot_pad(
         xlabel="along the unrolled wall [mm]",
         ylabel="along the axis [mm]",
     )
-    degrees = axes.secondary_xaxis(
-        "top", functions=(lambda s: np.rad2deg(s / scale), lambda a: np.deg2rad(a) * scale)
-    )
+
+    def degrees_of(arc: np.ndarray) -> np.ndarray:
+        return np.rad2deg(arc / scale)
+
+    def arc_of(degrees: np.ndarray) -> np.ndarray:
+        return np.deg2rad(degrees) * scale
+
+    degrees = axes.secondary_xaxis("top", functions=(degrees_of, arc_of))
     degrees.set_xlabel("angle from the symmetry axis [deg]")
     figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
     return written(figure, file)
