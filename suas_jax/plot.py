@@ -31,7 +31,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
     if solution.plan.layers:
         from suas_jax.plot_solid import plot_solid
 
-        return _written(plot_solid(solution), file)
+        return written(plot_solid(solution), file)
     problem = solution.problem()
     shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.collections import PatchCollection
@@ -67,10 +68,10 @@ def plot_pad(
         ylabel="along the axis [mm]",
     )
 
-    def degrees_of(arc: np.ndarray) -> np.ndarray:
+    def degrees_of(arc: Any) -> Any:
         return np.rad2deg(arc / scale)
 
-    def arc_of(degrees: np.ndarray) -> np.ndarray:
+    def arc_of(degrees: Any) -> Any:
         return np.deg2rad(degrees) * scale
 
     degrees = axes.secondary_xaxis("top", functions=(degrees_of, arc_of))
