@@ -5,7 +5,10 @@ from typing import Annotated
 
 import typer
 
+from fitting import cli_material
 from suas_jax import cli as forward
+from suas_jax import cli_acquisition as acquisition
+from suas_jax import cli_sensing as sensing
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
@@ -14,6 +17,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 forward.register(app)
+sensing.register(app)
+acquisition.register(app)
+
+# `suas fit` holds every command that fits the model to measurements.
+fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
+cli_material.register(fit)
+app.add_typer(fit, name="fit")
 
 
 def _print_version(wanted: bool) -> None:

@@ -18,6 +18,8 @@ from suas_jax.equilibrium import Problem, State, volume_residual
 from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.mechanics.base import AbstractMechanics, Profile
 from suas_jax.problem import all_numbers, geometry_of, line_loads_of
+from suas_jax.sensing import electrodes_of
+from suas_jax.taxel import taxel_names
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
@@ -83,12 +85,9 @@ def _away_from_clamps(mechanics: AbstractMechanics, shape: Profile) -> Profile:
 
 def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     """Drucker stability of the fibres at both faces."""
-    law = problem.mechanics.law
-    stable = jnp.array(True)
-    for stretch in (shape.inner_stretch, shape.outer_stretch):
-        modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
-        stable = stable & jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1))
-    return stable
+    stretch = jnp.stack([shape.inner_stretch, shape.outer_stretch])
+    modulus = drucker_modulus(problem.mechanics.law, stretch, jnp.ones_like(stretch))
+    return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
 
 
 def load_observables(
@@ -123,6 +122,37 @@ def load_observables(
     return entries
 
 
+def taxel_observables(
+    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
+) -> dict[str, Array]:
+    """What the taxels read, a column a quantity [taxel, lane]; empty without electrodes."""
+    numbers = all_numbers(scene, inputs)
+    electrodes = electrodes_of(scene, numbers, geometry_of(numbers))
+    if electrodes is None:
+        return {}
+    readings = electrodes.read(problem.mechanics, state.q)
+    columns = {
+        "angle_deg": jnp.rad2deg(electrodes.taxels.angle),
+        "axial_m": electrodes.taxels.axial,
+        "gap_m": readings.gap,
+        "capacitance_F": readings.capacitance,
+        "so": readings.so,
+    }
+    return {name: jnp.broadcast_to(x, readings.gap.shape) for name, x in columns.items()}
+
+
+def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dict[str, Any]]:
+    """One entry a taxel, with the names that logs and the contract give it."""
+    if scene.electrodes is None:
+        return []
+    names = zip(*taxel_names(scene.electrodes), strict=True)
+    rows = zip(*columns.values(), strict=True)
+    return [
+        {"module": module, "taxel": number, **dict(zip(columns, row, strict=True))}
+        for (module, number), row in zip(names, rows, strict=True)
+    ]
+
+
 def observe(
     scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
 ) -> dict[str, Any]:
@@ -154,6 +184,7 @@ def observe(
         "stretch_max": peak(shape.inner_stretch)[0],
         "material_stable": _material_stable(problem, shape),
         "volume_residual": volume_residual(problem, state),
+        "taxels": taxel_observables(scene, problem, state, inputs),
     }
     environment = scene.environment
     if environment is not None and environment.depth is not None:

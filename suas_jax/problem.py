@@ -14,8 +14,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
-from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from suas_jax.config import (
+    LineLoadSpec,
+    SceneSpec,
+    SkinSpec,
+    continuous_inputs,
+    structure,
+)
+from suas_jax.constitutive import (
+    AbstractLaw,
+    ArrudaBoyce,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Polynomial,
+    Yeoh,
+)
 from suas_jax.equilibrium import Problem
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad
@@ -25,13 +40,21 @@ from suas_jax.mechanics.solid import Solid
 from suas_jax.mesh import MeshPlan, load_points, plan_mesh
 from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
 
+_LAWS: dict[str, type[AbstractLaw]] = {
+    "neo-hookean": NeoHookean,
+    "mooney-rivlin": MooneyRivlin,
+    "yeoh": Yeoh,
+    "gent": Gent,
+    "arruda-boyce": ArrudaBoyce,
+    "polynomial": Polynomial,
+}
 # Decay length of what a load or clamp does to the section around it, in thicknesses.
 _LOCAL_FIELD = 0.25
 # Length of the shortest elements relative to their height.
 _SMALLEST = 0.5
 
 
-def all_numbers(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
+def all_numbers(scene: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """Every value of a scene by TOML path, the continuous inputs replaced by those given."""
     return {**dict(structure(scene)), **inputs}
 
@@ -46,7 +69,7 @@ def geometry_of(numbers: Mapping[str, Any]) -> SkinGeometry:
     return SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
 
 
-def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
+def law_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
     """Material law from [material], its constants with a lane axis."""
     material = scene.material
     if material.law == "ogden":
@@ -54,13 +77,12 @@ def law_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
         mu = jnp.stack([_lane(numbers[f"material.mu.{i}"]) for i in count])
         alpha = jnp.stack([_lane(numbers[f"material.alpha.{i}"]) for i in count])
         return Ogden.from_convention(mu, alpha, material.convention)
-    if material.law == "neo-hookean":
-        return NeoHookean(_lane(numbers["material.mu"]))
-    constants = [_lane(numbers[f"material.C{i}"]) for i in (1, 2, 3)]
-    return {"mooney-rivlin": MooneyRivlin, "yeoh": Yeoh}[material.law](*constants)
+    # The other laws' arguments are the keys of their tables.
+    keys = [key for key in type(material).model_fields if key != "law"]
+    return _LAWS[material.law](**{key: _lane(numbers[f"material.{key}"]) for key in keys})
 
 
-def oil_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> AbstractOil:
+def oil_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
     """Oil model from [oil]."""
     if scene.oil.model == "compressible":
         return CompressibleOil(_lane(numbers["oil.bulk_modulus"]))

@@ -1,5 +1,6 @@
 """Derivatives of any reported quantity by every continuous input of a scene."""
 
+import re
 from typing import Any
 
 import equinox as eqx
@@ -7,12 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from suas_jax.compiled import COMPILED
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium import State, differentiable
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe
 from suas_jax.problem import build_problem
-from suas_jax.solution import Inputs, Solution, Structure, run
+from suas_jax.solution import Inputs, Solution, Structure
 
 
 class UnknownQuantityError(ValueError):
@@ -27,13 +29,19 @@ def quantities(report: Any, prefix: str = "") -> list[str]:
         items = [(str(i), value) for i, value in enumerate(report)]
     else:
         smooth = eqx.is_array(report) and jnp.issubdtype(report.dtype, jnp.floating)
+        if smooth and report.ndim == 2:  # a column over the taxels
+            table, _, name = prefix.removesuffix(".").rpartition(".")
+            return [f"{table}.{i}.{name}" for i in range(report.shape[0])]
         return [prefix.removesuffix(".")] if smooth else []
     return [name for key, value in items for name in quantities(value, f"{prefix}{key}.")]
 
 
 def _pick(report: Any, path: str) -> Array:
     for key in path.split("."):
-        report = report[int(key)] if isinstance(report, list) else report[key]
+        if isinstance(report, dict) and key.isdigit():  # a table of columns over the taxels
+            report = {name: column[int(key)] for name, column in report.items()}
+        else:
+            report = report[int(key)] if isinstance(report, list) else report[key]
     return report
 
 
@@ -74,13 +82,15 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     shapes = eqx.filter_eval_shape(_observed, scene, solution.plan, solution.state, inputs)
     shapes = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), eqx.filter(shapes, _is_shape))
     allowed = quantities(shapes)
+    taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
     if path not in allowed:
         raise UnknownQuantityError(
             f'"{path}" is not a quantity that can be differentiated; use one of '
-            + ", ".join(allowed)
+            + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
+            + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
         )
     arguments = (scene, path, solution.plan, solution.state, inputs)
-    found = run(_program, *arguments, quick=bool(solution.plan.layers))
+    found = COMPILED.run(_program, *arguments, once=True)
     return {name: float(value) for name, value in found.items()}
 
 

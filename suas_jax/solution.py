@@ -6,25 +6,26 @@ elements; the numbers of the scene are its arguments.
 
 import dataclasses
 import functools
+import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax._types import Lanes
+from suas_jax.compiled import COMPILED
 from suas_jax.config import SceneSpec, continuous_inputs, structure
 from suas_jax.equilibrium import Problem, State, equilibrium, verify
 from suas_jax.mechanics.base import ErrorShares
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import load_observables, observe
 from suas_jax.problem import build_problem, plan_for
-from suas_jax.resolution import first, forced, is_solid
-from suas_jax.results import NAMES, advice
+from suas_jax.report import plain, report_of
+from suas_jax.resolution import first, forced
 
 Inputs = Mapping[str, ArrayLike]
 
@@ -112,13 +113,11 @@ def _discretisation_error(
     return functools.reduce(jnp.maximum, fast + slow)
 
 
-def _key_quantities(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Inputs
-) -> dict[str, Any]:
-    loads = load_observables(scene, problem, state, inputs)
+def _key_quantities(loads: list[dict[str, Any]], pressure: Lanes) -> dict[str, Any]:
+    """What the error is estimated for."""
     lines = [load for load in loads if "displacement_m" in load]
     return {
-        "pressure": state.pressure,
+        "pressure": pressure,
         "displacement": [load["displacement_m"] for load in lines],
         "inner_displacement": [load["inner_displacement_m"] for load in lines],
     }
@@ -138,9 +137,10 @@ def assess(
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
     report["stable"] = check.stable
+    better = load_observables(spec, other, check.correction, inputs)
     error = _discretisation_error(
-        _key_quantities(spec, problem, state, inputs),
-        _key_quantities(spec, other, check.correction, inputs),
+        _key_quantities(report["loads"], state.pressure),
+        _key_quantities(better, check.correction.pressure),
         problem.mechanics.error_shares,
     )
     same = plan.elements == other_plan.elements
@@ -165,53 +165,6 @@ def _program(
         "unknowns": jnp.full(1, problem.mechanics.unknowns() + int(problem.oil.trapped)),
     }
     return report, state, outcome
-
-
-# The compiler's newer way to generate loops takes twice as long on the solid's programs.
-_QUICK = {"xla_cpu_use_fusion_emitters": False}
-
-
-class _Compiled:
-    """Compiled programs by scene structure and mesh size, with the time they took."""
-
-    def __init__(self) -> None:
-        self.programs: dict[Any, Callable[..., Any]] = {}
-        self.seconds = 0.0
-
-    def run(self, function: Callable[..., Any], *arguments: Any, quick: bool = False) -> Any:
-        """Call a jitted function, compiling apart so that both can be timed.
-
-        Args:
-            function: the jitted function.
-            *arguments: its arguments.
-            quick: whether compilation shall take half the time, and runs a little more.
-        """
-        dynamic, static = eqx.partition(arguments, eqx.is_array_like)
-        arrays, structure = jax.tree.flatten(dynamic)
-        settings, frame = jax.tree.flatten(static)
-        shapes = tuple(np.shape(x) for x in arrays)
-        key = (function, structure, shapes, frame, tuple(settings))
-        if key not in self.programs:
-            begin = time.perf_counter()
-            lowered = function.lower(*arguments)  # type: ignore[attr-defined]
-            self.programs[key] = lowered.compile(compiler_options=_QUICK if quick else None)
-            self.seconds += time.perf_counter() - begin
-        return jax.block_until_ready(self.programs[key](*arguments))
-
-
-_COMPILED = _Compiled()
-run = _COMPILED.run
-
-
-def plain(tree: Any, row: int = 0) -> Any:
-    """Arrays to Python numbers, one row of them where they have many."""
-
-    def number(x: Any) -> Any:
-        if not isinstance(x, (jax.Array, np.ndarray)):
-            return x
-        return np.asarray(x).reshape(-1)[row].item()
-
-    return jax.tree.map(number, tree)
 
 
 def unloaded(scene: SceneSpec) -> bool:
@@ -244,7 +197,8 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     """
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     static = Structure(scene)
-    compiled_before = _COMPILED.seconds
+    once = repeat == 1
+    compiled_before = COMPILED.seconds
 
     def attempt() -> tuple[dict[str, Any], State, dict[str, Any], MeshPlan]:
         wanted = forced(scene)
@@ -252,14 +206,14 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         while True:
             plan = plan_for(scene, *size)
             if unloaded(scene):
-                report, state = run(_rest_program, static, plan, inputs)
+                report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
                 report |= {"discretisation_error": 0.0, "stable": True}
                 outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
                 return report, state, outcome, plan
             symmetric = is_symmetric(plan)
             half = working_plan(plan, symmetric)
             arguments = (static, plan, half, plan.comparison(), inputs)
-            report, state, outcome = run(_program, *arguments, quick=bool(plan.layers))
+            report, state, outcome = COMPILED.run(_program, *arguments, once=once)
             error = float(report["discretisation_error"][0])
             enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
             finer = size.finer()
@@ -269,73 +223,25 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     result = attempt()
     seconds = []
-    for _ in range(max(1, repeat)):
+    for _ in range(repeat):
         begin = time.perf_counter()
         result = attempt()
         seconds.append(time.perf_counter() - begin)
     report, state, outcome, plan = result
     report = report_of(scene, plain(report), plain(outcome))
     report["timings_s"] = {
-        "compile": _COMPILED.seconds - compiled_before,
+        "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
     return Solution(report, state, plan, scene)
 
 
-def report_of(
-    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any]
-) -> dict[str, Any]:
-    """The report of one state, in the order of the contract."""
-    kinds = [{"kind": load.kind} for load in scene.loads]
-    loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
-    return {
-        **_header(scene, observed | {"loads": loads}, outcome),
-        "iterations": outcome["iterations"],
-        "unknowns": outcome["unknowns"],
-        "taxels": [],
-    }
-
-
-def _header(
-    scene: SceneSpec, report: dict[str, Any], outcome: dict[str, Any]
-) -> dict[str, Any]:
-    """Status, message and error estimate, ahead of the observables."""
-    status = NAMES[outcome["result"]]
-    error = report.pop("discretisation_error")
-    known = bool(np.isfinite(error)) and status == "converged"
-    message = [advice(status)]
-    if status != "converged" and scene.solve.oil_pressure is None:
-        message.append(f"It carries {outcome['level']:.4g} of the load.")
-    if status == "converged":
-        message += _remarks(scene, report, error if known else None)
-    return {
-        "model": "solid" if is_solid(scene) else "shell",
-        "status": status,
-        "message": " ".join(filter(None, message)),
-        "rtol_met": known and error <= scene.solve.rtol,
-        **report,
-        "error_estimate": error if known else None,
-        "discretisation_error": error if known else None,
-        "model_error": None,
-    }
-
-
-def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
-    """What a user should know about a converged state."""
-    remarks = []
-    if scene.solve.model == "auto":
-        remarks.append("Lumped shell chosen.")
-    if error is None:
-        remarks.append("The mesh's error could not be estimated.")
-    elif error > scene.solve.rtol:
-        remarks.append(f"Estimated mesh error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
-    if report["wall_contact"]:
-        remarks.append(
-            "The inner face has reached the rigid wall: contact is not modelled, the state "
-            "is not valid."
-        )
-    if not report["stable"]:
-        remarks.append("The equilibrium is unstable: a real membrane leaves it.")
-    if not report["material_stable"]:
-        remarks.append("The material leaves its stability window (see the stretches).")
-    return remarks
+def _blind(taxels: list[dict[str, Any]]) -> list[str]:
+    """Which taxels have no reading, where there are such."""
+    blind = sum(not math.isfinite(taxel["so"]) for taxel in taxels)
+    if not blind:
+        return []
+    return [
+        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
+        "real converter saturates."
+    ]

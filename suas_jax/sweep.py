@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from suas_jax.compiled import COMPILED
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -22,15 +23,13 @@ from suas_jax.config import (
 from suas_jax.equilibrium import State, path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
+from suas_jax.report import plain, report_of
 from suas_jax.resolution import Resolution, first_of_sweep, forced
 from suas_jax.solution import (
     Inputs,
     Structure,
     assess,
     is_symmetric,
-    plain,
-    report_of,
-    run,
     whole,
     working_plan,
 )
@@ -203,9 +202,7 @@ class _Curve:
         visit = levels[levels != 0] if pressures else levels
         arguments = (self.plan, self.half, self.other, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
-        found = run(
-            _program, Structure(self.scene), *arguments, known, quick=bool(self.size.layers)
-        )
+        found = COMPILED.run(_program, Structure(self.scene), *arguments, known)
         reports, self.states, outcomes = found
         rows = [
             report_of(self.scene, plain(reports, i), plain(outcomes, i))

@@ -10,16 +10,21 @@ import pytest
 ROOT = Path(__file__).parent.parent
 # The data flow; a module may import from its own layer and from those before it.
 LAYERS = [
-    ["config", "_types", "results", "quadrature", "jet", "analytic", "spectral", "runtime"],
-    ["geometry", "element", "kinematics", "linear_solve"],
+    ["config", "_types", "results", "runtime", "compiled"],
+    ["quadrature", "jet", "analytic", "spectral"],
+    ["acquisition"],  # the serial logger: without the model, and without JAX
+    ["geometry", "element", "kinematics", "block_sweep", "block_tridiagonal", "linear_solve"],
     ["constitutive"],
     ["loads", "oil", "mesh"],
     ["mechanics"],
+    ["capacitance", "cdc", "gap", "pad", "taxel"],
+    ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
-    ["problem", "observables"],
-    ["solution", "sensitivity", "sweep"],
-    ["plot"],
-    ["cli"],
+    ["problem", "observables", "resolution", "report"],
+    ["solution", "sensitivity", "sweep", "skin"],
+    ["simulate", "rest"],
+    ["plot", "plot_solid", "vtu"],
+    ["cli", "cli_sensing", "cli_acquisition"],
 ]
 
 

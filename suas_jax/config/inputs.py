@@ -8,7 +8,7 @@ from typing import Any
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Problem, nearest, show
 from suas_jax.config.fields import Spec
-from suas_jax.config.schema_scene import SceneSpec, SolveSpec
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec, SolveSpec
 from suas_jax.config.validation import validate_table
 
 Leaf = str | int | float | None
@@ -17,7 +17,7 @@ Leaf = str | int | float | None
 _DISCRETE = frozenset({"solve.rtol"})
 
 
-def continuous_inputs(scene: SceneSpec) -> dict[str, float]:
+def continuous_inputs(scene: SkinSpec) -> dict[str, float]:
     """List every continuous input that is present in a scene.
 
     Args:
@@ -35,7 +35,7 @@ def continuous_inputs(scene: SceneSpec) -> dict[str, float]:
     }
 
 
-def structure(scene: SceneSpec) -> tuple[tuple[str, Leaf], ...]:
+def structure(scene: SkinSpec) -> tuple[tuple[str, Leaf], ...]:
     """Describe all of a scene but its continuous inputs.
 
     Args:
@@ -101,7 +101,7 @@ def with_solve(scene: SceneSpec, *, source: str = "command line", **changes: Any
     return SceneSpec(**fields)
 
 
-def _leaves(scene: SceneSpec) -> Iterator[tuple[str, Leaf, bool]]:
+def _leaves(scene: SkinSpec) -> Iterator[tuple[str, Leaf, bool]]:
     """Walk over path, value and presence of everything in a scene."""
 
     def walk(path: str, value: Any, given: bool) -> Iterator[tuple[str, Leaf, bool]]:

@@ -11,6 +11,7 @@ from suas_jax._types import Lanes, StationVector
 from suas_jax.element import hermite
 from suas_jax.geometry import outward, tangent
 from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.shell_points import mix
 
 # Stretch given to a fibre of no length left, on the inner side of a fold.
 CRUSHED = 1e-6
@@ -39,9 +40,13 @@ def sampled(
         radius: of the undeformed mid-line [m].
         samples: intervals an element is divided in.
     """
-    xi = np.linspace(0, 1, samples + 1)[:, None, None]
+    xi = np.linspace(0, 1, samples + 1)
     start, span = angles[:-1], angles[1:] - angles[:-1]
-    return _interpolated(start + xi * span, xi, qe[:, :, None], radius * span)
+    shapes = np.stack([np.stack(hermite(xi, order), 1) for order in range(3)])
+    values = mix(shapes.reshape(-1, 4), qe).reshape(3, samples + 1, *qe.shape[1:])
+    length = radius * span
+    derivatives = [(u[:, 0] / length**k, u[:, 1] / length**k) for k, u in enumerate(values)]
+    return MidLine(start + xi[:, None, None] * span, *derivatives)
 
 
 def at(

@@ -1,0 +1,226 @@
+"""Baselines: what each taxel reads while nothing touches the skin.
+
+They are kept apart from the data, which stays raw, and are refused unless the skin was at
+rest. A log shows by itself that a taxel drifts or jumps. A load that was on from the first
+frame to the last it can't show; for that it is held against what the taxels read at rest
+before (an earlier baseline), or against the pattern that the skin's model gives.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.acquisition.log_file import Frames, SoLog, group_frames
+
+FORMAT = "suas-baseline"
+# Fewer frames say nothing about drift.
+MIN_FRAMES = 20
+# The log is compared part by part: with this many standard errors, which the noise of some
+# hundred taxels doesn't reach, and a floor, because a count is all that can be resolved.
+_PARTS = 10
+_SIGNIFICANT = 6.0
+_FLOOR = 1.0
+
+
+class NotAtRestError(ValueError):
+    """The skin was loaded or drifting while the log was taken."""
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Rest values.
+
+    Attributes:
+        modules: module numbers, ascending [module].
+        so: mean raw counts [module, taxel]; NaN where there is no taxel or it was silent.
+        noise: standard deviation of one frame [module, taxel], counts.
+        frames: number of frames averaged.
+        header: skin, scale and start time of the log.
+    """
+
+    modules: NDArray[np.int64]
+    so: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    frames: int
+    header: Mapping[str, str]
+
+
+def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
+    """Average a log that was recorded at rest.
+
+    Args:
+        log: some seconds of the skin, unloaded.
+        tolerance: how far the mean of a tenth of the log may be from the mean of all
+            [counts]; by default what the taxel's own noise explains (6 standard errors), and
+            at least one count.
+
+    Raises:
+        NotAtRestError: the counts drift or jump; names the taxel and by how much.
+        ValueError: too few frames.
+    """
+    frames = group_frames(log)
+    if len(frames) < MIN_FRAMES:
+        raise ValueError(
+            f"{log.path}: {len(frames)} frames; a baseline needs at least {MIN_FRAMES}, "
+            "better a few seconds"
+        )
+    _refuse_moving(log, frames, tolerance)
+    mean, noise = _mean(frames.so), _noise(frames.so)
+    kept = ("skin", "scale", "start_time")
+    header = {key: log.header[key] for key in kept if key in log.header}
+    return Baseline(frames.modules, mean, noise, len(frames), header)
+
+
+def refuse_loaded(
+    baseline: Baseline,
+    rest: NDArray[np.float64],
+    *,
+    tolerance: float,
+    source: str,
+    common_factor: bool = False,
+) -> None:
+    """Refuse a baseline whose taxels don't read what they read at rest.
+
+    Args:
+        baseline: as taken.
+        rest: counts at rest [module, taxel], NaN where unknown.
+        tolerance: allowed deviation, relative to `rest`; a count is always allowed.
+        source: where `rest` is from, for the message.
+        common_factor: `rest` gives the pattern only, up to a factor (a model whose
+            permittivity or gap is not exact).
+
+    Raises:
+        NotAtRestError: the taxels deviate.
+    """
+    known = np.isfinite(rest) & np.isfinite(baseline.so) & (rest > 0)
+    if not known.any():
+        raise ValueError(f"{source}: has no taxel in common with this log")
+    ratio = np.full(rest.shape, np.nan)
+    ratio[known] = baseline.so[known] / rest[known]
+    if common_factor:
+        ratio /= np.nanmedian(ratio)
+    allowed = np.full(rest.shape, tolerance)
+    allowed[known] += _FLOOR / rest[known]
+    excess = np.where(known, np.abs(ratio - 1) / allowed, 0.0)
+    if excess.max() <= 1.0:
+        return
+    module, taxel = np.unravel_index(excess.argmax(), excess.shape)
+    raise NotAtRestError(
+        f"the skin was loaded: module {baseline.modules[module]}, so_{taxel + 1} reads "
+        f"{100 * (ratio[module, taxel] - 1):+.1f} % of its value at rest in {source}, "
+        f"{100 * allowed[module, taxel]:.1f} % are allowed ({int((excess > 1).sum())} taxels "
+        "deviate); take the load off and record again"
+    )
+
+
+def write_baseline(baseline: Baseline, path: Path) -> None:
+    """Write a baseline as JSON: header, then counts and noise by module."""
+    modules = [
+        {"module": int(module), "so": _jsonable(so), "noise": _jsonable(noise)}
+        for module, so, noise in zip(baseline.modules, baseline.so, baseline.noise, strict=True)
+    ]
+    content = {
+        "format": FORMAT,
+        "format_version": 1,
+        **baseline.header,
+        "units": "so and noise (standard deviation of one frame) in raw counts",
+        "frames": baseline.frames,
+        "modules": modules,
+    }
+    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_baseline(path: Path) -> Baseline:
+    """Read a baseline.
+
+    Raises:
+        ValueError: it is none; names the key.
+    """
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path}: no baseline file: {error}") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise ValueError(f'{path}: no baseline file: "format" must be "{FORMAT}"')
+    try:
+        entries = sorted(content["modules"], key=lambda entry: entry["module"])
+        width = max(len(entry["so"]) for entry in entries)
+        so, noise = (
+            np.array([_padded(entry[key], width) for entry in entries])
+            for key in ("so", "noise")
+        )
+        modules = np.array([entry["module"] for entry in entries], np.int64)
+        frames = int(content["frames"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: the baseline is incomplete or damaged: {error}") from None
+    header = {key: value for key, value in content.items() if isinstance(value, str)}
+    return Baseline(modules, so, noise, frames, header)
+
+
+def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
+    """The counts of a baseline, arranged as in another; NaN where it has none."""
+    rest = np.full_like(like.so, np.nan)
+    width = min(rest.shape[1], baseline.so.shape[1])
+    for row, module in enumerate(like.modules):
+        at = np.flatnonzero(baseline.modules == module)
+        if at.size:
+            rest[row, :width] = baseline.so[at[0], :width]
+    return rest
+
+
+def _refuse_moving(log: SoLog, frames: Frames, tolerance: float | None) -> None:
+    so = frames.so
+    size = len(so) // _PARTS
+    means = np.stack([_mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
+    # The part's noise from differences of neighbouring frames, which a drift hardly touches;
+    # rounding to whole counts is noise, too.
+    noise = np.maximum(_noise(np.diff(so, axis=0)) / math.sqrt(2), 1 / math.sqrt(12))
+    change = np.abs(means - _mean(means))
+    allowed = np.maximum(_SIGNIFICANT * noise / math.sqrt(size), _FLOOR)
+    if tolerance is not None:
+        allowed = np.full_like(allowed, tolerance)
+    excess = np.where(np.isfinite(change), change / np.where(allowed > 0, allowed, 1.0), 0.0)
+    if excess.max(initial=0.0) <= 1.0:
+        return
+    _, module, taxel = np.unravel_index(excess.argmax(), excess.shape)
+    series = means[:, module, taxel]
+    series = series[np.isfinite(series)]
+    drifts = abs(series[-1] - series[0]) > 0.8 * np.ptp(series)
+    what = "drifting, or its load changed" if drifts else "loaded or touched meanwhile"
+    moved = int((excess.max(axis=0) > 1.0).sum())
+    raise NotAtRestError(
+        f"{log.path}: the skin was {what}: module {frames.modules[module]}, so_{taxel + 1} "
+        f"moved by {np.ptp(series):.1f} counts within "
+        f"{frames.t_host[-1] - frames.t_host[0]:.1f} s, "
+        f"{allowed[module, taxel]:.1f} from its mean are allowed ({moved} taxels moved); take "
+        "the load off, wait until nothing changes and record again, or allow more with "
+        "--tolerance"
+    )
+
+
+def _mean(so: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean over the first axis; NaN where nothing is present, without a warning."""
+    present = np.isfinite(so).sum(axis=0)
+    return np.where(present > 0, np.nansum(so, axis=0) / np.maximum(present, 1), np.nan)
+
+
+def _noise(so: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard deviation over the first axis; NaN where fewer than two are present."""
+    present = np.isfinite(so).sum(axis=0)
+    squares = np.nansum((so - _mean(so)) ** 2, axis=0)
+    return np.where(present > 1, np.sqrt(squares / np.maximum(present - 1, 1)), np.nan)
+
+
+def _jsonable(values: NDArray[np.float64]) -> list[float | None]:
+    return [None if math.isnan(v) else round(v, 4) for v in values.tolist()]
+
+
+def _padded(values: list[float | None], width: int) -> list[float]:
+    filled = [math.nan if v is None else float(v) for v in values]
+    return filled + [math.nan] * (width - len(filled))

@@ -1,0 +1,181 @@
+"""A baseline is the mean of a skin at rest, and of nothing else."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from suas_jax.acquisition.baseline import (
+    NotAtRestError,
+    read_baseline,
+    refuse_loaded,
+    rest_of,
+    take_baseline,
+    write_baseline,
+)
+from suas_jax.acquisition.log_file import SoLog
+
+FRAMES, MODULES, TAXELS = 400, 32, 10
+NOISE = 2.0
+
+
+def log_of(so: np.ndarray) -> SoLog:
+    """A log of frames [frame, module, taxel] at 100 Hz."""
+    frames, modules, taxels = so.shape
+    seq = np.repeat(np.arange(frames), modules)
+    module = np.tile(np.arange(modules), frames)
+    rows = np.rint(so).reshape(-1, taxels)
+    return SoLog(
+        Path("a.csv"), {"scale": "0.305 fF"}, 0.01 * seq, 0.01 * seq, seq, module, rows, {}
+    )
+
+
+@pytest.fixture
+def rest(request) -> np.ndarray:
+    rng = np.random.default_rng(3)
+    level = rng.uniform(150, 14000, (MODULES, TAXELS))
+    return level + rng.normal(0, NOISE, (FRAMES, MODULES, TAXELS))
+
+
+def test_mean_and_noise(rest, tmp_path):
+    rest[:, 4, 9] = np.nan
+    rest[17, 5] = np.nan
+    baseline = take_baseline(log_of(rest))
+    expected = np.rint(rest[np.arange(FRAMES) != 17]).mean(axis=0)
+    np.testing.assert_allclose(baseline.so[5], expected[5])
+    np.testing.assert_allclose(baseline.so[6], np.rint(rest[:, 6]).mean(axis=0))
+    spread = baseline.noise[np.isfinite(baseline.noise)]
+    # Rounding adds 1/12; the standard deviation of 400 samples is known to 3.5 %.
+    assert np.sqrt(np.mean(spread**2)) == pytest.approx(np.sqrt(NOISE**2 + 1 / 12), rel=0.01)
+    assert np.isnan(baseline.so[4, 9])
+    write_baseline(baseline, tmp_path / "b.json")
+    back = read_baseline(tmp_path / "b.json")
+    np.testing.assert_allclose(back.so, baseline.so, atol=1e-4)
+    assert back.header["scale"] == "0.305 fF"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_alone_is_never_refused(seed):
+    rng = np.random.default_rng(seed)
+    noise = 10 ** rng.uniform(-2, 2)
+    frames = int(rng.integers(20, 300))
+    take_baseline(log_of(5000 + rng.normal(0, noise, (frames, 8, TAXELS))))
+
+
+TIME = np.arange(FRAMES)[:, None, None]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (0.02 * TIME, "drifting"),
+        (-0.02 * TIME, "drifting"),
+        (40.0 * ((TIME > 100) & (TIME < 200)), "loaded"),
+        (-6.0 * (TIME > 250), "drifting, or its load changed"),
+        (5.0 * np.sin(0.05 * TIME), "loaded"),
+    ],
+)
+def test_a_skin_that_is_not_at_rest_is_refused(rest, change, words):
+    rest[:, 7:8, 2:3] += change
+    with pytest.raises(NotAtRestError) as error:
+        take_baseline(log_of(rest))
+    for word in (words, "module 7", "so_3", "--tolerance"):
+        assert word in str(error.value)
+    take_baseline(log_of(rest), tolerance=100.0)
+
+
+def test_too_short(rest):
+    with pytest.raises(ValueError, match="19 frames; a baseline needs at least 20"):
+        take_baseline(log_of(rest[:19]))
+
+
+def test_a_steady_load_shows_against_an_earlier_baseline(rest):
+    before = take_baseline(log_of(rest))
+    rest[:, 3, 4] *= 1.1
+    loaded = take_baseline(log_of(rest))
+    with pytest.raises(NotAtRestError, match=r"module 3, so_5 reads \+10\.0 %"):
+        refuse_loaded(loaded, rest_of(before, loaded), tolerance=0.02, source="b.json")
+    refuse_loaded(before, rest_of(before, before), tolerance=0.0, source="b.json")
+
+
+def test_a_pattern_up_to_a_factor(rest):
+    baseline = take_baseline(log_of(rest))
+    pattern = 0.8 * baseline.so
+    refuse_loaded(baseline, pattern, tolerance=1e-3, source="model", common_factor=True)
+    pattern[2, 2] *= 1.1
+    with pytest.raises(NotAtRestError, match=r"module 2, so_3 reads -9\.1 %"):
+        refuse_loaded(baseline, pattern, tolerance=0.05, source="model", common_factor=True)
+
+
+@pytest.mark.parametrize(
+    "content", ["{", "[]", '{"modules": 1}', '{"format": "suas-baseline"}']
+)
+def test_no_baseline_is_named(content, tmp_path):
+    path = tmp_path / "b.json"
+    path.write_text(content)
+    with pytest.raises(ValueError, match=r"b\.json"):
+        read_baseline(path)
+
+
+def test_command(rest, tmp_path, capsys):
+    import typer
+
+    from suas_jax.acquisition.log_file import LogWriter, log_header
+    from suas_jax.cli_acquisition import baseline
+
+    def written(name: str, so: np.ndarray) -> Path:
+        with LogWriter(tmp_path / name, log_header(), taxels=TAXELS) as log:
+            for i, frame in enumerate(np.rint(so).astype(int).tolist()):
+                for module, row in enumerate(frame):
+                    log.write(0.01 * i, 0.01 * i, i, module, row)
+        return tmp_path / name
+
+    out = tmp_path / "b.json"
+    baseline(written("rest.csv", rest[:50, :2]), out)
+    assert len(json.loads(out.read_text())["modules"]) == 2
+    with pytest.raises(typer.Exit):
+        baseline(tmp_path / "rest.csv", out)
+    assert "--overwrite" in capsys.readouterr().err
+    pressed = rest[:50, :2] * 1.05
+    with pytest.raises(typer.Exit):
+        baseline(written("pressed.csv", pressed), tmp_path / "c.json", reference=out)
+    assert "the skin was loaded" in capsys.readouterr().err
+    assert not (tmp_path / "c.json").exists()
+
+
+SCENE = """
+[geometry]
+inner_radius = "57.5 mm"
+thickness = "1.5 mm"
+half_angle = "90 deg"
+width = "123 mm"
+oil_gap = "5 mm"
+[material]
+preset = "epdm-paper"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.2
+[electrodes]
+taxels = [ { angle = "-30 deg" }, { angle = "0 deg" }, { angle = "30 deg" } ]
+"""
+LOAD = '[[load]]\nkind = "line"\nangle = "0 deg"\nforce = "2 N"\ndirection = "radial"\n'
+
+
+def test_a_steady_load_shows_against_the_model(tmp_path, capsys):
+    """Logs of a simulated skin name their scene: rest is accepted, 2 N all the time are not."""
+    import typer
+
+    from suas_jax.cli_acquisition import baseline
+    from suas_jax.cli_sensing import simulate
+
+    for name, load in (("rest", ""), ("pressed", LOAD)):
+        scene, log = tmp_path / f"{name}.toml", tmp_path / f"{name}.csv"
+        scene.write_text(SCENE + load)
+        simulate(scene, log, rate=50.0, duration=2.0)
+    baseline(tmp_path / "rest.csv", tmp_path / "rest.json")
+    with pytest.raises(typer.Exit):
+        baseline(tmp_path / "pressed.csv", tmp_path / "pressed.json")
+    message = capsys.readouterr().err
+    assert "the skin was loaded: module 0, so_2" in message
+    assert "--model-tolerance" in message

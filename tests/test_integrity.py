@@ -1,0 +1,105 @@
+"""Losses, duplicates, wraps and stuck taxels are told apart."""
+
+import pytest
+
+from suas_jax.acquisition.integrity import STUCK_AFTER, Flags, Integrity
+from suas_jax.acquisition.reading import Reading
+
+PERIOD = 0.01
+
+
+def frame(seq: int, t: float | None = None, first: int | None = None) -> Reading:
+    t = PERIOD * seq if t is None else t
+    return Reading(seq, t, 0, (seq % 50000 if first is None else first, 7), t)
+
+
+def judged(readings, modulus=None, checked=False) -> list[tuple[float, Flags]]:
+    integrity = Integrity(modulus, checked)
+    return [integrity.judge(reading) for reading in readings]
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_a_gap_is_counted_where_it_is(checked):
+    flags = [f for _, f in judged(map(frame, [0, 1, 2, 6, 7]), checked=checked)]
+    assert [f.lost for f in flags] == [0, 0, 0, 3, 0]
+    assert not any(f.suspect for f in flags)
+
+
+@pytest.mark.parametrize("modulus", [2**8, 2**16, 2**32])
+def test_a_counter_that_wraps_loses_nothing(modulus):
+    start = modulus - 3
+    readings = [frame((start + i) % modulus, PERIOD * i) for i in range(6)]
+    assert all(f.lost == f.restart == 0 for _, f in judged(readings))
+
+
+def test_a_frame_sent_twice_and_a_sensor_not_refreshed():
+    flags = [f for _, f in judged([frame(0), frame(1), frame(1), frame(2, first=1), frame(3)])]
+    assert [f.duplicate for f in flags] == [0, 0, 1, 0, 0]
+    assert [f.repeat for f in flags] == [0, 0, 0, 1, 0]
+
+
+def test_a_late_frame_is_no_restart():
+    flags = [f for _, f in judged(map(frame, [0, 1, 3, 2, 4]), checked=True)]
+    assert [f.restart for f in flags] == [0] * 5
+
+
+@pytest.mark.parametrize("modulus", [65.536, 4294.967296, 4294967.296])
+@pytest.mark.parametrize("known", [False, True])
+def test_the_clock_is_unwrapped(modulus, known):
+    readings = [
+        Reading(i, (modulus - 0.045 + PERIOD * i) % modulus, 0, (i,), PERIOD * i)
+        for i in range(20)
+    ]
+    out = judged(readings, modulus if known else None)
+    expected = [modulus - 0.045 + PERIOD * i for i in range(20)]
+    assert [t for t, _ in out] == pytest.approx(expected, abs=2e-6)
+    assert all(not any(f[:5]) for _, f in out)
+
+
+def test_a_clock_of_no_usual_width_goes_on_at_its_rate():
+    readings = [Reading(i, (PERIOD * i) % 0.5, 0, (i,), PERIOD * i) for i in range(120)]
+    times = [t for t, _ in judged(readings)]
+    assert times == pytest.approx([PERIOD * i for i in range(120)], abs=1e-6)
+
+
+def test_turns_of_the_clock_in_a_long_silence():
+    modulus = 65.536
+    readings = [frame(0), frame(1), Reading(2, 200.0 % modulus, 0, (1,), 200.0)]
+    assert judged(readings, modulus, checked=True)[-1][0] == pytest.approx(200.0)
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_a_device_that_starts_again(checked):
+    readings = [*map(frame, range(100)), *(frame(i)._replace(t_host=9.0) for i in range(3))]
+    out = judged(readings, checked=checked)
+    assert [f.restart for _, f in out] == [0] * 100 + [1, 0, 0]
+    assert [f.lost for _, f in out] == [0] * 103
+    assert out[-1][0] == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("wrong", [934, 4, 194])
+def test_a_damaged_number_is_suspect_and_does_no_harm(wrong):
+    """134 read as 934, 4 or 194: that row is doubted, its neighbours are not."""
+    readings = [frame(i) for i in range(120, 150)]
+    readings[14] = readings[14]._replace(seq=wrong)
+    flags = [f for _, f in judged(readings)]
+    assert [f.suspect for f in flags] == [0] * 14 + [1] + [0] * 15
+    assert [f.restart for f in flags] == [0] * 30
+    assert flags[15].lost == 1
+
+
+def test_a_jump_that_is_confirmed_is_believed():
+    """The counter jumps without the clock: a doubt first, then a fact."""
+    readings = [frame(i) for i in range(20)]
+    readings += [frame(i + 500, PERIOD * i) for i in range(20, 25)]
+    flags = [f for _, f in judged(readings)]
+    assert [f.suspect for f in flags[20:]] == [1, 0, 0, 0, 0]
+    assert flags[21].lost == 500
+
+
+def test_a_stuck_taxel_is_found_when_the_others_move():
+    flags = [f for _, f in judged(map(frame, range(STUCK_AFTER + 5)))]
+    assert flags[STUCK_AFTER - 2].stuck == 0
+    assert flags[-1].stuck == 0b10
+    still = [f for _, f in judged(frame(i, first=3) for i in range(STUCK_AFTER + 5))]
+    assert not any(f.stuck for f in still)  # a skin at rest without noise
