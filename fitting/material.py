@@ -41,7 +41,7 @@ _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _DISTINCT = 0.02
 _UNKNOWN = 0.3
 _STARTS_IN_BOX = 5
-_BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 1e-7
+_BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 1e-5
 
 
 @dataclasses.dataclass(frozen=True)
