@@ -23,7 +23,7 @@ LAYERS = [
     ["problem", "observables", "resolution", "report"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],
-    ["plot", "plot_solid", "vtu"],
+    ["plot", "plot_solid", "taxel_plot", "vtu"],
     ["cli", "cli_sensing", "cli_acquisition"],
 ]
 
