@@ -128,6 +128,7 @@ def load_dataset(
     path: str | os.PathLike[str],
     specimen: Mapping[str, str] | None = None,
     noise: str | None = None,
+    scene: str | os.PathLike[str] | None = None,
 ) -> Dataset:
     """Read one file of measurements.
 
