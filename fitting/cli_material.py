@@ -118,7 +118,7 @@ def material(
                 branch=branch,
                 bounds=bounds,
             )
-            if fit is not None and scene is not None:
+            if fit is not None and scene is not None and not _on_skin(sets):
                 from fitting.in_service import compare_with_scene
 
                 show("solving the scene")
@@ -187,6 +187,10 @@ def _fit(
         return fit.report, fit
     except NoFit as error:
         return {"law": law, "status": "no_fit", "message": str(error)}, None
+
+
+def _on_skin(sets: list[Any]) -> bool:
+    return any(data.mode == "skin" for data in sets)
 
 
 @contextlib.contextmanager

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.material import MaterialFit
+from fitting.problem import settle
 from fitting.posterior import Gaussian, Posterior, Settings, sample
 
 _NOISE = (1e-6, 10.0)
@@ -162,8 +163,10 @@ def sample_material(
         ValueError: settings are not allowed, or a chain file belongs to something else.
         PosteriorError: no possible point was found.
     """
-    family, residuals = fit.family, fit.problem.residuals
-    known = fit.problem.kind == "noise"
+    problem, _ = settle(fit.problem, fit.constants)
+    fit = dataclasses.replace(fit, problem=problem)
+    family, residuals = fit.family, problem.residuals
+    known = problem.kind == "noise"
     limits = np.array([(bounds or {}).get(name, (-np.inf, np.inf)) for name in family.names])
     low, high = jnp.asarray(limits[:, 0]), jnp.asarray(limits[:, 1])
     deviation = jnp.asarray(family.prior_deviation)

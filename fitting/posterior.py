@@ -44,7 +44,7 @@ _DRAWS = 100
 _GROUP = "mcmc"
 # Laplace and chain agree where means differ by less than this, in standard deviations,
 # and standard deviations by less than this factor.
-_MEANS_AGREE, _DEVIATIONS_AGREE = 0.25, 1.2
+_MEANS_AGREE, _DEVIATIONS_AGREE = 0.5, 1.2
 _DIFFERENCE = 0.05
 _NEWTON_STEPS = 20
 
