@@ -140,10 +140,15 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
-                from fitting.export import write_card
+                from fitting.export import Law, write_card
 
+                law_card = Law(
+                    fit.family.law_name,
+                    fit.family.tree(map(float, fit.constants)),
+                    float(fit.law.shear_modulus),
+                )
                 for name, file in cards:
-                    write_card(fit.law_spec, name, Path(file))
+                    write_card(law_card, name, Path(file))
             if fit is not None and plot is not None:
                 from fitting.plots import plot_material
 
