@@ -38,7 +38,7 @@ MOVES: dict[str, Callable[[], Any]] = {
     ],
 }
 LONG_ENOUGH = 50.0
-_TAU_SETTLED = 0.02
+_TAU_SETTLED = 0.05
 _BURN_IN = 2.0
 _DRAWS = 100
 _GROUP = "mcmc"
