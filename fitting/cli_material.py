@@ -62,9 +62,7 @@ def material(
     steps: Annotated[
         int, typer.Option(min=1, help="Most steps; it stops before when converged.")
     ] = 20_000,
-    moves: Annotated[
-        str, typer.Option(help="stretch, walk, de or de-snooker.")
-    ] = "stretch",
+    moves: Annotated[str, typer.Option(help="stretch, walk, de or de-snooker.")] = "stretch",
     chain: Annotated[
         Path | None,
         typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
@@ -85,7 +83,9 @@ def material(
     ] = None,
     scene: Annotated[
         Path | None,
-        typer.Option(help="The skin that --data skin was measured on; else: compare the stability window with the stretches of this scene."),
+        typer.Option(
+            help="The skin that --data skin was measured on; else: compare the stability window with the stretches of this scene."
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,

@@ -156,7 +156,9 @@ def load_dataset(
     if chosen != "skin":
         return reader.dataset()
     if scene is None:
-        raise DataError(f"--data skin={path}: a skin needs --scene SCENE: its dimensions and loads")
+        raise DataError(
+            f"--data skin={path}: a skin needs --scene SCENE: its dimensions and loads"
+        )
     return reader.skin(load_scene(scene))
 
 

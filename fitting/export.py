@@ -107,7 +107,8 @@ def _rows(values: list[float], first: int = 8) -> str:
 
 
 def _abaqus_like(law: Law, program: str) -> str:
-    head = f"** {law.name}, Pa, shear modulus {law.shear_modulus:.6g} Pa\n*MATERIAL, NAME=MEMBRANE\n"
+    head = f"** {law.name}, Pa, shear modulus {law.shear_modulus:.6g} Pa\n"
+    head += "*MATERIAL, NAME=MEMBRANE\n"
     # Zero for D means incompressible in Abaqus (hybrid elements); CalculiX chooses a value
     # of its own, so it gets a stated one.
     d = 0.0 if program == "abaqus" else 2.0 / (BULK * law.shear_modulus)
@@ -126,7 +127,9 @@ def _abaqus_like(law: Law, program: str) -> str:
         assert isinstance(stretch, float)
         return head + f"*HYPERELASTIC, ARRUDA-BOYCE\n{_rows([mu, stretch, d])}\n"
     if coefficients is None:
-        raise _missing(law, program, "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial")
+        raise _missing(
+            law, program, "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial"
+        )
     degree = _degree(coefficients)
     values = [coefficients.get(place, 0.0) for place in _ordered(degree)]
     values += [d] + [0.0] * (degree - 1)
@@ -134,7 +137,9 @@ def _abaqus_like(law: Law, program: str) -> str:
 
 
 def _ansys(law: Law) -> str:
-    head = f"! {law.name}, Pa, incompressible (d = 0), shear modulus {law.shear_modulus:.6g} Pa\n"
+    head = (
+        f"! {law.name}, Pa, incompressible (d = 0), shear modulus {law.shear_modulus:.6g} Pa\n"
+    )
 
     def table(kind: str, order: int, values: list[float]) -> str:
         lines = [head + f"TB,HYPER,1,1,{order},{kind}"]
@@ -168,7 +173,10 @@ def _febio(law: Law) -> str:
         kind = "Ogden"
         entries = [(f"c{i}", mu * alpha) for i, (mu, alpha) in enumerate(terms, 1)]
         entries += [(f"m{i}", alpha) for i, (_, alpha) in enumerate(terms, 1)]
-    elif coefficients is not None and _degree({k_: v for k_, v in coefficients.items() if v}) == 1:
+    elif (
+        coefficients is not None
+        and _degree({k_: v for k_, v in coefficients.items() if v}) == 1
+    ):
         kind = "Mooney-Rivlin"
         entries = [("c1", coefficients.get((1, 0), 0.0)), ("c2", coefficients.get((0, 1), 0.0))]
     else:
@@ -176,7 +184,9 @@ def _febio(law: Law) -> str:
     lines = [f"    <{key}>{value:.12g}</{key}>" for key, value in [*entries, ("k", k)]]
     return (
         f"<!-- {law.name}, Pa; k is {BULK:g} shear moduli, nearly incompressible -->\n"
-        f'<material id="1" name="membrane" type="{kind}">\n' + "\n".join(lines) + "\n</material>\n"
+        f'<material id="1" name="membrane" type="{kind}">\n'
+        + "\n".join(lines)
+        + "\n</material>\n"
     )
 
 

@@ -160,7 +160,9 @@ def connect(scheduler: str | None, workers: int) -> Any:
         import dask
         from distributed import Client, LocalCluster
     except ImportError:
-        raise ValueError('many calibrations need Dask: pip install "suas-jax[cluster]"') from None
+        raise ValueError(
+            'many calibrations need Dask: pip install "suas-jax[cluster]"'
+        ) from None
     if scheduler is not None:
         return Client(scheduler, timeout="10s")
     dask.config.set({"distributed.worker.multiprocessing-method": "spawn"})

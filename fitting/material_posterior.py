@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.material import MaterialFit
-from fitting.problem import settle
 from fitting.posterior import Gaussian, Posterior, Settings, sample
+from fitting.problem import settle
 
 _NOISE = (1e-6, 10.0)
 _PRIOR_DOMINATED = 0.5
@@ -59,7 +59,9 @@ class MaterialPosterior:
             for name, d in zip(family.theta_names, family.prior_deviation, strict=True)
         }
         if not self.noise_known:
-            said["noise"] = f"log-uniform from {_NOISE[0]:g} to {_NOISE[1]:g} (of the residuals)"
+            said["noise"] = (
+                f"log-uniform from {_NOISE[0]:g} to {_NOISE[1]:g} (of the residuals)"
+            )
         for name, (low, high) in self.bounds.items():
             said[f"bound on {name}"] = f"zero outside {low:g} to {high:g} (SI)"
         return said
@@ -183,7 +185,10 @@ def sample_material(
 
     names = (*family.theta_names, *(() if known else ("log(noise)",)))
     leaves = [np.asarray(x) for x in jax.tree.leaves(residuals)]
-    key = b"".join(x.tobytes() for x in leaves) + repr((family, known, sorted((bounds or {}).items()))).encode()
+    key = (
+        b"".join(x.tobytes() for x in leaves)
+        + repr((family, known, sorted((bounds or {}).items()))).encode()
+    )
     chain = sample(
         jax.vmap(one), _start(fit, known), names, settings, key=key, progress=progress
     )

@@ -74,7 +74,11 @@ def _draw_mode(
         lower.plot(x, 100.0 * error / size, ".", ms=4, color=colour)
         upper.set_ylabel(f"{_LABELS[data.measure]} [{name}]")
     upper.set_title(mode.replace("_", " ") + ("" if members else " (not measured)"))
-    labels = {"skin": "force [N]", "simple_shear": "amount of shear", "bulge": "apex height / radius"}
+    labels = {
+        "skin": "force [N]",
+        "simple_shear": "amount of shear",
+        "bulge": "apex height / radius",
+    }
     labels |= {"biaxial_difference": "second stretch"}
     lower.set_xlabel(labels.get(mode, "stretch"))
     lower.set_ylabel("residual [%]")

@@ -352,7 +352,6 @@ def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gauss
     Returns:
         The Gaussian of the maximum and its curvature; None where none was found.
     """
-    p = len(start.mean)
     values, vectors = np.linalg.eigh(start.covariance)
     widest = float(np.max(values))
     root = vectors * np.sqrt(np.maximum(values, 1e-24 * widest))
@@ -386,7 +385,10 @@ def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gauss
 
 
 def _expansion(
-    batch: Callable[[np.ndarray], np.ndarray], centre: np.ndarray, root: np.ndarray, value: float
+    batch: Callable[[np.ndarray], np.ndarray],
+    centre: np.ndarray,
+    root: np.ndarray,
+    value: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gradient and Hessian in the coordinates of `root`, by central differences."""
     p, h = len(centre), _DIFFERENCE
@@ -404,9 +406,7 @@ def _expansion(
     return (up - down) / (2.0 * h), curvature
 
 
-def _walkers(
-    batch: Batch, start: Gaussian, count: int, rng: np.random.Generator
-) -> np.ndarray:
+def _walkers(batch: Batch, start: Gaussian, count: int, rng: np.random.Generator) -> np.ndarray:
     """Possible points around the start, drawn ever closer to its mean."""
     points = rng.multivariate_normal(start.mean, start.covariance, count, method="svd")
     for _ in range(20):

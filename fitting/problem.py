@@ -11,8 +11,8 @@ from fitting.data_checks import initial_modulus
 from fitting.datasets import Dataset
 from fitting.experiments import AbstractExperiment, Bulge, Homogeneous, padded
 from fitting.parameters import AbstractFamily, Scales
-from fitting.skin_curve import SkinCurve, Specimen, specimen
 from fitting.residuals import KINDS, Residuals, relative_scale
+from fitting.skin_curve import SkinCurve, Specimen, specimen
 
 # Relative residuals are relative to no less than these fractions of a file's median
 # reading; a difference of two stresses passes through zero without being small itself.

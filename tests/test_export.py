@@ -75,7 +75,10 @@ def read_abaqus(text: str) -> object:
     count, values = int(head.split("N=")[1]), numbers(body)
     if head.startswith("OGDEN"):
         return powers(
-            [(2 * values[2 * p] / values[2 * p + 1] ** 2, values[2 * p + 1]) for p in range(count)]
+            [
+                (2 * values[2 * p] / values[2 * p + 1] ** 2, values[2 * p + 1])
+                for p in range(count)
+            ]
         )
     return polynomial(values, count)
 

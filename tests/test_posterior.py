@@ -91,7 +91,8 @@ jax.config.update("jax_enable_x64", True)
 from tests.test_posterior import NAMES, START, Settings, normal, sample
 path = pathlib.Path(sys.argv[1])
 slow = lambda step, steps, tau: time.sleep(0.3)
-sample(normal, START, NAMES, Settings(steps=2000, check=100, stop=False, chain=path), progress=slow)
+settings = Settings(steps=2000, check=100, stop=False, chain=path)
+sample(normal, START, NAMES, settings, progress=slow)
 """
 
 
