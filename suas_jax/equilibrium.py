@@ -452,10 +452,13 @@ class Verification(NamedTuple):
     Attributes:
         stable: positive tangent on the constraint surface.
         correction: the state after one more Newton correction.
+        omitted: change of the state, to first order, by the energy that the mechanics
+            leaves out; None where it leaves out nothing.
     """
 
     stable: Bool[Array, " lane"]
     correction: State
+    omitted: State | None
 
 
 def verify(problem: Problem, state: State) -> Verification:
@@ -467,13 +470,21 @@ def verify(problem: Problem, state: State) -> Verification:
     """
     border = state.pressure if problem.oil.trapped else None
     r, operator = residual(problem, BorderedVector(state.q, border), state.factor)
-    solved = eliminate(operator, r)
-    change = solved.solution
-    pressure = state.pressure - _border(change)
-    return Verification(
-        solved.negative == (1 if problem.oil.trapped else 0),
-        State(state.q - change.stations, pressure, state.factor),
-    )
+    inertia = 1 if problem.oil.trapped else 0
+
+    def moved(change: BorderedVector) -> State:
+        return State(state.q - change.stations, state.pressure - _border(change), state.factor)
+
+    omitted = problem.mechanics.omitted_gradient(state.q)
+    if omitted is None:
+        solved = eliminate(operator, r)
+        return Verification(solved.negative == inertia, moved(solved.solution), None)
+    relaxed = BorderedVector(omitted, None if border is None else jnp.zeros_like(border))
+    both = jax.tree.map(lambda *x: jnp.stack(x), r, relaxed)
+    solved = jax.vmap(lambda right: eliminate(operator, right))(both)
+    first, second = (jax.tree.map(lambda x, i=i: x[i], solved) for i in (0, 1))
+    change = State(second.solution.stations, _border(second.solution), state.factor)
+    return Verification(first.negative == inertia, moved(first.solution), change)
 
 
 def volume_residual(problem: Problem, state: State) -> Lanes:

@@ -20,7 +20,7 @@ LAYERS = [
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
-    ["problem", "observables", "resolution", "report"],
+    ["problem", "observables", "resolution", "report", "error_estimate"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],
     ["plot", "plot_solid", "taxel_plot", "vtu"],
