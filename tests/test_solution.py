@@ -46,9 +46,10 @@ def test_sixteen_elements_a_half_arc_are_within_a_thousandth() -> None:
 
 
 def test_the_mesh_is_refined_until_rtol_is_met() -> None:
-    report = solve(with_solve(SCENES["case A"], rtol=3e-5)).report
+    report = solve(with_solve(SCENES["case A"], model="shell", rtol=3e-5)).report
     truth = solve(with_solve(SCENES["case A"], elements=192)).report
-    assert report["rtol_met"]
+    assert report["discretisation_error"] <= 3e-5
+    assert not report["rtol_met"]  # the shell itself is further off
     assert largest_error(report, truth) < 1e-4
 
 
