@@ -33,9 +33,8 @@ def _displacements(problem: Problem, q: Array, loads: list[LineLoad]) -> list[La
 
 
 def _largest(parts: list[Lanes], like: Lanes) -> Lanes:
-    return functools.reduce(
-        jnp.maximum, [jnp.abs(x) for x in parts], jnp.full_like(like, _TINY)
-    )
+    floor = jnp.full_like(like, _TINY)
+    return functools.reduce(jnp.maximum, [jnp.abs(x) for x in parts], floor)
 
 
 def _relative(pressure: Lanes, moved: list[Lanes], to: State, size: Lanes) -> Lanes:
