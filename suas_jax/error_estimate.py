@@ -88,4 +88,3 @@ def model_error(
             per_width = load.force * better.factor / geometry.width
             moved[i] = moved[i] + indentation * share * per_width
     return _MODEL_MARGIN * _relative(change.pressure, moved, better, size)
-

@@ -234,7 +234,8 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
                 return Attempt(report, state, outcome, plan)
             half = working_plan(plan, is_symmetric(plan))
             arguments = (static, plan, half, plan.comparison(), inputs)
-            found = Attempt(*COMPILED.run(_program, *arguments, once=once), plan)
+            report, state, outcome = COMPILED.run(_program, *arguments, once=once)
+            found = Attempt(report, state, outcome, plan)
             finer = size.finer()
             hopeless = scene.solve.model == "auto" and model == "shell"
             hopeless = hopeless and found.model_too_coarse(rtol)
