@@ -46,7 +46,7 @@ PATTERNS: tuple[tuple[dict[str, Any], float, dict[str, Any], tuple[bool, ...]], 
     ),
 )
 TOLERANCES = (1e-2, 1e-3)
-TRUTH = (256, 8)
+TRUTH = (256, 4)
 # Truths and true errors below this are not told apart.
 FLOOR = 2e-6
 
