@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from fitting import cli_material
 from suas_jax import cli as forward
 from suas_jax import cli_sensing as sensing
 from suas_jax.acquisition import cli as acquisition
@@ -18,6 +19,11 @@ app = typer.Typer(
 forward.register(app)
 sensing.register(app)
 acquisition.register(app)
+
+# `suas fit` holds every command that fits the model to measurements.
+fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
+cli_material.register(fit)
+app.add_typer(fit, name="fit")
 
 
 def _print_version(wanted: bool) -> None:

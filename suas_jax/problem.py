@@ -20,13 +20,31 @@ from suas_jax.config import (
     continuous_inputs,
     structure,
 )
-from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from suas_jax.constitutive import (
+    AbstractLaw,
+    ArrudaBoyce,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Polynomial,
+    Yeoh,
+)
 from suas_jax.equilibrium import Problem
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad
 from suas_jax.mechanics.shell import Shell
 from suas_jax.mesh import MeshPlan, load_points, plan_mesh
 from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
+
+_LAWS: dict[str, type[AbstractLaw]] = {
+    "neo-hookean": NeoHookean,
+    "mooney-rivlin": MooneyRivlin,
+    "yeoh": Yeoh,
+    "gent": Gent,
+    "arruda-boyce": ArrudaBoyce,
+    "polynomial": Polynomial,
+}
 
 
 def all_numbers(scene: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -52,10 +70,9 @@ def law_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
         mu = jnp.stack([_lane(numbers[f"material.mu.{i}"]) for i in count])
         alpha = jnp.stack([_lane(numbers[f"material.alpha.{i}"]) for i in count])
         return Ogden.from_convention(mu, alpha, material.convention)
-    if material.law == "neo-hookean":
-        return NeoHookean(_lane(numbers["material.mu"]))
-    constants = [_lane(numbers[f"material.C{i}"]) for i in (1, 2, 3)]
-    return {"mooney-rivlin": MooneyRivlin, "yeoh": Yeoh}[material.law](*constants)
+    # The other laws' arguments are the keys of their tables.
+    keys = [key for key in type(material).model_fields if key != "law"]
+    return _LAWS[material.law](**{key: _lane(numbers[f"material.{key}"]) for key in keys})
 
 
 def oil_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:

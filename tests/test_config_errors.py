@@ -136,7 +136,7 @@ VALUES = [
     ("solve.mesh", "600", "a list in square brackets"),
     # words
     ("material.law", '"mooney"', 'unknown law; did you mean "mooney-rivlin"?|ogden'),
-    ("material.law", "3", 'unknown law|"neo-hookean", "mooney-rivlin", "yeoh" or "ogden"'),
+    ("material.law", "3", 'unknown law|"neo-hookean", "mooney-rivlin", "yeoh", "ogden", '),
     ("oil.model", '"incompresible"', 'did you mean "incompressible"?|vented'),
     ("electrodes.capacitance", '"parallel"', 'did you mean "parallel-plate"?|concentric'),
     ("electrodes.layout", '"grid"', 'allowed: "list" or "roboskin"'),

@@ -9,7 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from suas_jax.constitutive import (
+    AbstractLaw,
+    ArrudaBoyce,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Polynomial,
+    Yeoh,
+)
 from suas_jax.kinematics import (
     DeformationGradient,
     FibreStretch,
@@ -43,6 +52,51 @@ CASES = {
         Yeoh(0.2e6, -2e3, 50.0),
         0.4e6,
         lambda x, i1, i2: 2 * (0.2e6 - 2 * 2e3 * (i1 - 3) + 3 * 50.0 * (i1 - 3) ** 2) * x**2,
+    ),
+    "gent": Case(
+        Gent(0.4e6, 30.0), 0.4e6, lambda x, i1, i2: 0.4e6 * 30.0 / (30.0 - i1 + 3) * x**2
+    ),
+    "arruda-boyce": Case(
+        ArrudaBoyce(0.3e6, 3.0),
+        0.3e6 * (1 + 3 / 45 + 99 / 175 / 3**4 + 513 / 875 / 3**6 + 42039 / 67375 / 3**8),
+        lambda x, i1, i2: (
+            2
+            * 0.3e6
+            * x**2
+            * (
+                1 / 2
+                + 2 / 20 * i1 / 9
+                + 3 * 11 / 1050 * (i1 / 9) ** 2
+                + 4 * 19 / 7000 * (i1 / 9) ** 3
+                + 5 * 519 / 673750 * (i1 / 9) ** 4
+            )
+        ),
+    ),
+    "polynomial": Case(
+        Polynomial(2e5, 1e4, -3e3, 2e3, 1e3, 100.0, 200.0, 300.0, 400.0),
+        4.2e5,
+        lambda x, i1, i2: (
+            2
+            * x**2
+            * (
+                2e5
+                - 6e3 * (i1 - 3)
+                + 2e3 * (i2 - 3)
+                + 300 * (i1 - 3) ** 2
+                + 400 * (i1 - 3) * (i2 - 3)
+                + 300 * (i2 - 3) ** 2
+            )
+            - 2
+            * x**-2.0
+            * (
+                1e4
+                + 2e3 * (i1 - 3)
+                + 2e3 * (i2 - 3)
+                + 200 * (i1 - 3) ** 2
+                + 600 * (i1 - 3) * (i2 - 3)
+                + 1200 * (i2 - 3) ** 2
+            )
+        ),
     ),
     "ogden": Case(
         Ogden(*TABLE_1),
@@ -195,7 +249,8 @@ def test_all_deformations_give_one_energy(case: Case, stretch: float) -> None:
 def test_lanes_broadcast_against_trailing_axes(case: Case) -> None:
     factors = jnp.array([0.5, 1.0, 3.0])
     leaves, structure = jax.tree.flatten(case.law)
-    is_stiffness = [True, False] if isinstance(case.law, Ogden) else [True] * len(leaves)
+    shaped = isinstance(case.law, Ogden | Gent | ArrudaBoyce)
+    is_stiffness = [True, False] if shaped else [True] * len(leaves)
     lanes = jax.tree.unflatten(
         structure,
         [
@@ -278,6 +333,10 @@ def test_ogden_conventions() -> None:
         (lambda: MooneyRivlin(1e6, 0.0, float("inf")), "C3 must be finite"),
         (lambda: Yeoh(-1.0), "C1 must be positive"),
         (lambda: Yeoh(1.0, float("nan")), "C2 must be finite"),
+        (lambda: Gent(1e5, 0.0), "Jm must be positive"),
+        (lambda: ArrudaBoyce(1e5, -1.0), "lambda_m must be positive"),
+        (lambda: Polynomial(1e5, -2e5), r"2 \(C10 \+ C01\)"),
+        (lambda: Polynomial(1e5, C03=float("nan")), "C03 must be finite"),
         (lambda: Ogden([1e5, 2e5], [1.3]), "mu has 2 terms and alpha has 1"),
         (lambda: Ogden([], []), "at least one term"),
         (lambda: Ogden([1e5, 1e3], [1.3, -2.0]), "term 1 .* must be positive"),

@@ -9,10 +9,13 @@ from suas_jax.config.load import load_scene, load_skin, scene_from_dict
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
 from suas_jax.config.schema_material import (
+    ArrudaBoyceSpec,
+    GentSpec,
     MaterialSpec,
     MooneyRivlinSpec,
     NeoHookeanSpec,
     OgdenSpec,
+    PolynomialSpec,
     YeohSpec,
 )
 from suas_jax.config.schema_scene import (
@@ -33,9 +36,11 @@ from suas_jax.config.schema_skin import (
 )
 
 __all__ = [
+    "ArrudaBoyceSpec",
     "ConfigError",
     "ElectrodesSpec",
     "EnvironmentSpec",
+    "GentSpec",
     "GeometrySpec",
     "LineLoadSpec",
     "LoadSpec",
@@ -45,6 +50,7 @@ __all__ = [
     "NeoHookeanSpec",
     "OgdenSpec",
     "OilSpec",
+    "PolynomialSpec",
     "PressureLoadSpec",
     "Problem",
     "SceneSpec",

@@ -105,6 +105,7 @@ Pressure = Annotated[float, quantity("pressure")]
 PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
 Force = Annotated[float, quantity("force")]
 Number = Annotated[float, quantity("number")]
+PositiveNumber = Annotated[float, quantity("number", above=0.0)]
 Count = Annotated[int, BeforeValidator(_whole_number)]
 AsList = BeforeValidator(_as_list)
 """Accepts a TOML list for a tuple, and refuses everything else (text is no list)."""

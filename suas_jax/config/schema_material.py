@@ -9,7 +9,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from suas_jax.config.fields import AsList, Number, PlacedError, PositiveStress, Spec, Stress
+from suas_jax.config.fields import (
+    AsList,
+    Number,
+    PlacedError,
+    PositiveNumber,
+    PositiveStress,
+    Spec,
+    Stress,
+)
 from suas_jax.config.quantities import format_quantity
 
 
@@ -125,13 +133,77 @@ class OgdenSpec(Spec):
         return mu
 
 
-MaterialSpec = Annotated[
-    NeoHookeanSpec | MooneyRivlinSpec | YeohSpec | OgdenSpec, Field(discriminator="law")
-]
+class GentSpec(Spec):
+    """Gent law, Psi = -mu Jm/2 log(1 - (I1 - 3)/Jm).
 
-LAWS: dict[str, type[NeoHookeanSpec | MooneyRivlinSpec | YeohSpec | OgdenSpec]] = {
+    Attributes:
+        mu: shear modulus [Pa].
+        Jm: value of I1 - 3 at which the chains are fully stretched.
+    """
+
+    law: Literal["gent"] = Field(default="gent", examples=['"gent"'])
+    mu: PositiveStress = Field(examples=['"0.4 MPa"'])
+    Jm: PositiveNumber = Field(examples=["80.0"])
+
+
+class ArrudaBoyceSpec(Spec):
+    """Arruda-Boyce law, Psi = mu sum C_i lambda_m^(2 - 2i) (I1^i - 3^i), five terms.
+
+    Attributes:
+        mu: rubbery modulus [Pa]; the shear modulus of small strain is larger.
+        lambda_m: locking stretch of a chain.
+    """
+
+    law: Literal["arruda-boyce"] = Field(default="arruda-boyce", examples=['"arruda-boyce"'])
+    mu: PositiveStress = Field(examples=['"0.28 MPa"'])
+    lambda_m: PositiveNumber = Field(examples=["5.1"])
+
+
+class PolynomialSpec(Spec):
+    """General polynomial law, Psi = sum C_ij (I1 - 3)^i (I2 - 3)^j up to the third degree.
+
+    Attributes:
+        C10: ..., each constant C_ij [Pa]; 2 (C10 + C01) is the shear modulus of small strain.
+    """
+
+    law: Literal["polynomial"] = Field(default="polynomial", examples=['"polynomial"'])
+    C10: Stress = Field(examples=['"0.17 MPa"'])
+    C01: Stress = Field(default=0.0, examples=['"5 kPa"'])
+    C20: Stress = Field(default=0.0, examples=['"-1 kPa"'])
+    C11: Stress = Field(default=0.0, examples=['"0 Pa"'])
+    C02: Stress = Field(default=0.0, examples=['"0 Pa"'])
+    C30: Stress = Field(default=0.0, examples=['"40 Pa"'])
+    C21: Stress = Field(default=0.0, examples=['"0 Pa"'])
+    C12: Stress = Field(default=0.0, examples=['"0 Pa"'])
+    C03: Stress = Field(default=0.0, examples=['"0 Pa"'])
+
+    @model_validator(mode="after")
+    def _stiff_at_small_strain(self) -> Self:
+        if self.C10 + self.C01 <= 0.0:
+            raise PlacedError(
+                "C01" if "C01" in self.model_fields_set else "C10",
+                "C10 + C01, half the shear modulus of small strain, must be greater than zero",
+            )
+        return self
+
+
+AnyMaterialSpec = (
+    NeoHookeanSpec
+    | MooneyRivlinSpec
+    | YeohSpec
+    | OgdenSpec
+    | GentSpec
+    | ArrudaBoyceSpec
+    | PolynomialSpec
+)
+MaterialSpec = Annotated[AnyMaterialSpec, Field(discriminator="law")]
+
+LAWS: dict[str, type[AnyMaterialSpec]] = {
     "neo-hookean": NeoHookeanSpec,
     "mooney-rivlin": MooneyRivlinSpec,
     "yeoh": YeohSpec,
     "ogden": OgdenSpec,
+    "gent": GentSpec,
+    "arruda-boyce": ArrudaBoyceSpec,
+    "polynomial": PolynomialSpec,
 }

@@ -1,0 +1,163 @@
+"""Nonlinear least squares from many starts at once, with its own check of convergence.
+
+All starts advance together in one `vmap` of Optimistix's Levenberg-Marquardt: a short run
+of all of them, then a long run of the best few. Whether a start has converged is decided
+here and not by the solver's flag: at a minimum no Gauss-Newton step, cut to length one in
+every singular direction of the Jacobian, promises to lower the cost noticeably.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from fitting.residuals import Residuals
+from suas_jax.constitutive import AbstractLaw
+
+# A start has converged when the promised decrease of its cost is below this fraction,
+# or when nothing but rounding is left to fit.
+CONVERGED = 1e-9
+_ROUNDING = 1e-20
+AGREEMENT = 1e-6
+# Starts advance in batches of one size, so that one compiled program does everything.
+LANES = 16
+_STEPS, _PASSES = 60, 8
+
+
+class Minima(NamedTuple):
+    """What became of the best starts, best first.
+
+    Attributes:
+        theta: parameters, shape [lanes, p].
+        cost: ½ Σ r², shape [lanes]; infinite where nothing finite was found.
+        converged: whether it is a minimum, shape [lanes].
+        promised: relative decrease that one more step promises, shape [lanes].
+    """
+
+    theta: np.ndarray
+    cost: np.ndarray
+    converged: np.ndarray
+    promised: np.ndarray
+
+    @property
+    def agreeing(self) -> int:
+        """How many converged starts share the lowest cost."""
+        close = self.cost <= self.cost[0] * (1.0 + AGREEMENT) + _ROUNDING
+        return int(np.sum(close & self.converged))
+
+
+def minimise(
+    residuals: Residuals, starts: Float[np.ndarray, "starts p"], lanes: int = LANES
+) -> Minima:
+    """Minimise ½ Σ r² from many starting points.
+
+    Every start gets one run of Levenberg-Marquardt; the best go on until they have
+    converged or their passes are used up.
+
+    Args:
+        residuals: the misfit.
+        starts: unconstrained parameters to start from; fewer than `lanes` are repeated.
+        lanes: how many advance together, and how many of the best go on.
+
+    Returns:
+        The starts that went on, best first. Nothing raises: a start that fails has
+        infinite cost and is not converged.
+    """
+    points = np.asarray(starts, float)
+    filled = np.resize(points, (-(-len(points) // lanes) * lanes, points.shape[1]))
+    batches = [
+        _advance(residuals, refined(residuals, batch))
+        for batch in jnp.asarray(filled).reshape(-1, lanes, points.shape[1])
+    ]
+    theta, cost, promised = (
+        np.concatenate([np.asarray(batch[i]) for batch in batches])[: len(points)]
+        for i in range(3)
+    )
+    order = np.argsort(cost, kind="stable")[:lanes]
+    theta, cost, promised = theta[order], cost[order], promised[order]
+    used = int(residuals.used.sum())
+    for _ in range(_PASSES):
+        if np.all(_is_minimum(cost, promised, used) | ~np.isfinite(cost)):
+            break
+        again = np.resize(theta, (lanes, theta.shape[1]))
+        moved = [np.asarray(x)[: len(theta)] for x in _advance(residuals, jnp.asarray(again))]
+        better = moved[1] <= cost
+        theta = np.where(better[:, None], moved[0], theta)
+        cost, promised = np.where(better, moved[1], cost), np.where(better, moved[2], promised)
+    order = np.argsort(cost, kind="stable")
+    theta, cost, promised = theta[order], cost[order], promised[order]
+    return Minima(theta, cost, _is_minimum(cost, promised, used), promised)
+
+
+def _is_minimum(cost: np.ndarray, promised: np.ndarray, used: int) -> np.ndarray:
+    return np.isfinite(cost) & ((promised <= CONVERGED) | (cost <= used * _ROUNDING))
+
+
+@eqx.filter_jit
+def _advance(
+    residuals: Residuals, starts: Float[Array, "lanes p"]
+) -> tuple[Array, Array, Array]:
+    """One run of Levenberg-Marquardt on every lane: parameters, cost, promise."""
+    solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
+
+    # The solver linearises and materialises; with the Jacobian as one explicit product
+    # it traces, compiles and runs in half the time.
+    @jax.custom_jvp
+    def residual(theta: Array) -> Array:
+        return residuals(theta)
+
+    @residual.defjvp
+    def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+        value, jacobian = _linearised(residuals, primals[0])
+        return value, jacobian @ tangents[0]
+
+    def run(start: Array) -> tuple[Array, Array, Array]:
+        found = optx.least_squares(
+            lambda theta, _: residual(theta), solver, start, max_steps=_STEPS, throw=False
+        ).value
+        found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
+        return found, *_judged(residuals, found)
+
+    return jax.vmap(run)(starts)
+
+
+def _linearised(residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+    """Residuals [n] and their derivatives [n, p] at one point."""
+
+    def push(tangent: Array) -> tuple[Array, Array]:
+        return jax.jvp(residuals, (theta,), (tangent,))
+
+    return jax.vmap(push, out_axes=(None, 1))(jnp.eye(theta.size, dtype=theta.dtype))
+
+
+def _judged(residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+    """Cost, and the relative decrease that a bounded Gauss-Newton step promises."""
+    r, J = _linearised(residuals, theta)
+    finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
+    u, s, _ = jnp.linalg.svd(jnp.where(finite, J, 0.0), full_matrices=False)
+    along = jnp.abs(u.T @ jnp.where(finite, r, 0.0))
+    # Decrease of ½|r|²: in full if the step s⁻¹ along is at most one, else up to there.
+    decrease = jnp.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
+    cost = 0.5 * jnp.sum(r * r)
+    promised = jnp.where(cost > 0.0, jnp.sum(decrease) / cost, 0.0)
+    return jnp.where(finite, cost, jnp.inf), jnp.where(finite, promised, jnp.inf)
+
+
+@eqx.filter_jit
+def refined(residuals: Residuals, starts: Float[Array, "lanes p"]) -> Float[Array, "lanes p"]:
+    """Use what is linear in the starts: the shares of an Ogden law's terms."""
+    target = residuals.weighed(residuals.value)
+
+    def columns(law: AbstractLaw) -> Array:
+        readings = [test.predict(law) for test in residuals.experiments]
+        return residuals.weighed(jnp.concatenate(readings) * residuals.scales.stress)
+
+    def improve(start: Array) -> Array:
+        better = residuals.family.refined(start, columns, residuals.scales, target)
+        return jnp.where(jnp.all(jnp.isfinite(better)), better, start)
+
+    return jax.vmap(improve)(starts)

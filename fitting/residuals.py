@@ -1,0 +1,86 @@
+"""From measurements and a family of laws to residuals, and to a log-probability.
+
+r_i(θ) = √w_i (y_i(θ) − y_i) / s_i: what least squares makes small, and what a posterior
+is built from. The scale s_i says which misfit counts as one.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from fitting.experiments import AbstractExperiment
+from fitting.parameters import AbstractFamily, Scales
+
+KINDS = ("relative", "absolute", "noise")
+
+
+class Residuals(eqx.Module):
+    """Misfit of a family of laws to measurements, as a function of θ.
+
+    Attributes:
+        experiments: the tests, each predicting a run of readings.
+        value: measured readings [Pa], shape [n] with padding.
+        inverse_scale: √w/s [1/Pa], shape [n]; zero for padding.
+        scales: sizes that make constants dimensionless.
+        family: the law; part of the compiled program.
+    """
+
+    experiments: tuple[AbstractExperiment, ...]
+    value: Float[Array, " n"]
+    inverse_scale: Float[Array, " n"]
+    scales: Scales
+    family: AbstractFamily = eqx.field(static=True)
+
+    def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Readings [Pa] for constants in SI units, padding included."""
+        law = self.family.law(constants)
+        return jnp.concatenate([test.predict(law) for test in self.experiments])
+
+    def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Residuals for constants in SI units."""
+        return self.weighed(self.predict(constants) - self.value)
+
+    def weighed(self, misfit: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Misfit [Pa] over its scale; exactly zero for padding."""
+        used = self.inverse_scale > 0.0
+        return jnp.where(used, misfit, 0.0) * self.inverse_scale
+
+    def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Residuals for unconstrained parameters, shape [n]."""
+        return self.of_constants(self.family.constants(theta, self.scales))
+
+    def log_likelihood(
+        self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
+    ) -> Float[Array, ""]:
+        """Gaussian log-likelihood up to a constant, −½ Σ r²/s² − n log s.
+
+        Args:
+            theta: unconstrained parameters.
+            noise: s, standard deviation of the residuals: one where the scales are the
+                known noise, otherwise estimated or sampled with the parameters.
+
+        Returns:
+            The log-likelihood; −∞ where the law can't follow the test.
+        """
+        r = self(theta)
+        count = jnp.sum(self.inverse_scale > 0.0)
+        value = -0.5 * jnp.sum(r * r) / noise**2 - count * jnp.log(noise)
+        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which of the padded readings are measurements, shape [n]."""
+        return np.asarray(self.inverse_scale) > 0.0
+
+
+def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np.ndarray:
+    """Scale of relative residuals: a reading's own size, never less than the floor.
+
+    Args:
+        value: readings [Pa], shape [n].
+        companion: size of the largest stress read at the same state [Pa]; the zero stress
+            on a sheet's free edge is as uncertain as the load beside it.
+        floor: smallest scale [Pa].
+    """
+    return np.maximum(np.maximum(np.abs(value), companion), floor)
