@@ -7,8 +7,8 @@ import typer
 
 from fitting import cli_material
 from suas_jax import cli as forward
+from suas_jax import cli_acquisition as acquisition
 from suas_jax import cli_sensing as sensing
-from suas_jax.acquisition import cli as acquisition
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",

@@ -43,7 +43,7 @@ def compare_with_scene(fit: MaterialFit, path: Path) -> tuple[dict[str, Any], li
     Returns:
         The stretches reached, and warnings.
     """
-    from suas_jax.solve import solve
+    from suas_jax.solution import solve
 
     report = solve(with_material(load_scene(path), fit)).report
     low, high = report["stretch_min"], report["stretch_max"]

@@ -258,6 +258,9 @@ def _print_report(report: dict[str, Any]) -> None:
     gap, angle = 1e3 * report["min_gap_m"], report["min_gap_angle_deg"]
     table.add_row("smallest gap", f"{gap:.4g} mm at {angle:.3g} deg")
     table.add_row("largest displacement", f"{1e3 * report['max_displacement_m']:.4g} mm")
+    so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
+    if so:
+        table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")
     table.add_row("strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ")
     table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
     stable = "stable" if report["stable"] else "[red]unstable[/]"

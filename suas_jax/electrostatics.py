@@ -110,6 +110,12 @@ def field_capacitance(
     clear = jnp.all(gap > 0, 0)
     film = Film(angle, jnp.where(clear, gap, 1.0), wall)
     charge = wall_charge(film, np.ones(elements + 1, bool))
+    if electrodes.layers.ndim > 1:
+        raise ValueError("the field model takes the same layers for all taxels")
+    # Thin layers in series: they divide each station's voltage with the film.
+    width = wall * jnp.diff(angle, axis=0)
+    width = (jnp.pad(width, [(0, 1), (0, 0)]) + jnp.pad(width, [(1, 0), (0, 0)])) / 2
+    charge = charge / (1 + electrodes.layers * electrodes.permittivity * charge / width)
     weights = chords(angle[:, 0], taxels.angle[:, 0], taxels.diameter[:, 0] / wall[0])
     sum_ = jnp.einsum("ts,sl->tl", weights, charge) * taxels.diameter
     permittivity = VACUUM_PERMITTIVITY * electrodes.permittivity

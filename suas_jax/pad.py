@@ -9,6 +9,8 @@ from suas_jax.config.quantities import format_quantity
 PAPER_EDGE = 24e-3
 """Edge of the paper's triangle [m]."""
 
+_MEASURED_EDGE, _MEASURED_PITCH = 30e-3, 6.533e-3  # of an iCub's triangle
+
 
 def tiled_modules(
     geometry: GeometrySpec,
@@ -16,6 +18,7 @@ def tiled_modules(
     rows: int = 4,
     columns: int = 8,
     edge: float = PAPER_EDGE,
+    pitch: float | None = None,
     **module: Any,
 ) -> tuple[ModuleSpec, ...]:
     """Cover the wall with rows of triangles that point up and down in turn.
@@ -29,7 +32,10 @@ def tiled_modules(
         rows: of triangles along the axis.
         columns: triangles in a row.
         edge: of a triangle on the unrolled wall [m].
-        **module: further keys of every module: pitch [m], diameter [m], numbering.
+        pitch: between neighbouring taxels [m]; by default the measured 6.533 mm of an
+            iCub's triangle of 30 mm, scaled to the edge, so that taxels of neighbouring
+            triangles don't meet in the corners.
+        **module: further keys of every module: diameter [m], numbering.
 
     Returns:
         Modules row by row from -axial, each row from -angle.
@@ -37,6 +43,8 @@ def tiled_modules(
     Raises:
         ValueError: the tiling is larger than the wall; the message says by how much.
     """
+    if pitch is None:
+        pitch = _MEASURED_PITCH * edge / _MEASURED_EDGE
     wall, height = geometry.inner_radius - geometry.oil_gap, edge * math.sqrt(3) / 2
     _must_fit("arc", (columns + 1) * edge / 2, 2 * geometry.half_angle * wall)
     _must_fit("width", rows * height, geometry.width)
@@ -48,9 +56,12 @@ def tiled_modules(
             middle = row + (2 / 3 if down else 1 / 3) - rows / 2
             angle = (column - (columns - 1) / 2) * edge / 2 / wall
             rotation = math.pi if down else 0.0
-            modules.append(
-                ModuleSpec(angle=angle, axial=middle * height, rotation=rotation, **module)
-            )
+            pose: dict[str, Any] = {
+                "angle": angle,
+                "axial": middle * height,
+                "rotation": rotation,
+            }
+            modules.append(ModuleSpec(**pose, pitch=pitch, **module))
     return tuple(modules)
 
 

@@ -37,11 +37,14 @@ class Readings(NamedTuple):
 class Electrodes(eqx.Module):
     """Taxels on the wall under a film of oil, and the scale of their converter.
 
+    Permittivity, stray, layers and lsb may also be given taxel by taxel [taxel, lane].
+
     Attributes:
         taxels: where they are.
         geometry: of the skin.
         permittivity: relative, of the oil.
         stray: capacitance in parallel with each taxel [F].
+        layers: sum of thickness over relative permittivity of further dielectrics [m].
         lsb: capacitance of one count [F].
         formula: capacitance per area.
     """
@@ -50,6 +53,7 @@ class Electrodes(eqx.Module):
     geometry: SkinGeometry
     permittivity: Lanes
     stray: Lanes
+    layers: Lanes
     lsb: Lanes
     formula: AbstractCapacitance
 
@@ -72,7 +76,9 @@ class Electrodes(eqx.Module):
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
         density = taxels.average(
-            self.formula.per_area(jnp.where(clear, gap, 1.0), wall, self.permittivity)
+            self.formula.per_area(
+                jnp.where(clear, gap, 1.0), wall, self.permittivity, self.layers
+            )
             for gap in gaps
         )
         capacitance = jnp.where(clear, self.stray + taxels.area * density, jnp.nan)
@@ -90,11 +96,16 @@ def electrodes_of(
     def value(path: str) -> Array:
         return jnp.asarray(numbers[path], float)[..., None]
 
+    def reduced(i: int) -> Array:
+        path = f"electrodes.layers.{i}."
+        return value(path + "thickness") / value(path + "relative_permittivity")
+
     return Electrodes(
         taxels_of(spec.electrodes, numbers, geometry.wall_radius),
         geometry,
         value("oil.relative_permittivity"),
         value("electrodes.stray"),
+        sum((reduced(i) for i in range(len(spec.electrodes.layers))), jnp.zeros(1)),
         value("electrodes.lsb"),
         FORMULAS[spec.electrodes.capacitance],
     )

@@ -1,5 +1,6 @@
 """Derivatives of any reported quantity by every continuous input of a scene."""
 
+import re
 from typing import Any
 
 import equinox as eqx
@@ -81,10 +82,12 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     shapes = eqx.filter_eval_shape(_observed, scene, solution.plan, solution.state, inputs)
     shapes = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), eqx.filter(shapes, _is_shape))
     allowed = quantities(shapes)
+    taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
     if path not in allowed:
         raise UnknownQuantityError(
             f'"{path}" is not a quantity that can be differentiated; use one of '
-            + ", ".join(allowed)
+            + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
+            + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
         )
     arguments = (scene, path, solution.plan, solution.state, inputs)
     found = COMPILED.run(_program, *arguments, once=True)

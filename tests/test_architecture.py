@@ -12,16 +12,19 @@ ROOT = Path(__file__).parent.parent
 LAYERS = [
     ["config", "_types", "results", "runtime", "compiled"],
     ["quadrature", "jet", "analytic", "spectral"],
+    ["acquisition"],  # the serial logger: without the model, and without JAX
     ["geometry", "element", "kinematics", "linear_solve"],
     ["constitutive"],
     ["loads", "oil", "mesh"],
     ["mechanics"],
+    ["capacitance", "cdc", "gap", "pad", "taxel"],
+    ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
-    ["gap", "taxel", "capacitance", "cdc"],
-    ["problem", "sensing", "electrostatics"],
-    ["observables", "skin"],
-    ["solution", "sensitivity", "sweep"],
-    ["simulate", "plot", "pad", "acquisition", "cli", "cli_sensing"],
+    ["problem", "observables"],
+    ["solution", "sensitivity", "sweep", "skin"],
+    ["simulate", "rest"],
+    ["plot"],
+    ["cli", "cli_sensing", "cli_acquisition"],
 ]
 
 

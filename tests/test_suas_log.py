@@ -252,7 +252,7 @@ def test_a_busy_port_is_named(tmp_path):
     ],
 )
 def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
-    from suas_jax.acquisition.cli import log
+    from suas_jax.cli_acquisition import log
 
     with pytest.raises(BaseException) as error:  # noqa: PT011 - typer's own exit
         log(args[0], tmp_path / "log.csv", args[2])

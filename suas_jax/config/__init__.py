@@ -30,6 +30,7 @@ from suas_jax.config.schema_scene import (
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     GeometrySpec,
+    LayerSpec,
     ModuleSpec,
     OilSpec,
     TaxelSpec,
@@ -42,6 +43,7 @@ __all__ = [
     "EnvironmentSpec",
     "GentSpec",
     "GeometrySpec",
+    "LayerSpec",
     "LineLoadSpec",
     "LoadSpec",
     "MaterialSpec",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from suas_jax.config.fields import (
     Angle,
@@ -75,6 +75,32 @@ class GeometrySpec(Spec):
         return oil_gap
 
 
+FLUIDS = {
+    "air": 1.0006,
+    "transformer-oil": 2.2,
+    "mineral-oil": 2.2,
+    "silicone-oil": 2.7,
+}
+"""Relative permittivities at 20 to 25 degrees Celsius and below 1 MHz, by name.
+
+Air: the usual textbook figure at 1 bar. Mineral oil, of which transformer oil is a grade:
+2.2 to 2.4 by grade and temperature; silicone oil (polydimethylsiloxane): 2.5 to 2.8 by
+viscosity: typical handbook and suppliers' figures (measured to IEC 60247). Measure yours, or
+fit it: moisture alone raises them by per cents.
+"""
+
+
+def _fluid(value: object, info: ValidationInfo) -> float:
+    """A fluid by its name, or its relative permittivity."""
+    if isinstance(value, str) and value.strip()[:1].isalpha():
+        if value in FLUIDS:
+            return FLUIDS[value]
+        names = ", ".join(f'"{name}"' for name in FLUIDS)
+        raise ValueError(f"unknown fluid; give its relative permittivity, or one of {names}")
+    at_least_one: Any = quantity("number", at_least=1.0)
+    return float(at_least_one.func(value, info))
+
+
 class OilSpec(Spec):
     """The oil between the wall and the membrane.
 
@@ -82,7 +108,8 @@ class OilSpec(Spec):
         model: ``"incompressible"``, ``"compressible"`` (p = -K ln(V/V0)) or ``"vented"``
             (p = 0, no constraint on the volume).
         bulk_modulus: K [Pa], with the compressible model only.
-        relative_permittivity: of the oil; None where nothing is sensed.
+        relative_permittivity: of the oil, or the name of a fluid (see `FLUIDS`); None where
+            nothing is sensed.
     """
 
     model: Literal["incompressible", "compressible", "vented"] = Field(
@@ -91,7 +118,7 @@ class OilSpec(Spec):
     bulk_modulus: PositivePressure | None = Field(
         default=None, validate_default=True, examples=['"1.5 GPa"']
     )
-    relative_permittivity: Annotated[float, quantity("number", at_least=1.0)] | None = Field(
+    relative_permittivity: Annotated[float, BeforeValidator(_fluid)] | None = Field(
         default=None, examples=["2.2"]
     )
 
@@ -165,12 +192,28 @@ class ModuleSpec(Spec):
         return numbering
 
 
+class LayerSpec(Spec):
+    """A dielectric layer between electrode and oil, or between oil and membrane.
+
+    Attributes:
+        thickness: [m].
+        relative_permittivity: of the layer.
+    """
+
+    thickness: PositiveLength = Field(examples=['"50 um"'])
+    relative_permittivity: Annotated[float, quantity("number", at_least=1.0)] = Field(
+        examples=["3.3"]
+    )
+
+
 class ElectrodesSpec(Spec):
     """The electrodes and their converter.
 
     Attributes:
         capacitance: ``"parallel-plate"`` (the paper's) or ``"concentric"`` formula.
         stray: capacitance in parallel with each taxel [F].
+        layers: dielectrics in series with the oil, such as solder resist or a fabric. They
+            take no room from the gap.
         lsb: capacitance of one count [F].
         noise: standard deviation of a reading [counts].
         layout: ``"list"`` (``taxels`` of module 0) or ``"roboskin"`` (``modules``).
@@ -183,6 +226,9 @@ class ElectrodesSpec(Spec):
     )
     stray: Annotated[float, quantity("capacitance", at_least=0.0)] = Field(
         default=0.0, examples=['"0 fF"']
+    )
+    layers: Annotated[tuple[LayerSpec, ...], AsList] = Field(
+        default=(), examples=['[ { thickness = "50 um", relative_permittivity = 3.3 } ]']
     )
     lsb: Annotated[float, quantity("capacitance", above=0.0)] = Field(
         default=3.05e-16, examples=['"0.305 fF"']

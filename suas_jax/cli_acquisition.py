@@ -199,7 +199,7 @@ def baseline(
             refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
         skin = _skin_of(log) if skin is None else skin
         if skin is not None:
-            from suas_jax.acquisition.rest import rest_pattern
+            from suas_jax.rest import rest_pattern
 
             refuse_loaded(
                 taken,

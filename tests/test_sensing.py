@@ -1,0 +1,311 @@
+"""Gap, capacitance, taxels and converter: closed forms, measured layouts, published numbers."""
+
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from skins import EPDM, converged, line, problem_of, quick, scene
+
+from suas_jax.capacitance import VACUUM_PERMITTIVITY, Concentric, ParallelPlate
+from suas_jax.cdc import EIGHT_BIT_LSB, PAPER_LSB, Converter
+from suas_jax.config import ConfigError, GeometrySpec, continuous_inputs, scene_from_dict
+from suas_jax.gap import PolarFace, polar_face, radius_at
+from suas_jax.geometry import SkinGeometry, outward
+from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.shell import Shell
+from suas_jax.pad import tiled_modules
+from suas_jax.problem import all_numbers, geometry_of
+from suas_jax.sensing import Electrodes, Readings, electrodes_of
+from suas_jax.sensitivity import gradient
+from suas_jax.skin import forward, loads_of, skin_of
+from suas_jax.solution import solve
+from suas_jax.taxel import PLACE_CHANNELS, Taxels, module_places, taxel_names, taxels_of
+
+DATA = Path(__file__).parent / "data"
+WALL = jnp.array([0.0525])
+
+
+def electrodes(**more: object) -> dict[str, object]:
+    angles = (-60, -20, 5, 44, 70)
+    taxels = [{"angle": f"{a} deg", "diameter": "4 mm"} for a in angles]
+    return {"stray": "3 fF", "lsb": "0.305 fF", "taxels": taxels, **more}
+
+
+def sensing(*loads: dict, table: dict | None = None, **oil: object) -> object:
+    return scene_from_dict(
+        {
+            "geometry": {
+                "inner_radius": "57.5 mm",
+                "thickness": "1.5 mm",
+                "half_angle": "90 deg",
+                "width": "123 mm",
+                "oil_gap": "5 mm",
+            },
+            "material": EPDM,
+            "oil": {"model": "incompressible", "relative_permittivity": 2.2} | oil,
+            "electrodes": table or electrodes(),
+            "load": list(loads),
+        }
+    )
+
+
+def test_formulas() -> None:
+    gap, radius = jnp.array([5e-3]), WALL
+    plane = ParallelPlate().per_area(gap, radius, jnp.array([2.2]))
+    assert plane[0] == pytest.approx(VACUUM_PERMITTIVITY * 2.2 / 5e-3, rel=1e-15)
+    coaxial = Concentric().per_area(gap, radius, jnp.array([2.2]))
+    per_length = 2 * np.pi * VACUUM_PERMITTIVITY * 2.2 / np.log(57.5 / 52.5)
+    assert coaxial[0] * 2 * np.pi * 0.0525 == pytest.approx(per_length, rel=1e-13)
+    assert coaxial[0] / plane[0] == pytest.approx(1.047, abs=1e-3)
+    # In series: reciprocals of capacitance add up.
+    layers = 50e-6 / 3.3 + 0.2e-3 / 1.6
+    both = ParallelPlate().per_area(gap, radius, jnp.array([2.2]), layers)
+    parts = 5e-3 / 2.2 + 50e-6 / 3.3 + 0.2e-3 / 1.6
+    assert both[0] == pytest.approx(VACUUM_PERMITTIVITY / parts, rel=1e-14)
+
+
+class Bent:
+    """Stands for a membrane: the undeformed face with a dent of given depth at the crown."""
+
+    def profile(self, q: jax.Array, samples: int) -> Profile:
+        """As `AbstractMechanics.profile`, as far as gaps need it."""
+        angle = jnp.linspace(-np.pi / 2, np.pi / 2, 9)
+        angle = angle[:-1] + jnp.linspace(0, 1, samples + 1)[:, None] * jnp.diff(angle)
+        moved = -q * jnp.exp(-((angle / 0.2) ** 2)) * outward(angle)
+        nothing = (None,) * 4
+        return Profile(angle[..., None], None, moved[..., None], *nothing)
+
+
+@quick
+def read(held: Electrodes, depth: float) -> Readings:
+    return held.read(Bent(), jnp.asarray(depth))
+
+
+def test_at_rest_every_taxel_has_the_paper_s_capacitance() -> None:
+    layers = [{"thickness": "50 um", "relative_permittivity": 3.3}]
+    named = sensing(table=electrodes(layers=layers), relative_permittivity="silicone-oil")
+    assert named.oil.relative_permittivity == 2.7
+    for spec, film in ((sensing(), 5e-3 / 2.2), (named, 5e-3 / 2.7 + 50e-6 / 3.3)):
+        numbers = all_numbers(spec, continuous_inputs(spec))
+        found = read(electrodes_of(spec, numbers, geometry_of(numbers)), 0.0)
+        np.testing.assert_allclose(found.gap, 5e-3, rtol=1e-12)
+        want = 3e-15 + 8.8541878188e-12 * np.pi / 4 * 4e-3**2 / film
+        np.testing.assert_allclose(found.capacitance, want, rtol=1e-12)
+        np.testing.assert_allclose(found.so, want / 0.305e-15, rtol=1e-12)
+        assert not found.touching.any()
+    with pytest.raises(ConfigError, match=r'relative_permittivity.*"silicone-oil"'):
+        sensing(relative_permittivity="olive-oil")
+
+
+def face_of(radius: object, count: int = 12) -> PolarFace:
+    """A face with a given radius over the polar angle, one cubic an element."""
+    edges = np.linspace(-np.pi / 2, np.pi / 2, count + 1)
+    t = np.array([-1.0, -1 / 3, 1 / 3, 1.0])
+    angle = (edges[:-1] + edges[1:]) / 2 + t[:, None] * np.diff(edges) / 2
+    powers = np.linalg.solve(np.vander(t, increasing=True), radius(angle))
+    return PolarFace(jnp.asarray(edges)[:, None], jnp.asarray(powers)[..., None], False)
+
+
+def test_average_over_a_footprint() -> None:
+    # 1 / d linear along the arc: the mean over a disc is the value at its centre. With d
+    # itself linear, d = a + b x, the mean of 1/d over a disc has a closed form.
+    taxels = Taxels(*jnp.array([[0.3], [0.0], [8e-3]])[..., None], (0,), (1,))
+    rays = taxels.rays(WALL)
+    slope = 0.2
+    x = (rays - 0.3) * WALL
+    mean = taxels.average(1 / (3e-3 + slope * x))[0, 0]
+    ratio = slope * 4e-3 / 3e-3
+    exact = 2 / (3e-3 * ratio**2) * (1 - np.sqrt(1 - ratio**2))
+    assert mean == pytest.approx(exact, rel=1e-6)
+    assert taxels.average(x)[0, 0] == pytest.approx(0, abs=1e-17)
+    assert taxels.average(x**2)[0, 0] == pytest.approx(4e-3**2 / 4, rel=1e-12)
+
+
+def test_rays_meet_the_face() -> None:
+    face = face_of(lambda angle: 0.0575 + 1e-3 * angle**3)
+    angle = jnp.linspace(-1.7, 1.7, 57)[:, None]
+    want = 0.0575 + 1e-3 * np.clip(angle, -np.pi / 2, np.pi / 2) ** 3
+    np.testing.assert_allclose(radius_at(face, angle), want, rtol=1e-13)
+
+
+@pytest.fixture(scope="module")
+def pressed() -> tuple:
+    problem = problem_of(scene(line(25, 18)), 32)
+    return problem.mechanics, converged(problem).state.q
+
+
+def test_gap_is_where_the_inner_face_is(pressed: tuple) -> None:
+    mechanics, q = pressed
+
+    @quick
+    def both(mechanics: Shell, q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        shape = mechanics.profile(q, 7)  # other points than those that rays are drawn through
+        x, y = 0.0575 * outward(shape.angle) + shape.inner_displacement
+        face = polar_face(mechanics, q, jnp.array([0.0575]))
+        angle = jnp.arctan2(x, y).reshape(-1, 1)
+        return radius_at(face, angle).ravel(), jnp.hypot(x, y).ravel()
+
+    along_rays, of_points = both(mechanics, q)
+    # 2e-8 m at the load's element, 1e-9 m elsewhere; the mesh's own error is 1e-6 m.
+    np.testing.assert_allclose(along_rays, of_points, rtol=0, atol=3e-8)
+
+
+def test_a_face_that_turns_back_has_no_gap(pressed: tuple) -> None:
+    mechanics, q = pressed
+    folded = quick(lambda m, q: polar_face(m, q, jnp.array([0.0575])).folded)
+    assert not folded(mechanics, q).any()
+    assert folded(mechanics, 40 * q).all()
+
+
+def test_taxels_that_touch_are_named_and_leave_the_others_alone() -> None:
+    report = solve(sensing(line(44, 45))).report
+    so = [taxel["so"] for taxel in report["taxels"]]
+    assert report["wall_contact"]
+    assert np.isnan(so[3])
+    assert np.isfinite([so[0], so[1], so[2], so[4]]).all()
+    assert report["taxels"][3]["gap_m"] < 0
+    assert "1 of 5 taxels touch the membrane" in report["message"]
+
+
+def test_solve_and_skin_agree() -> None:
+    spec = sensing(line(31, 14))
+    report = solve(spec).report
+    found = quick(forward)(skin_of(spec), loads_of(spec))
+    so = [taxel["so"] for taxel in report["taxels"]]
+    np.testing.assert_allclose(found.so[:, 0], so, rtol=1e-3)
+    gap = [taxel["gap_m"] for taxel in report["taxels"]]
+    np.testing.assert_allclose(found.readings.gap[:, 0], gap, rtol=1e-3)
+
+
+def test_gradient_of_a_reported_so() -> None:
+    solution = solve(sensing(line(31, 14)))
+    slopes = gradient(solution, "taxels.2.so")
+    so = solution.report["taxels"][2]["so"]
+    # Of the same degree in area and in 1 / lsb; C less stray is that of the electrode.
+    assert slopes["electrodes.lsb"] * 0.305e-15 == pytest.approx(-so, rel=1e-12)
+    by_oil = slopes["oil.relative_permittivity"] * 2.2
+    assert by_oil + slopes["electrodes.stray"] * 3e-15 == pytest.approx(so, rel=1e-12)
+    assert slopes["electrodes.taxels.2.angle"] != 0
+    assert slopes["electrodes.taxels.1.angle"] == 0
+
+
+def test_derivatives_survive_a_taxel_that_touches() -> None:
+    # Only the untouched taxel's reading may feed the gradient of its own capacitance.
+    taxels = Taxels(
+        jnp.array([[0.0], [0.6]]), jnp.zeros((2, 1)), jnp.full((2, 1), 4e-3), (), ()
+    )
+
+    one = jnp.ones(1)
+    geometry = SkinGeometry(
+        0.0575 * one, 0.0015 * one, np.pi / 2 * one, 0.123 * one, 0.005 * one
+    )
+
+    def reading(depth: jax.Array, permittivity: jax.Array) -> jax.Array:
+        oil = permittivity * one
+        held = Electrodes(taxels, geometry, oil, 0 * one, 0 * one, one, ParallelPlate())
+        found = held.read(Bent(), depth)
+        return found.capacitance[1, 0]
+
+    gradient = quick(jax.value_and_grad(reading, (0, 1)))
+    value, slopes = jax.tree.map(float, gradient(6e-3, 2.2))
+    assert np.isfinite(value)
+    assert np.isfinite(slopes[0])
+    assert slopes[0] != 0
+    assert slopes[1] == pytest.approx(value / 2.2, rel=1e-12)
+
+
+def test_module_is_the_measured_triangle() -> None:
+    table = np.loadtxt(DATA / "roboskin_triangle_10taxel_layout.csv", delimiter=",", skiprows=3)
+    ours = 6.533 * module_places()
+    order = np.lexsort((table[:, 1], -table[:, 2].round(1)))
+    np.testing.assert_allclose(ours, table[order, 1:], rtol=0, atol=4e-3)
+    np.testing.assert_allclose(ours.mean(0), 0, atol=1e-12)
+    assert tuple(table[order, 0].astype(int)) == PLACE_CHANNELS
+    assert sorted({*range(12)} - {*PLACE_CHANNELS}) == [6, 10]  # the thermal pads
+
+
+def roboskin(**module: object) -> object:
+    table = {"layout": "roboskin", "modules": [{"angle": "10 deg", "axial": "2 mm", **module}]}
+    return sensing(table=table)
+
+
+def places(spec: object) -> tuple[np.ndarray, Taxels]:
+    numbers = all_numbers(spec, continuous_inputs(spec))
+    taxels = taxels_of(spec.electrodes, numbers, WALL)
+    x = (taxels.angle[:, 0] - np.deg2rad(10)) * 0.0525
+    return np.stack([x, taxels.axial[:, 0] - 2e-3], 1), taxels
+
+
+def test_numbering_and_pose_of_a_module() -> None:
+    paper, taxels = places(roboskin())
+    assert taxels.number == tuple(range(1, 11))
+    assert taxels.module == (0,) * 10
+    np.testing.assert_allclose(paper[9], 0, atol=1e-15)  # number 10 is the centroid's
+    np.testing.assert_allclose(paper[0], [0, 6.533e-3 * np.sqrt(3)], atol=1e-15)
+    rows, _ = places(roboskin(numbering=list(range(1, 11))))
+    np.testing.assert_allclose(rows, 6.533e-3 * module_places(), atol=1e-15)
+    reverse, _ = places(roboskin(numbering=list(range(10, 0, -1))))
+    np.testing.assert_allclose(reverse, rows[::-1], atol=1e-15)
+    turned, _ = places(roboskin(rotation="90 deg"))  # from +angle towards +axial
+    np.testing.assert_allclose(turned, paper @ np.array([[0, 1], [-1, 0]]), atol=1e-15)
+
+
+def test_thirty_two_triangles_tile_the_wall() -> None:
+    geometry = GeometrySpec(
+        inner_radius=0.0575, thickness=0.0015, half_angle=np.pi / 2, width=0.123, oil_gap=0.005
+    )
+    modules = tiled_modules(geometry)
+    assert len(modules) == 32
+    table = {"layout": "roboskin", "modules": [m.model_dump() for m in modules]}
+    spec = roboskin()
+    spec = spec.model_copy(update={"electrodes": type(spec.electrodes)(**table)})
+    found, taxels = places(spec)
+    assert len(set(zip(taxels.module, taxels.number, strict=True))) == 320
+    assert taxel_names(spec.electrodes) == (taxels.module, taxels.number)
+    distance = np.linalg.norm(found[:, None] - found[None], axis=2)
+    # No two taxels of neighbouring triangles come closer than electrodes are wide.
+    assert np.sort(distance, 1)[:, 1].min() > 4e-3
+    centres = np.array([[m.angle * 0.0525, m.axial] for m in modules])
+    gaps = np.sort(np.linalg.norm(centres[:, None] - centres[None], axis=2), 1)[:, 1]
+    np.testing.assert_allclose(gaps, 24e-3 / np.sqrt(3), rtol=1e-12)  # no holes, no overlap
+    with pytest.raises(ValueError, match=r"138.564 mm of the wall's width"):
+        tiled_modules(geometry, rows=8, edge=20e-3)
+
+
+def test_scales_of_the_paper() -> None:
+    assert abs(PAPER_LSB / 3.05e-16 - 1) < 1e-3
+    # 13,675 counts in air, 18,270 in oil: 4.17 and 5.57 pF.
+    farads = Converter().capacitance([13675, 18270])
+    np.testing.assert_allclose(farads * 1e12, [4.173, 5.576], atol=1e-3)
+    assert abs(EIGHT_BIT_LSB / PAPER_LSB - 9.44) < 0.01  # no power of two
+
+
+def test_converter_samples() -> None:
+    random = np.random.default_rng(1)
+    converter = Converter(noise=2.0, offset=1e-13, drift=4.0)
+    time = np.arange(4000) / 100
+    farads = np.tile(converter.capacitance([500.3, 60000.0, 65536.5, -4.0]), (4000, 1))
+    farads[:, 3] = np.nan
+    found = converter.sample(farads, time, random)
+    assert found.counts.dtype == np.int64
+    still = Converter(noise=2.0, offset=1e-13).sample(farads, time, random).counts
+    assert still[:, 0].mean() == pytest.approx(500.3, abs=4 * 2 / np.sqrt(4000))
+    assert still[:, 0].std() == pytest.approx(np.hypot(2, np.sqrt(1 / 12)), rel=0.05)
+    assert (found.counts[:, 3] == 65535).all()  # a short circuit reads full scale
+    assert found.saturated[:, 3].all()
+    assert not found.saturated[:, 0].any()
+    slope = np.polyfit(time, found.counts[:, :2], 1)[0]
+    assert (np.abs(slope) > 0.05).any()
+    eight = Converter(lsb=EIGHT_BIT_LSB, bits=8)
+    assert eight.sample(np.array([[1e-12]]), np.zeros(1), random).counts == 255
+
+
+def test_polled_faster_than_it_refreshes_a_converter_repeats() -> None:
+    converter = Converter(refresh=0.03)
+    time = np.arange(10) * 0.01
+    ramp = converter.capacitance(np.arange(10.0)[:, None] * 10)
+    found = converter.sample(ramp, time, np.random.default_rng(0))
+    np.testing.assert_array_equal(found.counts[:, 0], [0, 0, 0, 30, 30, 30, 60, 60, 60, 90])
+    np.testing.assert_array_equal(found.repeated, [k % 3 > 0 for k in range(10)])

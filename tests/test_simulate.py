@@ -1,0 +1,176 @@
+"""Simulated logs and their conversion: what is written is what the model says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skins import quick
+from typer.testing import CliRunner
+
+from fitting.cli import app
+from suas_jax.acquisition.convert import convert, to_xarray
+from suas_jax.acquisition.log_file import SoLog, group_frames, read_log
+from suas_jax.simulate import load_path
+from suas_jax.skin import Loads, forward, skin_of
+
+SCENE = """
+[geometry]
+inner_radius = "57.5 mm"
+thickness = "1.5 mm"
+half_angle = "90 deg"
+width = "123 mm"
+oil_gap = "5 mm"
+[material]
+preset = "epdm-paper"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.2
+[electrodes]
+lsb = "0.02 fF"
+layout = "roboskin"
+modules = [ { angle = "-20 deg" }, { angle = "20 deg", rotation = "180 deg" } ]
+[[load]]
+kind = "line"
+angle = "0 deg"
+force = "8 N"
+"""
+PATH = """# scene: scene.toml
+# pressed, then slid
+t_s,loads.0.force_N,loads.0.angle_deg
+0,0,-30
+
+1,10,-30
+2,10,30
+"""
+
+
+def suas(*arguments: object) -> tuple[int, str]:
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    return result.exit_code, result.output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("simulate")
+    (folder / "scene.toml").write_text(SCENE)
+    (folder / "path.csv").write_text(PATH)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def played(folder: Path) -> SoLog:
+    status, output = suas("simulate", folder / "path.csv", "-o", folder / "played.csv")
+    assert status == 0, output
+    return read_log(folder / "played.csv")
+
+
+def test_a_path_is_played_as_the_model_has_it(folder: Path, played: SoLog) -> None:
+    frames = group_frames(played)
+    assert frames.so.shape == (21, 2, 10)
+    np.testing.assert_allclose(frames.t_device, np.arange(21) / 10, atol=1e-12)
+    skin = skin_of(load_path(folder / "path.csv").scene)
+    t = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
+    angle, force = np.interp(t, [0, 1, 2], [-30, -30, 30]), np.interp(t, [0, 1], [0, 10])
+    want = quick(forward)(skin, Loads.line(np.deg2rad(angle), force)).so
+    counts = frames.so[::5].reshape(5, 20)
+    assert np.all(np.abs(counts - np.asarray(want).T) <= 0.5 + 1e-6)  # rounded, nothing else
+    assert played.header["scale"] == "0.02 fF"
+
+
+def test_noise_drift_and_faults_are_as_asked(folder: Path, played: SoLog) -> None:
+    options = ("--noise", 2, "--missing", 0.2, "--drop", 0.1, "--stuck", "1.3@0.5")
+    status, output = suas(
+        "simulate", folder / "path.csv", "-o", folder / "noisy.csv", "--seed", 7, "--rate",
+        100, *options,
+    )  # fmt: skip
+    assert status == 0, output
+    log = read_log(folder / "noisy.csv")
+    frames = group_frames(log)
+    assert len(frames) == pytest.approx(201 * 0.9, abs=20)
+    assert np.isnan(frames.so).mean() == pytest.approx(0.2, abs=0.03)
+    late = frames.so[frames.t_device >= 0.5, 1, 2]
+    assert np.unique(late[~np.isnan(late)]).size == 1
+    assert log.flags["lost"].sum() > 0
+    clean = group_frames(played).so[::10]
+    both = np.isin(np.round(frames.t_device, 6), [0.0, 1.0, 2.0])
+    at = np.round(frames.t_device[both]).astype(int)
+    rest = frames.so[both] - clean[at]
+    rest[:, 1, 2] = np.nan
+    assert np.nanstd(rest) == pytest.approx(2.0, abs=0.7)
+    again = folder / "again.csv"
+    suas("simulate", folder / "path.csv", "-o", again, "--seed", 7, "--rate", 100, *options)
+    np.testing.assert_array_equal(read_log(again).so, log.so)
+
+
+def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
+    (folder / "hard.csv").write_text(
+        "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,60\n1,20,61\n"
+    )
+    status, output = suas(
+        "simulate", folder / "hard.csv", "-o", folder / "hard.log.csv", "--bits", 8
+    )
+    assert status == 0
+    assert "touch the wall" in output
+    assert read_log(folder / "hard.log.csv").so.max() == 255
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t_s,loads.0.force_N\n0,1\n", "'# scene: FILE' is missing"),
+        ("# scene: scene.toml\nt_s,loads.1.force_N\n0,1\n", "K below 1"),
+        ("# scene: scene.toml\nt_s,loads.0.pressure_Pa\n0,1\n", "a line load has force_N"),
+        ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1\n1,x\n", "line 4, column loads.0.f"),
+        ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1\n0,2\n", "line 4, column t_s"),
+        ("# scene: scene.toml\nt_s,loads.0.force_N\n0,1,2\n", "3 fields for 2 columns"),
+        ("# scene: scene.toml\nt_s,loads.0.angle_deg\n0,91\n", "leaves the skin"),
+        ("# scene: no.toml\nt_s,loads.0.force_N\n0,1\n", "no.toml"),
+    ],
+)
+def test_what_is_wrong_with_a_path_is_named(folder: Path, text: str, message: str) -> None:
+    (folder / "bad.csv").write_text(text)
+    status, output = suas("simulate", folder / "bad.csv", "-o", folder / "bad.log.csv")
+    assert status == 2
+    assert message in output.replace("\n", " ")
+    assert not (folder / "bad.log.csv").exists()
+
+
+def test_a_log_is_never_overwritten_unasked(folder: Path, played: SoLog) -> None:
+    before = (folder / "played.csv").read_bytes()
+    status, output = suas("simulate", folder / "path.csv", "-o", folder / "played.csv")
+    assert status == 2
+    assert "--overwrite" in output
+    assert (folder / "played.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".nc"])
+def test_logs_survive_conversion_both_ways(folder: Path, ending: str) -> None:
+    source = folder / f"holes{ending}.csv"
+    source.write_text(
+        "# format: suas-so-log\n# scale: 0.305 fF\n# note: a, b: c\n"
+        "t_host_s,t_device_s,seq,module,so_1,so_2,so_3,lost,remark\n"
+        "0.000000,0.1,5,0,13675,,65535,0,a\n0.100000,,6,2,1,0,2,1,b\n"
+    )
+    there, back = folder / f"holes{ending}", folder / f"back{ending}.csv"
+    for a, b in ((source, there), (there, back)):
+        status, output = suas("convert", a, b)
+        assert status == 0, output
+    assert back.read_bytes() == source.read_bytes()
+    status, output = suas("convert", source, there)
+    assert status == 2
+    assert "--overwrite" in output
+
+
+def test_a_log_as_a_data_set(played: SoLog) -> None:
+    data = to_xarray(played)
+    assert dict(data.sizes) == {"row": 42, "taxel": 10}
+    assert data["so"].attrs["units"] == "counts"
+    np.testing.assert_array_equal(data["so"].sel(taxel=10), played.so[:, 9])
+
+
+def test_what_is_no_log_is_refused(folder: Path) -> None:
+    (folder / "no.parquet").write_text("this is no parquet file")
+    (folder / "no.nc").write_text("nor this NetCDF")
+    for name in ("no.parquet", "no.nc", "played.xls"):
+        with pytest.raises(ValueError, match=name.replace(".", r"\.")):
+            convert(folder / name, folder / "out.csv")

@@ -1,0 +1,233 @@
+"""The forward model: against a solve of its own mesh, in lanes, and its derivatives."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from skins import EPDM, quick
+
+from suas_jax.config import continuous_inputs, scene_from_dict
+from suas_jax.electrostatics import Film, field_capacitance, wall_charge
+from suas_jax.skin import Loads, SensorOutput, forward, load_jacobian, loads_of, skin_of
+
+GEOMETRY = {
+    "inner_radius": "57.5 mm",
+    "thickness": "1.5 mm",
+    "half_angle": "90 deg",
+    "width": "123 mm",
+    "oil_gap": "5 mm",
+}
+LIST = {
+    "stray": "3 fF",
+    "lsb": "0.305 fF",
+    "taxels": [
+        {"angle": f"{a} deg", "axial": "1 mm", "diameter": "4 mm"} for a in (-50, 2, 28, 61)
+    ],
+}
+TRIANGLE = {
+    "capacitance": "concentric",
+    "stray": "20 fF",
+    "lsb": "0.305 fF",
+    "layers": [{"thickness": "50 um", "relative_permittivity": 3.3}],
+    "layout": "roboskin",
+    "modules": [
+        {
+            "angle": "20 deg",
+            "axial": "3 mm",
+            "rotation": "25 deg",
+            "pitch": "6.533 mm",
+            "diameter": "4 mm",
+        }
+    ],
+}
+LINE = {"kind": "line", "angle": "31 deg", "force": "14 N", "direction": "12 deg"}
+PRESSURE = {"kind": "pressure", "pressure": "0.5 kPa"}
+COMPRESSIBLE = {"model": "compressible", "bulk_modulus": "2 MPa", "relative_permittivity": 2.2}
+
+
+def a_scene(*loads: dict, electrodes: dict = LIST, oil: dict | None = None) -> object:
+    return scene_from_dict(
+        {
+            "geometry": GEOMETRY,
+            "material": EPDM,
+            "oil": oil or {"model": "incompressible", "relative_permittivity": 2.2},
+            "electrodes": electrodes,
+            "load": list(loads),
+        }
+    )
+
+
+run = quick(forward)
+
+
+def test_derivatives_of_every_so_by_every_input_are_those_of_differences() -> None:
+    spec = a_scene(LINE, PRESSURE, electrodes=TRIANGLE, oil=COMPRESSIBLE)
+    inputs = {path: jnp.asarray(x) for path, x in continuous_inputs(spec).items()}
+
+    def so(inputs: dict) -> jax.Array:
+        return forward(skin_of(spec, inputs, elements=16), loads_of(spec, inputs)).so[:, 0]
+
+    jacobian = quick(jax.jacfwd(so))(inputs)
+    paths, offsets = list(inputs), np.array([-2.0, -1.0, 1.0, 2.0])
+    weights = np.array([1.0, -8.0, 8.0, -1.0]) / 12
+    steps = {path: 1e-4 * abs(float(x)) for path, x in inputs.items()}
+    stacked = {}
+    for i, (path, x) in enumerate(inputs.items()):
+        column = np.full((len(paths), 4), float(x))
+        column[i] += offsets * steps[path]
+        stacked[path] = jnp.asarray(column.ravel())
+    values = np.asarray(quick(jax.vmap(so))(stacked)).reshape(len(paths), 4, -1)
+    level = np.abs(values[0, 0])
+    for i, path in enumerate(paths):
+        want = weights @ values[i] / steps[path]
+        scale = np.maximum(np.abs(want), level / abs(float(inputs[path])))
+        error = np.abs(np.asarray(jacobian[path]) - want) / scale
+        assert np.all(error < 1e-6), (path, error)
+    # In plane strain nothing depends on where a taxel is along the axis.
+    idle = {path for path in paths if not np.any(jacobian[path])}
+    assert idle == {"electrodes.modules.0.axial"}
+
+
+@pytest.fixture(scope="module")
+def pad() -> object:
+    return skin_of(a_scene())
+
+
+def loads(*, lanes: int = 7) -> Loads:
+    # None at a station, where a load's derivative jumps by 1e-5 from element to element.
+    angle = np.deg2rad(np.linspace(-65, 65, lanes) + 1.0)
+    return Loads.line(angle, np.linspace(4, 16, lanes), np.linspace(-0.2, 0.3, lanes))
+
+
+@pytest.fixture(scope="module")
+def batch(pad: object) -> SensorOutput:
+    return run(pad, loads())
+
+
+def test_converged_everywhere_and_undisturbed_by_a_start(
+    pad: object, batch: SensorOutput
+) -> None:
+    assert not np.any(batch.result)
+    assert not np.any(batch.readings.touching)
+    again = run(pad, loads(), batch.state)
+    np.testing.assert_allclose(again.so, batch.so, rtol=1e-9)
+
+
+def test_its_mesh_serves_loads_anywhere_on_the_arc(batch: SensorOutput) -> None:
+    fine = run(skin_of(a_scene(), elements=128), loads())
+    np.testing.assert_allclose(batch.so, fine.so, rtol=1e-3)
+    np.testing.assert_allclose(batch.oil_pressure, fine.oil_pressure, rtol=3e-4)
+
+
+def test_the_pad_is_symmetric(pad: object, batch: SensorOutput) -> None:
+    cases = loads()
+    mirrored = Loads(-cases.angle, cases.force, -cases.turn, cases.external_pressure)
+    other = run(pad, mirrored)
+    np.testing.assert_allclose(other.oil_pressure, batch.oil_pressure, rtol=1e-11)
+
+
+def test_load_jacobian_is_that_of_differences(pad: object) -> None:
+    cases = loads()
+    output, jacobian = quick(load_jacobian)(pad, cases)
+    assert jacobian.shape == (3, 1, 4, 7)
+    for kind, (name, step) in enumerate((("angle", 1e-5), ("force", 1e-3), ("turn", 1e-4))):
+
+        def moved(by: float, name: str = name) -> np.ndarray:
+            columns = {k: getattr(cases, k) for k in ("angle", "force", "turn")}
+            columns[name] = columns[name] + by
+            found = run(pad, Loads(**columns, external_pressure=cases.external_pressure))
+            return np.asarray(found.so)
+
+        rise = 8 * (moved(step) - moved(-step)) - (moved(2 * step) - moved(-2 * step))
+        want = rise / (12 * step)
+        error = np.abs(np.asarray(jacobian[kind, 0]) - want)
+        assert np.all(error <= 1e-6 * np.max(np.abs(want), 0)), (name, error)
+    np.testing.assert_allclose(output.so, run(pad, cases).so, rtol=1e-10)
+
+
+def test_spread_and_vertical_loads_act_as_in_a_solve() -> None:
+    spread = {"kind": "line", "angle": "20 deg", "force": "12 N", "spread": "8 mm"}
+    vertical = {"kind": "line", "angle": "-30 deg", "force": "5 N", "direction": "vertical"}
+    spec = a_scene(spread, vertical)
+    found = loads_of(spec)
+    assert found.angle.shape == (9, 1)
+    assert float(found.force.sum()) == pytest.approx(17.0, rel=1e-14)
+    # One direction over the arc: radial at its middle.
+    direction = found.angle[:8, 0] - found.turn[:8, 0]
+    np.testing.assert_allclose(direction, np.deg2rad(20), rtol=1e-13)
+    assert float(found.angle[8, 0] - found.turn[8, 0]) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_skin_without_electrodes_is_refused() -> None:
+    spec = scene_from_dict(
+        {"geometry": GEOMETRY, "material": EPDM, "oil": {"model": "incompressible"}}
+    )
+    with pytest.raises(ValueError, match=r"no \[electrodes\]"):
+        skin_of(spec)
+    with pytest.raises(ValueError, match=r"electrodes\.strays"):
+        skin_of(a_scene(), {"electrodes.strays": 1.0})
+
+
+# The field in the film.
+
+charge = quick(wall_charge, jax.jit)
+
+
+def film(angle: np.ndarray, gap: Callable[[np.ndarray], np.ndarray], wall: float) -> Film:
+    return Film(
+        jnp.asarray(angle)[:, None], jnp.asarray(gap(angle))[:, None], jnp.array([wall])
+    )
+
+
+def test_field_between_coaxial_cylinders() -> None:
+    angle = np.linspace(-1, 1, 81)
+    found = charge(film(angle, lambda a: np.full_like(a, 5e-3), 0.0525), np.ones(81, bool))
+    assert float(found.sum()) == pytest.approx(2 / np.log(57.5 / 52.5), rel=1e-12)
+
+
+def test_field_between_eccentric_cylinders_converges_with_the_square_of_the_step() -> None:
+    a, b, c = 0.0525, 0.0575, 0.003
+
+    def gap(angle: np.ndarray) -> np.ndarray:
+        return c * np.cos(angle) + np.sqrt(b**2 - (c * np.sin(angle)) ** 2) - a
+
+    exact = np.pi / np.arccosh((a**2 + b**2 - c**2) / (2 * a * b))
+    errors = []
+    for n in (80, 160):
+        angle = np.linspace(0, np.pi, n + 1)
+        found = charge(film(angle, gap, a), np.ones(n + 1, bool))
+        errors.append(float(found.sum()) / exact - 1)
+    assert abs(errors[1]) < 3e-5
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.02)
+
+
+def test_a_bare_strip_gathers_the_field_beyond_its_edges() -> None:
+    # Half of a strip line: conformal map, C = 2 K(k) / K(k'), k = tanh(pi w / (4 d)).
+    from scipy.special import ellipk
+
+    k = np.tanh(np.pi * 6 / (4 * 5))
+    exact = 2 * ellipk(k**2) / ellipk(1 - k**2)
+    wall, n = 1e3, 160
+    angle = np.linspace(-0.03, 0.03, n + 1) / wall
+    driven = np.abs(angle * wall) <= 0.003 + 1e-9
+    found = charge(film(angle, lambda a: np.full_like(a, 5e-3), wall), driven)
+    # Fifth degree resolves the edges to 1.5 %; degree 16 on a finer mesh to 0.2 %.
+    assert float(found.sum()) == pytest.approx(exact, rel=0.02)
+    assert exact > 1.7 * 6 / 5
+
+
+def test_formulas_against_the_field(pad: object, batch: SensorOutput) -> None:
+    state = jax.tree.map(lambda x: x[..., 4:5], batch.state)
+    lane = jax.tree.map(lambda x: x[..., 4:5], loads())
+
+    find = quick(lambda held, m, q: field_capacitance(held, m, q, 360))
+    field = np.asarray(find(pad.electrodes, pad.problem(lane).mechanics, state.q))[:, 0] - 3e-15
+    plate = np.asarray(batch.readings.capacitance)[:, 4] - 3e-15
+    # The parallel plate is low by half the gap over the radius; the concentric formula is
+    # right but for the slope of the gap.
+    assert np.all((plate < field) & (plate > 0.92 * field))
+    gap = np.asarray(batch.readings.gap)[:, 4]
+    factor = gap / (0.0525 * np.log1p(gap / 0.0525))
+    np.testing.assert_allclose(plate * factor, field, rtol=1e-2)
