@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from suas_jax._types import Lanes, StationVector
 from suas_jax.capacitance import FORMULAS, AbstractCapacitance
 from suas_jax.config import SkinSpec
-from suas_jax.gap import gap_at, polar_face
+from suas_jax.gap import PolarFace, gap_at, polar_face
 from suas_jax.geometry import SkinGeometry
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.taxel import Taxels, taxels_of
@@ -67,8 +67,11 @@ class Electrodes(eqx.Module):
             mechanics: the membrane on the whole arc.
             q: its unknowns.
         """
+        return self.read_face(polar_face(mechanics, q, self.geometry.inner_radius))
+
+    def read_face(self, face: PolarFace) -> Readings:
+        """Readings under a deformed inner face; see `read`."""
         taxels, wall = self.taxels, self.geometry.wall_radius
-        face = polar_face(mechanics, q, self.geometry.inner_radius)
         # Ray after ray, not all in one array: a reduction over them would cost the
         # compiled program several times what the look-ups do.
         gaps = [gap_at(face, angle, wall) for angle in taxels.rays(wall)]
