@@ -56,8 +56,8 @@ def against_scipy() -> None:
             for cost in (found.cost[0], 0.5 * float(jnp.sum(published**2)))
         ]
         print(
-            f"{kind}: cost {found.cost[0]:.10g} ({found.agreeing} of 16 finalists agree), SciPy "
-            f"best of 200 {best:.10g} ({good} within 1e-6), relative difference "
+            f"{kind}: cost {found.cost[0]:.10g} ({found.agreeing} of 16 finalists agree), "
+            f"SciPy best of 200 {best:.10g} ({good} within 1e-6), relative difference "
             f"{found.cost[0] / best - 1:.1e}"
         )
         print(f"  rms of residuals {rms[0]:.5f}, Table I {rms[1]:.5f}")

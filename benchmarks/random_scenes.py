@@ -27,9 +27,10 @@ from suas_jax.mechanics.base import largest
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe
 from suas_jax.problem import build_problem, plan_for
+from suas_jax.report import plain
 from suas_jax.results import NAMES
 from suas_jax.runtime import configure
-from suas_jax.solution import Structure, plain
+from suas_jax.solution import Structure
 
 ELEMENTS = 32
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A

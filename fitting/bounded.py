@@ -19,13 +19,12 @@ if TYPE_CHECKING:
     from fitting.parameters import AbstractFamily
 
 _AT_BOUND = 1e-6
-_TRIES = 4
 
 
 def minimise_in_box(
     residuals: Residuals,
     constants: np.ndarray,
-    minima: Minima,
+    others: np.ndarray,
     bounds: Mapping[str, tuple[float, float]],
 ) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
     """Minimise ½ Σ r² with some constants kept between bounds.
@@ -33,7 +32,7 @@ def minimise_in_box(
     Args:
         residuals: the misfit.
         constants: the free minimum, SI units; its signs are kept.
-        minima: what the free search found; further starting points.
+        others: further starting points θ, shape [k, p].
         bounds: lowest and highest value by constant, SI units.
 
     Returns:
@@ -45,10 +44,10 @@ def minimise_in_box(
     family = residuals.family
     points = [constants] + [
         family.ordered(np.asarray(family.constants(jnp.asarray(theta), residuals.scales)))
-        for theta in minima.theta[1:]
+        for theta in others
     ]
     found = []
-    for point in _distinct(points)[:_TRIES]:
+    for point in points:
         low, high = _box(family, point, bounds)
         found.append((*_solve(residuals, point, low, high), low, high))
     found.sort(key=lambda run: run[1])
@@ -133,11 +132,3 @@ def _solve(
     along = np.abs(u.T @ r)
     decrease = np.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
     return constants, cost, float(np.sum(decrease)) / cost if cost > 0.0 else 0.0
-
-
-def _distinct(points: list[np.ndarray]) -> list[np.ndarray]:
-    kept: list[np.ndarray] = []
-    for point in points:
-        if all(not np.allclose(point, other, rtol=1e-3) for other in kept):
-            kept.append(point)
-    return kept

@@ -150,7 +150,7 @@ def _unit_doubts(data: Dataset) -> list[str]:
         if stiff and data.mode in ("uniaxial", "equibiaxial", "pure_shear", "biaxial"):
             doubts.append(
                 f"the unit is doubtful: a rubber of shear modulus {modulus / 1e6:.3g} MPa "
-                f"does not usually stretch to {longest:.3g}; values in kgf/cm2 labelled MPa are "
+                f"does not usually stretch to {longest:.3g}; kgf/cm2 labelled MPa is "
                 f"10.2 times too large"
             )
         elif modulus < _SOFTEST:

@@ -9,6 +9,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -99,7 +100,7 @@ class Dataset:
 
     def select(self, keep: np.ndarray) -> "Dataset":
         """The readings where `keep` is true."""
-        arrays = {
+        arrays: dict[str, Any] = {
             field.name: getattr(self, field.name)[..., keep]
             for field in dataclasses.fields(self)
             if isinstance(getattr(self, field.name), np.ndarray)
@@ -180,21 +181,14 @@ class _Reader:
         """Specimen sizes in the file's comments."""
         sizes = {}
         for key, text in self.table.metadata.items():
-            for name, dimension in _SPECIMEN_KEYS.items():
-                try:
-                    column = understand(key, "")
-                except ValueError:  # a known quantity without a unit in its key
-                    column = understand(f"{key}_mm2" if name == "area" else f"{key}_mm", "")
-                    bare = True
-                else:
-                    bare = False
-                if column is None or column.quantity != name:
-                    continue
-                number = _plain_number(text)
-                if number is not None and not bare:
-                    sizes[name] = number * column.factor
-                else:
-                    sizes[name] = self._size(name, dimension, text, f"# {key}")
+            name, factor = _size_named(key)
+            if not name:
+                continue
+            number = _plain_number(text)
+            if number is not None and factor is not None:
+                unit = {"area": " m2", "thickness_ratio": ""}.get(name, " m")
+                text = f"{number * factor!r}{unit}"
+            sizes[name] = self._size(name, _SPECIMEN_KEYS[name], text, f"# {key}")
         return sizes
 
     def _given_sizes(self, specimen: dict[str, str]) -> dict[str, float]:
@@ -244,8 +238,8 @@ class _Reader:
                     text = self.table.texts[row][index]
                     if not is_missing(text):
                         raise DataError(
-                            f'{self._at(row, index)}: "{text[:40]}" is no number; leave the '
-                            f"cell empty if the value is missing"
+                            f'{self._at(int(row), index)}: "{text[:40]}" is no number; leave '
+                            f"the cell empty if the value is missing"
                         )
                 return values * column.factor
         return None
@@ -660,7 +654,8 @@ def _joined(sets: list[Dataset]) -> Dataset:
         for reason, count in part.dropped.items():
             dropped[reason] = dropped.get(reason, 0) + count
     warnings = tuple(dict.fromkeys(text for part in sets for text in part.warnings))
-    return dataclasses.replace(sets[0], **arrays, dropped=dropped, warnings=warnings)
+    changes: dict[str, Any] = {**arrays, "dropped": dropped, "warnings": warnings}
+    return dataclasses.replace(sets[0], **changes)
 
 
 def _plain_number(text: str) -> float | None:
@@ -668,3 +663,15 @@ def _plain_number(text: str) -> float | None:
         return float(text.replace(",", "."))
     except ValueError:
         return None
+
+
+def _size_named(key: str) -> tuple[str, float | None]:
+    """Which size of a specimen a comment's key names, and its unit if the key has one."""
+    for spelled, bare in ((key, False), (f"{key}_mm", True), (f"{key}_mm2", True)):
+        try:
+            column = understand(spelled, "")
+        except ValueError:  # a known quantity whose unit is missing or another
+            continue
+        if column is not None and column.quantity in _SPECIMEN_KEYS:
+            return column.quantity, None if bare else column.factor
+    return "", None

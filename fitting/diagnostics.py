@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 # Chance of a false alarm. Small: a widened interval of the right law covers too often.
-_SIGNIFICANT = 2e-3
+_SIGNIFICANT = 0.01
 _MOST_CORRELATED = 0.97
 
 

@@ -55,39 +55,57 @@ class Homogeneous(AbstractExperiment):
 class Bulge(AbstractExperiment):
     """Points of a circular-diaphragm bulge test: pressure at a given apex height.
 
+    A membrane is inflated to a given apex stretch, and its height follows. Near the apex
+    stretch that gives the measured height h_i, pressure follows height along
+
+        log p = log p(e) + (d log p / d log h) (log h_i − log h(e)),
+
+    exact, with exact derivatives in the constants, where h(e) = h_i. `settled` moves e
+    there for a law; a fit alternates it with steps in the constants.
+
     Attributes:
         height: apex height over the diaphragm's radius, shape [n].
         thickness: undeformed thickness over radius, shape [n].
+        apex: e, logarithm of the apex stretch, shape [n].
     """
 
     height: Float[Array, " n"]
     thickness: Float[Array, " n"]
+    apex: Float[Array, " n"]
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Pressures [Pa]; not a number where the law has no bulge of that height."""
-        frozen = jax.lax.stop_gradient(law)
-        wanted = jnp.log(self.height)
+        (log_p, log_h), (slope_p, slope_h) = self._inflated(law)
+        along = jax.lax.stop_gradient(slope_p / slope_h)
+        return jnp.exp(log_p + along * (jnp.log(self.height) - log_h))
 
-        def log_height(law: AbstractLaw, e: Array) -> Array:
-            stretch = jnp.exp(e)
-            return jnp.log(inflated_diaphragm(law, stretch, 1.0, self.thickness).apex_height)
+    def settled(self, law: AbstractLaw) -> "Bulge":
+        """The same test at the apex stretches that give the measured heights."""
+        test = self
+        for _ in range(_NEWTON_STEPS):
+            (_, log_h), (_, slope_h) = _inflated(test, law)
+            miss = jnp.log(test.height) - log_h
+            # Where a law has no such bulge the estimate stays; `predict` says so.
+            step = jnp.where(jnp.isfinite(miss / slope_h), miss / slope_h, 0.0)
+            apex = test.apex * jnp.exp(jnp.clip(step, -0.5, 0.5))
+            test = eqx.tree_at(lambda t: t.apex, test, apex)
+            if float(jnp.max(jnp.abs(step))) < 1e-6:
+                break
+        return test
 
-        def newton(law: AbstractLaw, log_e: Array) -> Array:
-            e = jnp.exp(log_e)
-            value, slope = jax.jvp(lambda x: log_height(law, x), (e,), (e,))
-            step = jnp.clip((value - wanted) / jax.lax.stop_gradient(slope), -0.7, 0.7)
-            return log_e - step
+    def _inflated(self, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Pressure and height at the apex stretches as log p, log h; slopes in log e."""
 
-        # The apex of a spherical cap of this height stretches by about 1 + η².
-        start = jnp.log(jnp.log1p(self.height**2))
-        found = jax.lax.fori_loop(
-            0, _NEWTON_STEPS, lambda _, x: newton(frozen, x), jax.lax.stop_gradient(start)
-        )
-        # The last step carries the derivative with respect to the constants.
-        e = jnp.exp(newton(law, found))
-        bulge = inflated_diaphragm(law, jnp.exp(e), 1.0, self.thickness)
-        met = jnp.abs(jnp.log(bulge.apex_height) - wanted) < 1e-6
-        return jnp.where(met, bulge.pressure, jnp.nan)
+        def at(e: Array) -> tuple[Array, Array]:
+            bulge = inflated_diaphragm(law, jnp.exp(e), 1.0, self.thickness)
+            return jnp.log(bulge.pressure), jnp.log(bulge.apex_height)
+
+        return jax.jvp(at, (self.apex,), (self.apex,))
+
+
+@eqx.filter_jit
+def _inflated(test: Bulge, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    return test._inflated(law)
 
 
 def padded(values: np.ndarray, fill: float = 0.0) -> Float[Array, " n"]:

@@ -9,6 +9,8 @@ combination free to change by half of that natural size: it is unidentifiable.
 """
 
 import dataclasses
+import itertools
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -78,7 +80,12 @@ def sensitivity(
 
 
 def uncertainty(
-    residuals: Residuals, constants: np.ndarray, *, known_noise: bool, inflation: float = 1.0
+    residuals: Residuals,
+    constants: np.ndarray,
+    *,
+    known_noise: bool,
+    inflation: float = 1.0,
+    held: Sequence[str] = (),
 ) -> Uncertainty:
     """Judge what the data say about the constants at a minimum.
 
@@ -87,10 +94,12 @@ def uncertainty(
         constants: fitted constants, SI units.
         known_noise: the residuals are in units of the known noise.
         inflation: factor on the standard errors, from `diagnostics.Misfit`.
+        held: constants that stopped at a bound; they are taken as known.
     """
     family = residuals.family
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     used = residuals.used
+    kept = np.array([name not in held for name in family.names])
     r, J = r[used], J[used]
     weighed_value = np.asarray(residuals.value * residuals.inverse_scale)[used]
     whole = float(np.sqrt(np.sum(weighed_value**2)))
@@ -99,21 +108,24 @@ def uncertainty(
         effect = np.where(columns > 0.0, whole / columns, np.abs(constants))
     sizes = np.maximum(np.abs(constants), effect)
     sizes = np.where(sizes > 0.0, sizes, 1.0)
-    _, s, vt = np.linalg.svd(J * sizes, full_matrices=True)
+    _, s, vt = np.linalg.svd((J * sizes)[:, kept], full_matrices=True)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
-    dof = len(r) - len(constants)
+    dof = len(r) - int(kept.sum())
     estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan
     typical = whole / np.sqrt(max(len(r), 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
     limit = max(s[0] * 1e-14, 1e-300)
     scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
-    covariance = (scaled @ scaled.T) * np.outer(sizes, sizes)
+    covariance = np.zeros((len(constants), len(constants)))
+    covariance[np.ix_(kept, kept)] = (scaled @ scaled.T) * np.outer(sizes[kept], sizes[kept])
     deviation = np.sqrt(np.diagonal(covariance))
     floor = max(spread, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
+    names = tuple(itertools.compress(family.names, kept))
+    units = tuple(itertools.compress(family.units, kept))
     named = [
-        describe(family.names, family.units, vt[i], sizes, floor / max(s[i], limit))
+        describe(names, units, vt[i], sizes[kept], floor / max(s[i], limit))
         for i in range(len(s))
         if free[i]
     ]
@@ -124,7 +136,7 @@ def uncertainty(
         dof=dof,
         inflation=inflation,
         covariance=covariance,
-        correlation=covariance / np.outer(deviation, deviation),
+        correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
         singular_values=s,
         sizes=sizes,
         unidentifiable=tuple(named),
@@ -153,11 +165,11 @@ def describe(
     if len(taking_part) == 1:
         (only,) = taking_part
         return f"{names[only]} (free by {_percent(spread)} of {sizes[only]:.3g} {units[only]})"
-    lead = taking_part[np.argmax(np.abs(shown[taking_part]))]
-    ratios = shown / shown[lead]
-    order = sorted(taking_part, key=lambda i: i)
+    # The largest share is one, the first is positive.
+    largest = np.max(np.abs(shown[taking_part]))
+    ratios = shown / (largest * np.sign(shown[taking_part[0]]))
     text = ""
-    for i in order:
+    for i in taking_part:
         size = abs(ratios[i])
         factor = "" if abs(size - 1.0) < 5e-3 else f"{size:.2g} "
         name = names[i] if in_pascals else f"d{names[i]}/{sizes[i]:.3g}"

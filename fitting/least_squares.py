@@ -24,7 +24,7 @@ _ROUNDING = 1e-20
 AGREEMENT = 1e-6
 # Starts advance in batches of one size, so that one compiled program does everything.
 LANES = 16
-_STEPS, _PASSES = 60, 8
+_STEPS, _PASSES, _PROGRESS = 20, 40, 1e-12
 
 
 class Minima(NamedTuple):
@@ -50,7 +50,10 @@ class Minima(NamedTuple):
 
 
 def minimise(
-    residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"], lanes: int = LANES
+    residuals: AbstractResiduals,
+    starts: Float[np.ndarray, "starts p"],
+    lanes: int = LANES,
+    passes: int = _PASSES,
 ) -> Minima:
     """Minimise ½ Σ r² from many starting points.
 
@@ -61,6 +64,7 @@ def minimise(
         residuals: the misfit.
         starts: unconstrained parameters to start from; fewer than `lanes` are repeated.
         lanes: how many advance together, and how many of the best go on.
+        passes: how many more runs the best get at most.
 
     Returns:
         The starts that went on, best first. Nothing raises: a start that fails has
@@ -79,14 +83,17 @@ def minimise(
     order = np.argsort(cost, kind="stable")[:lanes]
     theta, cost, promised = theta[order], cost[order], promised[order]
     used = int(residuals.used.sum())
-    for _ in range(_PASSES):
+    for _ in range(passes):
         if np.all(_is_minimum(cost, promised, used) | ~np.isfinite(cost)):
             break
         again = np.resize(theta, (lanes, theta.shape[1]))
         moved = [np.asarray(x)[: len(theta)] for x in _advance(residuals, jnp.asarray(again))]
         better = moved[1] <= cost
+        stuck = not np.any(moved[1] < cost * (1.0 - _PROGRESS))
         theta = np.where(better[:, None], moved[0], theta)
         cost, promised = np.where(better, moved[1], cost), np.where(better, moved[2], promised)
+        if stuck:
+            break
     order = np.argsort(cost, kind="stable")
     theta, cost, promised = theta[order], cost[order], promised[order]
     return Minima(theta, cost, _is_minimum(cost, promised, used), promised)

@@ -17,7 +17,7 @@ from fitting.experiments import Homogeneous, mode_factors, padded
 from fitting.identifiability import Uncertainty, uncertainty
 from fitting.least_squares import Minima, minimise
 from fitting.parameters import AbstractFamily, family
-from fitting.problem import Problem, pose
+from fitting.problem import Problem, pose, settle
 from suas_jax.constitutive import AbstractLaw, stable_range
 
 # In order of falling simplicity; `auto` compares them all.
@@ -38,6 +38,8 @@ _ALL_STATES = frozenset(["biaxial", "biaxial_difference"])
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _DISTINCT = 0.02
 _UNKNOWN = 0.3
+_STARTS_IN_BOX = 5
+_BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 1e-7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -246,7 +248,7 @@ class MaterialFit:
 
     def _fingerprint(self, constants: np.ndarray) -> np.ndarray:
         """Stresses of the three modes at a few stretches of the data's range."""
-        h = float(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
+        h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
         parts = []
         for path in PATHS.values():
             e1, e2, c1, c2 = mode_factors(path, np.exp(h))
@@ -311,7 +313,7 @@ class MaterialFit:
         missing = [mode for mode in PATHS if mode not in measured]
         if not missing or modes & _ALL_STATES:
             return [], []
-        largest = float(np.exp(self.problem.residuals.scales.strain))
+        largest = float(np.exp(np.asarray(self.problem.residuals.scales.strain)))
         ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
         parts, unknown = [], []
         for mode in missing:
@@ -380,8 +382,7 @@ def fit_material(
         said += warnings_of(data)
     said += contradictions(sets)
     used = tuple(_on_branch(data, branch) for data in sets)
-    problem = pose(used, chosen, residual)
-    minima = _search(used, problem, chosen, residual, starts, seed)
+    problem, minima = _search(used, chosen, residual, starts, seed)
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
             f"{chosen.title}: none of {starts} starts gave finite stresses; check the units, "
@@ -394,9 +395,12 @@ def fit_material(
     if bounds:
         from fitting.bounded import minimise_in_box
 
+        others = chosen.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
         constants, minima, at_bounds = minimise_in_box(
-            problem.residuals, constants, minima, bounds
+            problem.residuals, constants, others, bounds
         )
+        if at_bounds:
+            said.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known_noise = residual == "noise"
     shape = _residual_paths(used, problem, constants)
     typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
@@ -406,6 +410,7 @@ def fit_material(
         constants,
         known_noise=known_noise,
         inflation=judged_misfit.inflation,
+        held=at_bounds,
     )
     return MaterialFit(
         used, problem, constants, minima, judged, judged_misfit, starts, tuple(said), at_bounds
@@ -493,20 +498,25 @@ def compare_laws(
 
 
 def _search(
-    sets: Sequence[Dataset],
-    problem: Problem,
-    chosen: AbstractFamily,
-    kind: str,
-    starts: int,
-    seed: int,
-) -> Minima:
+    sets: Sequence[Dataset], chosen: AbstractFamily, kind: str, starts: int, seed: int
+) -> tuple[Problem, Minima]:
     points = chosen.random(np.random.default_rng(seed), starts)
+    problem = pose(sets, chosen, kind)
     if not any(data.mode == "bulge" for data in sets):
-        return minimise(problem.residuals, points)
-    # Membranes are expensive: explore with spherical caps, finish with membranes.
-    rough = minimise(pose(sets, chosen, kind, estimate=True).residuals, points)
-    lanes = 2
-    return minimise(problem.residuals, rough.theta[: 2 * lanes], lanes=lanes)
+        return problem, minimise(problem.residuals, points)
+    # Membranes are expensive: explore with spherical caps, then fit the best with
+    # membranes, whose apex stretches follow the constants.
+    found = minimise(pose(sets, chosen, kind, estimate=True).residuals, points)
+    for _ in range(_BULGE_ROUNDS):
+        if not np.isfinite(found.cost[0]):
+            break
+        best = chosen.constants(jnp.asarray(found.theta[0]), problem.residuals.scales)
+        problem, change = settle(problem, np.asarray(best))
+        if change < _SETTLED:
+            break
+        lanes = _BULGE_LANES
+        found = minimise(problem.residuals, found.theta[:lanes], lanes=lanes, passes=0)
+    return problem, found
 
 
 def _on_branch(data: Dataset, branch: str) -> Dataset:

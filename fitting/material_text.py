@@ -19,8 +19,8 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
     console = Console(highlight=False)
     colour = "green" if fit.status == "converged" else "yellow"
     console.print(
-        f"[{colour}]{fit.status}[/] {fit.family.title}: {report['starts_agreeing']} of the best "
-        f"{len(fit.minima.cost)} of {fit.starts} starts agree"
+        f"[{colour}]{fit.status}[/] {fit.family.title}: {report['starts_agreeing']} of the "
+        f"best {len(fit.minima.cost)} of {fit.starts} starts agree"
     )
     table = Table("constant", "value", "standard error", "95 % interval")
     low, high = fit.intervals(0.95)

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -84,7 +85,7 @@ def pose(
         else:
             height = np.concatenate([sets[i].coordinate for i in group])
             ratio = np.concatenate([sets[i].bulge for i in group])
-            tests.append(Bulge(jnp.asarray(height), jnp.asarray(ratio)))
+            tests.append(Bulge(jnp.asarray(height), jnp.asarray(ratio), jnp.log1p(height**2)))
             length = len(height)
         fill = start + length - offset
         values.append(np.concatenate([*(sets[i].value for i in group), np.zeros(fill)]))
@@ -99,6 +100,27 @@ def pose(
         family,
     )
     return Problem(residuals, tuple(places), tuple(floors), kind)
+
+
+def settle(problem: Problem, constants: np.ndarray) -> tuple[Problem, float]:
+    """Move bulge tests to the apex stretches that fit a law's constants.
+
+    Returns:
+        The problem, and the largest change of height that this made up for, relative;
+        zero without bulge tests.
+    """
+    law = problem.residuals.family.law(jnp.asarray(constants))
+    tests: list[AbstractExperiment] = []
+    change = 0.0
+    for test in problem.residuals.experiments:
+        if isinstance(test, Bulge):
+            moved = test.settled(law)
+            change = max(change, float(jnp.max(jnp.abs(moved.apex / test.apex - 1.0))))
+            tests.append(moved)
+        else:
+            tests.append(test)
+    residuals = eqx.tree_at(lambda r: r.experiments, problem.residuals, tuple(tests))
+    return dataclasses.replace(problem, residuals=residuals), change
 
 
 def _scales(sets: Sequence[Dataset], kind: str) -> tuple[list[np.ndarray], list[float]]:

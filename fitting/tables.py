@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 _MISSING = frozenset(
-    "|nan|na|n/a|#n/a|null|none|-|--|---|.|inf|+inf|-inf|#div/0!|#value!|#num!|1.#qnan|1.#inf".split(
-        "|"
+    (
+        *("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "."),
+        *("inf", "+inf", "-inf", "#div/0!", "#value!", "#num!", "1.#qnan", "1.#inf"),
     )
 )
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
@@ -162,7 +163,7 @@ def _header(file: str, rows: list[tuple[int, str]]) -> tuple[int, str]:
                 return head, delimiter
             if any(_numeric(_fields(text, delimiter)) for text in following):
                 return head, delimiter
-        if _numeric(_fields(line, _most_likely(line))):
+        if _numeric(_fields(line, _most_likely(line)), share=0.9):
             raise DataError(
                 f"{file}: line {number}: numbers without a line of column names above them; "
                 f"name the columns and their units, for example "
@@ -179,10 +180,11 @@ def _most_likely(line: str) -> str:
     return next((d for d in _DELIMITERS if d in line), " ")
 
 
-def _numeric(fields: list[str]) -> bool:
-    """Whether a line looks like data: a number, and nothing but numbers and gaps."""
-    numbers = [not math.isnan(_number(f)) for f in fields]
-    return sum(numbers) >= max(1, len([f for f in fields if not is_missing(f)]) // 2)
+def _numeric(fields: list[str], share: float = 0.5) -> bool:
+    """Whether a line looks like data: this share of its filled cells are numbers."""
+    filled = [field for field in fields if not is_missing(field)]
+    numbers = sum(not math.isnan(_number(field)) for field in filled)
+    return numbers >= max(1.0, share * len(filled))
 
 
 def _is_units(fields: list[str], width: int) -> bool:

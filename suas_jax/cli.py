@@ -61,26 +61,13 @@ def _working(what: str) -> Iterator[None]:
 
 
 def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
-    from suas_jax.config import ConfigError, load_scene, with_solve
+    from suas_jax.config import load_scene, with_solve
 
     scene = load_scene(path)
     if model is not None:
         scene = with_solve(scene, source="--model", model=model)
     if rtol is not None:
         scene = with_solve(scene, source="--rtol", rtol=rtol)
-    if scene.solve.model == "solid":
-        from suas_jax.config.errors import Problem
-
-        raise ConfigError(
-            [
-                Problem(
-                    str(path),
-                    "solve.model",
-                    'the solid model is not part of this version; use "shell" or "auto"',
-                    '"solid"',
-                )
-            ]
-        )
     return scene
 
 
@@ -122,7 +109,7 @@ def solve(
     """
     with bad_input():
         spec = _scene(scene, model, rtol)
-        if vtu is not None:
+        if vtu is not None and spec.solve.model != "solid":
             _refuse("--vtu", "fields through the thickness come with the solid model only")
         _check_figure(plot)
         with _working("solving"):
@@ -142,6 +129,10 @@ def solve(
                 from suas_jax.plot import plot_solution
 
                 plot_solution(solution, plot)
+            if vtu is not None:
+                from suas_jax.vtu import write_vtu
+
+                write_vtu(solution, vtu)
     if as_json:
         typer.echo(json.dumps(finite(report), allow_nan=False))
     else:

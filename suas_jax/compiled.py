@@ -10,10 +10,10 @@ import numpy as np
 
 # XLA's newer way of generating code for the CPU takes twice as long to compile these
 # programs of many small operations, which then run no faster.
-_OPTIONS = {"xla_cpu_use_fusion_emitters": False}
+OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 # A program that runs once is done sooner without the compiler's own optimisation: half the
 # compile time again, for twice the (much shorter) run time.
-_OPTIONS_ONCE = _OPTIONS | {"xla_backend_optimization_level": 0}
+_OPTIONS_ONCE = {**OPTIONS, "xla_backend_optimization_level": 0}
 
 
 class Compiled:
@@ -43,7 +43,7 @@ class Compiled:
         if key not in self._programs:
             begin = time.perf_counter()
             lowered = function.lower(*arguments)  # type: ignore[attr-defined]
-            options = _OPTIONS_ONCE if once else _OPTIONS
+            options = _OPTIONS_ONCE if once else OPTIONS
             self._programs[key] = lowered.compile(compiler_options=options)
             self.seconds += time.perf_counter() - begin
         return jax.block_until_ready(self._programs[key](*arguments))

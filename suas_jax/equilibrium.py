@@ -120,20 +120,18 @@ def residual(
         more_pressure = pressure - at_pressure - more * external
         force = a.residual - more_pressure * a.volume_gradient - more * a.load
     if y.border is None:
-        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
+        operator = BorderedBlockTridiagonal(a.tangent, None, None)
         return BorderedVector(force, None), operator
     film = mechanics.film_volume
     defect = oil.expansion(pressure, film) - a.volume_change
     by_pressure, compliance = -a.volume_gradient, oil.compliance(pressure, film)
     if pressure_given is None:
-        operator = BorderedBlockTridiagonal(a.diagonal, a.upper, by_pressure, compliance)
+        operator = BorderedBlockTridiagonal(a.tangent, by_pressure, compliance)
     else:
         by_factor = external * a.volume_gradient - a.load
         column = jnp.where(pressure_given, by_factor, by_pressure)
         corner = jnp.where(pressure_given, 0.0, compliance)
-        operator = BorderedBlockTridiagonal(
-            a.diagonal, a.upper, column, corner, row=by_pressure
-        )
+        operator = BorderedBlockTridiagonal(a.tangent, column, corner, row=by_pressure)
     return BorderedVector(force, defect), operator
 
 

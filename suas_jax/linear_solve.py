@@ -11,7 +11,6 @@ Lineax sees an ordinary linear operator and solver; the structure stays in this 
 """
 
 import dataclasses
-import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +19,8 @@ import lineax as lx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
-from suas_jax._types import Diagonal, LaneCounts, Lanes, OffDiagonal, StationVector
+from suas_jax._types import LaneCounts, Lanes, StationVector
+from suas_jax.block_tridiagonal import AbstractTangent
 
 
 class BorderedVector(NamedTuple):
@@ -36,15 +36,13 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     The border is symmetric too unless its row is given apart from its column.
 
     Attributes:
-        diagonal: blocks on the diagonal, symmetric.
-        upper: block i couples the equations of station i to the unknowns of i + 1.
+        tangent: the block-tridiagonal part.
         column: the border's column, equal to its row, or None.
         corner: the border's diagonal entry, or None.
         row: the border's row where it differs from the column.
     """
 
-    diagonal: Diagonal
-    upper: OffDiagonal
+    tangent: AbstractTangent
     column: StationVector | None
     corner: Lanes | None
     row: StationVector | None = None
@@ -58,11 +56,7 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
     def mv(self, vector: BorderedVector) -> BorderedVector:
         """Matrix times vector."""
         x, z = vector
-        zero = jnp.zeros_like(x[:, :1])
-        y = jnp.einsum("ab...,b...->a...", self.diagonal, x)
-        above = jnp.einsum("ab...,b...->a...", self.upper, x[:, 1:])
-        below = jnp.einsum("ab...,a...->b...", self.upper, x[:, :-1])
-        y = y + jnp.concatenate([above, zero], 1) + jnp.concatenate([zero, below], 1)
+        y = self.tangent.mv(x)
         if z is None:
             return BorderedVector(y, None)
         column, row, corner = self.border()
@@ -84,11 +78,13 @@ class BorderedBlockTridiagonal(lx.AbstractLinearOperator):
 
     def in_structure(self) -> BorderedVector:
         """Shapes of the vectors it acts on."""
-        dof, _, station, _ = self.diagonal.shape
-        lane = jnp.broadcast_shapes(*(x.shape[-1:] for x in jax.tree.leaves(self)))
-        dtype = self.diagonal.dtype
-        stations: Any = jax.ShapeDtypeStruct((dof, station, *lane), dtype)
-        border: Any = None if self.column is None else jax.ShapeDtypeStruct(lane, dtype)
+        inner = self.tangent.structure
+        borders = (x for x in (self.column, self.corner, self.row) if x is not None)
+        lane = jnp.broadcast_shapes(inner.shape[-1:], *(x.shape[-1:] for x in borders))
+        stations: Any = jax.ShapeDtypeStruct((*inner.shape[:-1], *lane), inner.dtype)
+        border: Any = None
+        if self.column is not None:
+            border = jax.ShapeDtypeStruct(lane, inner.dtype)
         return BorderedVector(stations, border)
 
     def out_structure(self) -> BorderedVector:
@@ -140,141 +136,6 @@ class Elimination(NamedTuple):
     smallest_pivot: Lanes
 
 
-def product(
-    a: Float[Array, "dof row lane"], b: Float[Array, "dof column lane"]
-) -> Float[Array, "row column lane"]:
-    """The transpose of one small matrix times another, in every lane.
-
-    Written out over the few rows: a batched contraction would loop over the lanes.
-    """
-    terms = [a[k, :, None] * b[k, None] for k in range(a.shape[0])]
-    return functools.reduce(jnp.add, terms)
-
-
-class _Sweep(NamedTuple):
-    solution: Float[Array, "dof right station lane"]
-    negative: LaneCounts
-    smallest_pivot: Lanes
-
-
-def _ldl_solve(
-    a: Float[Array, "dof dof lane"], b: Float[Array, "dof right lane"]
-) -> tuple[Float[Array, "dof right lane"], Float[Array, "dof lane"]]:
-    """Solve small symmetric systems, one a lane, by LDL^T without pivoting.
-
-    The loops run over the few unknowns of a station when the program is traced, every
-    operation over all lanes. A batched LAPACK call would loop over lanes one by one and
-    spend its time in pivot search. Indefinite blocks are welcome: beyond the point
-    where the membrane alone would buckle, the trapped oil still holds it.
-
-    Returns:
-        The solutions and the pivots.
-    """
-    n = a.shape[0]
-    lower: dict[tuple[int, int], Array] = {}
-    pivots: list[Array] = []
-    for i in range(n):
-        pivot = a[i, i]
-        for k in range(i):
-            pivot = pivot - lower[i, k] ** 2 * pivots[k]
-        pivots.append(pivot)
-        for j in range(i + 1, n):
-            entry = a[j, i]
-            for k in range(i):
-                entry = entry - lower[j, k] * lower[i, k] * pivots[k]
-            lower[j, i] = entry / pivot
-    # Without the barrier the compiler fuses the factors into each of their uses and
-    # computes them anew for every right-hand side.
-    keys = list(lower)
-    factors = jax.lax.optimization_barrier(jnp.stack(pivots + [lower[k] for k in keys]))
-    pivot_array = factors[:n]
-    lower = {key: factors[n + i] for i, key in enumerate(keys)}
-    rows = list(b)
-    for i in range(n):
-        for k in range(i):
-            rows[i] = rows[i] - lower[i, k] * rows[k]
-    inverse = 1 / pivot_array
-    rows = [row * inverse[i] for i, row in enumerate(rows)]
-    for i in reversed(range(n)):
-        for k in range(i + 1, n):
-            rows[i] = rows[i] - lower[k, i] * rows[k]
-    return jax.lax.optimization_barrier(jnp.stack(rows)), pivot_array
-
-
-def _eliminate(
-    diagonal: Diagonal, upper: OffDiagonal, right: Float[Array, "dof right station lane"]
-) -> _Sweep:
-    """Eliminate from both ends towards the middle station, then substitute back.
-
-    Both ends at once halve the number of sequential steps: the right half, reversed,
-    rides along as further lanes.
-    """
-    dof, _, n, _ = diagonal.shape
-    lane = max(x.shape[-1] for x in (diagonal, upper, right))
-    diagonal, upper, right = (
-        jnp.broadcast_to(x, (*x.shape[:-1], lane)) for x in (diagonal, upper, right)
-    )
-    half, even = n // 2, n % 2 == 0
-
-    def stacked(x: Array) -> Array:
-        return jnp.moveaxis(x, 2, 0)
-
-    def halves(left: Array, mirrored: Array, fill: Array) -> Array:
-        mirrored = stacked(mirrored[:, :, ::-1])
-        if even:  # an uncoupled station at the outer end makes the halves equally long
-            fill = jnp.broadcast_to(fill, (1, *mirrored.shape[1:]))
-            mirrored = jnp.concatenate([fill, mirrored])
-        return jnp.concatenate([stacked(left), mirrored], -1)
-
-    identity = jnp.eye(dof, dtype=diagonal.dtype)[None, :, :, None]
-    zero = jnp.zeros((), diagonal.dtype)
-    transposed = jnp.swapaxes(upper[:, :, half:], 0, 1)
-    chain = (
-        halves(diagonal[:, :, :half], diagonal[:, :, half + 1 :], identity),
-        halves(upper[:, :, :half], transposed, zero),
-        halves(right[:, :, :half], right[:, :, half + 1 :], zero),
-    )
-
-    def forward(carry: tuple[Array, Array], station: tuple[Array, Array, Array]) -> Any:
-        block, coupling, rhs = station
-        block, rhs = block - carry[0], rhs - carry[1]
-        joint, pivots = _ldl_solve(block, jnp.concatenate([coupling, rhs], 1))
-        update = product(coupling, joint)
-        return (update[:, :dof], update[:, dof:]), (joint[:, :dof], joint[:, dof:], pivots)
-
-    start = (
-        jnp.zeros((dof, dof, 2 * lane), diagonal.dtype),
-        jnp.zeros((dof, right.shape[1], 2 * lane), diagonal.dtype),
-    )
-    carry, (coupled, reduced, outer_pivots) = jax.lax.scan(forward, start, chain)
-    block, rhs = (
-        x[:, :, half] - c[..., :lane] - c[..., lane:]
-        for x, c in zip((diagonal, right), carry, strict=True)
-    )
-    middle, pivots = _ldl_solve(block, rhs)
-
-    def backward(inner: Array, station: tuple[Array, Array]) -> tuple[Array, Array]:
-        coupling, rhs = station
-        x = rhs - sum(coupling[:, k, None] * inner[None, k] for k in range(dof))
-        return x, x
-
-    _, outer = jax.lax.scan(
-        backward, jnp.concatenate([middle, middle], -1), (coupled, reduced), reverse=True
-    )
-    right_half = outer[1:] if even else outer
-    solution = jnp.concatenate([outer[..., :lane], middle[None], right_half[::-1, ..., lane:]])
-    size = jnp.stack([chain[0][:, k, k] for k in range(dof)], 1)
-    outer_ratio = jnp.min(jnp.abs(outer_pivots / size), (0, 1), initial=jnp.inf)
-    size = jnp.stack([diagonal[k, k, half] for k in range(dof)])
-    ratio = jnp.min(jnp.abs(pivots / size), 0)
-    negative = jnp.sum(outer_pivots < 0, (0, 1), dtype=jnp.int32)
-    return _Sweep(
-        jnp.moveaxis(solution, 0, 2),
-        negative[:lane] + negative[lane:] + jnp.sum(pivots < 0, 0, dtype=jnp.int32),
-        jnp.minimum(jnp.minimum(outer_ratio[:lane], outer_ratio[lane:]), ratio),
-    )
-
-
 def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elimination:
     """Solve a bordered block-tridiagonal system and report its inertia.
 
@@ -288,12 +149,12 @@ def eliminate(operator: BorderedBlockTridiagonal, right: BorderedVector) -> Elim
         The solution with the number of negative eigenvalues and the smallest pivot.
     """
     if right.border is None:
-        sweep = _eliminate(operator.diagonal, operator.upper, right.stations[:, None])
+        sweep = operator.tangent.solve(right.stations[:, None])
         solution = BorderedVector(sweep.solution[:, 0], None)
         return Elimination(solution, sweep.negative, sweep.smallest_pivot)
     column, row, corner = operator.border()
     both = jnp.stack(jnp.broadcast_arrays(right.stations, column), 1)
-    sweep = _eliminate(operator.diagonal, operator.upper, both)
+    sweep = operator.tangent.solve(both)
     particular, border = sweep.solution[:, 0], sweep.solution[:, 1]
     schur = corner - jnp.sum(row * border, (0, 1))
     z = (right.border - jnp.sum(row * particular, (0, 1))) / schur

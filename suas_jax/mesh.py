@@ -7,8 +7,10 @@ loaded arcs), so stations move smoothly with the inputs and derivatives by a loa
 are those of the same discrete problem.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -44,6 +46,7 @@ class MeshPlan(eqx.Module):
         values: the breakpoints when the plan was made [rad].
         mirror: whether the loads are their own mirror image.
         symmetric: whether the plan covers the left half of a symmetric skin.
+        layers: elements through the thickness; none for the lumped shell.
     """
 
     stations: np.ndarray
@@ -55,6 +58,7 @@ class MeshPlan(eqx.Module):
     values: np.ndarray
     mirror: bool = eqx.field(static=True, default=False)
     symmetric: bool = eqx.field(static=True, default=False)
+    layers: int = eqx.field(static=True, default=0)
 
     @property
     def elements(self) -> int:
@@ -79,15 +83,39 @@ class MeshPlan(eqx.Module):
             self.values,
             mirror=True,
             symmetric=True,
+            layers=self.layers,
         )
 
-    def refined(self) -> "MeshPlan":
-        """Every element of a plan of the whole arc divided in two."""
-        stations = np.empty((2 * self.elements + 1, self.stations.shape[1]))
-        stations[::2] = self.stations
-        stations[1::2] = (self.stations[1:] + self.stations[:-1]) / 2
+    def refined(self, elements: int | None = None) -> "MeshPlan":
+        """Elements of a plan of the whole arc divided in two.
+
+        Args:
+            elements: how many there shall be; the last one stays whole if they are odd.
+        """
+        whole = 2 * self.elements - (elements or 2 * self.elements)
+        divided = self.stations[: self.elements + 1 - whole]
+        stations = np.empty((2 * len(divided) - 1, self.stations.shape[1]))
+        stations[::2] = divided
+        stations[1::2] = (divided[1:] + divided[:-1]) / 2
+        stations = np.concatenate([stations, self.stations[self.elements + 1 - whole :]])
+        return self._on(stations, self.layers)
+
+    def comparison(self) -> "MeshPlan":
+        """The mesh that the error is estimated with.
+
+        Finer for the shell, whose solution costs little, coarser for the solid.
+        """
+        if not self.layers:
+            return self.refined()
+        pairs = self.elements // 2 * 2
+        stations = np.concatenate([self.stations[: pairs + 1 : 2], self.stations[pairs + 1 :]])
+        return self._on(stations, self.layers // 2 if self.layers % 2 == 0 else self.layers)
+
+    def _on(self, stations: np.ndarray, layers: int) -> "MeshPlan":
+        """The same loads on other elements."""
         spread = (self.span != 0).any(1) @ self.load.T > 0
-        return _with_loads(stations, self.values, spread, self.mirror)
+        plan = _with_loads(stations, self.values, spread.tolist(), self.mirror)
+        return dataclasses.replace(plan, layers=layers)
 
 
 def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
@@ -105,6 +133,7 @@ def plan_mesh(
     layer: float,
     *,
     symmetric: bool = False,
+    local: tuple[float, float] | None = None,
 ) -> MeshPlan:
     """Place stations: one at each breakpoint, graded towards the layers.
 
@@ -115,7 +144,12 @@ def plan_mesh(
         layer: decay length of the boundary layers as an angle [rad].
         symmetric: whether the loads are symmetric; stations then are, too, when the
             number of elements is even.
+        local: in a continuum, decay length of what breakpoints cause in their
+            neighbourhood besides, and the smallest length of elements [rad].
     """
+    density = _Density((_rounded(layer),))
+    if local is not None:
+        density = _Density((*density.decays, _rounded(local[0])), _rounded(local[1]))
     values = np.asarray(numbers, float)
     identity = np.eye(len(values))
     clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
@@ -127,7 +161,7 @@ def plan_mesh(
     else:
         ends, count = [clamps[0], *inner, clamps[1]], elements
     kept = _distinct(ends, values, count)
-    stations = _stations(kept, values, count, layer)
+    stations = _stations(kept, values, count, density)
     if mirrored:
         swap = _mirror(values)
         stations = np.concatenate([stations, stations[-2::-1][:, swap]])
@@ -156,12 +190,12 @@ def _distinct(
 
 
 def _stations(
-    ends: list[np.ndarray], values: np.ndarray, elements: int, layer: float
+    ends: list[np.ndarray], values: np.ndarray, elements: int, density: "_Density"
 ) -> np.ndarray:
     """Divide the intervals between breakpoints by their density of stations."""
     angles = np.array([w @ values for w in ends])
     lengths = [_rounded(b - a) for a, b in itertools.pairwise(angles)]
-    cumulative = [_cumulative(length, _rounded(layer)) for length in lengths]
+    cumulative = density.cumulative(lengths, elements)
     wanted = [
         grid[-1] + length / sum(lengths)
         for (_, grid), length in zip(cumulative, lengths, strict=True)
@@ -184,16 +218,60 @@ def _rounded(length: float) -> float:
     return float(2 ** (np.round(4 * np.log2(length)) / 4)) if length > 0 else length
 
 
-def _cumulative(length: float, layer: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cumulative density of stations over an interval with a layer at either end."""
-    x = np.linspace(0, length, 2001)
-    decay = _DECAY * layer
-    reach = -np.expm1(-length / decay)
-    density = 1 / length + (_LAYER_SHARE / (2 * decay)) * (
-        np.exp(-x / decay) + np.exp(-(length - x) / decay)
-    ) * np.clip(reach, 0, 1)
+class _Density(NamedTuple):
+    """How close stations lie.
+
+    Attributes:
+        decays: decay lengths of the layers at either end of an interval [rad].
+        smallest: length below which elements gain nothing, because those across the
+            thickness are no smaller [rad].
+    """
+
+    decays: tuple[float, ...]
+    smallest: float = 0.0
+
+    def cumulative(
+        self, lengths: Sequence[float], elements: int
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Position and number of stations up to there, for every interval."""
+        pairs = [self._of(length) for length in lengths]
+        if self.smallest > 0:
+            pairs = _limited(pairs, elements, self.smallest)
+        return [(x, _integrals(x, density)) for x, density in pairs]
+
+    def _of(self, length: float) -> tuple[np.ndarray, np.ndarray]:
+        shortest = min(_DECAY * min(self.decays), length)
+        ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
+        x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
+        density = np.full_like(x, 1 / length)
+        for decay in (_DECAY * layer for layer in self.decays):
+            reach = -np.expm1(-length / decay)
+            near = np.exp(-x / decay) + np.exp(-(length - x) / decay)
+            density = density + _LAYER_SHARE / (2 * decay) * near * reach
+        return x, density
+
+
+def _integrals(x: np.ndarray, density: np.ndarray) -> np.ndarray:
     steps = (density[1:] + density[:-1]) / 2 * np.diff(x)
-    return x, np.concatenate([[0.0], np.cumsum(steps)])
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _limited(
+    pairs: list[tuple[np.ndarray, np.ndarray]], elements: int, smallest: float
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Add the smallest length to that of every element, their number kept."""
+    total = sum(x[-1] for x, _ in pairs)
+    smallest = min(smallest, 0.95 * total / elements)
+
+    def scaled(c: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        return [(x, c * d / (1 + c * d * smallest)) for x, d in pairs]
+
+    low, high = 1e-6, 1e12
+    for _ in range(200):
+        c = np.sqrt(low * high)
+        count = sum(_integrals(x, d)[-1] for x, d in scaled(c))
+        low, high = (c, high) if count < elements else (low, c)
+    return scaled(high)
 
 
 def _apportion(wanted: np.ndarray, total: int) -> np.ndarray:

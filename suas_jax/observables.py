@@ -16,7 +16,7 @@ from suas_jax.config import LineLoadSpec, SceneSpec
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.equilibrium import Problem, State, volume_residual
 from suas_jax.geometry import SkinGeometry, outward
-from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.base import AbstractMechanics, Profile
 from suas_jax.problem import all_numbers, geometry_of, line_loads_of
 from suas_jax.sensing import electrodes_of
 from suas_jax.taxel import taxel_names
@@ -65,6 +65,22 @@ def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
     gap = jnp.sqrt(x**2 + y**2) - geometry.wall_radius
     negative, angle = peak(-gap, jnp.arctan2(x, y))
     return -negative, angle
+
+
+def _away_from_clamps(mechanics: AbstractMechanics, shape: Profile) -> Profile:
+    """Hide the stretches of elements that reach where they diverge."""
+    reach = mechanics.clamp_reach
+    first, last = shape.angle[0, 0] + reach, shape.angle[-1, -1] - reach
+    keep = (shape.angle[0] >= first) & (shape.angle[-1] <= last)
+    keep = keep | (reach == 0)
+    middle = shape.angle.shape[1] // 2
+
+    def hidden(stretch: Array) -> Array:
+        return jnp.where(keep, stretch, stretch[:1, middle, None])
+
+    return shape._replace(
+        inner_stretch=hidden(shape.inner_stretch), outer_stretch=hidden(shape.outer_stretch)
+    )
 
 
 def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
@@ -152,6 +168,7 @@ def observe(
     geometry = geometry_of(numbers)
     shape = problem.mechanics.profile(state.q, SAMPLES)
     gap, gap_angle = _gap(shape, geometry)
+    shape = _away_from_clamps(problem.mechanics, shape)
     square = jnp.sum(shape.inner_displacement**2, 0)
     at_rest = square == 0  # where a square root has no derivative
     moved = jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from suas_jax.sweep import Sweep
 
 _SAMPLES = 12
-_WALL = "0.55"
+WALL = "0.55"
 
 
 def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
@@ -28,6 +28,10 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         solution: what to draw.
         file: where to write the figure; its ending chooses the format.
     """
+    if solution.plan.layers:
+        from suas_jax.plot_solid import plot_solid
+
+        return _written(plot_solid(solution), file)
     problem = solution.problem()
     shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry
@@ -55,8 +59,8 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         patches.set_edgecolor("face")
         axes.add_collection(patches)
         wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
-        axes.fill(*wall, color=_WALL, lw=0)
-        _arrows(axes, solution, inner, outer, angle)
+        axes.fill(*wall, color=WALL, lw=0)
+        arrows(axes, solution, outer, angle)
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()
@@ -68,9 +72,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
     return _written(figure, file)
 
 
-def _arrows(
-    axes: "Axes", solution: Solution, inner: np.ndarray, outer: np.ndarray, angle: np.ndarray
-) -> None:
+def arrows(axes: "Axes", solution: Solution, outer: np.ndarray, angle: np.ndarray) -> None:
     """Draw every line load as an arrow that ends at the outer face."""
     from suas_jax.config import continuous_inputs
     from suas_jax.problem import all_numbers, line_loads_of

@@ -4,6 +4,7 @@ The forward model is a pure function of `continuous_inputs`: this file maps thos
 traced or not, to geometry, law, oil and loads. The scene itself only says which classes.
 """
 
+import dataclasses
 import functools
 from collections.abc import Mapping
 from typing import Any
@@ -33,7 +34,9 @@ from suas_jax.constitutive import (
 from suas_jax.equilibrium import Problem
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad
+from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.shell import Shell
+from suas_jax.mechanics.solid import Solid
 from suas_jax.mesh import MeshPlan, load_points, plan_mesh
 from suas_jax.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
 
@@ -45,6 +48,10 @@ _LAWS: dict[str, type[AbstractLaw]] = {
     "arruda-boyce": ArrudaBoyce,
     "polynomial": Polynomial,
 }
+# Decay length of what a load or clamp does to the section around it, in thicknesses.
+_LOCAL_FIELD = 0.25
+# Length of the shortest elements relative to their height.
+_SMALLEST = 0.5
 
 
 def all_numbers(scene: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
@@ -123,14 +130,20 @@ def build_problem(scene: SceneSpec, plan: MeshPlan, inputs: Mapping[str, ArrayLi
     numbers = all_numbers(scene, inputs)
     geometry = geometry_of(numbers)
     angles, points = load_points(plan, geometry, line_loads_of(scene, numbers))
-    shell = Shell.build(
-        geometry, law_of(scene, numbers), angles, points, symmetric=plan.symmetric
-    )
+    law, symmetric = law_of(scene, numbers), plan.symmetric
+    mechanics: AbstractMechanics
+    if plan.layers:
+        layers = plan.layers
+        mechanics = Solid.build(
+            geometry, law, angles, points, layers=layers, symmetric=symmetric
+        )
+    else:
+        mechanics = Shell.build(geometry, law, angles, points, symmetric=symmetric)
     wanted = None
     if scene.solve.oil_pressure is not None:
         wanted = _lane(numbers["solve.oil_pressure"])
     external = external_pressure_of(scene, numbers)
-    return Problem(shell, oil_of(scene, numbers), external, wanted)
+    return Problem(mechanics, oil_of(scene, numbers), external, wanted)
 
 
 def _mirror_image(scene: SceneSpec) -> bool:
@@ -150,12 +163,13 @@ def _mirror_image(scene: SceneSpec) -> bool:
     return bool(np.allclose(given, mirrored, rtol=1e-12, atol=1e-12)) if loads else True
 
 
-def plan_for(scene: SceneSpec, elements: int) -> MeshPlan:
+def plan_for(scene: SceneSpec, elements: int, layers: int = 0) -> MeshPlan:
     """Mesh of the whole arc for a scene.
 
     Args:
         scene: the scene.
         elements: along the whole arc.
+        layers: through the thickness, of the solid; none for the lumped shell.
     """
     geometry = scene.geometry
     outer = geometry.inner_radius + geometry.thickness
@@ -172,9 +186,16 @@ def plan_for(scene: SceneSpec, elements: int) -> MeshPlan:
                 ]
             )
             spread.append(load.spread is not None)
-    return plan_mesh(
-        numbers, spread, elements, layer_angle(scene), symmetric=_mirror_image(scene)
+    layer, symmetric = layer_angle(scene), _mirror_image(scene)
+    if not layers:
+        return plan_mesh(numbers, spread, elements, layer, symmetric=symmetric)
+    # Elements come in pairs: joined, they make the mesh that the error is estimated with.
+    thickness = geometry.thickness / outer
+    local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness / layers)
+    pairs = plan_mesh(
+        numbers, spread, (elements + 1) // 2, layer, symmetric=symmetric, local=local
     )
+    return dataclasses.replace(pairs.refined(elements), layers=layers)
 
 
 @functools.lru_cache(maxsize=64)

@@ -23,19 +23,17 @@ from suas_jax.config import (
 from suas_jax.equilibrium import State, path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
+from suas_jax.report import plain, report_of
+from suas_jax.resolution import Resolution, first_of_sweep, forced
 from suas_jax.solution import (
     Inputs,
     Structure,
     assess,
     is_symmetric,
-    plain,
-    report_of,
     whole,
     working_plan,
 )
 
-_START_ELEMENTS = 32
-_MOST_ELEMENTS = 256
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
 
@@ -102,7 +100,7 @@ def _program(
     scene: Structure,
     plan: MeshPlan,
     half: MeshPlan,
-    fine_plan: MeshPlan,
+    other_plan: MeshPlan,
     inputs: Inputs,
     levels: Array,
     start: State | None,
@@ -111,7 +109,7 @@ def _program(
     found = path(problem, levels, start)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(scene.scene, plan, fine_plan, whole(problem, state, half), inputs)
+        return assess(scene.scene, plan, other_plan, whole(problem, state, half), inputs)
 
     reports = jax.lax.map(one, found.state)
     outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
@@ -173,25 +171,26 @@ def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
 
 
 def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
-    elements = scene.solve.elements or _START_ELEMENTS
+    wanted = forced(scene)
+    size = wanted or first_of_sweep(scene)
     while True:
-        curve = _Curve(scene, elements)
+        curve = _Curve(scene, size)
         points = curve.points(levels)
         errors = [p["discretisation_error"] for p in points if p["status"] == "converged"]
         worst = max((e for e in errors if e is not None), default=0.0)
-        fixed = scene.solve.elements is not None
-        if fixed or worst <= scene.solve.rtol or 2 * elements > _MOST_ELEMENTS:
+        finer = size.finer()
+        if wanted or worst <= scene.solve.rtol or finer is None:
             return Sweep(points, curve.first_contact(levels, points), scene)
-        elements *= 2
+        size = finer
 
 
 class _Curve:
     """One mesh of a scene and the states found on it."""
 
-    def __init__(self, scene: SceneSpec, elements: int) -> None:
-        self.scene, self.plan = scene, plan_for(scene, elements)
+    def __init__(self, scene: SceneSpec, size: Resolution) -> None:
+        self.scene, self.size, self.plan = scene, size, plan_for(scene, *size)
         self.half = working_plan(self.plan, is_symmetric(self.plan))
-        self.fine = self.plan.refined()
+        self.other = self.plan.comparison()
         self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
         self.states: State | None = None
 
@@ -201,7 +200,7 @@ class _Curve:
             start = self._rest()
         pressures = self.scene.solve.oil_pressure is not None
         visit = levels[levels != 0] if pressures else levels
-        arguments = (self.plan, self.half, self.fine, self.inputs, jnp.asarray(visit))
+        arguments = (self.plan, self.half, self.other, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
         found = COMPILED.run(_program, Structure(self.scene), *arguments, known)
         reports, self.states, outcomes = found
@@ -223,7 +222,7 @@ class _Curve:
     def _rest_report(self, like: dict[str, Any]) -> dict[str, Any]:
         """The report of the undeformed state, which no pressure control can reach."""
         loads_off = with_solve(self.scene, oil_pressure=None)
-        curve = _Curve(loads_off, self.plan.elements)
+        curve = _Curve(loads_off, self.size)
         return curve.points(np.zeros(1))[0]
 
     def first_contact(

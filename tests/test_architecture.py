@@ -13,17 +13,17 @@ LAYERS = [
     ["config", "_types", "results", "runtime", "compiled"],
     ["quadrature", "jet", "analytic", "spectral"],
     ["acquisition"],  # the serial logger: without the model, and without JAX
-    ["geometry", "element", "kinematics", "linear_solve"],
+    ["geometry", "element", "kinematics", "block_sweep", "block_tridiagonal", "linear_solve"],
     ["constitutive"],
     ["loads", "oil", "mesh"],
     ["mechanics"],
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
-    ["problem", "observables"],
+    ["problem", "observables", "resolution", "report"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],
-    ["plot"],
+    ["plot", "plot_solid", "vtu"],
     ["cli", "cli_sensing", "cli_acquisition"],
 ]
 

@@ -170,7 +170,7 @@ def compliance(shell: Shell) -> BorderedVector:
     """Small displacements and oil pressure under the loads, from the tangent at rest."""
     zero = jnp.zeros(1)
     a = shell.assemble(shell.rest(), zero, zero)
-    tangent = BorderedBlockTridiagonal(a.diagonal, a.upper, -a.volume_gradient, zero)
+    tangent = BorderedBlockTridiagonal(a.tangent, -a.volume_gradient, zero)
     return eliminate(tangent, BorderedVector(a.load, zero)).solution
 
 

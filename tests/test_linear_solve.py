@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
+from suas_jax.block_tridiagonal import BlockTridiagonal
 from suas_jax.linear_solve import (
     BlockElimination,
     BorderedBlockTridiagonal,
@@ -48,7 +49,7 @@ def system(
     if distinct:
         row = column + 0.3 * jnp.asarray(rng.normal(size=(dof, stations, lanes)))
     operator = BorderedBlockTridiagonal(
-        jnp.asarray(diagonal), jnp.asarray(upper), column, corner, row
+        BlockTridiagonal(jnp.asarray(diagonal), jnp.asarray(upper)), column, corner, row
     )
     return operator, BorderedVector(jnp.asarray(rng.normal(size=(dof, stations, lanes))), z)
 
@@ -57,7 +58,7 @@ def dense(operator: BorderedBlockTridiagonal, lane: int) -> np.ndarray:
     """One lane as a matrix, station by station, the border last; put together by hand."""
     diagonal, upper = (
         np.asarray(x)[..., min(lane, x.shape[-1] - 1)]
-        for x in (operator.diagonal, operator.upper)
+        for x in (operator.tangent.diagonal, operator.tangent.upper)
     )
     dof, _, n = diagonal.shape
     size = dof * n
@@ -121,7 +122,9 @@ def test_inertia_varies_between_the_systems_tested() -> None:
 def test_smallest_pivot_of_a_single_station() -> None:
     # Pivots by hand: 4 and 1 - 2^2 / 4 + 1e-6; relative to the diagonal 1 and 1e-6.
     block = jnp.array([[4.0, 2.0], [2.0, 1.0 + 1e-6]])[:, :, None, None]
-    operator = BorderedBlockTridiagonal(block, jnp.zeros((2, 2, 0, 1)), None, None)
+    operator = BorderedBlockTridiagonal(
+        BlockTridiagonal(block, jnp.zeros((2, 2, 0, 1))), None, None
+    )
     found = solve(operator, BorderedVector(jnp.ones((2, 1, 1)), None))
     np.testing.assert_allclose(found.smallest_pivot, 1e-6 / (1 + 1e-6), rtol=1e-8)
 
@@ -153,9 +156,9 @@ def test_dense_matrix_reproduces_products() -> None:
 def test_shared_blocks_broadcast_over_lanes() -> None:
     operator, right = system(5)
     shared = eqx.tree_at(
-        lambda o: (o.diagonal, o.upper),
+        lambda o: (o.tangent.diagonal, o.tangent.upper),
         operator,
-        (operator.diagonal[..., :1], operator.upper[..., :1]),
+        (operator.tangent.diagonal[..., :1], operator.tangent.upper[..., :1]),
     )
     found = solve(shared, right)
     for lane in range(LANES):
@@ -181,8 +184,8 @@ def test_derivatives_of_solutions(distinct: bool) -> None:
     operator, right = system(4, distinct=distinct, lanes=1)
     other = jax.tree.map(lambda x: jnp.sin(3 * x), (operator, right))
     # The operator stays symmetric along the direction of differentiation.
-    blocks = other[0].diagonal
-    other = eqx.tree_at(lambda o: o[0].diagonal, other, blocks + blocks.swapaxes(0, 1))
+    blocks = other[0].tangent.diagonal
+    other = eqx.tree_at(lambda o: o[0].tangent.diagonal, other, blocks + blocks.swapaxes(0, 1))
 
     def compare(f: Any) -> None:
         got, want = (jax.jit(f, static_argnums=0)(by) for by in (by_lineax, by_dense))
@@ -213,8 +216,9 @@ def test_a_singular_system_gives_no_finite_solution_and_no_exception(stations: i
     degree[0] -= 1
     degree[-1] -= 1
     operator = BorderedBlockTridiagonal(
-        jnp.asarray(degree)[None, None, :, None],
-        jnp.full((1, 1, stations - 1, 1), -1.0),
+        BlockTridiagonal(
+            jnp.asarray(degree)[None, None, :, None], jnp.full((1, 1, stations - 1, 1), -1.0)
+        ),
         None,
         None,
     )
@@ -227,9 +231,11 @@ def test_a_singular_system_gives_no_finite_solution_and_no_exception(stations: i
 def test_one_singular_lane_leaves_the_others_alone() -> None:
     operator, right = system(5)
     broken = eqx.tree_at(
-        lambda o: (o.diagonal, o.upper),
+        lambda o: (o.tangent.diagonal, o.tangent.upper),
         operator,
-        (operator.diagonal.at[..., 0].set(0.0), operator.upper.at[..., 0].set(0.0)),
+        tuple(
+            x.at[..., 0].set(0.0) for x in (operator.tangent.diagonal, operator.tangent.upper)
+        ),
     )
     found = solve(broken, right)
     assert not np.all(np.isfinite(found.solution.stations[..., 0]))

@@ -95,10 +95,10 @@ def test_residual_and_tangent_come_from_the_potential(name: str, half_angle: flo
         hessian = hessian + fixed
         built = np.zeros_like(hessian)
         for s in range(stations):
-            built[:, s, :, s] = got.diagonal[:, :, s, 0]
+            built[:, s, :, s] = got.tangent.diagonal[:, :, s, 0]
         for s in range(stations - 1):
-            built[:, s, :, s + 1] = got.upper[:, :, s, 0]
-            built[:, s + 1, :, s] = got.upper[:, :, s, 0].T
+            built[:, s, :, s + 1] = got.tangent.upper[:, :, s, 0]
+            built[:, s + 1, :, s] = got.tangent.upper[:, :, s, 0].T
         scale = np.sqrt(np.abs(np.einsum("asas->as", hessian)))
         error = np.abs(built - hessian) / (scale[:, :, None, None] * scale[None, None])
         assert np.max(error) < 1e-12
@@ -299,8 +299,8 @@ def linear_response(thickness: float, half_angle: float, elements: int) -> tuple
     a = assemble(shell, shell.rest(), jnp.zeros(1), jnp.zeros(1))
     line_force = 1e-5
     corner = jnp.zeros(1)
-    open_ = BorderedBlockTridiagonal(a.diagonal, a.upper, None, None)
-    shut = BorderedBlockTridiagonal(a.diagonal, a.upper, -a.volume_gradient, corner)
+    open_ = BorderedBlockTridiagonal(a.tangent, None, None)
+    shut = BorderedBlockTridiagonal(a.tangent, -a.volume_gradient, corner)
     vented = solve(open_, BorderedVector(a.load, None)).solution
     trapped = solve(shut, BorderedVector(a.load, jnp.zeros(1))).solution
     crown = [-float(x.stations[1, -1, 0]) / line_force for x in (vented, trapped)]

@@ -12,7 +12,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax._types import Lanes, StationVector
+from suas_jax.block_tridiagonal import AbstractTangent
 from suas_jax.constitutive.base import AbstractLaw
 
 
@@ -22,16 +23,14 @@ class Assembly(NamedTuple):
     Attributes:
         residual: internal force less the oil's net pressure times the volume gradient
             less the load factor times the load vector [N/m].
-        diagonal: diagonal blocks of the residual's derivative.
-        upper: blocks above the diagonal.
+        tangent: the residual's derivative by the unknowns.
         volume_gradient: derivative of the enclosed volume by the unknowns.
         load: derivative of the loads' work at unit load factor by the unknowns [N/m].
         volume_change: enclosed volume less its value at rest, per width [m^2].
     """
 
     residual: StationVector
-    diagonal: Diagonal
-    upper: OffDiagonal
+    tangent: AbstractTangent
     volume_gradient: StationVector
     load: StationVector
     volume_change: Lanes
@@ -59,6 +58,18 @@ class Profile(NamedTuple):
     energy_density: Array
 
 
+class ErrorShares(NamedTuple):
+    """Error of a solution relative to its difference to that on the comparison mesh.
+
+    Attributes:
+        fast: of pressure and of mid-surface displacements.
+        slow: of the inner face's displacements.
+    """
+
+    fast: float
+    slow: float
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -74,6 +85,11 @@ class AbstractMechanics(eqx.Module):
     @abc.abstractmethod
     def length_scale(self) -> Lanes:
         """Displacement beyond which linearisation can't be trusted [m]."""
+
+    @property
+    @abc.abstractmethod
+    def clamp_reach(self) -> Lanes:
+        """Angle from a clamped edge within which stretches diverge on finer meshes [rad]."""
 
     @abc.abstractmethod
     def rest(self) -> StationVector:
@@ -132,8 +148,16 @@ class AbstractMechanics(eqx.Module):
         """Unknowns of the whole arc from those of the left half of a symmetric one."""
 
     @abc.abstractmethod
-    def prolonged(self, q: StationVector) -> StationVector:
-        """The same deformation on a mesh with every element along the arc divided in two."""
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        """The same deformation on the mesh that errors are estimated with.
+
+        That is `mesh.MeshPlan.comparison`: finer than the mechanics' own, or coarser.
+        """
+
+    @property
+    @abc.abstractmethod
+    def error_shares(self) -> ErrorShares:
+        """How errors follow from differences to the solution on the comparison mesh."""
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].

@@ -21,12 +21,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax._types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax.block_tridiagonal import BlockTridiagonal
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.element import hermite
 from suas_jax.geometry import SkinGeometry, outward, tangent
 from suas_jax.kinematics import FibreStretch
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, ErrorShares, Profile, largest
 from suas_jax.mechanics.shell_ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
 from suas_jax.mechanics.shell_loads import Loaded, load_terms, load_work, under
 from suas_jax.mechanics.shell_points import (
@@ -103,6 +104,11 @@ class Shell(AbstractMechanics):
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
         return self.thickness
+
+    @property
+    def clamp_reach(self) -> Lanes:
+        """Zero: the shell's stretches are bounded [rad]."""
+        return jnp.zeros_like(self.thickness)
 
     @property
     def lengths(self) -> Float[Array, "element #lane"]:
@@ -268,8 +274,7 @@ class Shell(AbstractMechanics):
         )
         return Assembly(
             self._scatter(internal - pressure * gradient - factor * load),
-            diagonal,
-            upper,
+            BlockTridiagonal(diagonal, upper),
             self._scatter(gradient),
             self._scatter(load),
             volume,
@@ -299,9 +304,17 @@ class Shell(AbstractMechanics):
         """Unknowns of the whole arc; see the base class."""
         return mirrored(q)
 
-    def prolonged(self, q: StationVector) -> StationVector:
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
         """The same deformation on elements half as long; see the base class."""
         return prolonged(q, self._gather(q), self.lengths)
+
+    @property
+    def error_shares(self) -> ErrorShares:
+        """Order four; two for the inner face, which follows the curvature.
+
+        The finer solution's own error is a sixteenth, or a quarter.
+        """
+        return ErrorShares(16 / 15, 4 / 3)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax._types import Diagonal, OffDiagonal, StationVector
-from suas_jax.linear_solve import product
+from suas_jax.block_tridiagonal import product
 
 EndMatrices = Float[Array, "4 4 end #lane"]
 

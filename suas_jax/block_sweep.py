@@ -1,0 +1,184 @@
+"""Block-tridiagonal systems with large blocks: inverses by blocks, products by matrix.
+
+With a dozen unknowns a station and more, the work is in products of small matrices, which
+the compiler does well when a batch of them lies matrix by matrix in memory: arrays here are
+[..., row, column], unlike elsewhere. Nothing pivots, so indefinite blocks are welcome and
+the signs of the pivots count negative eigenvalues.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+# Inverted at once inside the sweep along the arc: fewer, larger operations.
+_SWEEP_BLOCK = 6
+
+Matrices = Float[Array, "*batch row column"]
+
+
+def transposed(a: Matrices) -> Matrices:
+    """Matrices with rows and columns exchanged."""
+    return jnp.swapaxes(a, -1, -2)
+
+
+def _leaf(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]]:
+    """Inverse and LDL^T pivots of symmetric matrices of up to three rows."""
+    n = a.shape[-1]
+    first = a[..., 0, 0]
+    if n == 1:
+        return 1 / a, a[..., 0]
+    minor = first * a[..., 1, 1] - a[..., 0, 1] ** 2
+    if n == 2:
+        rows = [[a[..., 1, 1], -a[..., 0, 1]], [-a[..., 0, 1], first]]
+        inverse = _stacked(rows) / minor[..., None, None]
+        return inverse, jnp.stack([first, minor / first], -1)
+    (_, b, c), (_, d, e), (_, _, f) = (tuple(a[..., i, j] for j in range(3)) for i in range(3))
+    c00, c01, c02 = d * f - e * e, c * e - b * f, b * e - c * d
+    c11, c12 = first * f - c * c, b * c - first * e
+    det = first * c00 + b * c01 + c * c02
+    rows = [[c00, c01, c02], [c01, c11, c12], [c02, c12, minor]]
+    pivots = jnp.stack([first, minor / first, det / minor], -1)
+    return _stacked(rows) / det[..., None, None], pivots
+
+
+def _stacked(rows: list[list[Array]]) -> Matrices:
+    return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
+
+
+def symmetric_inverse(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]]:
+    """Invert symmetric matrices by halves, for large batches.
+
+    Args:
+        a: matrices whose leading minors don't vanish: order the unknowns so that definite
+            ones come before the multipliers of their constraints.
+
+    Returns:
+        The inverses, and the pivots of the LDL^T factorisation, whose signs are those of
+        the eigenvalues (Sylvester).
+    """
+    n = a.shape[-1]
+    if n <= 3:
+        return _leaf(a)
+    half = 3 * max(1, n // 6)
+    p, b, d = a[..., :half, :half], a[..., :half, half:], a[..., half:, half:]
+    inverse, first = symmetric_inverse(p)
+    x = inverse @ b
+    complement, second = symmetric_inverse(d - transposed(b) @ x)
+    y = x @ complement
+    top = jnp.concatenate([inverse + y @ transposed(x), -y], -1)
+    bottom = jnp.concatenate([-transposed(y), complement], -1)
+    return jnp.concatenate([top, bottom], -2), jnp.concatenate([first, second], -1)
+
+
+def swept_inverse(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]]:
+    """Invert like `symmetric_inverse`, by few large operations, for small batches.
+
+    Blocks of unknowns change sides one after the other (the sweep operator).
+    """
+    n = a.shape[-1]
+    pivots = []
+    for k in range(0, n, _SWEEP_BLOCK):
+        end = min(k + _SWEEP_BLOCK, n)
+        inverse, found = symmetric_inverse(a[..., k:end, k:end])
+        pivots.append(found)
+        zero = jnp.zeros_like(inverse)
+        minus = jnp.broadcast_to(-jnp.eye(end - k, dtype=a.dtype), inverse.shape)
+        row, column = a[..., k:end, :], a[..., :, k:end]
+        row = jnp.concatenate([row[..., :k], minus, row[..., end:]], -1)
+        row = inverse @ row
+        column = jnp.concatenate([column[..., :k, :], zero, column[..., end:, :]], -2)
+        mask = jnp.ones(n, a.dtype).at[k:end].set(0)
+        rest = a * (mask * mask[:, None]) - column @ row
+        a = jnp.concatenate([rest[..., :k, :], row, rest[..., end:, :]], -2)
+    return -a, jnp.concatenate(pivots, -1)
+
+
+class Factors(NamedTuple):
+    """Factors of block-tridiagonal systems, eliminated from both ends to the middle.
+
+    The right half, reversed, rides along as further lanes, which halves the number of
+    steps that wait for each other.
+
+    Attributes:
+        inverse: of the outer stations' blocks when their turn came [step, 2 lane, ...].
+        coupling: of each outer station to its inner neighbour.
+        middle: inverse of the middle block [lane, ...].
+        pivots: of the outer stations [step, 2 lane, row].
+        middle_pivots: of the middle station [lane, row].
+    """
+
+    inverse: Float[Array, "step lanes row column"]
+    coupling: Float[Array, "step lanes row column"]
+    middle: Float[Array, "lane row column"]
+    pivots: Float[Array, "step lanes row"]
+    middle_pivots: Float[Array, "lane row"]
+
+
+def _halves(left: Array, right: Array, fill: Array) -> Array:
+    """Join the left half and the reversed right half, made as long, as lanes."""
+    right = right[::-1]
+    if right.shape[0] < left.shape[0]:  # an uncoupled station at the outer end
+        fill = jnp.broadcast_to(fill, (1, *right.shape[1:]))
+        right = jnp.concatenate([fill, right])
+    return jnp.concatenate([left, right], 1)
+
+
+def factorise(
+    diagonal: Float[Array, "station lane row column"],
+    upper: Float[Array, "element lane row column"],
+) -> Factors:
+    """Factorise symmetric block-tridiagonal systems.
+
+    Args:
+        diagonal: blocks on the diagonal.
+        upper: block i couples the equations of station i to the unknowns of i + 1.
+    """
+    stations, lanes, n, _ = diagonal.shape
+    half = stations // 2
+    zero = jnp.zeros((), diagonal.dtype)
+    chain = (
+        _halves(diagonal[:half], diagonal[half + 1 :], jnp.eye(n, dtype=diagonal.dtype)),
+        _halves(upper[:half], transposed(upper[half:]), zero),
+    )
+
+    def forward(update: Array, station: tuple[Array, Array]) -> Any:
+        block, coupling = station
+        inverse, pivots = swept_inverse(block - update)
+        return transposed(coupling) @ (inverse @ coupling), (inverse, pivots)
+
+    start = jnp.zeros((2 * lanes, n, n), diagonal.dtype)
+    update, (inverse, pivots) = jax.lax.scan(forward, start, chain)
+    last = diagonal[half] - update[:lanes] - update[lanes:]
+    middle, middle_pivots = symmetric_inverse(last)
+    return Factors(inverse, chain[1], middle, pivots, middle_pivots)
+
+
+def solve(
+    factors: Factors, right: Float[Array, "station lane row right"]
+) -> Float[Array, "station lane row right"]:
+    """Solve with factorised systems, for any number of right-hand sides."""
+    stations, lanes, n, columns = right.shape
+    half = stations // 2
+    sides = _halves(right[:half], right[half + 1 :], jnp.zeros((), right.dtype))
+
+    def forward(update: Array, station: tuple[Array, ...]) -> Any:
+        inverse, coupling, mine = station
+        kept = inverse @ (mine - update)
+        return transposed(coupling) @ kept, kept
+
+    start = jnp.zeros((2 * lanes, n, columns), right.dtype)
+    update, kept = jax.lax.scan(forward, start, (factors.inverse, factors.coupling, sides))
+    middle = factors.middle @ (right[half] - update[:lanes] - update[lanes:])
+
+    def backward(inner: Array, station: tuple[Array, ...]) -> Any:
+        inverse, coupling, kept = station
+        x = kept - inverse @ (coupling @ inner)
+        return x, x
+
+    both = jnp.concatenate([middle, middle])
+    chain = (factors.inverse, factors.coupling, kept)
+    _, outer = jax.lax.scan(backward, both, chain, reverse=True)
+    right_half = outer[1:] if stations % 2 == 0 else outer
+    return jnp.concatenate([outer[:, :lanes], middle[None], right_half[::-1, lanes:]])

@@ -1,0 +1,150 @@
+"""The deformed solid, recovered from its unknowns: positions, stretches, energy."""
+
+import functools
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax._types import StationVector
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.kinematics import PlaneStrain
+from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.solid_element import NODES, quadratic
+from suas_jax.mechanics.solid_layout import Layout
+from suas_jax.quadrature import gauss_legendre
+
+Nodes = Float[Array, "9 2 layer element lane"]
+
+
+def section(
+    angle: Float[Array, "sample element lane"],
+    xi: Float[Array, "sample #element #lane"],
+    u: Nodes,
+    x: Nodes,
+    law: AbstractLaw,
+) -> Profile:
+    """The deformed section at one local coordinate of every element.
+
+    Args:
+        angle: reference angle [rad].
+        xi: local coordinate along the arc, -1 to 1.
+        u: displacements of the nodes.
+        x: reference positions of the nodes.
+        law: the material.
+    """
+    layers = u.shape[2]
+
+    def line(values: Nodes, layer: int, across: int, derivative: int) -> Array:
+        """Along the arc, at a line of nodes: [component, sample, element, lane]."""
+        shapes = quadratic(xi, derivative)
+        nodes = [values[NODES.index((a, across)), :, layer] for a in range(3)]
+        parts = [n * v[:, None] for n, v in zip(shapes, nodes, strict=True)]
+        return parts[0] + parts[1] + parts[2]
+
+    def stretch(layer: int, across: int) -> Array:
+        rest = line(x, layer, across, 1)
+        now = rest + line(u, layer, across, 1)
+        return jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(rest**2, 0))
+
+    # The middle line of nodes lies between two layers or inside one.
+    middle = (layers // 2, 0) if layers % 2 == 0 else (layers // 2, 1)
+    return Profile(
+        angle=angle,
+        mid_displacement=line(u, *middle, 0),
+        inner_displacement=line(u, 0, 0, 0),
+        outer_displacement=line(u, layers - 1, 2, 0),
+        inner_stretch=stretch(0, 0),
+        outer_stretch=stretch(layers - 1, 2),
+        energy_density=_mean_energy(xi, u, x, law),
+    )
+
+
+def displacement_gradient(
+    xi: Array, eta: Array, u: Nodes, x: Nodes
+) -> tuple[Float[Array, "2 2 layer ..."], Float[Array, "layer ..."]]:
+    """Derivatives of the displacement by position, and the area of a unit of (xi, eta).
+
+    Args:
+        xi: local coordinates along the arc, [sample, #element, #lane].
+        eta: local coordinate through each layer.
+        u: displacements of the nodes.
+        x: reference positions of the nodes.
+    """
+    n, dn = quadratic(xi), quadratic(xi, 1)
+    m, dm = quadratic(eta), quadratic(eta, 1)
+
+    def local(values: Nodes) -> tuple[Array, Array]:
+        v = values[:, :, :, None]
+        along = [dn[a] * m[b] * v[i] for i, (a, b) in enumerate(NODES)]
+        across = [n[a] * dm[b] * v[i] for i, (a, b) in enumerate(NODES)]
+        return functools.reduce(jnp.add, along), functools.reduce(jnp.add, across)
+
+    (x1, x2), (u1, u2) = local(x), local(u)
+    area = x1[0] * x2[1] - x1[1] * x2[0]
+    by_x = (u1 * x2[1] - u2 * x1[1]) / area
+    by_y = (u2 * x1[0] - u1 * x2[0]) / area
+    return jnp.stack([by_x, by_y], 1), area
+
+
+def _mean_energy(xi: Array, u: Nodes, x: Nodes, law: AbstractLaw) -> Array:
+    """Strain-energy density, mean over the thickness."""
+    points, weights = gauss_legendre(3, -1.0, 1.0)
+    total, volume = jnp.zeros(()), jnp.zeros(())
+    for eta, weight in zip(points, weights, strict=True):
+        gradient, area = displacement_gradient(xi, jnp.asarray(eta), u, x)
+        density = law.energy(PlaneStrain.from_displacement_gradient(gradient))
+        total = total + weight * jnp.sum(area * density, 0)
+        volume = volume + weight * jnp.sum(area, 0)
+    return total / volume
+
+
+def mirrored(layout: Layout, q: StationVector) -> StationVector:
+    """Unknowns of the whole arc from those of the left half of a symmetric one."""
+    sides = jnp.array([-1.0, 1.0] * layout.nodes)[:, None, None]
+    modes = jnp.repeat(jnp.array([1.0, -1.0, 1.0]), layout.layers)[:, None, None]
+    inner = jnp.concatenate([sides, modes])
+    stations, inside = layout.split(q)
+    return layout.joined(
+        jnp.concatenate([stations, sides * stations[:, -2::-1]], 1),
+        jnp.concatenate([inside, inner * inside[:, ::-1]], 1),
+    )
+
+
+def coarsened(layout: Layout, q: StationVector) -> StationVector:
+    """The same deformation on the mesh that `refined` came from; see `mesh.MeshPlan`.
+
+    Elements are joined in pairs along the arc (a last one without a partner stays as it
+    is) and, where their number is even, through the thickness.
+    """
+    stations, middles = layout.lines(q)
+    _, p = layout.gather(q)
+    pairs = layout.elements // 2 * 2
+    lone = layout.elements > pairs
+    kept = jnp.concatenate(
+        [stations[:, :, : pairs + 1 : 2], stations[:, :, layout.elements :][:, :, :lone]], 2
+    )
+    between = jnp.concatenate([stations[:, :, 1:pairs:2], middles[:, :, pairs:]], 2)
+    joined = _joined_modes(p[:, :, :pairs], 2, 1)
+    p = jnp.concatenate([joined, p[:, :, pairs:]], 2)
+    layers = layout.layers
+    if layers % 2 == 0:
+        kept, between = kept[:, ::2], between[:, ::2]
+        p, layers = _joined_modes(p, 1, 2), layers // 2
+    coarse = Layout(kept.shape[2] - 1, layers)
+
+    def rows(x: Array) -> Array:
+        return jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])
+
+    inside = jnp.concatenate([rows(between), p.reshape(-1, *p.shape[2:])])
+    return coarse.joined(rows(kept), inside)
+
+
+def _joined_modes(
+    p: Float[Array, "3 layer element lane"], axis: int, mode: int
+) -> Float[Array, "3 layer element lane"]:
+    """Best linear fit to the pressures of pairs of elements, side by side along an axis."""
+    index = [slice(None)] * 4
+    first, second = (p[(*index[:axis], slice(i, None, 2))] for i in range(2))
+    mean = (first + second) / 2
+    slope = 0.75 * (second[0] - first[0]) + 0.25 * (first[mode] + second[mode])
+    return mean.at[mode].set(slope)

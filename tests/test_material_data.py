@@ -1,0 +1,162 @@
+"""Data files as test machines write them: read right, or answered with what is wrong."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fitting.cli import app
+from fitting.data_checks import contradictions, warnings_of
+from fitting.datasets import load_dataset
+from fitting.tables import DataError
+
+STRETCH = np.array([1.0, 1.2, 1.5, 2.0])
+NOMINAL = 4e5 * (STRETCH - STRETCH**-2)
+
+
+def written(folder: pathlib.Path, text: str | bytes, name: str = "data.csv") -> pathlib.Path:
+    file = folder / name
+    file.write_bytes(text.encode() if isinstance(text, str) else text)
+    return file
+
+
+def rows(*columns: np.ndarray, between: str = ",", decimal: str = ".") -> str:
+    return "".join(
+        between.join(f"{x:.10g}".replace(".", decimal) for x in row) + "\n"
+        for row in zip(*columns, strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "stretch_1,nominal_stress_MPa\n" + rows(STRETCH, NOMINAL / 1e6),
+        "# a comment\n\nstrain,engineering stress [kPa]\n" + rows(STRETCH - 1, NOMINAL / 1e3),
+        "Strain (%)\tNominal Stress (psi)\n"
+        + rows(100 * (STRETCH - 1), NOMINAL / 6894.757293168361, between="\t"),
+        "log_strain;true_stress_kgf/cm2\n"
+        + rows(np.log(STRETCH), NOMINAL * STRETCH / 98066.5, between=";", decimal=","),
+        "green_strain,pk2_kPa\n" + rows((STRETCH**2 - 1) / 2, NOMINAL / STRETCH / 1e3),
+        "Report;7\nOperator;A\nExtension;Force\n(mm);(kgf)\n"
+        + rows(25 * (STRETCH - 1), NOMINAL * 12e-6 / 9.80665, between=";", decimal=","),
+        "time_s,displacement_mm,force_N\n" + rows(STRETCH, 25 * (STRETCH - 1), NOMINAL * 12e-6),
+    ],
+)
+@pytest.mark.parametrize("encode", ["utf-8", "utf-8-sig", "utf-16"])
+def test_measures_units_and_locales(tmp_path: pathlib.Path, text: str, encode: str) -> None:
+    file = written(tmp_path, text.replace("\n", "\r\n").encode(encode))
+    specimen = {"length": "25 mm", "width": "6 mm", "thickness": "2 mm"}
+    data = load_dataset("uniaxial", file, specimen)
+    np.testing.assert_allclose(data.stretch_1, STRETCH, rtol=1e-8)
+    # Readings keep their measure; the combination of stresses that they are says which.
+    tau = NOMINAL * STRETCH
+    power = {"nominal": 1, "cauchy": 0, "second_pk": 2}[data.measure]
+    np.testing.assert_allclose(data.value, tau / STRETCH**power, rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(data.factors[2], STRETCH**-power, rtol=1e-8)
+
+
+def test_missing_values_are_counted(tmp_path: pathlib.Path) -> None:
+    text = "stretch,nominal_stress_kPa,use\n1.1,10,1\nNaN,20,1\n1.3,,1\n1.4,40,0\n1.5,50,1\n"
+    data = load_dataset("uniaxial", written(tmp_path, text))
+    assert data.size == 2
+    assert data.dropped == {"missing value": 2, "masked": 1}
+    assert any("2 (missing value), 1 (masked)" in warning for warning in warnings_of(data))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("stretch,nominal_stress_MPa\n", "no row below"),
+        ("1.1,0.2\n1.2,0.3\n", "line 1: numbers without a line of column names"),
+        ("stretch,nominal_stress\n1.1,0.2\n", 'column "nominal_stress" states no unit'),
+        ("stretch,nominal_stress_foo\n1.1,0.2\n", 'unknown unit "foo"; allowed: Pa, kPa'),
+        ("stretch,nominal_stress_mm\n1.1,0.2\n", "no unit of stress"),
+        ("stretch,nominal_stress_MPa\n1.1,0.2\n-0.5,0.3\n", 'line 3, column "stretch": -0.5'),
+        ("strain_%,nominal_stress_MPa\n5,0.2\n-120,0.3\n", 'line 3, column "strain_%": -120'),
+        ("stretch,nominal_stress_MPa\n1.1,0.2\n1.2,abc\n", '"abc" is no number'),
+        ("stretch,nominal_stress_MPa\n1.1,0.2,7\n", "line 2: 3 fields, but 2 columns"),
+        ("stretch,nominal_stress_MPa\n1,1,0,2\n1,2,0,3\n", "decimal commas can't be told"),
+        ("stretch,stretch,nominal_stress_MPa\n1.1,1.1,0.2\n", '"stretch" stands twice'),
+        ("stretch,colour\n1.1,3\n", 'has "stretch", "colour"'),
+        ("stretch,nominal_stress_MPa\nNaN,0.2\n", "no row holds both"),
+        ("displacement_mm,force_N\n1,2\n", "needs the specimen's"),
+        ("stretch,nominal_stress_MPa,sigma_MPa\n1.1,0.2,0\n", "must be greater than zero"),
+        ("stretch,nominal_stress_MPa,weight\n1.1,0.2,-1\n", "must not be negative"),
+        (b"PK\x03\x04\x00\x00", "is no text; export the sheet as CSV"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: pathlib.Path, text: str, message: str) -> None:
+    file = written(tmp_path, text)
+    with pytest.raises(DataError) as caught:
+        load_dataset("uniaxial", file)
+    assert message in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_unloading_is_found_and_shuffling_is_not(tmp_path: pathlib.Path) -> None:
+    out, back = np.linspace(1.0, 2.5, 20), np.linspace(2.45, 1.2, 12)
+    stretch = np.concatenate([out, back])
+    stress = 400.0 * (stretch - stretch**-2) * np.where(np.arange(32) < 20, 1.0, 0.8)
+    head = "stretch,nominal_stress_kPa\n"
+    cycle = load_dataset("uniaxial", written(tmp_path, head + rows(stretch, stress)))
+    found = [text for text in warnings_of(cycle) if "unloading branch" in text]
+    assert len(found) == 1
+    assert "12 readings (lines 22 to 33)" in found[0]
+    assert "20 % lower" in found[0]
+    order = np.random.default_rng(0).permutation(32)
+    shuffled = written(tmp_path, head + rows(stretch[order], stress[order]))
+    assert not any(
+        "unloading" in text for text in warnings_of(load_dataset("uniaxial", shuffled))
+    )
+    falling = written(tmp_path, head + rows(out[::-1], stress[:20][::-1]))
+    assert not any(
+        "unloading" in text for text in warnings_of(load_dataset("uniaxial", falling))
+    )
+
+
+def test_a_mistaken_unit_is_doubted(tmp_path: pathlib.Path) -> None:
+    stretch = np.linspace(1.05, 5.0, 15)
+    stress = 0.4 * (stretch - stretch**-2)
+    head = "stretch,nominal_stress_MPa\n"
+    right = load_dataset("uniaxial", written(tmp_path, head + rows(stretch, stress), "a.csv"))
+    wrong = load_dataset(
+        "pure_shear", written(tmp_path, head + rows(stretch, stress * 10.197), "b.csv")
+    )
+    assert not any("unit" in text for text in warnings_of(right))
+    assert any("unit is doubtful" in text and "kgf/cm2" in text for text in warnings_of(wrong))
+    assert any("b.csv" in text for text in contradictions([right, wrong]))
+
+
+def test_command_line(tmp_path: pathlib.Path) -> None:
+    stretch = np.linspace(0.7, 2.0, 15)
+    file = written(
+        tmp_path,
+        "stretch,nominal_stress_kPa\n" + rows(stretch, 400.0 * (stretch - stretch**-2)),
+    )
+    run = CliRunner()
+    options = ["fit", "material", "--law", "neo-hookean", "--data", f"uniaxial={file}"]
+    result = run.invoke(app, [*options, "--json", "--plot", str(tmp_path / "fit.png")])
+    assert result.exit_code == 0
+    report = json.loads(result.stdout)
+    np.testing.assert_allclose(report["parameters"]["mu"], 4e5, rtol=1e-6)
+    assert report["units"] == {"mu": "Pa"}
+    assert report["modes"]["uniaxial"]["n"] == 15
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+    assert run.invoke(app, options).exit_code == 0
+    for bad, message in [
+        (["--law", "odgen"], "unknown law"),
+        (["--residual", "chi"], "allowed: relative, absolute, noise"),
+        (["--residual", "noise"], "needs the noise"),
+        (["--data", "uniaxal=x.csv"], 'did you mean "uniaxial"'),
+        (["--data", "x.csv"], "expected MODE=FILE"),
+        (["--data", "uniaxial=missing.csv"], "no such file"),
+        (["--terms", "9"], "allows 1"),
+        (["--bound", "mu=3"], "expected NAME=LOW:HIGH"),
+        (["--specimen", "wdth=3 mm"], 'did you mean "width"'),
+    ]:
+        result = run.invoke(app, [*options, *bad])
+        assert result.exit_code == 2, bad
+        assert message in result.stderr

@@ -1,0 +1,252 @@
+"""Material fits: published data, known truths, convergence, coverage, misfit."""
+
+import dataclasses
+import pathlib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.optimize
+
+from fitting.datasets import Dataset, load_dataset
+from fitting.experiments import Bulge, Homogeneous, mode_factors, shear_factors
+from fitting.least_squares import minimise
+from fitting.material import compare_laws, fit_material
+from fitting.parameters import CHOICES, Constant, Family, Scales, family
+from fitting.problem import pose
+from suas_jax.constitutive import (
+    AbstractLaw,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    balloon_pressure,
+    inflated_diaphragm,
+    simple_shear,
+    uniaxial,
+)
+from suas_jax.kinematics import AbstractDeformation
+
+DATA = pathlib.Path(__file__).parent.parent / "configs" / "data"
+TABLE_1 = np.array([6.3e5, 0.012e5, -0.1e5, 1.3, 5.0, -2.0])
+TRELOAR = ("uniaxial", "equibiaxial", "pure_shear")
+
+
+@pytest.fixture(scope="module")
+def treloar() -> list[Dataset]:
+    return [load_dataset(mode, DATA / f"treloar1944_{mode}.csv") for mode in TRELOAR]
+
+
+def made_by(law: AbstractLaw, sets: list[Dataset], noise: float, seed: int) -> list[Dataset]:
+    """The same tests, read from a law with relative Gaussian noise."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for data in sets:
+        test = pose([data], family("neo-hookean"), "absolute").residuals.experiments[0]
+        exact = np.asarray(test.predict(law))[: data.size]
+        sigma = noise * np.abs(exact)
+        value = exact + sigma * rng.standard_normal(data.size)
+        made.append(dataclasses.replace(data, value=value, sigma=sigma))
+    return made
+
+
+@pytest.mark.parametrize("kind", ["relative", "absolute"])
+def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
+    treloar: list[Dataset], kind: str
+) -> None:
+    law = family("ogden", 3)
+    residuals = pose(treloar, law, kind).residuals
+    fit = fit_material(treloar, law, residual=kind)
+    assert fit.status == "converged"
+    published = residuals.of_constants(jnp.asarray(TABLE_1))
+    assert fit.cost < 0.5 * float(jnp.sum(published**2))
+    value = jax.jit(lambda theta: residuals(theta))
+    slope = jax.jit(jax.jacfwd(lambda theta: residuals(theta)))
+    rng = np.random.default_rng(5)
+    best = np.inf
+    for start in law.random(rng, 12):
+        start[:3] += rng.uniform(-4.0, 0.0, 3) - np.abs(start[3:])
+        with np.errstate(over="ignore"):
+            found = scipy.optimize.least_squares(
+                value, start, slope, x_scale="jac", max_nfev=300
+            )
+        best = min(best, found.cost)
+    assert fit.cost <= best * (1.0 + 1e-6)
+
+
+def test_one_mode_alone_is_not_trusted(treloar: list[Dataset]) -> None:
+    report = fit_material(treloar[:1], "ogden", 3).report
+    text = " ".join(report["unidentifiable"])
+    assert "equibiaxial stress: not measured" in text
+    assert any("only uniaxial was measured" in warning for warning in report["warnings"])
+
+
+def test_plane_strain_determines_the_sum_of_c1_and_c2(treloar: list[Dataset]) -> None:
+    made = made_by(MooneyRivlin(2e5, 3e4), treloar[2:], 0.01, 0)
+    fit = fit_material(made, "mooney-rivlin", 2)
+    assert fit.uncertainty.unidentifiable == ("C1 - C2 (free by any amount)",)
+    np.testing.assert_allclose(fit.constants.sum(), 2.3e5, rtol=0.01)
+    assert fit.uncertainty.condition_number > 1e10
+
+
+@pytest.mark.parametrize(
+    ("mode", "file"),
+    [
+        ("biaxial", "kawabata1981_general_biaxial.csv"),
+        ("biaxial_difference", "jones_treloar1975_biaxial_difference.csv"),
+    ],
+)
+def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
+    report = fit_material([load_dataset(mode, DATA / file)], "ogden", 2).report
+    assert report["status"] == "converged"
+    assert (
+        report["modes"][mode]["rms_MPa"] < {"biaxial": 0.015, "biaxial_difference": 0.07}[mode]
+    )
+    assert report["modes"][mode]["n"] == {"biaxial": 234, "biaxial_difference": 167}[mode]
+
+
+@pytest.mark.parametrize("law", [name for name in CHOICES if name != "ogden"])
+def test_exact_data_give_their_constants_back(treloar: list[Dataset], law: str) -> None:
+    chosen = family(law)
+    scales = pose(treloar, chosen, "relative").residuals.scales
+    theta = np.linspace(-0.15, 0.1, chosen.size)
+    truth = np.asarray(chosen.constants(jnp.asarray(theta), scales))
+    made = made_by(chosen.law(jnp.asarray(truth)), treloar, 0.0, 0)
+    residuals = pose(made, chosen, "relative").residuals
+    starts = chosen.random(np.random.default_rng(0), 16)
+    found = minimise(residuals, starts)
+    assert found.converged[0]
+    constants = np.asarray(chosen.constants(jnp.asarray(found.theta[0]), residuals.scales))
+    np.testing.assert_allclose(constants, truth, rtol=1e-5, atol=1e-6 * abs(truth).max())
+
+
+@pytest.mark.parametrize("law", list(CHOICES))
+def test_bijections_invert_and_keep_sign_conditions(law: str) -> None:
+    chosen = family(law, CHOICES[law].most)
+    scales = Scales(*map(jnp.asarray, (4e5, 50.0, 20.0, 2.0)))
+    rng = np.random.default_rng(2)
+    for theta in rng.normal(0.0, 2.0, (20, chosen.size)):
+        constants = chosen.constants(jnp.asarray(theta), scales)
+        built = chosen.law(constants)  # refuses constants that break its conditions
+        assert float(built.shear_modulus) > 0.0
+        np.testing.assert_allclose(
+            chosen.unconstrained(constants, scales), theta, rtol=1e-9, atol=1e-9
+        )
+
+
+def test_readings_of_all_tests_are_those_of_the_closed_forms() -> None:
+    law = Ogden(TABLE_1[:3], TABLE_1[3:])
+    stretch = np.array([0.7, 1.3, 2.2])
+
+    def read(factors: tuple[np.ndarray, ...]) -> np.ndarray:
+        return np.asarray(Homogeneous(*map(jnp.asarray, factors)).predict(law))
+
+    np.testing.assert_allclose(
+        read(mode_factors("uniaxial", stretch)), uniaxial(law, stretch).cauchy, rtol=1e-13
+    )
+    shear = np.array([-0.5, 0.2, 1.7])
+    np.testing.assert_allclose(
+        read(shear_factors(shear)), simple_shear(law, shear).shear, rtol=1e-13
+    )
+
+
+def test_balloon_file_is_read_as_the_balloon_formula(tmp_path: pathlib.Path) -> None:
+    law = NeoHookean(4e5)
+    stretch = np.linspace(1.1, 2.5, 12)
+    pressure = np.asarray(balloon_pressure(law, stretch, 0.3 / 20))
+    file = tmp_path / "balloon.csv"
+    rows = "".join(f"{20 * s},{p / 100}\n" for s, p in zip(stretch, pressure, strict=True))
+    file.write_text(
+        f"# rest_radius: 20 mm\n# thickness: 0.3 mm\nradius_mm,pressure_mbar\n{rows}"
+    )
+    fit = fit_material([load_dataset("balloon", file)], "neo-hookean", starts=4)
+    np.testing.assert_allclose(fit.constants, 4e5, rtol=1e-8)
+
+
+def test_settled_bulge_predicts_the_membranes_pressure() -> None:
+    law = MooneyRivlin(2e5, 3e4)
+    exact = inflated_diaphragm(law, jnp.array([1.2, 1.6]), 1.0, 0.03)
+    height = jnp.asarray(exact.apex_height)
+    rough = Bulge(height, jnp.full(2, 0.03), jnp.log1p(height**2))
+    np.testing.assert_allclose(rough.settled(law).predict(law), exact.pressure, rtol=1e-8)
+
+
+def test_own_energy_in_a_few_lines(treloar: list[Dataset]) -> None:
+    class Hencky(AbstractLaw):
+        mu: jax.Array
+
+        def energy(self, deformation: AbstractDeformation) -> jax.Array:
+            small = 1e-2
+            return self.mu / small**2 * deformation.power_sum_minus_3(small)
+
+        @property
+        def shear_modulus(self) -> jax.Array:
+            return self.mu
+
+    made = made_by(Hencky(jnp.asarray(3e5)), treloar, 0.0, 0)
+    fit = fit_material(made, Family("hencky", (Constant("mu"),), Hencky), starts=4)
+    np.testing.assert_allclose(fit.constants, 3e5, rtol=1e-8)
+
+
+@pytest.mark.parametrize("kind", ["relative", "noise"])
+def test_intervals_cover_the_truth(treloar: list[Dataset], kind: str) -> None:
+    truth = np.array([1.9e5, -1.8e3, 44.0])
+    law = family("yeoh", 3)
+    hits: dict[float, list[np.ndarray]] = {0.6827: [], 0.95: []}
+    for seed in range(80):
+        made = made_by(law.law(jnp.asarray(truth)), treloar, 0.02, seed)
+        fit = fit_material(made, law, residual=kind, starts=16)
+        for level, found in hits.items():
+            low, high = fit.intervals(level)
+            found.append((fit.status == "converged") & (low <= truth) & (truth <= high))
+    # Binomial with 80 draws of three constants: two standard deviations are 7 % and 3 %.
+    assert abs(np.mean(hits[0.6827]) - 0.6827) < 0.08
+    assert abs(np.mean(hits[0.95]) - 0.95) < 0.04
+
+
+@pytest.mark.parametrize("kind", ["relative", "noise"])
+def test_a_wrong_law_is_said_and_its_intervals_widened(
+    treloar: list[Dataset], kind: str
+) -> None:
+    truth = Ogden(TABLE_1[:3], TABLE_1[3:])
+    made = made_by(truth, treloar, 0.01, 1)
+    fit = fit_material(made, "neo-hookean", residual=kind, starts=4)
+    assert fit.misfit.significant
+    assert fit.misfit.inflation > 2.0
+    (low,), (high,) = fit.intervals(0.95)
+    assert low < float(truth.shear_modulus) < high
+    right = fit_material(made, "ogden", 3, residual=kind)
+    assert not right.misfit.significant
+
+
+def test_laws_are_ranked_by_information(treloar: list[Dataset]) -> None:
+    made = made_by(MooneyRivlin(2e5, 3e4), treloar, 0.01, 4)
+    candidates = (("neo-hookean", 1), ("mooney-rivlin", 2), ("ogden", 1))
+    comparison = compare_laws(made, candidates, starts=16)
+    assert comparison.best.family.title == "mooney-rivlin"
+    aicc = [row["aicc"] for row in comparison.table]
+    assert aicc == sorted(aicc)
+
+
+def test_hard_bounds_hold(treloar: list[Dataset]) -> None:
+    fit = fit_material(treloar, "yeoh", bounds={"C3": (0.0, 20.0)}, starts=16)
+    assert fit.bounded == ("C3",)
+    np.testing.assert_allclose(fit.constants[2], 20.0, rtol=1e-6)
+    with pytest.raises(ValueError, match=r"no such constant; allowed: C1, C2, C3"):
+        fit_material(treloar, "yeoh", bounds={"C4": (0.0, 1.0)}, starts=16)
+
+
+def test_random_cases_converge_or_are_named(treloar: list[Dataset]) -> None:
+    rng = np.random.default_rng(8)
+    named = {"converged", "single_minimum", "not_converged"}
+    for case in range(24):
+        data = treloar[rng.integers(3)]
+        part = data.select(np.sort(rng.permutation(data.size)[: rng.integers(1, data.size)]))
+        noise = 10.0 ** rng.uniform(-3.0, 0.5)
+        value = part.value * (1.0 + noise * rng.standard_normal(part.size))
+        value *= rng.choice([1.0, 1.0, -1.0, 0.0]) * 10.0 ** rng.uniform(-3.0, 3.0)
+        made = dataclasses.replace(part, value=value)
+        law, terms = [("ogden", 2), ("gent", 1), ("mooney-rivlin", 3)][case % 3]
+        report = fit_material([made], law, terms, starts=16, seed=case).report
+        assert report["status"] in named
+        assert np.all(np.isfinite(report["covariance"]))

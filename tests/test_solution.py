@@ -1,0 +1,84 @@
+"""A solved scene: its error estimate, its mesh, and what it does not pay for."""
+
+from typing import Any
+
+import pytest
+
+from suas_jax.config import SceneSpec, with_solve
+from suas_jax.sensitivity import UnknownQuantityError, gradient
+from suas_jax.solution import solve
+from tests.skins import LAWS, line, scene
+
+SCENES: dict[str, SceneSpec] = {
+    "case A": scene(line(0, 24.4)),
+    "case B": scene(line(45, 20.7)),
+    "soft, thick, spread": scene(
+        line(-25, 2, spread="8 mm"),
+        material={"law": "neo-hookean", "mu": "1 MPa"},
+        thickness=0.003,
+    ),
+}
+
+
+def largest_error(report: dict[str, Any], truth: dict[str, Any]) -> float:
+    """Relative error of what the estimate speaks of."""
+    size = max(abs(load["displacement_m"]) for load in truth["loads"])
+    errors = [abs(report["oil_pressure_Pa"] / truth["oil_pressure_Pa"] - 1)]
+    for load, true in zip(report["loads"], truth["loads"], strict=True):
+        for name in ("displacement_m", "inner_displacement_m"):
+            errors.append(abs(load[name] - true[name]) / size)
+    return max(errors)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_discretisation_error_is_within_a_factor_of_three(name: str) -> None:
+    truth = solve(with_solve(SCENES[name], elements=192)).report
+    report = solve(with_solve(SCENES[name], elements=16)).report
+    true = largest_error(report, truth)
+    assert true / 3 < report["discretisation_error"] < 3 * true
+
+
+def test_sixteen_elements_a_half_arc_are_within_a_thousandth() -> None:
+    for name in ("case A", "case B"):
+        truth = solve(with_solve(SCENES[name], elements=192)).report
+        report = solve(with_solve(SCENES[name], elements=32)).report
+        assert largest_error(report, truth) < 1e-3
+
+
+def test_the_mesh_is_refined_until_rtol_is_met() -> None:
+    report = solve(with_solve(SCENES["case A"], rtol=3e-5)).report
+    truth = solve(with_solve(SCENES["case A"], elements=192)).report
+    assert report["rtol_met"]
+    assert largest_error(report, truth) < 1e-4
+
+
+def test_a_forced_mesh_that_misses_rtol_says_so() -> None:
+    report = solve(with_solve(SCENES["case A"], elements=4, rtol=1e-6)).report
+    assert report["status"] == "converged"
+    assert not report["rtol_met"]
+
+
+def test_what_a_scene_does_not_need_is_not_solved() -> None:
+    trapped = solve(with_solve(SCENES["case B"], elements=16)).report
+    vented = scene(line(45, 2), oil={"model": "vented"})
+    assert trapped["unknowns"] == 15 * 4 + 2 + 1  # stations, stretch at the clamps, pressure
+    assert solve(with_solve(vented, elements=16)).report["unknowns"] == 15 * 4 + 2
+    half = solve(with_solve(SCENES["case A"], elements=16)).report
+    assert half["unknowns"] == 7 * 4 + 1 + 2 + 1  # the crown keeps y and the stretch
+    nothing = solve(scene(line(45, 0))).report
+    assert (nothing["unknowns"], nothing["iterations"]) == (0, 0)
+    assert nothing["max_displacement_m"] == 0
+
+
+def test_only_quantities_of_the_report_can_be_differentiated() -> None:
+    solution = solve(with_solve(SCENES["case B"], elements=16))
+    with pytest.raises(UnknownQuantityError, match="oil_pressure_Pa"):
+        gradient(solution, "status")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_pressure_under_no_load_but_external_is_that_pressure(law: str) -> None:
+    uniform = {"kind": "pressure", "pressure": "800 Pa"}
+    report = solve(scene(uniform, material=LAWS[law])).report
+    assert report["oil_pressure_Pa"] == pytest.approx(800, rel=1e-9)
+    assert report["max_displacement_m"] < 1e-12
