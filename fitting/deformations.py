@@ -17,7 +17,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax._types import Lanes
 from suas_jax.compiled import COMPILED
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium import Problem, State, equilibrium
@@ -158,7 +157,6 @@ class Response(NamedTuple):
 
     Attributes:
         state: the equilibrium.
-        pressure: of the oil [Pa].
         displacement: under each load, along it [load, state, m].
         compliance: derivative of the displacements by the forces [of, by, state, m/N].
         face: the deformed inner face.
@@ -356,14 +354,3 @@ def _insist(found: Response, loads: KnownLoads, force: np.ndarray) -> None:
     )
     raise NoDeformation(f"{where}: {name}. {advice(name)}; check the columns' units")
 
-
-def rest_face(
-    geometry: SkinGeometry, count: int, elements: int = ELEMENTS
-) -> tuple[Lanes, PolarFace]:
-    """The undeformed inner face, for states without loads."""
-    edges = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
-    radius = jnp.zeros((5, elements, 1)).at[0].set(geometry.inner_radius)
-    face = PolarFace(edges, radius, jnp.zeros(1, bool))
-    return jnp.zeros(count), jax.tree.map(
-        lambda x: jnp.broadcast_to(x, (*x.shape[:-1], count)), face
-    )

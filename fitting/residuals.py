@@ -35,6 +35,24 @@ class AbstractResiduals(eqx.Module):
         """Improve a start by what is linear in it; by default it stays."""
         return theta
 
+    def log_likelihood(
+        self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
+    ) -> Float[Array, ""]:
+        """Gaussian log-likelihood up to a constant, −½ Σ r²/s² − n log s.
+
+        Args:
+            theta: unconstrained parameters.
+            noise: s, standard deviation of the residuals: one where the scales are the
+                known noise, otherwise estimated or sampled with the parameters.
+
+        Returns:
+            The log-likelihood; −∞ where the law can't follow the test.
+        """
+        r = self(theta)
+        count = jnp.sum(self.inverse_scale > 0.0)
+        value = -0.5 * jnp.sum(r * r) / noise**2 - count * jnp.log(noise)
+        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
+
     @property
     def used(self) -> np.ndarray:
         """Which of the padded readings are measurements, shape [n]."""
@@ -75,24 +93,6 @@ class Residuals(AbstractResiduals):
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for unconstrained parameters, shape [n]."""
         return self.of_constants(self.family.constants(theta, self.scales))
-
-    def log_likelihood(
-        self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
-    ) -> Float[Array, ""]:
-        """Gaussian log-likelihood up to a constant, −½ Σ r²/s² − n log s.
-
-        Args:
-            theta: unconstrained parameters.
-            noise: s, standard deviation of the residuals: one where the scales are the
-                known noise, otherwise estimated or sampled with the parameters.
-
-        Returns:
-            The log-likelihood; −∞ where the law can't follow the test.
-        """
-        r = self(theta)
-        count = jnp.sum(self.inverse_scale > 0.0)
-        value = -0.5 * jnp.sum(r * r) / noise**2 - count * jnp.log(noise)
-        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
 
     def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Use what is linear in a start: the shares of an Ogden law's terms."""
