@@ -161,6 +161,11 @@ class NoCalibration(ValueError):  # noqa: N818
     """The logs don't belong to the skin, or nothing can be told from them."""
 
 
+def material_unit(key: str) -> str:
+    """SI unit of a key of [material], "1" for a number."""
+    return "1" if key.split(".")[0] in ("alpha", "Jm", "lambda_m") else "Pa"
+
+
 def named(spec: SkinSpec, name: str) -> Constant:
     """The constant of a skin that a name stands for.
 
@@ -190,7 +195,7 @@ def named(spec: SkinSpec, name: str) -> Constant:
             + ", ".join(material)
         )
     value = material[own]
-    unit = "1" if "alpha" in own or "power" in own else "Pa"
+    unit = material_unit(own.removeprefix("material."))
     size = abs(value) or max(abs(v) for v in material.values())
     return Constant(own, unit, size, value > 0)
 
