@@ -44,6 +44,9 @@ def sensor(
             "..., separated by commas."
         ),
     ] = "permittivity,gap",
+    gap: Annotated[
+        str, typer.Option(help="One gap for all taxels (global), each module, or each taxel.")
+    ] = "global",
     joint: Annotated[
         bool, typer.Option("--joint", help="Find the material's constants as well.")
     ] = False,
@@ -113,6 +116,7 @@ def sensor(
                 baseline=read_baseline(baseline) if baseline else None,
                 offsets=offsets,
                 air=air,
+                gaps=gap,
                 progress=show,
             )
             report = sensor_report(found)

@@ -64,6 +64,7 @@ _DRIFTING = 5.0
 # A taxel-to-taxel misfit beyond this is no tolerance of assembly.
 _ANOTHER_SKIN = 0.3
 _PLAUSIBLE = (0.9, 200.0)
+_FACTOR = 3.0
 _LARGEST_MOVE = 0.3
 _SAME = 1e-7
 
@@ -208,6 +209,7 @@ def fit_sensor(
     baseline: Baseline | None = None,
     offsets: bool = False,
     air: str = "skin",
+    gaps: str = "global",
     progress: Callable[[str], None] = lambda text: None,
 ) -> SensorFit:
     """Find the constants that follow the logs best, and say how far they can be known.
@@ -220,20 +222,51 @@ def fit_sensor(
         offsets: give every taxel an offset of its own.
         air: how air in the gap answers: "skin" (as the skin file says), "trapped" or
             "vented".
+        gaps: whether all taxels share one gap ("global"), those of a module ("module"), or
+            each has its own ("taxel").
         progress: called with what is being done.
 
     Raises:
         ValueError: an argument is not allowed.
         NoCalibration: the logs don't follow the skin's model at all.
     """
-    family = SensorFamily(tuple(dict.fromkeys(named(data.spec, name) for name in fit)))
+    parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
+    parts, gap_of = _single_gaps(data.spec, parts, gaps)
+    family = SensorFamily(parts)
     if not family.size:
         raise ValueError("--fit: name at least one constant")
     given = {named(data.spec, k).name: v for k, v in (priors or {}).items()}
     for name in given:
         if name not in family.names:
+            if name == GAP:
+                raise ValueError("--prior gap: name each one, such as oil_gap.0")
             raise ValueError(f"--prior {name}: it is not fitted; fitted: {family.names}")
-    return _Calibration(data, family, given, baseline, offsets, air, progress).run()
+    return _Calibration(data, family, given, baseline, offsets, air, gap_of, progress).run()
+
+
+def is_gap(name: str) -> bool:
+    """Whether a constant is a gap, of all taxels, a module or one taxel."""
+    return name.split(".")[0] == GAP
+
+
+def _single_gaps(
+    spec: SkinSpec, parts: tuple[Constant, ...], gaps: str
+) -> tuple[tuple[Constant, ...], tuple[int, ...] | None]:
+    """Constants with a gap for each module or taxel, and which of them a taxel has."""
+    if gaps not in ("global", "module", "taxel"):
+        raise ValueError(f"--gap {gaps}: unknown; allowed: global, module, taxel")
+    shared = [part for part in parts if part.name == GAP]
+    if gaps == "global" or not shared:
+        return parts, None
+    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    keys = [
+        f"{GAP}.{m}" if gaps == "module" else f"{GAP}.{m}.{k}"
+        for m, k in zip(modules, numbers, strict=True)
+    ]
+    own = list(dict.fromkeys(keys))
+    others = tuple(part for part in parts if part.name != GAP)
+    single = tuple(dataclasses.replace(shared[0], name=key) for key in own)
+    return others + single, tuple(len(others) + own.index(key) for key in keys)
 
 
 class _Calibration:
@@ -247,8 +280,10 @@ class _Calibration:
         baseline: Baseline | None,
         offsets: bool,
         air: str,
+        gap_of: tuple[int, ...] | None,
         progress: Callable[[str], None],
     ) -> None:
+        self.gap_of = gap_of
         self.data, self.family, self.progress = data, family, progress
         self.warnings = list(data.warnings)
         self.given = {
@@ -333,7 +368,7 @@ class _Calibration:
         """Fit, take out outliers, add the priors that are needed, judge."""
         self.at = np.array([part.size for part in self.family.parts])
         for i, part in enumerate(self.family.parts):
-            start = self.inputs.get(PATHS.get(part.name, part.name))
+            start = self._stated(part.name)
             self.at[i] = part.size if start is None else float(start)
             if start is None and not part.positive:
                 self.at[i] = 0.0
@@ -371,6 +406,10 @@ class _Calibration:
         groups = [(np.flatnonzero(known), self.air), (np.flatnonzero(~known), None)]
         return [(index, oil) for index, oil in groups if index.size]
 
+    @property
+    def _names(self) -> str:
+        return ", ".join(file.path for file in self.data.files)
+
     def _deform(self) -> None:
         """Shapes of all states at the constants `at`."""
         self.progress("deforming the membrane")
@@ -388,7 +427,7 @@ class _Calibration:
             try:
                 shape = deform(loads, geometry, law, answer)
             except NoDeformation as error:
-                raise NoCalibration(str(error)) from None
+                raise NoCalibration(f"{self._names}: {error}") from None
             slopes = None
             if moving:
                 wanted = np.isfinite(loads.displacement)
@@ -420,14 +459,16 @@ class _Calibration:
             self.data.spec,
             self.family,
             self.moving,
+            self.gap_of,
         )
 
     def _mask_contact(self, margin: float) -> None:
         """Leave out readings of taxels that the membrane touches, or nearly."""
         constants = self.at.copy()
         model = self.model
-        if GAP in self.family.names:
-            constants[self.family.names.index(GAP)] *= margin
+        own = [i for i, name in enumerate(self.family.names) if is_gap(name)]
+        if own:
+            constants[own] *= margin
         else:
             gap = model.inputs[PATHS[GAP]]
             model = dataclasses.replace(model, inputs=model.inputs | {PATHS[GAP]: gap * margin})
@@ -554,16 +595,31 @@ class _Calibration:
         off = np.abs(found / np.median(found) - 1)
         if len(found) > 2 and np.median(off) > _ANOTHER_SKIN:
             raise NoCalibration(
-                f"the taxels read from {100 * found.min():.0f} to {100 * found.max():.0f} % of "
+                f"{self._names}: the taxels read from {100 * found.min():.0f} to {100 * found.max():.0f} % of "
                 "what this skin's model says: another skin, another layout, or known inputs in "
                 "other units"
             )
         i = self.family.names.index(PERMITTIVITY) if PERMITTIVITY in self.family.names else None
         if i is not None and not _PLAUSIBLE[0] < constants[i] < _PLAUSIBLE[1]:
             raise NoCalibration(
-                f"the counts ask for a relative permittivity of {constants[i]:.3g}, which no oil "
-                "has: check electrodes.lsb, stray and the electrodes' diameters in the skin "
-                "file, and the units of the log and of the known inputs"
+                f"{self._names}: the counts ask for a relative permittivity of "
+                f"{constants[i]:.3g}, which no oil has: check electrodes.lsb, stray and the "
+                "electrodes' diameters in the skin file, the units of the log and of the known "
+                "inputs, and that the log belongs to this skin"
+            )
+        for j, name in enumerate(self.family.names):
+            factor = constants[j] / self.family.parts[j].size
+            open_ = name in self.priors or self._static()
+            if is_gap(name) and not open_ and not 1 / _FACTOR < factor < _FACTOR:
+                raise NoCalibration(
+                    f"{self._names}: the counts ask for a gap of {1e3 * constants[j]:.3g} mm, "
+                    f"{factor:.2g} times the skin file's: check the units of the known "
+                    "displacements or forces, and that the log belongs to this skin"
+                )
+        if i is not None and not 0.5 < constants[i] / self.family.parts[i].size < 2.0:
+            self.warnings.append(
+                f"the permittivity found is {constants[i] / self.family.parts[i].size:.2g} times "
+                "the skin file's: check electrodes.lsb and the electrodes' diameters"
             )
 
     # ---- what the data determine
@@ -587,7 +643,7 @@ class _Calibration:
         """Constants, the one that gets a prior first leading."""
         names = self.family.names
         material = [n for n in names if n.startswith("material.")][::-1]
-        last = [GAP, PERMITTIVITY]
+        last = [*filter(is_gap, names), PERMITTIVITY]
         return [names.index(n) for n in (*_LEAST_KNOWN, *material, *last) if n in names]
 
     def _needed(self, constants: np.ndarray) -> dict[str, Prior]:
@@ -603,11 +659,14 @@ class _Calibration:
             name = self.family.names[i]
             if name in self.priors:
                 continue
-            open_ = _standard_errors(information) > OPEN
+            # What is as well known as a prior that it leans on needs none of its own.
+            set_ = {**self.priors, **needed}
+            shares = [p.sd / sizes[self.family.names.index(n)] for n, p in set_.items()]
+            limit = max([OPEN, *(2.0 * share for share in shares)])
             reason = ""
-            if open_[i]:
+            if _standard_errors(information)[i] > limit:
                 reason = "the logs leave it open"
-            elif name == GAP and static and PERMITTIVITY in self.family.names:
+            elif is_gap(name) and static and not any(map(is_gap, set_)):
                 reason = "one static state in one fluid determines permittivity over gap only"
             if not reason:
                 continue
@@ -616,15 +675,20 @@ class _Calibration:
             information[i, i] += (sizes[i] / needed[name].sd) ** 2
         return needed
 
+    def _stated(self, name: str) -> Array | None:
+        """What the skin file says of a constant, SI."""
+        own = GAP if is_gap(name) else name
+        return self.inputs.get(PATHS.get(own, own))
+
     def _static(self) -> bool:
         frames = self.used.any(0)
         return len(np.unique(self.state[frames])) == 1
 
     def _prior(self, i: int, reason: str) -> Prior:
         part = self.family.parts[i]
-        start = self.inputs.get(PATHS.get(part.name, part.name))
+        start = self._stated(part.name)
         mean = float(start) if start is not None else (part.size if part.positive else 0.0)
-        share = TOLERANCE.get(part.name, _MATERIAL_TOLERANCE)
+        share = TOLERANCE.get(part.name.split(".")[0], _MATERIAL_TOLERANCE)
         return Prior(mean, share * part.size, reason)
 
     def _drifts(self, constants: np.ndarray) -> bool:
@@ -651,6 +715,7 @@ class _Calibration:
             self.warnings.append(
                 f"readings drift with time ({worst:.0f} standard errors in the worst taxel): a "
                 "steady drift of every taxel is estimated and taken out"
+                + ("" if self.data.loaded.any() else "; or the skin was not at rest")
             )
         return worst > _DRIFTING
 
@@ -746,7 +811,7 @@ class _Calibration:
 
     def _ratio(self, constants: np.ndarray, judged: Uncertainty) -> tuple[float, float] | None:
         names = self.family.names
-        if PERMITTIVITY not in names:
+        if PERMITTIVITY not in names or self.gap_of is not None:
             return None
         i = names.index(PERMITTIVITY)
         gradient = np.zeros(len(names))
@@ -768,8 +833,9 @@ class _Calibration:
         open_ = {n for n, error, size in zip(names, alone, sizes, strict=True)
                  if not error < OPEN * size}
         automatic = {n for n, p in self.priors.items() if not p.reason.startswith("given")}
-        pair = {PERMITTIVITY, GAP}
-        if pair <= set(names) and (pair & (open_ | automatic)):
+        pair = {name for name in names if name == PERMITTIVITY or is_gap(name)}
+        gap_open = any(map(is_gap, open_ | automatic))
+        if PERMITTIVITY in pair and gap_open and self._coupled(information, pair):
             extra = sorted((open_ | automatic) - pair)
             why = (
                 "one static state in one fluid: "
@@ -782,7 +848,10 @@ class _Calibration:
                 + "; vary a known displacement or load, or add a log in a fluid of known "
                 "permittivity (air), to tell them apart"
             )
-        others = sorted((open_ | automatic) - pair)
+            named_ = pair
+        else:
+            named_ = set()
+        others = sorted((open_ | automatic) - named_)
         if others:
             values, vectors = np.linalg.eigh(information)
             for name in others:
@@ -793,9 +862,21 @@ class _Calibration:
                 ]
                 trade = f"; it trades against {', '.join(partners)}" if partners else ""
                 found.append(f"{name} is not determined{trade}")
-        if pair & (open_ | automatic) and not pair <= set(names):
-            found += [f"{n} is not determined" for n in sorted(pair & (open_ | automatic))]
         return found
+
+    def _coupled(self, information: np.ndarray, pair: set[str]) -> bool:
+        """Whether the permittivity is known where gaps are, and open where they are."""
+        i = self.family.names.index(PERMITTIVITY)
+        held = information.copy()
+        for name in pair - {PERMITTIVITY}:
+            j = self.family.names.index(name)
+            held[j, j] += 1e6**2
+        for name, prior in self.priors.items():
+            j = self.family.names.index(name)
+            if name not in pair:
+                held[j, j] += (self.family.parts[j].size / prior.sd) ** 2
+        alone = _standard_errors(information)[i]
+        return bool(_standard_errors(held)[i] < OPEN and not (alone < OPEN) or self._static())
 
     def _tells(
         self, constants: np.ndarray, sizes: np.ndarray, inflation: float

@@ -133,6 +133,8 @@ class SensorModel(eqx.Module):
         permittivity: of the fluid; NaN where it is the oil [state].
         spec: the skin.
         family: the constants.
+        gap_of: position of each taxel's own gap among the constants; None where all share
+            one.
     """
 
     inputs: dict[str, Array]
@@ -143,10 +145,16 @@ class SensorModel(eqx.Module):
     spec: SkinSpec = eqx.field(static=True)
     family: SensorFamily = eqx.field(static=True)
     moving: tuple[int, ...] = eqx.field(static=True, default=())
+    gap_of: tuple[int, ...] | None = eqx.field(static=True, default=None)
 
     def so(self, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
         """Continuous counts, without offsets and drift; NaN where the wall is touched."""
         *_, electrodes = parts_of(self.spec, self.numbers(constants))
+        if self.gap_of is not None:
+            single = electrodes.geometry.oil_gap - constants[jnp.array(self.gap_of)][:, None]
+            electrodes = eqx.tree_at(
+                lambda e: e.height, electrodes, single, is_leaf=lambda x: x is None
+            )
         oil = jnp.isnan(self.permittivity)
         known = jnp.where(oil, 1.0, self.permittivity)
         fluid = jnp.where(oil, electrodes.permittivity, known)
@@ -156,7 +164,9 @@ class SensorModel(eqx.Module):
     def numbers(self, constants: Float[Array, " p"]) -> dict[str, Array]:
         """SI values by TOML path with the calibrated ones in their places."""
         return self.inputs | {
-            PATHS.get(name, name): constants[i] for i, name in enumerate(self.family.names)
+            PATHS.get(name, name): constants[i]
+            for i, name in enumerate(self.family.names)
+            if not name.startswith(f"{GAP}.")
         }
 
     def _face(self, constants: Array) -> PolarFace:

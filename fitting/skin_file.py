@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fitting.sensor import SensorFit, material_unit
+from fitting.sensor import SensorFit, is_gap, material_unit
 from fitting.sensor_model import GAP, LAYERS, PERMITTIVITY, SCALE, STRAY
 from suas_jax.config import SkinSpec
+from suas_jax.config.schema_skin import MODULE_TAXELS
 
 _PLACES = {
     GAP: ("geometry", "oil_gap", "mm", 1e-3),
@@ -35,10 +36,14 @@ def calibrated_skin(skin: Path, fit: SensorFit) -> str:
         if part.name in _PLACES:
             table, key, unit, size = _PLACES[part.name]
             document[table][key] = _text(value / size, unit)
+        elif is_gap(part.name):
+            continue
         elif part.name == LAYERS:
             document["electrodes"]["layers"] = _layers(fit.data.spec, float(value))
         else:
             material[part.name.removeprefix("material.")] = float(value)
+    if fit.residuals.model.gap_of is not None:
+        _set_heights(document, fit)
     if material:
         _set_material(document, fit.data.spec, material)
     document.pop("calibration", None)
@@ -67,6 +72,21 @@ def _layers(spec: SkinSpec, total: float) -> list[dict[str, Any]]:
         }
         for layer in layers
     ]
+
+
+def _set_heights(document: Any, fit: SensorFit) -> None:
+    """Write the gaps of single taxels or modules as heights of their electrodes."""
+    assert fit.residuals.model.gap_of is not None
+    electrodes = fit.data.spec.electrodes
+    assert electrodes is not None
+    gaps = fit.constants[list(fit.residuals.model.gap_of)]
+    heights = [_text((fit.data.spec.geometry.oil_gap - gap) / 1e-3, "mm") for gap in gaps]
+    if electrodes.layout == "list":
+        for taxel, height in zip(document["electrodes"]["taxels"], heights, strict=True):
+            taxel["height"] = height
+        return
+    for i, module in enumerate(document["electrodes"]["modules"]):
+        module["heights"] = heights[MODULE_TAXELS * i : MODULE_TAXELS * (i + 1)]
 
 
 def _set_material(
