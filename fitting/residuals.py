@@ -114,3 +114,10 @@ def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np
         floor: smallest scale [Pa].
     """
     return np.maximum(np.maximum(np.abs(value), companion), floor)
+
+
+@eqx.filter_jit
+def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:
+    """Predicted readings [Pa] and residuals for constants in SI units, each [n]."""
+    predicted = residuals.predict(constants)
+    return predicted, residuals.weighed(predicted - residuals.value)

@@ -69,9 +69,11 @@ def scene(
     return scene_from_dict(table)
 
 
-def problem_of(spec: SceneSpec, elements: int, *, half: bool = False) -> Problem:
-    """The discrete problem of a scene on a mesh of its own."""
-    plan = plan_for(spec, elements)
+def problem_of(
+    spec: SceneSpec, elements: int, layers: int = 0, *, half: bool = False
+) -> Problem:
+    """The discrete problem of a scene on a mesh of its own; a solid where it has layers."""
+    plan = plan_for(spec, elements, layers)
     return build_problem(spec, plan.half() if half else plan, continuous_inputs(spec))
 
 

@@ -20,10 +20,10 @@ LAYERS = [
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],
     ["continuation", "equilibrium"],
-    ["problem", "observables", "resolution", "report"],
+    ["problem", "observables", "resolution", "report", "error_estimate"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],
-    ["plot", "plot_solid", "vtu"],
+    ["plot", "plot_solid", "taxel_plot", "vtu"],
     ["cli", "cli_sensing", "cli_acquisition"],
 ]
 

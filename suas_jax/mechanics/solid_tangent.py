@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax._types import StationVector
-from suas_jax.block_sweep import factorise, solve, symmetric_inverse, transposed
+from suas_jax.block_sweep import factorise, improved, solve, symmetric_inverse, transposed
 from suas_jax.block_tridiagonal import AbstractTangent, Sweep
 from suas_jax.mechanics.solid_layout import Layout
 
@@ -257,7 +257,9 @@ class ElementTangent(AbstractTangent):
                 jnp.concatenate([jnp.swapaxes(pressure(side), 0, 1) for side in sides], 1),
             ]
         )
-        inverse, pivots = symmetric_inverse(_batched(own))
+        own = _batched(own)
+        inverse, pivots = symmetric_inverse(own)
+        inverse = improved(inverse, own)
         across = _batched(across)
         carried = inverse @ across
         removed = transposed(across) @ carried
