@@ -108,25 +108,25 @@ def experiment(
 ) -> SensorData:
     """Noisy whole counts [taxel, frame] of frames with known inputs."""
     frames = so.shape[1]
-    zero = np.zeros((1, frames))
-    nothing = np.full((1, frames), np.nan)
-    loads = KnownLoads(
-        zero + ANGLE,
-        zero,
-        nothing if force is None else force[None],
-        nothing if displacement is None else displacement[None],
-        np.zeros(1, bool),
+    nothing = np.full(frames, np.nan)
+    known = np.stack(
+        [
+            nothing if x is None else x for x in (force, displacement, permittivity)
+        ]
     )
+    states, state = np.unique(np.nan_to_num(known, nan=1e9), axis=1, return_inverse=True)
+    states[states == 1e9] = np.nan
+    zero = np.zeros((1, states.shape[1]))
+    loads = KnownLoads(zero + ANGLE, zero, states[:1], states[1:2], np.zeros(1, bool))
     counts = np.rint(so + noise * random.standard_normal(so.shape))
-    fluid = np.full(frames, np.nan) if permittivity is None else permittivity
     return SensorData(
         spec,
         counts,
         np.arange(frames) / 50.0,
         np.zeros(frames, int),
-        np.arange(frames),
+        state.reshape(-1),
         loads,
-        fluid,
+        states[2],
         (LogFile("synthetic", "", frames, ("oil",), None),),
         (),
         (),
@@ -150,20 +150,22 @@ def line(name: str, fits: list[SensorFit], truth: dict[str, float]) -> None:
         )
 
 
-def study(count: int, *, field: bool = False, concentric: bool = False) -> list[SensorFit]:
-    """Fit synthetic experiments of 500 frames at known displacement."""
+def study(
+    count: int, *, field: bool = False, concentric: bool = False, steps: int = 500
+) -> list[SensorFit]:
+    """Fit synthetic experiments of 500 frames at known displacement, in steps up to 3 mm."""
     spec = load_skin(SKIN)
     if concentric:
         electrodes = spec.electrodes.model_copy(update={"capacitance": "concentric"})  # type: ignore[union-attr]
         spec = spec.model_copy(update={"electrodes": electrodes})
-    displacement = np.linspace(0.0, 3e-3, 500)
+    displacement = np.repeat(np.linspace(0.0, 3e-3, steps), 500 // steps)
     _, so = press(displacement, field=field)
     fits = []
     for seed in range(count):
         data = experiment(
             spec, so, np.random.default_rng(seed), displacement=displacement
         )
-        fits.append(fit_sensor(data))
+        fits.append(fit_sensor(data, like=fits[0] if fits else None))
         if seed % 20 == 19:
             print(f"  {seed + 1} of {count}", file=sys.stderr, flush=True)
     return fits

@@ -47,6 +47,12 @@ def sensor(
     gap: Annotated[
         str, typer.Option(help="One gap for all taxels (global), each module, or each taxel.")
     ] = "global",
+    model: Annotated[
+        str,
+        typer.Option(
+            help="Shapes of the membrane: shell, solid, auto (solid; shell for simulated logs)."
+        ),
+    ] = "auto",
     joint: Annotated[
         bool, typer.Option("--joint", help="Find the material's constants as well.")
     ] = False,
@@ -117,6 +123,7 @@ def sensor(
                 offsets=offsets,
                 air=air,
                 gaps=gap,
+                model=model,
                 progress=show,
             )
             report = sensor_report(found)

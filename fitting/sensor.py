@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.deformations import KnownLoads, NoDeformation, deform
+from fitting.deformations import Deformed, KnownLoads, NoDeformation, deform
 from fitting.diagnostics import Misfit, misfit
 from fitting.identifiability import Uncertainty, sensitivity, uncertainty
 from fitting.least_squares import Minima, minimise
+from fitting.solid_correction import MOST_PLACES, Correction, corrected, corrections
 from fitting.sensor_data import Masked, SensorData
 from fitting.sensor_model import (
     GAP,
@@ -35,7 +36,9 @@ from fitting.sensor_model import (
 )
 from suas_jax.acquisition.baseline import Baseline, rest_of
 from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.constitutive import AbstractLaw
 from suas_jax.gap import PolarFace
+from suas_jax.geometry import SkinGeometry
 from suas_jax.oil import AbstractOil, CompressibleOil, VentedOil
 from suas_jax.taxel import taxel_names
 
@@ -57,7 +60,7 @@ _OUTLIER = 5.0
 _HUBER = 1.5
 _HUBER_ROUNDS = 2
 _ROUNDS = 8
-_LANES = 4
+_LANES = 2
 # Readings of a taxel that may be outliers before the taxel is given up.
 _BAD_TAXEL = 0.5
 _DRIFTING = 5.0
@@ -105,7 +108,9 @@ class SensorFit:
         offsets: of every taxel with its standard error [2, taxel], counts; None if not
             asked for.
         drift: of every taxel and log [taxel, log], counts/s; None where there is none.
-        shape: forces and displacements of the states.
+        loads: the known states, the baseline's included.
+        force: on each load, given or found [load, state, N].
+        displacement: of each load [load, state, m].
         findings: what the data don't determine, in words.
         tells: what each log, and each fluid, tells.
         warnings: what a person should know.
@@ -125,6 +130,7 @@ class SensorFit:
     outliers: int
     offsets: np.ndarray | None
     drift: np.ndarray | None
+    loads: KnownLoads
     force: np.ndarray
     displacement: np.ndarray
     findings: tuple[str, ...]
@@ -210,6 +216,8 @@ def fit_sensor(
     offsets: bool = False,
     air: str = "skin",
     gaps: str = "global",
+    like: SensorFit | None = None,
+    model: str = "auto",
     progress: Callable[[str], None] = lambda text: None,
 ) -> SensorFit:
     """Find the constants that follow the logs best, and say how far they can be known.
@@ -224,6 +232,9 @@ def fit_sensor(
             "vented".
         gaps: whether all taxels share one gap ("global"), those of a module ("module"), or
             each has its own ("taxel").
+        model: "shell", "solid" (the shell with the solid's correction), or "auto": the
+            solid, unless the logs say that `suas simulate` made them, which has the shell.
+        like: a calibration of the same known states, whose shapes are used again.
         progress: called with what is being done.
 
     Raises:
@@ -233,6 +244,8 @@ def fit_sensor(
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     parts, gap_of = _single_gaps(data.spec, parts, gaps)
     family = SensorFamily(parts)
+    if model not in ("auto", "shell", "solid"):
+        raise ValueError(f"--model {model}: unknown; allowed: auto, shell, solid")
     if not family.size:
         raise ValueError("--fit: name at least one constant")
     given = {named(data.spec, k).name: v for k, v in (priors or {}).items()}
@@ -241,7 +254,7 @@ def fit_sensor(
             if name == GAP:
                 raise ValueError("--prior gap: name each one, such as oil_gap.0")
             raise ValueError(f"--prior {name}: it is not fitted; fitted: {family.names}")
-    return _Calibration(data, family, given, baseline, offsets, air, gap_of, progress).run()
+    return _Calibration(data, family, given, baseline, offsets, air, gap_of, like, model, progress).run()
 
 
 def is_gap(name: str) -> bool:
@@ -281,9 +294,16 @@ class _Calibration:
         offsets: bool,
         air: str,
         gap_of: tuple[int, ...] | None,
+        like: SensorFit | None,
+        model: str,
         progress: Callable[[str], None],
     ) -> None:
         self.gap_of = gap_of
+        self.like = like
+        self.model_name = model
+        self.corrections: list[Correction] | None = None
+        if model == "auto" and data.simulated:
+            self.model_name = "shell"
         self.data, self.family, self.progress = data, family, progress
         self.warnings = list(data.warnings)
         self.given = {
@@ -412,6 +432,8 @@ class _Calibration:
 
     def _deform(self) -> None:
         """Shapes of all states at the constants `at`."""
+        if self._alike():
+            return
         self.progress("deforming the membrane")
         values = dict(zip(self.family.names, map(float, self.at), strict=True))
         inputs = self.inputs | {PATHS.get(k, k): jnp.asarray(v) for k, v in values.items()}
@@ -426,6 +448,8 @@ class _Calibration:
             geometry, law, answer, _ = parts_of(self.data.spec, inputs, oil)
             try:
                 shape = deform(loads, geometry, law, answer)
+                if oil is None and self.model_name != "shell":
+                    shape = self._as_solid(shape, loads, geometry, law, answer)
             except NoDeformation as error:
                 raise NoCalibration(f"{self._names}: {error}") from None
             slopes = None
@@ -461,6 +485,47 @@ class _Calibration:
             self.moving,
             self.gap_of,
         )
+
+    def _as_solid(
+        self,
+        shape: Deformed,
+        loads: KnownLoads,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        oil: AbstractOil,
+    ) -> Deformed:
+        """Add what the shell leaves out, where the solid tells."""
+        if not np.any(np.nan_to_num(shape.force)):
+            return shape
+        if self.corrections is None:
+            self.corrections = corrections(
+                self.data.spec, loads, shape, geometry, law, oil, self.progress
+            )
+        if not self.corrections:
+            self.corrections = []
+            self.warnings.append(
+                "shapes are the shell's, exact to about 2e-3 of a displacement: the solid "
+                f"corrects single loads at up to {MOST_PLACES} places"
+            )
+            return shape
+        return corrected(shape, loads, self.corrections, geometry, law, oil)
+
+    def _alike(self) -> bool:
+        """Take the shapes of an earlier calibration, if its states were the same."""
+        if self.like is None or self.moving:
+            return False
+        model = self.like.residuals.model
+        old, new = self.like.loads, self.loads
+        same = model.spec == self.data.spec and model.family == self.family
+        pairs = ((getattr(old, n), getattr(new, n)) for n in ("angle", "turn", "force"))
+        same &= all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+        same &= np.array_equal(old.displacement, new.displacement, equal_nan=True)
+        same &= np.array_equal(model.permittivity, self.permittivity, equal_nan=True)
+        if not same:
+            raise ValueError("like: a calibration of other states or constants")
+        self.model, self.force = model, self.like.force
+        self.displacement = self.like.displacement
+        return True
 
     def _mask_contact(self, margin: float) -> None:
         """Leave out readings of taxels that the membrane touches, or nearly."""
@@ -802,6 +867,7 @@ class _Calibration:
             outliers,
             offsets,
             drift,
+            self.loads,
             self.force,
             self.displacement,
             tuple(findings),

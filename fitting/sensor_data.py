@@ -81,7 +81,7 @@ class SensorData:
         files: where the readings came from.
         masked: what was left out.
         warnings: what a person should know.
-        displaced: whether displacements are known, not forces.
+        simulated: whether `suas simulate` made all of them, which has the shell's shapes.
     """
 
     spec: SkinSpec
@@ -94,6 +94,7 @@ class SensorData:
     files: tuple[LogFile, ...]
     masked: tuple[Masked, ...]
     warnings: tuple[str, ...]
+    simulated: bool = False
 
     @property
     def displaced(self) -> bool:
@@ -120,6 +121,7 @@ class _Part:
     masked: list[Masked]
     warnings: list[str]
     inputs: tuple[str, str] | None
+    simulated: bool
 
 
 def load_sensor_data(
@@ -200,7 +202,7 @@ def _read(spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None) ->
     masked: list[Masked] = []
     so = _mask(so, log, modules, numbers, masked)
     used = (str(inputs), _sha256(inputs)) if inputs is not None else None
-    return _Part(path, so, time - time[0], known, permittivity, masked, warnings, used)
+    return _Part(path, so, time - time[0], known, permittivity, masked, warnings, used, "simulated" in log.header)
 
 
 def _check_header(spec: SkinSpec, log: SoLog) -> None:
@@ -515,6 +517,7 @@ def _joined(spec: SkinSpec, parts: Sequence[_Part]) -> SensorData:
         files,
         tuple(masked),
         tuple(warnings),
+        all(p.simulated for p in parts),
     )
 
 
