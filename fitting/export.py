@@ -87,7 +87,8 @@ def write_card(law: Law, program: str, file: Path) -> None:
 
 def _missing(law: Law, program: str, offered: str) -> CardError:
     return CardError(
-        f"--export {program}: no card for the law {law.name}; {program} is offered for {offered}"
+        f"--export {program}: no card for the law {law.name}; {program} is offered for "
+        f"{offered}"
     )
 
 

@@ -65,6 +65,11 @@ class MeshPlan(eqx.Module):
         """Number of elements."""
         return self.stations.shape[0] - 1
 
+    @property
+    def model(self) -> str:
+        """The mechanics it is for."""
+        return "solid" if self.layers else "shell"
+
     def half(self) -> "MeshPlan":
         """The left half of a plan whose stations and loads are symmetric."""
         n = self.elements // 2

@@ -8,7 +8,6 @@ import numpy as np
 
 from suas_jax.config import SceneSpec
 from suas_jax.observables import taxel_rows
-from suas_jax.resolution import is_solid
 from suas_jax.results import NAMES, advice
 
 _ORDER = (
@@ -81,35 +80,35 @@ def _header(
 ) -> dict[str, Any]:
     """Status, message and error estimate, ahead of the observables."""
     status = NAMES[outcome["result"]]
-    error = report.pop("discretisation_error")
+    mesh_error, model_error = report.pop("discretisation_error"), report.pop("model_error")
+    error = mesh_error + model_error
     known = bool(np.isfinite(error)) and status == "converged"
     message = [advice(status)]
     if status != "converged" and scene.solve.oil_pressure is None:
         message.append(f"It carries {outcome['level']:.4g} of the load.")
     if status == "converged":
+        message.append(outcome["reason"])
         message += _remarks(scene, report, error if known else None)
         message += _blind(taxels)
     return {
-        "model": "solid" if is_solid(scene) else "shell",
+        "model": outcome["model"],
         "status": status,
         "message": " ".join(filter(None, message)),
         "rtol_met": known and error <= scene.solve.rtol,
         **report,
         "error_estimate": error if known else None,
-        "discretisation_error": error if known else None,
-        "model_error": None,
+        "discretisation_error": mesh_error if known else None,
+        "model_error": model_error if known else None,
     }
 
 
 def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
     """What a user should know about a converged state."""
     remarks = []
-    if scene.solve.model == "auto":
-        remarks.append("Lumped shell chosen.")
     if error is None:
-        remarks.append("The mesh's error could not be estimated.")
+        remarks.append("The error could not be estimated.")
     elif error > scene.solve.rtol:
-        remarks.append(f"Estimated mesh error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
+        remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
     if report["wall_contact"]:
         remarks.append(
             "The inner face has reached the rigid wall: contact is not modelled, the state "

@@ -28,26 +28,21 @@ class Resolution(NamedTuple):
         return Resolution(2 * self.elements, min(2 * self.layers, _MOST_LAYERS))
 
 
-def is_solid(scene: SceneSpec) -> bool:
-    """Whether the continuum is asked for."""
-    return scene.solve.model == "solid"
-
-
 def forced(scene: SceneSpec) -> Resolution | None:
-    """The mesh that the scene insists on, if it does."""
-    if is_solid(scene):
-        return None if scene.solve.mesh is None else Resolution(*scene.solve.mesh)
+    """The mesh that the scene insists on, if it does; `mesh` is the solid's."""
+    if scene.solve.mesh is not None:
+        return Resolution(*scene.solve.mesh)
     return None if scene.solve.elements is None else Resolution(scene.solve.elements)
 
 
-def first(scene: SceneSpec) -> Resolution:
-    """The mesh to try first for a solve."""
+def first(scene: SceneSpec, model: str) -> Resolution:
+    """The mesh to try first for a solve with ``"shell"`` or ``"solid"``."""
     intervals = 2 * (1 + len(scene.loads))
-    if is_solid(scene):
+    if model == "solid":
         return Resolution(max(64, 8 * intervals), 2)
     return Resolution(max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals))
 
 
-def first_of_sweep(scene: SceneSpec) -> Resolution:
+def first_of_sweep(scene: SceneSpec, model: str) -> Resolution:
     """The mesh to try first for a curve, where some load is harder than the others."""
-    return first(scene) if is_solid(scene) else Resolution(32)
+    return first(scene, model) if model == "solid" else Resolution(32)

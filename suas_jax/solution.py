@@ -5,29 +5,35 @@ elements; the numbers of the scene are its arguments.
 """
 
 import dataclasses
-import functools
-import math
 import time
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from suas_jax._types import Lanes
+from suas_jax.balance import Problem, State, verify
 from suas_jax.compiled import COMPILED
 from suas_jax.config import SceneSpec, continuous_inputs, structure
-from suas_jax.equilibrium import Problem, State, equilibrium, verify
-from suas_jax.mechanics.base import ErrorShares
+from suas_jax.equilibrium import equilibrium
+from suas_jax.error_estimate import discretisation_error, model_error
 from suas_jax.mesh import MeshPlan
-from suas_jax.observables import load_observables, observe
-from suas_jax.problem import build_problem, plan_for
+from suas_jax.observables import observe
+from suas_jax.problem import (
+    all_numbers,
+    build_problem,
+    geometry_of,
+    line_loads_of,
+    plan_for,
+)
 from suas_jax.report import plain, report_of
-from suas_jax.resolution import first, forced
+from suas_jax.resolution import Resolution, first, forced
 
 Inputs = Mapping[str, ArrayLike]
+# Part of rtol that the model may take: some must be left for the mesh.
+_MODEL_SHARE = 0.9
 
 
 class Structure:
@@ -42,6 +48,55 @@ class Structure:
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Structure) and self.key == other.key
+
+
+class Attempt(NamedTuple):
+    """One model on one mesh, in arrays.
+
+    Attributes:
+        report: what is observed, errors included.
+        state: the equilibrium on the whole arc.
+        outcome: how it was found.
+        plan: its mesh.
+    """
+
+    report: dict[str, Any]
+    state: State
+    outcome: dict[str, Any]
+    plan: MeshPlan
+
+    @property
+    def converged(self) -> bool:
+        """Whether the equilibrium was found."""
+        return int(np.ravel(self.outcome["result"])[0]) == 0
+
+    @property
+    def mesh_error(self) -> float:
+        """Estimated error by the mesh."""
+        return float(np.ravel(self.report["discretisation_error"])[0])
+
+    @property
+    def model_error(self) -> float:
+        """Estimated error by the model."""
+        return float(np.ravel(self.report["model_error"])[0])
+
+    def model_too_coarse(self, rtol: float) -> bool:
+        """Whether no mesh brings the error below rtol; true of an error that is unknown."""
+        return not self.model_error < _MODEL_SHARE * rtol
+
+    def mesh_too_coarse(self, rtol: float) -> bool:
+        """Whether a finer mesh would help."""
+        left = rtol if self.model_too_coarse(rtol) else rtol - self.model_error
+        return self.converged and not self.mesh_error <= left
+
+    def as_chosen(self, rtol: float) -> str:
+        """Why the lumped shell was chosen, or why nothing else was tried."""
+        if not self.converged:
+            return "Lumped shell tried; the solid was not, as it starts no other path."
+        return (
+            f"Lumped shell chosen: its model error is estimated as {self.model_error:.1e}, "
+            f"rtol is {rtol:.1e}."
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -92,37 +147,6 @@ def whole(problem: Problem, state: State, plan: MeshPlan) -> State:
     return state._replace(q=problem.mechanics.mirrored(state.q)) if plan.symmetric else state
 
 
-def _discretisation_error(
-    found: dict[str, Any], other: dict[str, Any], shares: ErrorShares
-) -> Lanes:
-    """Error of a solution, from its difference to that on the comparison mesh.
-
-    The two are so near that a single Newton correction of the state found leads to the
-    other to second order in the error.
-    """
-    tiny = jnp.asarray(1e-300)
-    pressure = jnp.abs(found["pressure"] - other["pressure"])
-    parts = [pressure / jnp.maximum(jnp.abs(other["pressure"]), tiny)]
-    size = functools.reduce(jnp.maximum, [jnp.abs(d) for d in other["displacement"]], tiny)
-
-    def difference(name: str) -> list[Lanes]:
-        return [jnp.abs(a - b) / size for a, b in zip(found[name], other[name], strict=True)]
-
-    fast = [part * shares.fast for part in [*parts, *difference("displacement")]]
-    slow = [part * shares.slow for part in difference("inner_displacement")]
-    return functools.reduce(jnp.maximum, fast + slow)
-
-
-def _key_quantities(loads: list[dict[str, Any]], pressure: Lanes) -> dict[str, Any]:
-    """What the error is estimated for."""
-    lines = [load for load in loads if "displacement_m" in load]
-    return {
-        "pressure": pressure,
-        "displacement": [load["displacement_m"] for load in lines],
-        "inner_displacement": [load["inner_displacement_m"] for load in lines],
-    }
-
-
 def assess(
     spec: SceneSpec, plan: MeshPlan, other_plan: MeshPlan, state: State, inputs: Inputs
 ) -> dict[str, Any]:
@@ -137,14 +161,12 @@ def assess(
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
     report["stable"] = check.stable
-    better = load_observables(spec, other, check.correction, inputs)
-    error = _discretisation_error(
-        _key_quantities(report["loads"], state.pressure),
-        _key_quantities(better, check.correction.pressure),
-        problem.mechanics.error_shares,
-    )
+    numbers = all_numbers(spec, inputs)
+    loads = line_loads_of(spec, numbers)
+    error = discretisation_error(problem, state, other, check.correction, loads)
     same = plan.elements == other_plan.elements
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
+    report["model_error"] = model_error(other, check, loads, geometry_of(numbers))
     return report
 
 
@@ -186,7 +208,8 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     """Find the equilibrium of a scene.
 
     The mesh is the one the scene asks for (`elements`, `mesh`), or is refined until the
-    estimated discretisation error meets `rtol`.
+    estimated error meets `rtol`. Where the model is left open too (`auto`), it is the
+    lumped shell unless what the shell leaves out is more than `rtol` allows.
 
     Args:
         scene: what to solve.
@@ -198,50 +221,58 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     static = Structure(scene)
     once = repeat == 1
-    compiled_before = COMPILED.seconds
+    compiled_before, rtol = COMPILED.seconds, scene.solve.rtol
 
-    def attempt() -> tuple[dict[str, Any], State, dict[str, Any], MeshPlan]:
-        wanted = forced(scene)
-        size = wanted or first(scene)
+    def attempt(model: str, size: Resolution | None) -> Attempt:
+        wanted = size is not None
+        size = size or first(scene, model)
         while True:
             plan = plan_for(scene, *size)
             if unloaded(scene):
                 report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
-                report |= {"discretisation_error": 0.0, "stable": True}
+                report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
                 outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
-                return report, state, outcome, plan
-            symmetric = is_symmetric(plan)
-            half = working_plan(plan, symmetric)
+                return Attempt(report, state, outcome, plan)
+            half = working_plan(plan, is_symmetric(plan))
             arguments = (static, plan, half, plan.comparison(), inputs)
             report, state, outcome = COMPILED.run(_program, *arguments, once=once)
-            error = float(report["discretisation_error"][0])
-            enough = not error > scene.solve.rtol or int(outcome["result"][0]) != 0
+            found = Attempt(report, state, outcome, plan)
             finer = size.finer()
-            if wanted or enough or finer is None:
-                return report, state, outcome, plan
+            hopeless = scene.solve.model == "auto" and model == "shell"
+            hopeless = hopeless and found.model_too_coarse(rtol)
+            if wanted or finer is None or hopeless or not found.mesh_too_coarse(rtol):
+                return found
             size = finer
 
-    result = attempt()
+    def choose() -> tuple[Attempt, str]:
+        model, size = scene.solve.model, forced(scene)
+        if model != "auto":
+            return attempt(model, size), ""
+        if size is not None:
+            model = "solid" if size.layers else "shell"
+            return attempt(model, size), f"The mesh given is that of the {model}."
+        shell = attempt("shell", None)
+        if not shell.converged or not shell.model_too_coarse(rtol):
+            return shell, shell.as_chosen(rtol)
+        solid = attempt("solid", None)
+        if not solid.converged:
+            return shell, f"{shell.as_chosen(rtol)} The solid did not converge."
+        return solid, (
+            f"Solid chosen: the lumped shell's model error, estimated as "
+            f"{shell.model_error:.1e}, exceeds rtol {rtol:.1e}."
+        )
+
+    result = choose()
     seconds = []
     for _ in range(repeat):
         begin = time.perf_counter()
-        result = attempt()
+        result = choose()
         seconds.append(time.perf_counter() - begin)
-    report, state, outcome, plan = result
-    report = report_of(scene, plain(report), plain(outcome))
+    found, reason = result
+    outcome = plain(found.outcome) | {"model": found.plan.model, "reason": reason}
+    report = report_of(scene, plain(found.report), outcome)
     report["timings_s"] = {
         "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
-    return Solution(report, state, plan, scene)
-
-
-def _blind(taxels: list[dict[str, Any]]) -> list[str]:
-    """Which taxels have no reading, where there are such."""
-    blind = sum(not math.isfinite(taxel["so"]) for taxel in taxels)
-    if not blind:
-        return []
-    return [
-        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
-        "real converter saturates."
-    ]
+    return Solution(report, found.state, found.plan, scene)

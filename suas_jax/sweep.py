@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from suas_jax.balance import State
 from suas_jax.compiled import COMPILED
 from suas_jax.config import (
     LineLoadSpec,
@@ -20,7 +21,7 @@ from suas_jax.config import (
     with_inputs,
     with_solve,
 )
-from suas_jax.equilibrium import State, path
+from suas_jax.equilibrium import path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.report import plain, report_of
@@ -171,15 +172,20 @@ def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
 
 
 def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
-    wanted = forced(scene)
-    size = wanted or first_of_sweep(scene)
+    model, wanted, rtol = scene.solve.model, forced(scene), scene.solve.rtol
+    size = wanted or first_of_sweep(scene, "shell" if model == "auto" else model)
     while True:
         curve = _Curve(scene, size)
         points = curve.points(levels)
-        errors = [p["discretisation_error"] for p in points if p["status"] == "converged"]
-        worst = max((e for e in errors if e is not None), default=0.0)
+        worst, of_model = (
+            max((p[key] for p in points if p[key] is not None), default=0.0)
+            for key in ("error_estimate", "model_error")
+        )
+        if model == "auto" and not wanted and not size.layers and of_model > rtol:
+            size = first_of_sweep(scene, "solid")
+            continue
         finer = size.finer()
-        if wanted or worst <= scene.solve.rtol or finer is None:
+        if wanted or worst <= max(rtol, 1.1 * of_model) or finer is None:
             return Sweep(points, curve.first_contact(levels, points), scene)
         size = finer
 
@@ -205,7 +211,11 @@ class _Curve:
         found = COMPILED.run(_program, Structure(self.scene), *arguments, known)
         reports, self.states, outcomes = found
         rows = [
-            report_of(self.scene, plain(reports, i), plain(outcomes, i))
+            report_of(
+                self.scene,
+                plain(reports, i),
+                plain(outcomes, i) | {"model": self.plan.model, "reason": ""},
+            )
             for i in range(len(visit))
         ]
         if len(visit) < len(levels):

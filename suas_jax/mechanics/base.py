@@ -58,18 +58,6 @@ class Profile(NamedTuple):
     energy_density: Array
 
 
-class ErrorShares(NamedTuple):
-    """Error of a solution relative to its difference to that on the comparison mesh.
-
-    Attributes:
-        fast: of pressure and of mid-surface displacements.
-        slow: of the inner face's displacements.
-    """
-
-    fast: float
-    slow: float
-
-
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -156,8 +144,27 @@ class AbstractMechanics(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def error_shares(self) -> ErrorShares:
-        """How errors follow from differences to the solution on the comparison mesh."""
+    def error_share(self) -> float:
+        """Error of a solution relative to its difference to that on the comparison mesh."""
+
+    def omitted_gradient(self, q: StationVector) -> StationVector | None:
+        """Derivative, by the free unknowns, of the energy that the model leaves out [N/m].
+
+        None where it leaves out nothing.
+
+        Args:
+            q: unknowns of the whole arc.
+        """
+        del q
+        return None
+
+    @property
+    def indentation(self) -> Lanes | None:
+        """Mid-surface displacement that the model misses under a line load [m^2/N].
+
+        Per force per width, in the load's direction; None where it misses nothing.
+        """
+        return None
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].

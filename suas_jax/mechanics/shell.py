@@ -27,12 +27,19 @@ from suas_jax.element import hermite
 from suas_jax.geometry import SkinGeometry, outward, tangent
 from suas_jax.kinematics import FibreStretch
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, ErrorShares, Profile, largest
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
 from suas_jax.mechanics.shell_ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
 from suas_jax.mechanics.shell_loads import Loaded, load_terms, load_work, under
+from suas_jax.mechanics.shell_omitted import (
+    INDENTATION,
+    Resultants,
+    omitted_energy,
+    sample_points,
+)
 from suas_jax.mechanics.shell_points import (
     Moments,
     Points,
+    derivatives,
     element_tables,
     kinematics,
     mix,
@@ -157,10 +164,12 @@ class Shell(AbstractMechanics):
         angle = start + xi[:, None, None] * span
         return angle, tangent(angle), outward(angle)
 
-    def _points(self, d: Float[Array, "gauss*order component element lane"]) -> Points:
-        """Kinematics at the quadrature points from displacement derivatives by xi."""
-        _, t, n = self._reference(element_tables(self.gauss).xi)
-        d = d.reshape(self.gauss, 2, *d.shape[1:])
+    def _points(
+        self, xi: np.ndarray, d: Float[Array, "point*order component element lane"]
+    ) -> Points:
+        """Kinematics at local coordinates from displacement derivatives by xi there."""
+        _, t, n = self._reference(xi)
+        d = d.reshape(len(xi), 2, *d.shape[1:])
         return kinematics(d, t, n, self.mid_radius, self.lengths)
 
     def _layers(self) -> tuple[Array, Array, Array]:
@@ -219,7 +228,7 @@ class Shell(AbstractMechanics):
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
         tables = element_tables(self.gauss)
-        points = self._points(mix(tables.derivatives, self._gather(q)))
+        points = self._points(tables.xi, mix(tables.derivatives, self._gather(q)))
         density = self.energy_density(points.stretch, points.curvature)
         weights = tables.weights[:, None, None] * self.lengths
         return jnp.sum(weights * density, (0, 1))
@@ -241,6 +250,24 @@ class Shell(AbstractMechanics):
         quadratic = product[:, ::-1] * np.array([1.0, -1.0])[:, None, None]
         return jnp.sum(qe * (linear + quadratic / 2), (0, 1, 2)), linear + quadratic
 
+    def omitted_energy(self, q: StationVector) -> Lanes:
+        """Energy of transverse shear and of clamps that hold a face; see `shell_omitted`."""
+        xi = sample_points()
+        points = self._points(xi, mix(derivatives(xi), self._gather(q)))
+        by_stretch, by_curvature = self._moments(points.stretch, points.curvature).first
+        size = jnp.sqrt(1 + points.stretch)
+        at = Resultants(2 * size * by_stretch, size * by_curvature)
+        return omitted_energy(at, self.lengths, self.thickness, self.law.shear_modulus)
+
+    def omitted_gradient(self, q: StationVector) -> StationVector:
+        """Derivative of the omitted energy by the unknowns that are free; see the base."""
+        return jax.grad(lambda q: jnp.sum(self.omitted_energy(q)))(q) * self._free()
+
+    @property
+    def indentation(self) -> Lanes:
+        """What a line load's own field adds; see the base class."""
+        return -INDENTATION / self.law.shear_modulus
+
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
         qe = self._gather(q)
@@ -258,7 +285,7 @@ class Shell(AbstractMechanics):
         tables = element_tables(self.gauss)
         qe = self._gather(q)
         rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
-        points = self._points(rows[:-4])
+        points = self._points(tables.xi, rows[:-4])
         moments = self._moments(points.stretch, points.curvature)
         stress, tangents = point_terms(points, moments, self.mid_radius, self.lengths)
         internal = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
@@ -309,12 +336,9 @@ class Shell(AbstractMechanics):
         return prolonged(q, self._gather(q), self.lengths)
 
     @property
-    def error_shares(self) -> ErrorShares:
-        """Order four; two for the inner face, which follows the curvature.
-
-        The finer solution's own error is a sixteenth, or a quarter.
-        """
-        return ErrorShares(16 / 15, 4 / 3)
+    def error_share(self) -> float:
+        """Order four; the finer solution's own error is a sixteenth."""
+        return 16 / 15
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

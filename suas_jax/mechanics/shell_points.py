@@ -22,10 +22,15 @@ class Tables(NamedTuple):
     area: np.ndarray  # [shape, shape], antisymmetric
 
 
+def derivatives(xi: np.ndarray) -> Float[np.ndarray, "point*order shape"]:
+    """First and second derivatives of the shape functions at local coordinates."""
+    return np.stack([np.stack(hermite(xi, k), 1) for k in (1, 2)], 1).reshape(-1, 4)
+
+
 def element_tables(gauss: int) -> Tables:
     """Tables for a number of quadrature points."""
     xi, weights = gauss_legendre(gauss)
-    d = np.stack([np.stack(hermite(xi, 1), 1), np.stack(hermite(xi, 2), 1)], 1)
+    d = derivatives(xi).reshape(gauss, 2, 4)
     force = np.einsum("g,gdn->ngd", weights, d).reshape(4, -1)
     stiffness = np.einsum("g,gdn,gfm->nmgdf", weights, d, d).reshape(16, -1)
     x, w = gauss_legendre(4)  # exact: products of cubics and their slopes

@@ -19,7 +19,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.kinematics import PlaneStrain
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, ErrorShares, Profile, largest
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
 from suas_jax.mechanics.solid_element import EDGE_AREA, NODES, TABLES, mixed, quadratic
 from suas_jax.mechanics.solid_layout import Layout, NodeValues
 from suas_jax.mechanics.solid_points import Grid, Kinematics, kinematics, point_terms
@@ -251,9 +251,9 @@ class Solid(AbstractMechanics):
         return coarsened(self.layout, q)
 
     @property
-    def error_shares(self) -> ErrorShares:
+    def error_share(self) -> float:
         """A point load limits the rate of convergence to two, the coarser mesh is compared."""
-        return ErrorShares(1 / 3, 1 / 3)
+        return 1 / 3
 
 
 def _free(layout: Layout, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
