@@ -105,11 +105,11 @@ def pose(
         values.append(sets[i].value)
         inverse.append(np.sqrt(sets[i].weight) / scales[i])
     residuals = Residuals(
-        tuple(tests),
-        jnp.asarray(np.concatenate(values)),
-        jnp.asarray(np.concatenate(inverse)),
-        _sizes([data for data in sets if data.scene is None], list(skins.values())),
-        family,
+        experiments=tuple(tests),
+        value=jnp.asarray(np.concatenate(values)),
+        inverse_scale=jnp.asarray(np.concatenate(inverse)),
+        scales=_sizes([data for data in sets if data.scene is None], list(skins.values())),
+        family=family,
     )
     return Problem(residuals, tuple(places), tuple(floors), kind)
 
