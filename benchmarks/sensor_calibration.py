@@ -165,7 +165,7 @@ def study(
         data = experiment(
             spec, so, np.random.default_rng(seed), displacement=displacement
         )
-        fits.append(fit_sensor(data, like=fits[0] if fits else None))
+        fits.append(fit_sensor(data, field=field, like=fits[0] if fits else None))
         if seed % 20 == 19:
             print(f"  {seed + 1} of {count}", file=sys.stderr, flush=True)
     return fits

@@ -218,6 +218,7 @@ def fit_sensor(
     gaps: str = "global",
     like: SensorFit | None = None,
     model: str = "auto",
+    field: bool = False,
     progress: Callable[[str], None] = lambda text: None,
 ) -> SensorFit:
     """Find the constants that follow the logs best, and say how far they can be known.
@@ -234,6 +235,7 @@ def fit_sensor(
             each has its own ("taxel").
         model: "shell", "solid" (the shell with the solid's correction), or "auto": the
             solid, unless the logs say that `suas simulate` made them, which has the shell.
+        field: take capacitances from the electrostatic field instead of the formula.
         like: a calibration of the same known states, whose shapes are used again.
         progress: called with what is being done.
 
@@ -254,7 +256,11 @@ def fit_sensor(
             if name == GAP:
                 raise ValueError("--prior gap: name each one, such as oil_gap.0")
             raise ValueError(f"--prior {name}: it is not fitted; fitted: {family.names}")
-    return _Calibration(data, family, given, baseline, offsets, air, gap_of, like, model, progress).run()
+    return _Calibration(data, family, given, baseline, offsets, air, gap_of, like, model, field, progress).run()
+
+
+def _moves(name: str) -> bool:
+    return name.startswith("material.")
 
 
 def is_gap(name: str) -> bool:
@@ -296,10 +302,14 @@ class _Calibration:
         gap_of: tuple[int, ...] | None,
         like: SensorFit | None,
         model: str,
+        field: bool,
         progress: Callable[[str], None],
     ) -> None:
         self.gap_of = gap_of
         self.like = like
+        self.field = field
+        if field and (gap_of is not None or any(_moves(part.name) for part in family.parts)):
+            raise ValueError("--field: with one gap for all taxels, and without the material")
         self.model_name = model
         self.corrections: list[Correction] | None = None
         if model == "auto" and data.simulated:
@@ -398,6 +408,11 @@ class _Calibration:
         self._deform()
         self._mask_contact(0.85)
         constants, minima = self._robust(self.at)
+        if self.field:
+            self.progress("solving the electrostatic field")
+            for _ in range(2):
+                self.model = self.model.with_field(jnp.asarray(constants))
+                constants, minima = self._robust(constants)
         self._refuse_strangers(constants)
         for _ in range(_ROUNDS):
             # A constant that moved the membrane: the shape again, then the fit.
@@ -480,6 +495,7 @@ class _Calibration:
             slope,
             jnp.asarray(self.at),
             jnp.asarray(self.permittivity),
+            None,
             self.data.spec,
             self.family,
             self.moving,
