@@ -14,7 +14,6 @@ import sys
 import time
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -82,9 +81,7 @@ def solve_truth(mesh: tuple[int, int] = (300, 4)) -> None:
         writer.writerows(rows)
 
 
-def press(
-    displacement: np.ndarray, *, field: bool = False
-) -> tuple[np.ndarray, np.ndarray]:
+def press(displacement: np.ndarray, *, field: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Force [N] and true continuous counts [taxel, frame] at displacements [m]."""
     with TRUTH.open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
@@ -109,11 +106,7 @@ def experiment(
     """Noisy whole counts [taxel, frame] of frames with known inputs."""
     frames = so.shape[1]
     nothing = np.full(frames, np.nan)
-    known = np.stack(
-        [
-            nothing if x is None else x for x in (force, displacement, permittivity)
-        ]
-    )
+    known = np.stack([nothing if x is None else x for x in (force, displacement, permittivity)])
     states, state = np.unique(np.nan_to_num(known, nan=1e9), axis=1, return_inverse=True)
     states[states == 1e9] = np.nan
     zero = np.zeros((1, states.shape[1]))
@@ -151,21 +144,23 @@ def line(name: str, fits: list[SensorFit], truth: dict[str, float]) -> None:
 
 
 def study(
-    count: int, *, field: bool = False, concentric: bool = False, steps: int = 500
+    count: int,
+    *,
+    field: bool = False,
+    formula: bool = False,
+    steps: int = 500,
+    like: SensorFit | None = None,
 ) -> list[SensorFit]:
     """Fit synthetic experiments of 500 frames at known displacement, in steps up to 3 mm."""
     spec = load_skin(SKIN)
-    if concentric:
-        electrodes = spec.electrodes.model_copy(update={"capacitance": "concentric"})  # type: ignore[union-attr]
-        spec = spec.model_copy(update={"electrodes": electrodes})
     displacement = np.repeat(np.linspace(0.0, 3e-3, steps), 500 // steps)
     _, so = press(displacement, field=field)
     fits = []
     for seed in range(count):
-        data = experiment(
-            spec, so, np.random.default_rng(seed), displacement=displacement
+        data = experiment(spec, so, np.random.default_rng(seed), displacement=displacement)
+        fits.append(
+            fit_sensor(data, field=field and not formula, like=fits[0] if fits else like)
         )
-        fits.append(fit_sensor(data, field=field, like=fits[0] if fits else None))
         if seed % 20 == 19:
             print(f"  {seed + 1} of {count}", file=sys.stderr, flush=True)
     return fits
@@ -201,8 +196,8 @@ def main(parts: list[str]) -> None:
     if "solid" in parts:
         line("solid, 500 frames", study(1), truth)
     if "field" in parts:
-        line("solid + field, parallel plate", study(1, field=True), truth)
-        line("solid + field, concentric", study(1, field=True, concentric=True), truth)
+        line("solid + field, --field", study(1, field=True), truth)
+        line("solid + field, formula", study(1, field=True, formula=True), truth)
     if "coverage" in parts:
         begin = time.perf_counter()
         line("solid, 500 frames", study(200), truth)

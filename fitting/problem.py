@@ -93,11 +93,11 @@ def pose(
         inverse.append(np.concatenate([*weights, np.zeros(fill)]))
         offset = start + length
     residuals = Residuals(
-        tuple(tests),
-        jnp.asarray(np.concatenate(values)),
-        jnp.asarray(np.concatenate(inverse)),
-        _sizes(sets),
-        family,
+        experiments=tuple(tests),
+        value=jnp.asarray(np.concatenate(values)),
+        inverse_scale=jnp.asarray(np.concatenate(inverse)),
+        scales=_sizes(sets),
+        family=family,
     )
     return Problem(residuals, tuple(places), tuple(floors), kind)
 

@@ -6,6 +6,7 @@ and saturated taxels, repeated frames, frames without known inputs.
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -184,7 +185,7 @@ def _read(spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None) ->
     known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
     permittivity = _permittivities(known.fluid, fluid, len(time), str(path))
     kept &= np.isfinite(permittivity) | np.isnan(permittivity)
-    for (load, quantity), values in known.values.items():
+    for (_load, quantity), values in known.values.items():
         if quantity in ("force", "displacement", "inner_displacement"):
             kept &= np.isfinite(values)
     if not kept.any():
@@ -202,7 +203,17 @@ def _read(spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None) ->
     masked: list[Masked] = []
     so = _mask(so, log, modules, numbers, masked)
     used = (str(inputs), _sha256(inputs)) if inputs is not None else None
-    return _Part(path, so, time - time[0], known, permittivity, masked, warnings, used, "simulated" in log.header)
+    return _Part(
+        path,
+        so,
+        time - time[0],
+        known,
+        permittivity,
+        masked,
+        warnings,
+        used,
+        "simulated" in log.header,
+    )
 
 
 def _check_header(spec: SkinSpec, log: SoLog) -> None:
@@ -223,15 +234,15 @@ def _check_header(spec: SkinSpec, log: SoLog) -> None:
             )
     units = log.header.get("units", "")
     if "so_k" in units and "count" not in units.split("so_k", 1)[1]:
-        raise ValueError(
-            f'{log.path}, header units "{units}": so_k in raw counts is expected'
-        )
+        raise ValueError(f'{log.path}, header units "{units}": so_k in raw counts is expected')
 
 
 def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
     """Number of taxels of the skin's modules, after a check that the log has the same."""
     modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
-    sizes = {m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules}
+    sizes = {
+        m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules
+    }
     if not len(log):
         raise ValueError(f"{log.path}: the log is empty: it has no rows")
     strangers = sorted(set(log.module.tolist()) - sizes.keys())
@@ -440,7 +451,7 @@ def _stuck(row: np.ndarray, after: float) -> np.ndarray:
     values = row[where]
     edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
     stuck = np.zeros(len(row), bool)
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in itertools.pairwise(edges):
         if end - begin > after:
             stuck[where[begin:end]] = True
     return stuck
@@ -533,5 +544,3 @@ def _sha256(path: Path) -> str:
 
 def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers[:6])) + (", ..." if len(numbers) > 6 else "")
-
-

@@ -180,7 +180,9 @@ class SensorModel(eqx.Module):
             lambda e: (e.permittivity, e.stray), electrodes, (jnp.ones(1), jnp.zeros(1))
         )
         face = self._face(constants)
-        chunks = np.array_split(np.arange(len(self.permittivity)), -(-len(self.permittivity) // 32))
+        chunks = np.array_split(
+            np.arange(len(self.permittivity)), -(-len(self.permittivity) // 32)
+        )
         rows = []
         for index in chunks:
             part = jax.tree.map(lambda x: x[..., index], face)  # noqa: B023
