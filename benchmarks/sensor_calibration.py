@@ -134,9 +134,11 @@ def line(name: str, fits: list[SensorFit], truth: dict[str, float]) -> None:
         z = (values - truth[key]) / errors
         rms = float(np.sqrt(np.mean((values - truth[key]) ** 2)))
         print(
-            f"{name:32s} {key:22s} n={len(fits):3d} bias {100 * (values.mean() / truth[key] - 1):+.4f} %"
+            f"{name:32s} {key:22s} n={len(fits):3d} bias "
+            f"{100 * (values.mean() / truth[key] - 1):+.4f} %"
             f"  largest error {100 * np.max(np.abs(values / truth[key] - 1)):.4f} %"
-            f"  bound {100 * errors.mean() / truth[key]:.4f} %  rms/bound {rms / errors.mean():.3f}"
+            f"  bound {100 * errors.mean() / truth[key]:.4f} %"
+            f"  rms/bound {rms / errors.mean():.3f}"
             f"  in 68 %: {100 * np.mean(np.abs(z) < 1.0):.1f}  in 95 %: "
             f"{100 * np.mean(np.abs(z) < 1.96):.1f}",
             flush=True,

@@ -314,6 +314,7 @@ class _Calibration:
             raise ValueError("--field: with one gap for all taxels, and without the material")
         self.model_name = model
         self.corrections: list[Correction] | None = None
+        self.model: SensorModel
         if model == "auto" and data.simulated:
             self.model_name = "shell"
         self.data, self.family, self.progress = data, family, progress
@@ -376,14 +377,7 @@ class _Calibration:
             scale = np.concatenate([scale, (spread / np.sqrt(baseline.frames))[:, None]], 1)
             state = np.concatenate([state, [self.loads.states]])
             log, time = np.concatenate([log, [-1]]), np.concatenate([time, [0.0]])
-            loads = self.loads
-            zero = np.zeros((loads.angle.shape[0], 1))
-            columns = (loads.angle, loads.turn, loads.force, loads.displacement)
-            added = (zero, zero, zero, zero * np.nan)
-            self.loads = KnownLoads(
-                *(np.concatenate([x, y], 1) for x, y in zip(columns, added, strict=True)),
-                loads.inner,
-            )
+            self.loads = self.loads.with_rest()
             self.permittivity = np.concatenate([self.permittivity, [np.nan]])
         self.so, self.state, self.log, self.time, self.scale = so, state, log, time, scale
 
@@ -604,11 +598,11 @@ class _Calibration:
         value = np.concatenate([np.nan_to_num(self.so).reshape(-1), means])
         scale = self.scale / np.sqrt(np.where(self.used, weight, 1.0))
         return SensorResiduals(
-            self.model,
-            jnp.asarray(self.state),
-            jnp.asarray(value),
-            jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
-            jnp.asarray(self._basis(scale)),
+            model=self.model,
+            state=jnp.asarray(self.state),
+            value=jnp.asarray(value),
+            inverse_scale=jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
+            basis=jnp.asarray(self._basis(scale)),
         )
 
     def _fit(
@@ -692,8 +686,8 @@ class _Calibration:
         off = np.abs(found / np.median(found) - 1)
         if len(found) > 2 and np.median(off) > _ANOTHER_SKIN:
             raise NoCalibration(
-                f"{self._names}: the taxels read from {100 * found.min():.0f} to {100 * found.max():.0f} % of "
-                "what this skin's model says: another skin, another layout, or known inputs in "
+                f"{self._names}: the taxels read from {100 * found.min():.0f} to "
+                f"{100 * found.max():.0f} % of what this skin's model says: another skin, another layout, or known inputs in "
                 "other units"
             )
         i = self.family.names.index(PERMITTIVITY) if PERMITTIVITY in self.family.names else None
@@ -714,9 +708,9 @@ class _Calibration:
                     "displacements or forces, and that the log belongs to this skin"
                 )
         if i is not None and not 0.5 < constants[i] / self.family.parts[i].size < 2.0:
+            times = constants[i] / self.family.parts[i].size
             self.warnings.append(
-                f"the permittivity found is {constants[i] / self.family.parts[i].size:.2g} times "
-                "the skin file's: check electrodes.lsb and the electrodes' diameters"
+                f"the permittivity found is {times:.2g} times the skin file's: check electrodes.lsb and the electrodes' diameters"
             )
 
     # ---- what the data determine
@@ -1021,8 +1015,8 @@ class _Calibration:
         worst = int(np.argmax(np.abs(z)))
         return (
             "taxels differ from the model by more than their noise (the worst by "
-            f"{means[worst] * float(np.nanmedian(self.scale)):.3g} counts in the mean): gaps or "
-            "electrodes that differ, a load at rest, or offsets; --baseline or --offsets takes "
+            f"{means[worst] * float(np.nanmedian(self.scale)):.3g} counts in the mean): gaps "
+            "or electrodes that differ, a load at rest, or offsets; --baseline or --offsets takes "
             "out what is constant"
         )
 

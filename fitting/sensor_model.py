@@ -92,7 +92,7 @@ class SensorFamily:
     def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Constants in SI units."""
         positive = np.array([part.positive for part in self.parts])
-        return self.sizes * jnp.where(positive, jnp.exp(theta), theta)
+        return jnp.asarray(self.sizes) * jnp.where(positive, jnp.exp(theta), theta)
 
     def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
         """Parameters from constants."""
