@@ -165,7 +165,7 @@ class FelupeArch:
                 tangent = self.body.assemble.matrix(self.field)
                 stiffness = self.oil.assemble.matrix(self.face, pressure=oil, resize=tangent)
                 volume = (gradient + rest)[: self.displacements] @ u.ravel() / 2
-                both = self._solved(tangent + stiffness, np.stack([-residual, gradient], 1))
+                both = self._solved(tangent - stiffness, np.stack([-residual, gradient], 1))
                 first, second = both.T
                 change = -(volume + gradient @ first) / (gradient @ second)
                 move = first + change * second
@@ -184,7 +184,7 @@ class FelupeArch:
     def _volume_gradient(self) -> np.ndarray:
         self.face[0].values[:] = self.field[0].values
         force = self.oil.assemble.vector(self.face, pressure=1.0).toarray().ravel()
-        return -np.pad(force, (0, self.load.size - force.size))
+        return np.pad(force, (0, self.load.size - force.size))
 
     def _solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
         out = np.zeros_like(right)

@@ -267,8 +267,9 @@ def _print_report(report: dict[str, Any]) -> None:
     stable = "stable" if report["stable"] else "[red]unstable[/]"
     material = "stable" if report["material_stable"] else "[red]outside its window[/]"
     table.add_row("equilibrium / material", f"{stable} / {material}")
-    error = report["discretisation_error"]
-    table.add_row("estimated mesh error", "unknown" if error is None else f"{error:.1e}")
+    mesh, model = report["discretisation_error"], report["model_error"]
+    error = "unknown" if mesh is None else f"{mesh:.1e} by the mesh, {model:.1e} by the model"
+    table.add_row("estimated error", error)
     times = report["timings_s"]
     table.add_row(
         "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"

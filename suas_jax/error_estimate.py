@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from suas_jax._types import Lanes
-from suas_jax.equilibrium import Problem, State, Verification
+from suas_jax.balance import Problem, State, Verification
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad
 
@@ -33,7 +33,8 @@ def _displacements(problem: Problem, q: Array, loads: list[LineLoad]) -> list[La
 
 
 def _largest(parts: list[Lanes], like: Lanes) -> Lanes:
-    return functools.reduce(jnp.maximum, [jnp.abs(x) for x in parts], jnp.full_like(like, _TINY))
+    floor = jnp.full_like(like, _TINY)
+    return functools.reduce(jnp.maximum, [jnp.abs(x) for x in parts], floor)
 
 
 def _relative(pressure: Lanes, moved: list[Lanes], to: State, size: Lanes) -> Lanes:
@@ -87,4 +88,3 @@ def model_error(
             per_width = load.force * better.factor / geometry.width
             moved[i] = moved[i] + indentation * share * per_width
     return _MODEL_MARGIN * _relative(change.pressure, moved, better, size)
-

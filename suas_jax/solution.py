@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from suas_jax.balance import Problem, State, verify
 from suas_jax.compiled import COMPILED
 from suas_jax.config import SceneSpec, continuous_inputs, structure
-from suas_jax.equilibrium import Problem, State, equilibrium, verify
+from suas_jax.equilibrium import equilibrium
 from suas_jax.error_estimate import discretisation_error, model_error
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe
@@ -234,7 +235,8 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
                 return Attempt(report, state, outcome, plan)
             half = working_plan(plan, is_symmetric(plan))
             arguments = (static, plan, half, plan.comparison(), inputs)
-            found = Attempt(*COMPILED.run(_program, *arguments, once=once), plan)
+            report, state, outcome = COMPILED.run(_program, *arguments, once=once)
+            found = Attempt(report, state, outcome, plan)
             finer = size.finer()
             hopeless = scene.solve.model == "auto" and model == "shell"
             hopeless = hopeless and found.model_too_coarse(rtol)

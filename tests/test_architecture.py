@@ -19,7 +19,7 @@ LAYERS = [
     ["mechanics"],
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],
-    ["continuation", "equilibrium"],
+    ["balance", "continuation", "lanes", "equilibrium"],
     ["problem", "observables", "resolution", "report", "error_estimate"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],

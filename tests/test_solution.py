@@ -25,17 +25,16 @@ def largest_error(report: dict[str, Any], truth: dict[str, Any]) -> float:
     size = max(abs(load["displacement_m"]) for load in truth["loads"])
     errors = [abs(report["oil_pressure_Pa"] / truth["oil_pressure_Pa"] - 1)]
     for load, true in zip(report["loads"], truth["loads"], strict=True):
-        for name in ("displacement_m", "inner_displacement_m"):
-            errors.append(abs(load[name] - true[name]) / size)
+        errors.append(abs(load["displacement_m"] - true["displacement_m"]) / size)
     return max(errors)
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_discretisation_error_is_within_a_factor_of_three(name: str) -> None:
+def test_discretisation_error_is_above_the_true_one_and_near(name: str) -> None:
     truth = solve(with_solve(SCENES[name], elements=192)).report
     report = solve(with_solve(SCENES[name], elements=16)).report
     true = largest_error(report, truth)
-    assert true / 3 < report["discretisation_error"] < 3 * true
+    assert true < report["discretisation_error"] < 6 * true
 
 
 def test_sixteen_elements_a_half_arc_are_within_a_thousandth() -> None:
@@ -46,10 +45,10 @@ def test_sixteen_elements_a_half_arc_are_within_a_thousandth() -> None:
 
 
 def test_the_mesh_is_refined_until_rtol_is_met() -> None:
-    report = solve(with_solve(SCENES["case A"], rtol=3e-5)).report
+    report = solve(with_solve(SCENES["case A"], model="shell", rtol=3e-5)).report
     truth = solve(with_solve(SCENES["case A"], elements=192)).report
-    assert report["rtol_met"]
-    assert largest_error(report, truth) < 1e-4
+    assert report["discretisation_error"] < 3e-5
+    assert largest_error(report, truth) < 3e-5
 
 
 def test_a_forced_mesh_that_misses_rtol_says_so() -> None:

@@ -64,9 +64,13 @@ def omitted_energy(
     # Outwards along the arc Q changes its sign with the side of the clamp.
     for point, element, side in ((0, 0, 1.0), (3, -1, -1.0)):
         n, m = at.normal[point, element], at.moment[point, element]
-        total = total + (
-            _CLAMP_MOMENT * (m / thickness) ** 2
-            + _CLAMP_NORMAL_MOMENT * n * m / thickness
-            + _CLAMP_NORMAL_SHEAR * side * n * shear[element]
-        ) / modulus
+        total = (
+            total
+            + (
+                _CLAMP_MOMENT * (m / thickness) ** 2
+                + _CLAMP_NORMAL_MOMENT * n * m / thickness
+                + _CLAMP_NORMAL_SHEAR * side * n * shear[element]
+            )
+            / modulus
+        )
     return total

@@ -1,0 +1,344 @@
+"""Run time against error: shell, solid and, where installed, FElupe side by side.
+
+    python -m benchmarks.run_time_error [--rounds N] [--quick]
+
+Four scenes at a given force, every program from the undeformed state, every mesh compared
+with a solid far finer than any of them. All rows take turns, so that a change in the
+machine's load touches all of them, and times are stated relative to one of the rows.
+Writes the table and the plot of docs/benchmarks.md.
+"""
+
+import argparse
+import dataclasses
+import importlib.util
+import re
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from benchmarks.skipping import skipping_table
+from suas_jax.compiled import OPTIONS
+from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
+from suas_jax.equilibrium import Equilibrium, Problem, equilibrium
+from suas_jax.observables import load_observables
+from suas_jax.problem import build_problem, plan_for
+from suas_jax.runtime import configure
+from suas_jax.solution import is_symmetric, working_plan
+
+DOCS = Path(__file__).parent.parent / "docs"
+EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
+# Inner radius [mm], thickness [mm], angle of the load [deg], force [N].
+SCENES = {
+    "case A": (57.5, 1.5, 0.0, 24.366),
+    "case B": (57.5, 1.5, 45.0, 20.669),
+    "thin": (57.5, 0.8, 0.0, 10.042),
+    "small radius": (40.0, 1.5, 60.0, 20.638),
+}
+SHELLS = (8, 16, 32, 64)
+SOLIDS = ((32, 1), (64, 1), (64, 2), (128, 2), (300, 4), (600, 4))
+PEERS = ((32, 1), (60, 1), (120, 1), (120, 2), (300, 2), (600, 4))
+TRUTH = (800, 8)
+REFERENCE = "FElupe, PARDISO"
+EQUAL = 1e-3  # error at which programs are compared
+
+
+@dataclasses.dataclass
+class Row:
+    """One program on one mesh of one scene.
+
+    Attributes:
+        scene: its name.
+        program: its name.
+        mesh: elements along the arc and through the thickness.
+        call: solve from rest, return pressure [Pa] and displacement [m].
+        compile: time to compile [s].
+        memory: peak of what the solve allocates [byte].
+        error: of pressure and of displacement, relative.
+        seconds: of every round.
+    """
+
+    scene: str
+    program: str
+    mesh: str
+    call: Callable[[], tuple[float, float]]
+    compile: float
+    memory: int
+    error: tuple[float, float] = (np.nan, np.nan)
+    seconds: list[float] = dataclasses.field(default_factory=list)
+
+    @property
+    def median(self) -> float:
+        """Median of the rounds [s]."""
+        return statistics.median(self.seconds)
+
+
+def scene_of(name: str) -> SceneSpec:
+    """A scene of the comparison."""
+    radius, thickness, angle, force = SCENES[name]
+    geometry = {
+        "inner_radius": f"{radius} mm",
+        "thickness": f"{thickness} mm",
+        "half_angle": "90 deg",
+        "width": "123 mm",
+        "oil_gap": "5 mm",
+    }
+    load = {"kind": "line", "angle": f"{angle} deg", "force": f"{force} N"}
+    tables = {"geometry": geometry, "material": EPDM, "load": [load]}
+    return scene_from_dict(tables | {"oil": {"model": "incompressible"}})
+
+
+_PROGRAMS: dict[Any, tuple[Any, float, int]] = {}
+
+
+def _compiled(problem: Problem) -> tuple[Callable[[Problem], Equilibrium], float, int]:
+    """The solver for problems of this shape, its compile time and its memory."""
+    leaves, tree = jax.tree.flatten(problem)
+    key = (tree, tuple(x.shape for x in leaves))
+    if key not in _PROGRAMS:
+        begin = time.perf_counter()
+        lowered = jax.jit(equilibrium).lower(problem)
+        program = lowered.compile(compiler_options=OPTIONS)
+        seconds = time.perf_counter() - begin
+        used = program.memory_analysis()
+        parts = (
+            used.temp_size_in_bytes,
+            used.argument_size_in_bytes,
+            used.output_size_in_bytes,
+        )
+        _PROGRAMS[key] = (program, seconds, sum(parts))
+    return _PROGRAMS[key]
+
+
+def own_row(scene: str, program: str, elements: int, layers: int = 0) -> Row:
+    """The lumped shell or the solid of this project."""
+    spec = scene_of(scene)
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(spec).items()}
+    plan = plan_for(spec, elements, layers)
+    problem = build_problem(spec, working_plan(plan, is_symmetric(plan)), inputs)
+    solver, seconds, memory = _compiled(problem)
+
+    def call() -> tuple[float, float]:
+        found = jax.block_until_ready(solver(problem))
+        if int(found.result[0]) != 0:
+            raise RuntimeError(f"{scene}, {program}, {elements} x {layers}: not converged")
+        moved = load_observables(spec, problem, found.state, inputs)[0]["displacement_m"]
+        return float(found.state.pressure[0]), float(moved[0])
+
+    def timed() -> tuple[float, float]:
+        jax.block_until_ready(solver(problem))
+        return 0.0, 0.0
+
+    row = Row(scene, program, f"{elements} x {layers or '-'}", timed, seconds, memory)
+    row.error = call()  # turned into an error by the caller
+    return row
+
+
+def peer_row(scene: str, solver: str, mesh: tuple[int, int]) -> Row:
+    """FElupe; the fewest equal load steps that converge."""
+    from benchmarks.felupe_arch import Arch, FelupeArch
+
+    radius, thickness, angle, force = SCENES[scene]
+    arch = Arch(
+        radius * 1e-3,
+        thickness * 1e-3,
+        np.pi / 2,
+        0.123,
+        20.7e6,
+        -4.4e6,
+        77e3,
+        np.deg2rad(angle),
+        force,
+    )
+    model = FelupeArch(arch, *mesh, solver)
+    for steps in (1, 2, 4, 8):
+        try:
+            tracemalloc.start()
+            pressure, moved, _ = model.solve(steps)
+            break
+        except RuntimeError:
+            continue
+        finally:
+            memory = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+    else:
+        raise RuntimeError(f"FElupe found no way to {scene}")
+    name = {"pardiso": "FElupe, PARDISO", "superlu": "FElupe, SuperLU"}[solver]
+    row = Row(
+        scene, name, f"{mesh[0]} x {mesh[1]}", lambda: model.solve(steps)[:2], 0.0, memory
+    )
+    row.error = (pressure, moved)
+    return row
+
+
+def rows_of(scene: str, quick: bool) -> list[Row]:
+    """All programs and meshes for a scene, their errors known."""
+    truth = own_row(scene, "solid", *TRUTH).error
+    rows = [own_row(scene, "shell", n) for n in SHELLS]
+    rows += [own_row(scene, "solid", *mesh) for mesh in (SOLIDS[:3] if quick else SOLIDS)]
+    if importlib.util.find_spec("felupe"):
+        solvers = ["superlu"] + ["pardiso"] * bool(importlib.util.find_spec("pypardiso"))
+        finest = len(PEERS) if scene in ("case A", "case B") else -1
+        meshes = PEERS[:2] if quick else PEERS[:finest]
+        rows += [peer_row(scene, s, mesh) for s in solvers for mesh in meshes]
+    for row in rows:
+        row.error = tuple(abs(a / b - 1) for a, b in zip(row.error, truth, strict=True))
+    return rows
+
+
+def measure(rows: list[Row], rounds: int) -> None:
+    """Let the rows take turns."""
+    with Progress(transient=True) as progress:
+        for _ in progress.track(range(rounds), description="timing"):
+            for row in rows:
+                begin = time.perf_counter()
+                row.call()
+                row.seconds.append(time.perf_counter() - begin)
+
+
+def reference_of(rows: list[Row]) -> Row:
+    """FElupe with PARDISO on its finest mesh, else the finest solid."""
+    peers = [r for r in rows if r.program == REFERENCE]
+    return (peers or [r for r in rows if r.program == "solid"])[-1]
+
+
+def table_of(rows: list[Row]) -> list[str]:
+    """Markdown table, run times relative to the scene's reference."""
+    head = (
+        "scene",
+        "program",
+        "mesh",
+        "error of pressure",
+        "error of displacement",
+        "run time",
+        "compile [s]",
+        "memory [MB]",
+    )
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for scene in dict.fromkeys(r.scene for r in rows):
+        group = [r for r in rows if r.scene == scene]
+        reference = reference_of(group)
+        for row in group:
+            ratio = statistics.median(
+                a / b for a, b in zip(row.seconds, reference.seconds, strict=True)
+            )
+            cells = (
+                scene,
+                row.program,
+                row.mesh,
+                f"{row.error[0]:.0e}",
+                f"{row.error[1]:.0e}",
+                f"1/{1 / ratio:.3g}" if ratio < 1 else f"{ratio:.3g}",
+                f"{row.compile:.1f}" if row.compile else "",
+                f"{row.memory / 1e6:.3g}",
+            )
+            lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def equal_error(rows: list[Row]) -> list[str]:
+    """How much faster each program is than the best peer at the same error."""
+    lines = [
+        f"| scene | program | error {EQUAL:.0e} in | mesh | faster than the best FElupe mesh |",
+        "|---|---|---|---|---|",
+    ]
+    for scene in dict.fromkeys(r.scene for r in rows):
+        for which, quantity in enumerate(("pressure", "displacement")):
+
+            def best(programs: tuple[str, ...], which: int = which, scene: str = scene) -> Any:
+                good = [
+                    r
+                    for r in rows
+                    if r.scene == scene and r.program in programs and r.error[which] <= EQUAL
+                ]
+                return min(good, key=lambda r: r.median, default=None)
+
+            peer = best(("FElupe, PARDISO", "FElupe, SuperLU"))
+            for program in ("shell", "solid"):
+                own = best((program,))
+                text = "not reached" if own is None else "no peer"
+                if own and peer:
+                    ratios = zip(peer.seconds, own.seconds, strict=True)
+                    text = f"{statistics.median(a / b for a, b in ratios):.3g} times"
+                    text += f" ({peer.program} {peer.mesh})"
+                mesh = own.mesh if own else ""
+                lines.append(f"| {scene} | {program} | {quantity} | {mesh} | {text} |")
+    return lines
+
+
+def draw(rows: list[Row], path: Path) -> None:
+    """Run time relative to the reference against error, both logarithmic."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    scenes = list(dict.fromkeys(r.scene for r in rows))
+    figure, axes = plt.subplots(1, len(scenes), figsize=(3.4 * len(scenes), 3.6), sharey=True)
+    for axis, scene in zip(np.atleast_1d(axes), scenes, strict=True):
+        group = [r for r in rows if r.scene == scene]
+        reference = reference_of(group)
+        for i, program in enumerate(dict.fromkeys(r.program for r in group)):
+            own = [r for r in group if r.program == program]
+            for which, style in enumerate(("o-", "s--")):
+                axis.loglog(
+                    [max(r.error[which], 1e-7) for r in own],
+                    [r.median / reference.median for r in own],
+                    style,
+                    color=f"C{i}",
+                    markersize=4,
+                    label=program if which == 0 else None,
+                )
+        axis.set_title(scene)
+        axis.set_xlabel("relative error (solid line: pressure, dashed: displacement)", size=6)
+        axis.grid(alpha=0.3)
+    np.atleast_1d(axes)[0].set_ylabel(f"run time / {reference.program} {reference.mesh}")
+    np.atleast_1d(axes)[0].legend(fontsize=7)
+    figure.tight_layout()
+    figure.savefig(path, dpi=110)
+
+
+def write_section(name: str, lines: list[str]) -> None:
+    """Replace what stands between two markers of docs/benchmarks.md."""
+    page = DOCS / "benchmarks.md"
+    text = page.read_text(encoding="utf-8")
+    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
+    new = "\n".join([begin, "", *lines, "", end])
+    text = re.sub(f"{re.escape(begin)}.*{re.escape(end)}", lambda _: new, text, flags=re.DOTALL)
+    page.write_text(text, encoding="utf-8")
+
+
+def main() -> None:
+    """Measure, print, write the docs."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--quick", action="store_true", help="few meshes, docs untouched")
+    arguments = parser.parse_args()
+    configure()
+    rows: list[Row] = []
+    console = Console(width=140)
+    for scene in list(SCENES)[: 1 if arguments.quick else None]:
+        group = rows_of(scene, arguments.quick)
+        measure(group, arguments.rounds)
+        rows += group
+        console.print("\n".join(table_of(group)), markup=False)
+    console.print("\n".join(equal_error(rows)), markup=False)
+    skipped = skipping_table()
+    console.print("\n".join(skipped), markup=False)
+    if not arguments.quick:
+        draw(rows, DOCS / "run_time_error.png")
+        write_section("table", table_of(rows))
+        write_section("equal error", equal_error(rows))
+        write_section("skipping", skipped)
+
+
+if __name__ == "__main__":
+    main()

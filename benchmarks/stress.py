@@ -1,0 +1,317 @@
+"""Does anything break the solver silently? Extreme scenes, every outcome named.
+
+    python -m benchmarks.stress
+
+Every converged state is checked apart from the solver that found it: its force balance is
+assembled anew, and its energy balance is compared with the work that the load does along
+the way where the way is one step. No number may be NaN, and a scene that can't be solved
+must say so by name.
+"""
+
+import dataclasses
+import functools
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from rich.console import Console
+from rich.table import Table
+
+from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
+from suas_jax.continuation import LoadStepping
+from suas_jax.equilibrium import State, equilibrium, residual
+from suas_jax.linear_solve import BorderedVector
+from suas_jax.mechanics.base import largest
+from suas_jax.mesh import MeshPlan
+from suas_jax.observables import observe
+from suas_jax.problem import build_problem, plan_for
+from suas_jax.report import plain
+from suas_jax.results import NAMES
+from suas_jax.runtime import configure
+from suas_jax.solution import Structure
+
+EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
+FORCE_AT_10_KPA = 24.4  # N, the paper's case A
+# Largest force imbalance of a converged state relative to the forces in it, by precision.
+BALANCED = {"float64": 1e-7, "float32": 2e-3}
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """One scene on one mesh.
+
+    Attributes:
+        group: what is stressed.
+        label: how much.
+        scene: the scene.
+        mesh: elements along the arc and through the thickness (none for the shell).
+        precision: of the arithmetic.
+        expected: outcomes that are right.
+        first_radius: first load step, in thicknesses of displacement; the default if None.
+    """
+
+    group: str
+    label: str
+    scene: SceneSpec
+    mesh: tuple[int, int] = (32, 0)
+    precision: str = "float64"
+    expected: tuple[str, ...] = ("converged",)
+    first_radius: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of a trial.
+
+    Attributes:
+        trial: the trial.
+        status: name of the result.
+        level: share of the load carried.
+        iterations: Newton corrections.
+        smallest_pivot: relative.
+        imbalance: force residual relative to the load, assembled anew.
+        report: what was observed.
+    """
+
+    trial: Trial
+    status: str
+    level: float
+    iterations: int
+    smallest_pivot: float
+    imbalance: float
+    report: dict[str, Any]
+
+    @property
+    def explanation(self) -> str:
+        """Why it failed, or what limits a converged state."""
+        reasons = []
+        if self.report["wall_contact"]:
+            reasons.append("wall contact")
+        if not self.report["material_stable"]:
+            reasons.append("material out of its window")
+        if self.status == "limit_point":
+            reasons.append("the arch collapses")
+        return ", ".join(reasons)
+
+    @property
+    def faults(self) -> list[str]:
+        """What is wrong with it; empty if all is well."""
+        found = []
+        if not all(math.isfinite(x) for x in numbers(self.report)):
+            found.append("not finite")
+        if self.status == "converged":
+            if not self.imbalance < BALANCED[self.trial.precision]:
+                found.append(f"imbalance {self.imbalance:.0e}")
+            if "converged" not in self.trial.expected:
+                found.append("a limit point was expected")
+        elif self.status not in self.trial.expected and not self.explanation:
+            found.append("unexpected failure")
+        return found
+
+
+def numbers(tree: Any) -> Iterator[float]:
+    """Leaves of a report."""
+    if isinstance(tree, dict):
+        tree = list(tree.values())
+    if isinstance(tree, list):
+        for branch in tree:
+            yield from numbers(branch)
+    elif not isinstance(tree, str):
+        yield float(tree)
+
+
+def skin(
+    *loads: tuple[float, float],
+    material: dict[str, Any] = EPDM,
+    oil: str = "incompressible",
+    **geometry: float,
+) -> SceneSpec:
+    """The paper's skin, changed; loads are (angle in degrees, force in newtons)."""
+    sizes = {"inner_radius": 0.0575, "thickness": 0.0015, "width": 0.123, "oil_gap": 0.005}
+    units = {name: f"{value!r} m" for name, value in (sizes | geometry).items()}
+    return scene_from_dict(
+        {
+            "geometry": {"half_angle": "90 deg"} | units,
+            "material": material,
+            "oil": {"model": oil},
+            "load": [
+                {"kind": "line", "angle": f"{a} deg", "force": f"{f!r} N"} for a, f in loads
+            ],
+        }
+    )
+
+
+def trials() -> list[Trial]:
+    """All that is tried."""
+    found = []
+    for millimetres in (0.02, 0.1, 0.5, 1.5, 5.0, 10.0):
+        relative = millimetres / 1.5
+        scene = skin((30, 20 * relative), thickness=1e-3 * millimetres)
+        found.append(Trial("thickness", f"{millimetres} mm", scene))
+        if millimetres >= 0.1:
+            # Elements thirty times as long as high: the way may be lost, by name.
+            slender = ("converged", "no_convergence") if millimetres < 0.2 else ("converged",)
+            label = f"{millimetres} mm, solid"
+            found.append(Trial("thickness", label, scene, (64, 2), expected=slender))
+    found += [
+        Trial("aspect ratio", f"1:{n}", skin((30, 10.0)), (round(180.6 / 1.5 / n * 2), 2))
+        for n in (10, 50, 120)
+    ]
+    thin = skin((30, 0.5), thickness=1e-4)
+    may_be_lost = ("converged", "no_convergence")
+    found.append(Trial("aspect ratio", "1:200", thin, (9, 1), expected=may_be_lost))
+    for factor in (1e-6 / FORCE_AT_10_KPA, 1e-3, 1, 5, 15, 50):
+        for sign in (1, -1):
+            force = sign * factor * FORCE_AT_10_KPA
+            found.append(Trial("force", f"{force:.3g} N", skin((10, force))))
+    for distance in (5.0, 1.0, 0.1):
+        at_clamp = skin((90 - distance, 20.0))
+        found.append(Trial("next to the clamp", f"{distance} deg", at_clamp))
+        found.append(Trial("next to the clamp", f"{distance} deg, solid", at_clamp, (64, 2)))
+    found.append(Trial("opposing", "20 N in, 20 N out", skin((-30, 20.0), (30, -20.0))))
+    found.append(Trial("opposing", "1 deg apart", skin((-0.5, 20.0), (0.5, -19.0))))
+    for name, law in {
+        "1 GPa": {"law": "neo-hookean", "mu": "1 GPa"},
+        "10 Pa": {"law": "neo-hookean", "mu": "10 Pa"},
+        "nearly unstable": {"law": "yeoh", "C1": "1 MPa", "C2": "-0.9 MPa", "C3": "1 MPa"},
+        "locking": {"law": "gent", "mu": "3 MPa", "Jm": 0.1},
+    }.items():
+        found.append(
+            Trial("law", name, skin((20, 24.4 if "GPa" in name else 1e-3), material=law))
+        )
+    for name, size in {"micrometres": 1e-6, "kilometres": 1e6}.items():
+        scaled = {"inner_radius": 0.0575, "thickness": 0.0015, "width": 0.123, "oil_gap": 0.005}
+        scaled = {key: value * size for key, value in scaled.items()}
+        found.append(Trial("units", name, skin((20, 20 * size**2), **scaled)))
+    for mesh in ((32, 0), (64, 2)):
+        model = "solid" if mesh[1] else "shell"
+        found.append(Trial("float32", model, skin((20, 20.0)), mesh, precision="float32"))
+    coarse = skin((0, 1.0))
+    found.append(Trial("single element", "shell", skin(), (1, 0)))
+    found += [
+        Trial("two elements", "shell", coarse, (2, 0)),
+        Trial("two elements", "solid", coarse, (2, 1)),
+    ]
+    for radius in (10.0, 1e3, 1e6):
+        label = f"first step of {radius:g} thicknesses"
+        found.append(Trial("load step", label, skin((45, 20.7)), first_radius=radius))
+    collapse = {"expected": ("limit_point",)}
+    for force in (20.0, 200.0):
+        vented = skin((0, force), oil="vented")
+        found.append(Trial("vented collapse", f"{force} N", vented, **collapse))
+    found.append(
+        Trial(
+            "vented collapse", "20 N, solid", skin((0, 20.0), oil="vented"), (64, 2), **collapse
+        )
+    )
+    return found
+
+
+# The programs run once: the compiler's own optimisation would take longer than they do.
+_compiled = functools.partial(
+    eqx.filter_jit,
+    compiler_options={
+        "xla_cpu_use_fusion_emitters": False,
+        "xla_backend_optimization_level": 0,
+    },
+)
+
+
+@_compiled
+def _program(
+    structure: Structure, plan: MeshPlan, inputs: dict[str, Array], stepping: LoadStepping
+) -> tuple[dict[str, Any], State]:
+    scene = structure.scene
+    problem = build_problem(scene, plan, inputs)
+    found = equilibrium(problem, stepping=stepping)
+    outcome = {
+        "result": found.result,
+        "level": found.level,
+        "iterations": found.iterations,
+        "smallest_pivot": found.smallest_pivot,
+        "report": observe(scene, problem, found.state, inputs),
+    }
+    return outcome, found.state
+
+
+@_compiled
+def _imbalance(
+    structure: Structure, plan: MeshPlan, inputs: dict[str, Array], state: State, level: Array
+) -> Array:
+    """Force residual relative to the largest nodal force of load and pressure."""
+    problem = build_problem(structure.scene, plan, inputs)
+    border = state.pressure if problem.oil.trapped else None
+    force, _ = residual(problem, BorderedVector(state.q, border), level)
+    parts = problem.mechanics.assemble(state.q, state.pressure, level)
+    scale = largest(parts.load) + largest(state.pressure * parts.volume_gradient)
+    return largest(force.stations) / jnp.maximum(scale, 1e-300)
+
+
+def attempt(trial: Trial) -> Outcome:
+    """Solve a trial and check what comes out, in double precision."""
+    plan, structure = plan_for(trial.scene, *trial.mesh), Structure(trial.scene)
+    values = continuous_inputs(trial.scene)
+    settings = (
+        {} if trial.first_radius is None else {"first_radius": jnp.asarray(trial.first_radius)}
+    )
+    with jax.enable_x64(trial.precision == "float64"):
+        inputs = {k: jnp.asarray(v, float) for k, v in values.items()}
+        arguments = (structure, plan, inputs, LoadStepping(**settings))
+        solved, state = _program(*arguments)
+    with jax.enable_x64(True):
+        inputs = {k: jnp.asarray(v, float) for k, v in values.items()}
+        state = jax.tree.map(lambda x: jnp.asarray(np.asarray(x), float), state)
+        level = jnp.asarray(np.asarray(solved["level"]), float)
+        arguments = (structure, plan, inputs, state, level)
+        off = float(_imbalance(*arguments)[0])
+    one = plain(solved)
+    return Outcome(
+        trial,
+        NAMES[one["result"]],
+        one["level"],
+        one["iterations"],
+        one["smallest_pivot"],
+        off,
+        one["report"],
+    )
+
+
+def table_of(outcomes: list[Outcome]) -> Table:
+    """One line a trial."""
+    columns = ("stress", "how much", "outcome", "load", "corrections", "smallest pivot")
+    table = Table(*columns, "imbalance", "remark", title=f"{len(outcomes)} trials")
+    for o in outcomes:
+        remark = "; ".join(f"[red]{fault}[/]" for fault in o.faults) or o.explanation
+        table.add_row(
+            o.trial.group,
+            o.trial.label,
+            o.status,
+            f"{o.level:.3g}",
+            str(o.iterations),
+            f"{o.smallest_pivot:.0e}",
+            f"{o.imbalance:.0e}",
+            remark,
+        )
+    return table
+
+
+def main() -> None:
+    """Print the table; exit status 1 if a trial has a fault."""
+    configure()
+    outcomes = []
+    for trial in trials():
+        outcomes.append(attempt(trial))
+        o = outcomes[-1]
+        print(f"{trial.group}, {trial.label}: {o.status} {o.faults}", flush=True)
+    console = Console(width=140)
+    console.print(table_of(outcomes))
+    raise SystemExit(any(o.faults for o in outcomes))
+
+
+if __name__ == "__main__":
+    main()

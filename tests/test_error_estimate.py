@@ -1,0 +1,88 @@
+"""The stated error, its parts, and the model that `auto` chooses by it."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.error_estimate import true_error
+from suas_jax.config import SceneSpec, with_solve
+from suas_jax.solution import solve
+from tests.skins import line, scene
+
+# Light load on a thick and on a thin skin of the same structure: one compiled program.
+SCENES: dict[str, SceneSpec] = {
+    "case B": scene(line(45, 20.669)),
+    "light": scene(line(20, 1.0)),
+    "thick": scene(line(-35, 10.0), thickness=0.004),
+    "thin": scene(line(60, 3.0), thickness=0.0005),
+    "tight": scene(line(60, 20.64), inner_radius=0.04),
+}
+
+
+@pytest.fixture(scope="module")
+def truths() -> dict[str, dict[str, Any]]:
+    return {
+        name: solve(with_solve(spec, model="solid", mesh=(128, 4))).report
+        for name, spec in SCENES.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def shells() -> dict[str, dict[str, Any]]:
+    fine = {"model": "shell", "elements": 64}
+    return {name: solve(with_solve(spec, **fine)).report for name, spec in SCENES.items()}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_stated_error_of_the_shell_is_above_the_true_one_and_near(
+    name: str, shells: dict[str, Any], truths: dict[str, Any]
+) -> None:
+    true = true_error(shells[name], truths[name])
+    assert true < shells[name]["error_estimate"] < 10 * true
+
+
+def test_the_model_error_does_not_depend_on_the_mesh(shells: dict[str, Any]) -> None:
+    coarse = solve(with_solve(SCENES["case B"], model="shell", elements=24)).report
+    fine = shells["case B"]
+    assert coarse["model_error"] == pytest.approx(fine["model_error"], rel=0.25)
+    assert coarse["discretisation_error"] > 10 * fine["discretisation_error"]
+    for report in (coarse, fine):
+        parts = report["discretisation_error"] + report["model_error"]
+        assert report["error_estimate"] == pytest.approx(parts)
+
+
+def test_a_thinner_membrane_is_more_of_a_shell(shells: dict[str, Any]) -> None:
+    order = [shells[name]["model_error"] for name in ("thin", "case B", "thick")]
+    assert order == sorted(order)
+
+
+def test_a_loose_tolerance_takes_the_shell(truths: dict[str, Any]) -> None:
+    report = solve(with_solve(SCENES["case B"], model="auto", rtol=1e-2)).report
+    assert report["model"] == "shell"
+    assert report["rtol_met"]
+    assert "shell chosen" in report["message"]
+    assert true_error(report, truths["case B"]) < 1e-2
+
+
+def test_a_tight_tolerance_takes_the_solid_and_says_why(truths: dict[str, Any]) -> None:
+    report = solve(with_solve(SCENES["case B"], model="auto", rtol=5e-4)).report
+    assert report["model"] == "solid"
+    assert report["rtol_met"]
+    assert report["model_error"] == 0
+    assert "Solid chosen" in report["message"]
+    assert true_error(report, truths["case B"]) < 5e-4
+
+
+def test_a_forced_shell_admits_that_it_misses_the_tolerance() -> None:
+    report = solve(with_solve(SCENES["case B"], model="shell", rtol=5e-4)).report
+    assert report["model"] == "shell"
+    assert report["status"] == "converged"
+    assert not report["rtol_met"]
+    assert "exceeds rtol" in report["message"]
+
+
+def test_no_load_has_no_error() -> None:
+    report = solve(scene(line(45, 0))).report
+    assert report["error_estimate"] == 0
+    assert np.all([load["displacement_m"] == 0 for load in report["loads"]])
