@@ -5,6 +5,7 @@ all of them. Columns of the Jacobian lie side by side with the lanes: each is on
 of the same linear problem, in the memory order the mechanics is fastest in.
 """
 
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -125,7 +126,7 @@ class Fit(NamedTuple):
 
 
 # A step that promises less than this is noise a thousand times below the data's.
-_SETTLED = 1e-4
+SETTLED = 1e-4
 
 
 class _Walk(NamedTuple):
@@ -141,8 +142,9 @@ def fit_loads(
     target: Target,
     parameters: Float[Array, "parameter lane"],
     start: State,
+    steps: Int[Array, ""],
+    *,
     contacts: int,
-    steps: int = 12,
 ) -> Fit:
     """Levenberg-Marquardt in all lanes at once, inside bounds.
 
@@ -154,8 +156,8 @@ def fit_loads(
         target: readings, weights, bounds.
         parameters: where to start.
         start: an equilibrium near there.
+        steps: most evaluations.
         contacts: number of loads.
-        steps: most evaluations after the first.
     """
 
     def judged(parameters: Array, state: State, damping: Array) -> tuple[Fit, Array]:
@@ -176,27 +178,41 @@ def fit_loads(
     def body(walk: _Walk) -> _Walk:
         old = walk.fit
         there = jnp.clip(old.parameters + walk.step, target.low, target.high)
-        new, step = judged(there, old.evaluation.state, walk.damping / 10)
+        new, step = judged(there, old.evaluation.state, walk.damping)
         better = walk.live & (new.chi2 <= old.chi2)
         worse = walk.live & ~better
-        fit = _choose(better, new, old)
         # A refused step is a shorter one next time, along the same direction.
         shorter = jnp.where(worse, 0.25, 1.0) * walk.step
         tiny = jnp.max(jnp.abs(shorter), 0) < 1e-9
-        live = walk.live & ~(better & (new.promise < _SETTLED)) & ~(worse & tiny)
+        live = walk.live & ~(better & (new.promise < SETTLED)) & ~(worse & tiny)
         damping = jnp.where(better, walk.damping / 10, walk.damping)
-        return _Walk(fit, jnp.where(better, step, shorter), damping, live, walk.count + 1)
+        step = jnp.where(better, step, shorter)
+        return _Walk(_choose(better, new, old), step, damping, live, walk.count + 1)
 
-    zero = jnp.zeros(parameters.shape[-1])
-    damping = zero + 1e-3
-    first, step = judged(jnp.clip(parameters, target.low, target.high), start, damping)
-    live = jnp.isfinite(first.chi2) & (first.promise >= _SETTLED)
-    walk = _Walk(first, step, damping, live, jnp.array(0))
+    # The first turn evaluates the start itself, so that the model is compiled once.
+    walk = _Walk(
+        _nowhere(skin, parameters, start),
+        jnp.zeros_like(parameters),
+        jnp.full(parameters.shape[-1], 1e-3),
+        jnp.ones(parameters.shape[-1], bool),
+        jnp.array(0),
+    )
 
     def going(walk: _Walk) -> Array:
         return jnp.any(walk.live) & (walk.count < steps)
 
     return jax.lax.while_loop(going, body, walk).fit
+
+
+def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
+    """A fit that any other is better than."""
+    (count, lanes), taxels = parameters.shape, skin.electrodes.taxels.angle.shape[0]
+    zero = jnp.zeros(lanes)
+    so = jnp.full((taxels, lanes), jnp.nan)
+    jacobian = jnp.full((count, taxels, lanes), jnp.nan)
+    evaluation = Evaluation(so, jacobian, zero, zero, start, jnp.ones(lanes, jnp.int32))
+    infinite = zero + jnp.inf
+    return Fit(parameters, evaluation, infinite, jnp.zeros((count, count, lanes)), infinite)
 
 
 def _choose(keep: Array, a: Fit, b: Fit) -> Fit:
@@ -243,8 +259,8 @@ def _solve_spd(matrix: Float[Array, "n n lane"], right: Float[Array, "n lane"]) 
     return jnp.stack(x)
 
 
-fit_program = eqx.filter_jit(fit_loads)
-"""`fit_loads`, to be run by `suas_jax.compiled.COMPILED`."""
+FIT_PROGRAMS = {k: eqx.filter_jit(partial(fit_loads, contacts=k)) for k in (1, 2, 3)}
+"""`fit_loads` by number of contacts, to be run by `suas_jax.compiled.COMPILED`."""
 
 
 def _read(skin: Skin, angle: Array, force: Array, start: State) -> tuple[Array, ...]:

@@ -5,6 +5,7 @@ touch the wall, angle by angle. The table is made once a skin, in batches, and k
 user's cache folder under a hash of everything it depends on.
 """
 
+import functools
 import hashlib
 import json
 import os
@@ -64,6 +65,32 @@ class LoadTable:
         """Change of readings per newton of a light contact [angle, taxel]."""
         return (self.so[:, 0] - self.rest) / self.forces[:, :1]
 
+    @property
+    def steps(self) -> tuple[float, float]:
+        """Between neighbouring nodes: angle [rad], logarithm of the force."""
+        ratio = self.forces[0, 1] / self.forces[0, 0]
+        return float(self.angles[1] - self.angles[0]), float(np.log(ratio))
+
+    @functools.cached_property
+    def taylor(self) -> NDArray[np.float64]:
+        """Readings about every node [angle*force, term, taxel].
+
+        Terms: value, slopes by angle and by log force (in `steps`), then the second
+        derivatives angle-angle, angle-force, force-force. Forces are per angle; the
+        reference to neighbours at the same force is made by the slope along the force.
+        """
+        _, step = self.steps
+        shift = np.log(self.forces[:, 0])
+        drift = np.gradient(shift)[:, None, None] / step  # nodes by which rows are displaced
+        by_f = np.gradient(self.so, axis=1)
+        ff = np.gradient(by_f, axis=1)
+        along = np.gradient(self.so, axis=0)  # at the same node number
+        by_a = along - drift * by_f
+        af = np.gradient(by_a, axis=1)
+        aa = np.gradient(by_a, axis=0) - drift * af
+        terms = np.stack([self.so, by_a, by_f, aa, af, ff], 2)
+        return np.nan_to_num(terms.reshape(-1, 6, self.so.shape[-1]))
+
     def largest_force(self, angle: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force at which the membrane almost touches the wall [N]."""
         return np.interp(angle, self.angles, self.forces[:, -1])
@@ -73,7 +100,7 @@ class LoadTable:
         q = self.q.reshape(-1, *self.q.shape[2:])[node]
         ones = np.ones(len(node))
         pressure = self.pressure.reshape(-1)[node]
-        return State(jnp.asarray(np.moveaxis(q, 0, -1)), jnp.asarray(pressure), jnp.asarray(ones))
+        return State(np.moveaxis(q, 0, -1), pressure, ones)  # type: ignore[arg-type]
 
 
 def edge_margin(skin: Skin) -> float:
