@@ -37,9 +37,12 @@ $(READY): pyproject.toml requirements.lock
 	  --no-deps --no-build-isolation --editable .
 	@touch $@
 
-# Pin what is installed now; needs an environment in which the tests pass.
+# Pin what is installed now, the benchmarks' peers aside; needs an environment in which the
+# tests pass.
+PEERS := felupe|pypardiso|mkl|intel-.*|tbb|tcmlib|umf
 lock:
-	$(BIN)/python -m pip freeze --exclude-editable | grep -v '@' > requirements.lock
+	$(BIN)/python -m pip freeze --exclude-editable \
+	  | grep -vE '@|^($(PEERS))==' > requirements.lock
 
 clean:
 	rm -rf .venv .jax_cache demo

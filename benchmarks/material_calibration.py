@@ -132,7 +132,7 @@ class _Given(AbstractFamily):
     constants = unconstrained = random = None  # type: ignore[assignment]
 
 
-def coverage(count: int = 200) -> None:
+def coverage(count: int = 200, only: str = "") -> None:
     """Share of synthetic data sets whose intervals contain the true constants."""
     cases: dict[str, tuple[AbstractFamily, np.ndarray]] = {
         "mooney-rivlin": (family("mooney-rivlin", 2), np.array([1.8e5, 1.2e4])),
@@ -143,6 +143,8 @@ def coverage(count: int = 200) -> None:
     }
     sets = treloar()
     for name, (law, truth) in cases.items():
+        if only and name != only:
+            continue
         for kind in ("relative", "noise"):
             rng = np.random.default_rng(7)
             inside = {0.6827: [], 0.95: []}  # type: ignore[var-annotated]

@@ -20,8 +20,9 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
+from suas_jax.balance import residual
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_inputs
-from suas_jax.equilibrium import equilibrium, residual
+from suas_jax.equilibrium import equilibrium
 from suas_jax.linear_solve import BorderedVector
 from suas_jax.mechanics.base import largest
 from suas_jax.mesh import MeshPlan

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fitting import cli_material
+from fitting import cli_material, cli_sensor
 from suas_jax import cli as forward
 from suas_jax import cli_acquisition as acquisition
 from suas_jax import cli_sensing as sensing
@@ -23,6 +23,7 @@ acquisition.register(app)
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
 cli_material.register(fit)
+cli_sensor.register(fit)
 app.add_typer(fit, name="fit")
 
 

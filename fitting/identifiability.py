@@ -26,6 +26,7 @@ from fitting.residuals import Residuals
 SMALLEST_NOISE = 1e-4
 _FREE = 0.5
 _RANK = 1e-10
+_LARGEST = 1e100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -107,7 +108,8 @@ def uncertainty(
     with np.errstate(divide="ignore"):
         effect = np.where(columns > 0.0, whole / columns, np.abs(constants))
     sizes = np.maximum(np.abs(constants), effect)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    # A term that has vanished in all but name would overflow its own variance.
+    sizes = np.clip(np.where(sizes > 0.0, sizes, 1.0), 0.0, _LARGEST)
     _, s, vt = np.linalg.svd((J * sizes)[:, kept], full_matrices=True)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     dof = len(r) - int(kept.sum())
@@ -119,6 +121,7 @@ def uncertainty(
     scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
     covariance = np.zeros((len(constants), len(constants)))
     covariance[np.ix_(kept, kept)] = (scaled @ scaled.T) * np.outer(sizes[kept], sizes[kept])
+    covariance = np.clip(covariance, -(_LARGEST**2), _LARGEST**2)
     deviation = np.sqrt(np.diagonal(covariance))
     floor = max(spread, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])

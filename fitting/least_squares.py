@@ -15,8 +15,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from fitting.residuals import Residuals
-from suas_jax.constitutive import AbstractLaw
+from fitting.residuals import AbstractResiduals
 
 # A start has converged when the promised decrease of its cost is below this fraction,
 # or when nothing but rounding is left to fit.
@@ -51,7 +50,7 @@ class Minima(NamedTuple):
 
 
 def minimise(
-    residuals: Residuals,
+    residuals: AbstractResiduals,
     starts: Float[np.ndarray, "starts p"],
     lanes: int = LANES,
     passes: int = _PASSES,
@@ -106,7 +105,7 @@ def _is_minimum(cost: np.ndarray, promised: np.ndarray, used: int) -> np.ndarray
 
 @eqx.filter_jit
 def _advance(
-    residuals: Residuals, starts: Float[Array, "lanes p"]
+    residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
 ) -> tuple[Array, Array, Array]:
     """One run of Levenberg-Marquardt on every lane: parameters, cost, promise."""
     solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
@@ -132,7 +131,7 @@ def _advance(
     return jax.vmap(run)(starts)
 
 
-def _linearised(residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+def _linearised(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Array]:
     """Residuals [n] and their derivatives [n, p] at one point."""
 
     def push(tangent: Array) -> tuple[Array, Array]:
@@ -141,7 +140,7 @@ def _linearised(residuals: Residuals, theta: Array) -> tuple[Array, Array]:
     return jax.vmap(push, out_axes=(None, 1))(jnp.eye(theta.size, dtype=theta.dtype))
 
 
-def _judged(residuals: Residuals, theta: Array) -> tuple[Array, Array]:
+def _judged(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Array]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step promises."""
     r, J = _linearised(residuals, theta)
     finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
@@ -155,16 +154,13 @@ def _judged(residuals: Residuals, theta: Array) -> tuple[Array, Array]:
 
 
 @eqx.filter_jit
-def refined(residuals: Residuals, starts: Float[Array, "lanes p"]) -> Float[Array, "lanes p"]:
-    """Use what is linear in the starts: the shares of an Ogden law's terms."""
-    target = residuals.weighed(residuals.value)
-
-    def columns(law: AbstractLaw) -> Array:
-        readings = [test.predict(law) for test in residuals.experiments]
-        return residuals.weighed(jnp.concatenate(readings) * residuals.scales.stress)
+def refined(
+    residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
+) -> Float[Array, "lanes p"]:
+    """Starts improved by what is linear in them."""
 
     def improve(start: Array) -> Array:
-        better = residuals.family.refined(start, columns, residuals.scales, target)
+        better = residuals.refined(start)
         return jnp.where(jnp.all(jnp.isfinite(better)), better, start)
 
     return jax.vmap(improve)(starts)

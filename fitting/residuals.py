@@ -4,6 +4,8 @@ r_i(θ) = √w_i (y_i(θ) − y_i) / s_i: what least squares makes small, and wh
 is built from. The scale s_i says which misfit counts as one.
 """
 
+import abc
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -11,11 +13,53 @@ from jaxtyping import Array, Float
 
 from fitting.experiments import AbstractExperiment
 from fitting.parameters import AbstractFamily, Scales
+from suas_jax.constitutive import AbstractLaw
 
 KINDS = ("relative", "absolute", "noise")
 
 
-class Residuals(eqx.Module):
+class AbstractResiduals(eqx.Module):
+    """A misfit as a function of unconstrained parameters θ: what least squares minimises.
+
+    Attributes:
+        inverse_scale: √w/s, shape [n]; zero for readings that are not used.
+    """
+
+    inverse_scale: eqx.AbstractVar[Float[Array, " n"]]
+
+    @abc.abstractmethod
+    def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Residuals, shape [n]."""
+
+    def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Improve a start by what is linear in it; by default it stays."""
+        return theta
+
+    def log_likelihood(
+        self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
+    ) -> Float[Array, ""]:
+        """Gaussian log-likelihood up to a constant, −½ Σ r²/s² − n log s.
+
+        Args:
+            theta: unconstrained parameters.
+            noise: s, standard deviation of the residuals: one where the scales are the
+                known noise, otherwise estimated or sampled with the parameters.
+
+        Returns:
+            The log-likelihood; −∞ where the law can't follow the test.
+        """
+        r = self(theta)
+        count = jnp.sum(self.inverse_scale > 0.0)
+        value = -0.5 * jnp.sum(r * r) / noise**2 - count * jnp.log(noise)
+        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
+
+    @property
+    def used(self) -> np.ndarray:
+        """Which of the padded readings are measurements, shape [n]."""
+        return np.asarray(self.inverse_scale) > 0.0
+
+
+class Residuals(AbstractResiduals):
     """Misfit of a family of laws to measurements, as a function of θ.
 
     Attributes:
@@ -50,28 +94,14 @@ class Residuals(eqx.Module):
         """Residuals for unconstrained parameters, shape [n]."""
         return self.of_constants(self.family.constants(theta, self.scales))
 
-    def log_likelihood(
-        self, theta: Float[Array, " p"], noise: Float[Array, ""] | float = 1.0
-    ) -> Float[Array, ""]:
-        """Gaussian log-likelihood up to a constant, −½ Σ r²/s² − n log s.
+    def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Use what is linear in a start: the shares of an Ogden law's terms."""
 
-        Args:
-            theta: unconstrained parameters.
-            noise: s, standard deviation of the residuals: one where the scales are the
-                known noise, otherwise estimated or sampled with the parameters.
+        def columns(law: AbstractLaw) -> Array:
+            readings = [test.predict(law) for test in self.experiments]
+            return self.weighed(jnp.concatenate(readings) * self.scales.stress)
 
-        Returns:
-            The log-likelihood; −∞ where the law can't follow the test.
-        """
-        r = self(theta)
-        count = jnp.sum(self.inverse_scale > 0.0)
-        value = -0.5 * jnp.sum(r * r) / noise**2 - count * jnp.log(noise)
-        return jnp.where(jnp.isfinite(value), value, -jnp.inf)
-
-    @property
-    def used(self) -> np.ndarray:
-        """Which of the padded readings are measurements, shape [n]."""
-        return np.asarray(self.inverse_scale) > 0.0
+        return self.family.refined(theta, columns, self.scales, self.weighed(self.value))
 
 
 def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np.ndarray:
@@ -84,3 +114,10 @@ def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np
         floor: smallest scale [Pa].
     """
     return np.maximum(np.maximum(np.abs(value), companion), floor)
+
+
+@eqx.filter_jit
+def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:
+    """Predicted readings [Pa] and residuals for constants in SI units, each [n]."""
+    predicted = residuals.predict(constants)
+    return predicted, residuals.weighed(predicted - residuals.value)

@@ -20,6 +20,13 @@ _HOMES = {
     "pressure_sweep": "suas_jax.sweep",
     "plot_solution": "suas_jax.plot",
     "plot_sweep": "suas_jax.plot",
+    "plot_pad": "suas_jax.taxel_plot",
+    "Loads": "suas_jax.skin",
+    "forward": "suas_jax.skin",
+    "load_jacobian": "suas_jax.skin",
+    "loads_of": "suas_jax.skin",
+    "skin_of": "suas_jax.skin",
+    "read_log": "suas_jax.acquisition.log_file",
 }
 
 __all__ = sorted(_HOMES)

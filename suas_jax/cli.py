@@ -96,6 +96,9 @@ def solve(
         ),
     ] = None,
     plot: Plot = None,
+    pad: Annotated[
+        Path | None, typer.Option(help="Write a figure of the taxels' sensor output.")
+    ] = None,
     vtu: Annotated[
         Path | None, typer.Option(help="Write the solid model's fields for ParaView.")
     ] = None,
@@ -112,6 +115,9 @@ def solve(
         if vtu is not None and spec.solve.model != "solid":
             _refuse("--vtu", "fields through the thickness come with the solid model only")
         _check_figure(plot)
+        _check_figure(pad)
+        if pad is not None and spec.electrodes is None:
+            _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
         with _working("solving"):
             from suas_jax.runtime import configure
 
@@ -129,6 +135,10 @@ def solve(
                 from suas_jax.plot import plot_solution
 
                 plot_solution(solution, plot)
+            if pad is not None:
+                from suas_jax.taxel_plot import plot_pad
+
+                plot_pad(spec, [taxel["so"] for taxel in report["taxels"]], pad)
             if vtu is not None:
                 from suas_jax.vtu import write_vtu
 

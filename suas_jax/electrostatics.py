@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from suas_jax._types import Lanes, StationVector
+from suas_jax.block_tridiagonal import BlockTridiagonal
 from suas_jax.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.gap import gap_at, polar_face
-from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.quadrature import gauss_legendre
 from suas_jax.sensing import Electrodes
@@ -70,20 +70,15 @@ def wall_charge(
     upper = free[0, 1]
     wall = np.zeros((degree, 1, 1))
     wall[0] = 1.0
-    held = wall * driven  # [node, station, lane]
-    lanes = jnp.broadcast_shapes(held.shape, (1, 1, film.gap.shape[-1]))
-    potential = jnp.broadcast_to(held, lanes)
-    right = -_times(diagonal, upper, potential) * (1 - held) + held
+    shape = (degree, film.angle.shape[0], max(driven.shape[-1], film.gap.shape[-1]))
+    held = jnp.broadcast_to(jnp.asarray(wall) * driven, shape)
     loose = 1 - held
-    inner = (
-        diagonal * loose[:, None] * loose[None]
-        + np.eye(degree)[:, :, None, None] * held[:, None]
-    )
+    whole = BlockTridiagonal(diagonal, upper)
+    inner = diagonal * loose[:, None] * loose[None] + np.eye(degree)[:, :, None, None] * held
     between = upper * loose[:, None, :-1] * loose[None, :, 1:]
-    operator = BorderedBlockTridiagonal(inner, between, None, None)
-    right = jnp.broadcast_to(right, (*right.shape[:-1], film.gap.shape[-1]))
-    solved = eliminate(operator, BorderedVector(right, None)).solution.stations
-    return (_times(diagonal, upper, solved) * held)[0]
+    right = held - loose * whole.mv(held)
+    potential = BlockTridiagonal(inner, between).solve(right[:, None]).solution[:, 0]
+    return (whole.mv(potential) * held)[0]
 
 
 def field_capacitance(
@@ -196,13 +191,3 @@ def _radial(eta: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
 def _sum(left: Array, right: Array) -> Array:
     rest = [(0, 0)] * (left.ndim - 2)
     return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])
-
-
-def _times(diagonal: Array, upper: Array, x: Array) -> Array:
-    lanes = max(a.shape[-1] for a in (diagonal, upper, x))
-    x = jnp.broadcast_to(x, (*x.shape[:-1], lanes))
-    return (
-        BorderedBlockTridiagonal(diagonal, upper, None, None)
-        .mv(BorderedVector(x, None))
-        .stations
-    )

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from suas_jax._types import Lanes
-from suas_jax.equilibrium import Problem, State, Verification
+from suas_jax.balance import Problem, State, Verification
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad
 

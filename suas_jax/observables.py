@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool
 
 from suas_jax._types import Lanes
+from suas_jax.balance import Problem, State, volume_residual
 from suas_jax.config import LineLoadSpec, SceneSpec
 from suas_jax.constitutive.stability import drucker_modulus
-from suas_jax.equilibrium import Problem, State, volume_residual
 from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.mechanics.base import AbstractMechanics, Profile
 from suas_jax.problem import all_numbers, geometry_of, line_loads_of

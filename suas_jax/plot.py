@@ -31,7 +31,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
     if solution.plan.layers:
         from suas_jax.plot_solid import plot_solid
 
-        return _written(plot_solid(solution), file)
+        return written(plot_solid(solution), file)
     problem = solution.problem()
     shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry
@@ -69,7 +69,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
         f"smallest gap {1e3 * report['min_gap_m']:.3g} mm ({report['status']})"
     )
-    return _written(figure, file)
+    return written(figure, file)
 
 
 def arrows(axes: "Axes", solution: Solution, outer: np.ndarray, angle: np.ndarray) -> None:
@@ -122,7 +122,7 @@ def plot_sweep(sweep: "Sweep", file: Path | None = None) -> Figure:
         right.legend()
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    return _written(figure, file)
+    return written(figure, file)
 
 
 def check_figure_file(file: Path) -> None:
@@ -144,7 +144,8 @@ def check_figure_file(file: Path) -> None:
         raise ValueError(f"{file}: the folder {file.parent} does not exist")
 
 
-def _written(figure: Figure, file: Path | None) -> Figure:
+def written(figure: Figure, file: Path | None) -> Figure:
+    """Write a figure where a file is given, and return it."""
     if file is not None:
         check_figure_file(file)
         with mpl.rc_context({"savefig.dpi": 150}):

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from suas_jax.balance import Problem
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -31,7 +32,6 @@ from suas_jax.constitutive import (
     Polynomial,
     Yeoh,
 )
-from suas_jax.equilibrium import Problem
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad
 from suas_jax.mechanics.base import AbstractMechanics

@@ -11,10 +11,10 @@ from jaxtyping import Array, Bool, Float
 from suas_jax._types import Lanes, StationVector
 from suas_jax.capacitance import FORMULAS, AbstractCapacitance
 from suas_jax.config import SkinSpec
-from suas_jax.gap import gap_at, polar_face
+from suas_jax.gap import PolarFace, gap_at, polar_face
 from suas_jax.geometry import SkinGeometry
 from suas_jax.mechanics.base import AbstractMechanics
-from suas_jax.taxel import Taxels, taxels_of
+from suas_jax.taxel import Taxels, heights_of, taxels_of
 
 
 class Readings(NamedTuple):
@@ -47,6 +47,7 @@ class Electrodes(eqx.Module):
         layers: sum of thickness over relative permittivity of further dielectrics [m].
         lsb: capacitance of one count [F].
         formula: capacitance per area.
+        height: of the electrodes above the wall, towards the membrane [m].
     """
 
     taxels: Taxels
@@ -56,6 +57,7 @@ class Electrodes(eqx.Module):
     layers: Lanes
     lsb: Lanes
     formula: AbstractCapacitance
+    height: Float[Array, "taxel #lane"] | float = 0.0
 
     def read(self, mechanics: AbstractMechanics, q: StationVector) -> Readings:
         """Readings of a deformed membrane.
@@ -67,11 +69,14 @@ class Electrodes(eqx.Module):
             mechanics: the membrane on the whole arc.
             q: its unknowns.
         """
+        return self.read_face(polar_face(mechanics, q, self.geometry.inner_radius))
+
+    def read_face(self, face: PolarFace) -> Readings:
+        """Readings under a deformed inner face; see `read`."""
         taxels, wall = self.taxels, self.geometry.wall_radius
-        face = polar_face(mechanics, q, self.geometry.inner_radius)
         # Ray after ray, not all in one array: a reduction over them would cost the
         # compiled program several times what the look-ups do.
-        gaps = [gap_at(face, angle, wall) for angle in taxels.rays(wall)]
+        gaps = [gap_at(face, angle, wall) - self.height for angle in taxels.rays(wall)]
         clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
@@ -108,4 +113,5 @@ def electrodes_of(
         sum((reduced(i) for i in range(len(spec.electrodes.layers))), jnp.zeros(1)),
         value("electrodes.lsb"),
         FORMULAS[spec.electrodes.capacitance],
+        heights_of(spec.electrodes, numbers),
     )

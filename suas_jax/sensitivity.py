@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from suas_jax.balance import State
 from suas_jax.compiled import COMPILED
 from suas_jax.config import continuous_inputs
-from suas_jax.equilibrium import State, differentiable
+from suas_jax.equilibrium import differentiable
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe
 from suas_jax.problem import build_problem

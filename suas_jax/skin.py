@@ -22,9 +22,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from suas_jax._types import Lanes
+from suas_jax.balance import Problem, State
 from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.equilibrium import Problem, State, equilibrium
+from suas_jax.equilibrium import equilibrium
 from suas_jax.geometry import SkinGeometry
 from suas_jax.loads import LineLoad, LoadPoints
 from suas_jax.mechanics.shell import Shell

@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from suas_jax.balance import Problem, State, verify
 from suas_jax.compiled import COMPILED
 from suas_jax.config import SceneSpec, continuous_inputs, structure
-from suas_jax.equilibrium import Problem, State, equilibrium, verify
+from suas_jax.equilibrium import equilibrium
 from suas_jax.error_estimate import discretisation_error, model_error
 from suas_jax.mesh import MeshPlan
 from suas_jax.observables import observe

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from suas_jax.balance import State
 from suas_jax.compiled import COMPILED
 from suas_jax.config import (
     LineLoadSpec,
@@ -20,7 +21,7 @@ from suas_jax.config import (
     with_inputs,
     with_solve,
 )
-from suas_jax.equilibrium import State, path
+from suas_jax.equilibrium import path
 from suas_jax.mesh import MeshPlan
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.report import plain, report_of

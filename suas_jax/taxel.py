@@ -134,6 +134,24 @@ def taxels_of(
     return Taxels(flat(angle), flat(axial), flat(diameter), *names)
 
 
+def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
+    """Heights of the electrodes above the wall [taxel, 1] [m]; 0 where all lie on it."""
+    if electrodes.layout == "list":
+        if not any("height" in taxel.model_fields_set for taxel in electrodes.taxels):
+            return 0.0
+        paths = [f"electrodes.taxels.{i}.height" for i in range(len(electrodes.taxels))]
+    else:
+        if not any(module.heights for module in electrodes.modules):
+            return 0.0
+        paths = [
+            f"electrodes.modules.{i}.heights.{k}" if module.heights else ""
+            for i, module in enumerate(electrodes.modules)
+            for k in range(MODULE_TAXELS)
+        ]
+    values = [jnp.asarray(numbers[path] if path else 0.0, float) for path in paths]
+    return jnp.stack(values)[..., None]
+
+
 def _places_by_number(numbering: str | Sequence[int]) -> np.ndarray:
     """Place of each number, from number 1 on."""
     return np.argsort(PAPER_NUMBERING if isinstance(numbering, str) else numbering)

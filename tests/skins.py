@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from suas_jax.balance import Problem, verify
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
-from suas_jax.equilibrium import Equilibrium, Problem, equilibrium, verify
+from suas_jax.equilibrium import Equilibrium, equilibrium
 from suas_jax.problem import build_problem, plan_for
 from suas_jax.results import NAMES
 

@@ -19,11 +19,11 @@ LAYERS = [
     ["mechanics"],
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],
-    ["continuation", "equilibrium"],
+    ["balance", "continuation", "lanes", "equilibrium"],
     ["problem", "observables", "resolution", "report", "error_estimate"],
     ["solution", "sensitivity", "sweep", "skin"],
     ["simulate", "rest"],
-    ["plot", "plot_solid", "vtu"],
+    ["plot", "plot_solid", "taxel_plot", "vtu"],
     ["cli", "cli_sensing", "cli_acquisition"],
 ]
 

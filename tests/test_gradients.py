@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from skins import LAWS, find, line, quick, scene
 
+from suas_jax.balance import State
 from suas_jax.config import SceneSpec, continuous_inputs
-from suas_jax.equilibrium import State, differentiable, equilibrium
+from suas_jax.equilibrium import differentiable, equilibrium
 from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.mechanics.shell import Shell
 from suas_jax.problem import build_problem, plan_for

@@ -104,7 +104,7 @@ def test_noise_drift_and_faults_are_as_asked(folder: Path, played: SoLog) -> Non
 
 def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
     (folder / "hard.csv").write_text(
-        "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,60\n1,20,61\n"
+        "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,80\n1,20,81\n"
     )
     status, output = suas(
         "simulate", folder / "hard.csv", "-o", folder / "hard.log.csv", "--bits", 8

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from skins import EPDM, check, find, line, problem_of, quick, scene, status
 
+from suas_jax.balance import State
 from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs
-from suas_jax.equilibrium import State
 from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.mechanics.solid import Solid
 from suas_jax.problem import build_problem, plan_for

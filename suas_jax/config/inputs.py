@@ -15,6 +15,8 @@ Leaf = str | int | float | None
 
 # Says how exactly to compute, not what: no result is a smooth function of it.
 _DISCRETE = frozenset({"solve.rtol"})
+# Says where numbers come from; the model doesn't read it.
+_RECORDS = frozenset({"calibration"})
 
 
 def continuous_inputs(scene: SkinSpec) -> dict[str, float]:
@@ -108,6 +110,8 @@ def _leaves(scene: SkinSpec) -> Iterator[tuple[str, Leaf, bool]]:
         prefix = f"{path}." if path else ""
         if isinstance(value, Spec):
             for name, field in type(value).model_fields.items():
+                if name in _RECORDS:
+                    continue
                 present = given and name in value.model_fields_set
                 yield from walk(prefix + (field.alias or name), getattr(value, name), present)
         elif isinstance(value, tuple):

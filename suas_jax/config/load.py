@@ -25,7 +25,7 @@ from suas_jax.config.validation import (
     validate_table,
 )
 
-SKIN_TABLES = ("geometry", "material", "oil", "electrodes")
+SKIN_TABLES = ("geometry", "material", "oil", "electrodes", "calibration")
 SCENE_TABLES = (*SKIN_TABLES, "load", "environment", "solve")
 REQUIRED_TABLES = ("geometry", "material", "oil")
 

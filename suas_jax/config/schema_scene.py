@@ -19,6 +19,7 @@ from suas_jax.config.fields import (
     quantity,
 )
 from suas_jax.config.quantities import to_si
+from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
 
@@ -162,12 +163,14 @@ class SkinSpec(Spec):
         material: the membrane's law and constants.
         oil: how the oil answers.
         electrodes: what is sensed; None for nothing.
+        calibration: where fitted numbers come from; None in a file written by hand.
     """
 
     geometry: GeometrySpec
     material: MaterialSpec
     oil: OilSpec
     electrodes: ElectrodesSpec | None = None
+    calibration: CalibrationSpec | None = None
 
     @model_validator(mode="after")
     def _without_contradictions(self) -> Self:

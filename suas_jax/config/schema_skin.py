@@ -145,11 +145,13 @@ class TaxelSpec(Spec):
         angle: of its centre, from the symmetry axis, positive towards +x [rad].
         axial: of its centre, from mid-width [m].
         diameter: of the electrode [m].
+        height: above the wall, towards the membrane: what a calibration of single gaps finds.
     """
 
     angle: Angle = Field(examples=['"-30 deg"'])
     axial: Length = Field(default=0.0, examples=['"0 mm"'])
     diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
+    height: Length = Field(default=0.0, examples=['"0 mm"'])
 
 
 MODULE_TAXELS = 10
@@ -171,6 +173,8 @@ class ModuleSpec(Spec):
         diameter: of the electrodes [m].
         numbering: ``"paper"`` (the taxel at the centroid is number 10), or the numbers that
             the ten places carry, place after place along the rows.
+        heights: of the ten electrodes above the wall, towards the membrane, by number [m];
+            none where they lie on it.
     """
 
     angle: Angle = Field(examples=['"0 deg"'])
@@ -179,6 +183,16 @@ class ModuleSpec(Spec):
     pitch: PositiveLength = Field(default=6.533e-3, examples=['"6.533 mm"'])
     diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
     numbering: Literal["paper"] | tuple[int, ...] = Field(default="paper", examples=['"paper"'])
+    heights: Annotated[tuple[Length, ...], AsList] = Field(
+        default=(), examples=['["0 mm", "0 mm", "0 mm", ...]']
+    )
+
+    @field_validator("heights")
+    @classmethod
+    def _ten_or_none(cls, heights: tuple[float, ...]) -> tuple[float, ...]:
+        if len(heights) not in (0, MODULE_TAXELS):
+            raise ValueError(f"{MODULE_TAXELS} heights are needed, one for each taxel")
+        return heights
 
     @field_validator("numbering", mode="before")
     @classmethod

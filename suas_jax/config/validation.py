@@ -10,6 +10,7 @@ from pydantic.fields import FieldInfo
 
 from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
+from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.schema_scene import LOADS, EnvironmentSpec, SolveSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
@@ -19,6 +20,7 @@ TABLES: dict[str, tuple[type[Spec], ...]] = {
     "material": tuple(LAWS.values()),
     "oil": (OilSpec,),
     "electrodes": (ElectrodesSpec,),
+    "calibration": (CalibrationSpec,),
     "load": tuple(LOADS.values()),
     "environment": (EnvironmentSpec,),
     "solve": (SolveSpec,),

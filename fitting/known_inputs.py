@@ -1,0 +1,215 @@
+"""What is known while a log is taken: columns of loads, displacements and fluid.
+
+A column is a quantity of a load with its unit, such as `load_0_force_N`,
+`load_0_angle_deg`, `load_0_direction_deg`, `load_0_displacement_mm` (mid-surface) or
+`load_0_inner_displacement_mm` (inner face). `loads.0.force_N`, as in load paths, and
+`force_N`, where there is one load, mean the same. A column `fluid` names what fills the gap.
+They stand beside the counts of the log, in its header (`# load_0_angle_deg: 30`) where they
+are constant, or in a second file with a time column.
+"""
+
+import csv
+import dataclasses
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+_QUANTITIES = ("force", "angle", "direction", "displacement", "inner_displacement")
+_UNITS: dict[str, dict[str, float]] = {
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665},
+    "angle": {"deg": np.pi / 180, "rad": 1.0},
+    "displacement": {"mm": 1e-3, "um": 1e-6, "m": 1.0, "cm": 1e-2},
+}
+_UNITS["direction"] = _UNITS["angle"]
+_UNITS["inner_displacement"] = _UNITS["displacement"]
+_COLUMN = re.compile(
+    r"(?:loads?[._]?(?P<load>\d*)[._])?(?:mid_)?"
+    r"(?P<quantity>inner_displacement|displacement|force|angle|direction)"
+    r"(?:[._ ]?[\[(]?(?P<unit>[A-Za-zµ]+)[\])]?)?",
+    re.IGNORECASE,
+)
+_TIMES = ("t_device_s", "t_s", "t_host_s", "time_s")
+FLUID = "fluid"
+MOST_LOADS = 8
+
+Key = tuple[int, str]
+
+
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """Known inputs, row by row.
+
+    Attributes:
+        values: by load and quantity, SI units [row]; NaN where a row has none.
+        fluid: names or permittivities, as given [row]; None where nothing is said.
+        names: the column that each quantity came from.
+    """
+
+    values: dict[Key, np.ndarray]
+    fluid: np.ndarray | None
+    names: dict[Key, str]
+
+    def merged(self, other: "Known") -> "Known":
+        """Together with what another source knows.
+
+        Raises:
+            ValueError: both give the same quantity.
+        """
+        twice = sorted(self.values.keys() & other.values.keys())
+        if twice:
+            raise ValueError(
+                f"load {twice[0][0]}: {twice[0][1]} is given by {self.names[twice[0]]} and by "
+                f"{other.names[twice[0]]}; leave one out"
+            )
+        fluid = self.fluid if other.fluid is None else other.fluid
+        return Known(self.values | other.values, fluid, self.names | other.names)
+
+
+def understood(name: str, where: str) -> tuple[Key, float] | None:
+    """Load, quantity and unit of a column; None if it is no known input.
+
+    Raises:
+        ValueError: it looks like one, but its unit is missing or unknown.
+    """
+    found = _COLUMN.fullmatch(name.strip())
+    if found is None:
+        return None
+    quantity = found["quantity"].lower()
+    units = _UNITS[quantity]
+    unit = found["unit"]
+    if unit is None:
+        raise ValueError(
+            f'{where}, column "{name}": its unit is missing; allowed: '
+            + ", ".join(f"{name}_{u}" for u in units)
+        )
+    unit = {"µm": "um"}.get(unit, unit)
+    if unit not in units:
+        raise ValueError(
+            f'{where}, column "{name}": "{unit}" is no unit of {quantity}; allowed: '
+            + ", ".join(units)
+        )
+    load = int(found["load"] or 0)
+    if load >= MOST_LOADS:
+        raise ValueError(
+            f'{where}, column "{name}": loads are numbered from 0 to {MOST_LOADS - 1}'
+        )
+    return (load, quantity), units[unit]
+
+
+def from_columns(columns: Mapping[str, Iterable[object]], where: str) -> Known:
+    """Known inputs among some columns.
+
+    Args:
+        columns: values by name, all of one length.
+        where: file, for messages.
+
+    Raises:
+        ValueError: naming file, column, value and what is allowed.
+    """
+    values: dict[Key, np.ndarray] = {}
+    names: dict[Key, str] = {}
+    fluid = None
+    for name, column in columns.items():
+        if name.strip().lower() == FLUID:
+            fluid = np.array([str(x).strip() for x in column], object)
+            continue
+        meaning = understood(name, where)
+        if meaning is None:
+            continue
+        key, unit = meaning
+        if key in values:
+            raise ValueError(f'{where}: columns "{names[key]}" and "{name}" say the same')
+        values[key] = unit * np.array([_number(x, name, where) for x in column])
+        names[key] = f'column "{name}"'
+    return Known(values, fluid, names)
+
+
+def from_header(header: Mapping[str, str], rows: int, where: str) -> Known:
+    """Known inputs that a header states for the whole log."""
+    relevant = {
+        key: [text] * rows
+        for key, text in header.items()
+        if key.strip().lower() == FLUID or _COLUMN.fullmatch(key.strip())
+    }
+    return from_columns(relevant, f"{where}, header")
+
+
+def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarray]:
+    """Known inputs of a second file at the times of a log.
+
+    Numbers change linearly between rows, the fluid holds until the next row.
+
+    Args:
+        path: CSV with a time column and known inputs; load paths of `suas simulate` are.
+        time: of the log's frames [s].
+        clock: which of the log's clocks that is, for messages.
+
+    Returns:
+        The inputs, and which frames the file covers.
+
+    Raises:
+        ValueError: naming file, line, column, value and what is allowed.
+    """
+    lines = [
+        (number, line)
+        for number, line in enumerate(path.read_text("utf-8-sig").splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if len(lines) < 2:
+        raise ValueError(f"{path}: no rows; expected t_s,load_0_force_N,... and rows below")
+    names = [name.strip() for name in next(csv.reader([lines[0][1]]))]
+    clocks = [name for name in names if name in _TIMES]
+    if len(clocks) != 1:
+        raise ValueError(
+            f"{path}, line {lines[0][0]}: one time column is needed ({', '.join(_TIMES)}); "
+            f"found {', '.join(clocks) or ','.join(names)[:60]}"
+        )
+    rows = []
+    for number, line in lines[1:]:
+        fields = [text.strip() for text in next(csv.reader([line]))]
+        if len(fields) != len(names):
+            raise ValueError(
+                f"{path}, line {number}: {len(fields)} fields for {len(names)} columns"
+            )
+        rows.append(fields)
+    columns = dict(zip(names, zip(*rows, strict=True), strict=True))
+    t = np.array([_number(x, clocks[0], str(path)) for x in columns.pop(clocks[0])])
+    if not np.all(np.diff(t) > 0):
+        raise ValueError(f"{path}, column {clocks[0]}: time must increase from row to row")
+    known = from_columns(columns, str(path))
+    if not known.values and known.fluid is None:
+        raise ValueError(
+            f"{path}: no known inputs among the columns {', '.join(columns) or 'none'}; "
+            "expected load_0_force_N, load_0_displacement_mm, load_0_angle_deg, fluid, ..."
+        )
+    covered = (time >= t[0]) & (time <= t[-1])
+    if not covered.any():
+        raise ValueError(
+            f"{path}, column {clocks[0]}: from {t[0]:g} to {t[-1]:g} s, the log's {clock} runs "
+            f"from {np.nanmin(time):g} to {np.nanmax(time):g} s: they don't overlap; check "
+            "units and time origins"
+        )
+    values = {key: np.interp(time, t, column) for key, column in known.values.items()}
+    fluid = None
+    if known.fluid is not None:
+        fluid = known.fluid[np.clip(np.searchsorted(t, time, "right") - 1, 0, len(t) - 1)]
+    names_of = {key: f"{path.name}, {name}" for key, name in known.names.items()}
+    return Known(values, fluid, names_of), covered
+
+
+def _number(value: object, column: str, where: str) -> float:
+    text = str(value).strip()
+    if text.lower() in ("", "nan", "na"):
+        return float("nan")
+    try:
+        number = float(text)
+    except ValueError:
+        number = float("inf")
+    if not np.isfinite(number):
+        raise ValueError(
+            f'{where}, column "{column}": "{text}": expected a number, or nothing where it '
+            "is not known"
+        )
+    return number

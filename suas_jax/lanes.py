@@ -1,0 +1,78 @@
+"""Batches as lanes: many problems side by side in one call.
+
+Every array of the mechanics ends in a lane axis. A batch made by `jax.vmap` becomes more
+lanes of one call instead of an axis of every operation, and many lanes go through the call
+in chunks.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, PyTree
+
+Arguments = TypeVar("Arguments")
+Result = TypeVar("Result")
+
+
+def in_chunks(solve: Callable[[Arguments], Result], arguments: Arguments, chunk: int) -> Result:
+    """Call a function of lanes for all lanes, a chunk at a time.
+
+    Args:
+        solve: takes and returns pytrees of arrays that end in a lane axis.
+        arguments: its argument; a lane axis of length one is shared by all lanes.
+        chunk: most lanes in one call.
+    """
+
+    @jax.custom_batching.custom_vmap
+    def call(arguments: Arguments) -> Result:
+        leaves, tree = jax.tree.flatten(arguments)
+        lanes = max(x.shape[-1] for x in leaves)
+        if lanes <= chunk:
+            return solve(arguments)
+        chunks = -(-lanes // chunk)
+        size = -(-lanes // chunks)
+
+        def split(x: Array) -> Array:
+            padded = jnp.concatenate([x, x[..., : chunks * size - lanes]], -1)
+            return jnp.moveaxis(padded.reshape(*x.shape[:-1], chunks, size), -2, 0)
+
+        shared = [x.shape[-1] == 1 for x in leaves]
+        own = [split(x) for x, s in zip(leaves, shared, strict=True) if not s]
+
+        def one(own: list[Array]) -> Result:
+            chunked = iter(own)
+            mixed = [x if s else next(chunked) for x, s in zip(leaves, shared, strict=True)]
+            return solve(jax.tree.unflatten(tree, mixed))
+
+        def join(x: Array) -> Array:
+            x = jnp.moveaxis(x, 0, -2)
+            return x.reshape(*x.shape[:-2], chunks * size)[..., :lanes]
+
+        return jax.tree.map(join, jax.lax.map(one, own))
+
+    @call.def_vmap
+    def _(size: int, batched: Any, arguments: Arguments) -> tuple[Result, PyTree]:
+        lanes = max(x.shape[-1] for x in jax.tree.leaves(arguments))
+        merged = jax.tree.map(lambda x, b: _merge(x, b, size, lanes), arguments, batched[0])
+
+        def unmerge(x: Array) -> Array:
+            return jnp.moveaxis(x.reshape(*x.shape[:-1], size, lanes), -2, 0)
+
+        found = jax.tree.map(unmerge, call(merged))
+        return found, jax.tree.map(lambda _: True, found)
+
+    return call(arguments)
+
+
+def _merge(x: Array, batched: bool, size: int, lanes: int) -> Array:
+    """Move a batch axis into the lanes; what is not batched stays shared."""
+    if batched:
+        x = jnp.moveaxis(x, 0, -2)
+        x = jnp.broadcast_to(x, (*x.shape[:-1], lanes))
+        return x.reshape(*x.shape[:-2], size * lanes)
+    if x.shape[-1] == 1:
+        return x
+    x = jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], size, lanes))
+    return x.reshape(*x.shape[:-2], size * lanes)

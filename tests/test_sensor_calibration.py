@@ -1,0 +1,313 @@
+"""Sensor calibration on synthetic logs: other models' truth, faults, what can't be known."""
+
+import dataclasses
+import importlib.util
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fitting.cli import app
+from fitting.sensor import SensorFit, fit_sensor
+from fitting.sensor_data import load_sensor_data
+from suas_jax.config import continuous_inputs, load_skin
+
+ROOT = Path(__file__).parent.parent
+SKIN = ROOT / "configs/skins/suas.toml"
+PERMITTIVITY, GAP, AIR = 2.35, 5.2e-3, 1.0006
+FRAMES = 500
+
+runner = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def study() -> ModuleType:
+    """The benchmark, whose experiments these tests repeat in short."""
+    file = ROOT / "benchmarks/sensor_calibration.py"
+    description = importlib.util.spec_from_file_location("sensor_calibration", file)
+    assert description is not None and description.loader is not None
+    module = importlib.util.module_from_spec(description)
+    description.loader.exec_module(module)
+    module.TRUTH = ROOT / "tests/data/solid_press.csv"  # type: ignore[attr-defined]
+    module.SKIN = SKIN  # type: ignore[attr-defined]
+    return module
+
+
+@pytest.fixture(scope="module")
+def truth(study: ModuleType) -> dict[str, np.ndarray]:
+    """Counts of the solid model at known displacements and forces."""
+    displacement = np.repeat(np.linspace(0.0, 3e-3, 100), FRAMES // 100)
+    force, so = study.press(displacement)
+    return {"displacement": displacement, "force": force, "so": so}
+
+
+def write_log(
+    path: Path,
+    so: np.ndarray,
+    columns: dict[str, Any] | None = None,
+    *,
+    header: str = "",
+    seed: int = 0,
+    change: Callable[[np.ndarray, np.random.Generator], np.ndarray] | None = None,
+) -> Path:
+    """An SO log with noise of two counts, written as another program would."""
+    random = np.random.default_rng(seed)
+    counts = np.rint(so + 2.0 * random.standard_normal(so.shape))
+    if change is not None:
+        counts = change(counts, random)
+    counts = counts.clip(0, 65535).astype(int)
+    names = ["t_host_s", "t_device_s", "seq", "module"]
+    names += [f"so_{k + 1}" for k in range(len(so))] + list(columns or {})
+    rows = [",".join(names)]
+    for i in range(so.shape[1]):
+        known = [str(np.broadcast_to(v, so.shape[1])[i]) for v in (columns or {}).values()]
+        rows.append(",".join([f"{i / 50:.6f}", f"{i / 50}", f"{i}", "0", *map(str, counts[:, i])] + known))
+    path.write_text(f"# format: suas-so-log\n# scale: 0.305 fF\n{header}" + "\n".join(rows) + "\n")
+    return path
+
+
+def known(truth: dict[str, np.ndarray], kind: str) -> dict[str, Any]:
+    if kind == "force":
+        return {"load_0_force_N": truth["force"], "load_0_angle_deg": 20.0}
+    return {"load_0_displacement_mm": 1e3 * truth["displacement"], "load_0_angle_deg": 20.0}
+
+
+def fitted(*logs: Path, fluids: tuple[str, ...] = (), **options: Any) -> SensorFit:
+    data = load_sensor_data(load_skin(SKIN), logs, fluids=fluids)
+    return fit_sensor(data, **options)
+
+
+def value(fit: SensorFit, name: str) -> tuple[float, float]:
+    i = fit.family.names.index(name)
+    return float(fit.constants[i]), float(fit.uncertainty.standard_errors[i])
+
+
+def test_solid_truth_at_known_displacement(truth: dict, tmp_path: Path) -> None:
+    """Gap to 0.1 %, permittivity to 0.5 %, though shell and solid differ; no prior."""
+    fit = fitted(write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement")))
+    gap, gap_error = value(fit, "oil_gap")
+    permittivity, permittivity_error = value(fit, "relative_permittivity")
+    assert abs(gap / GAP - 1) < 1e-3
+    assert abs(permittivity / PERMITTIVITY - 1) < 5e-3
+    assert abs(gap - GAP) < 4 * gap_error
+    assert abs(permittivity - PERMITTIVITY) < 4 * permittivity_error
+    assert not fit.priors
+    assert not fit.findings
+    assert fit.status == "converged"
+
+
+def test_standard_errors_are_the_cramer_rao_bound(truth: dict, tmp_path: Path) -> None:
+    """The bound from finite differences of an independent formula: C = eps A / d."""
+    fit = fitted(write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement")))
+    # A parallel plate's counts follow from the gap alone: d = k / SO, so that d SO / d gap
+    # = -SO / d and d SO / d eps = SO / eps, footprint averages aside.
+    so = truth["so"]
+    rest = so[:, :1]
+    d = GAP * rest / so
+    jacobian = np.stack([so / PERMITTIVITY, -so / d], -1).reshape(-1, 2)
+    sigma = np.sqrt(2.0**2 + 1 / 12)
+    bound = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian))) * sigma
+    assert fit.uncertainty.standard_errors == pytest.approx(bound, rel=0.05)
+
+
+def test_coverage_on_seeded_experiments(study: ModuleType) -> None:
+    """Short version of the benchmark: z-scores of 24 experiments look standard normal."""
+    fits = study.study(24, steps=100)
+    z = np.array(
+        [
+            (fit.constants - [PERMITTIVITY, GAP]) / fit.uncertainty.standard_errors
+            for fit in fits
+        ]
+    )
+    # A chi-square of 24 lies between 9 and 46 with a probability of 0.994; the two
+    # constants are correlated by 0.97, so they count as one.
+    assert np.all((9 < (z**2).sum(0)) & ((z**2).sum(0) < 46))
+
+
+def test_known_force_and_joint_material(truth: dict, tmp_path: Path) -> None:
+    """Material and electrical constants at once; what plane strain hides is said."""
+    log = write_log(tmp_path / "a.csv", truth["so"], known(truth, "force"))
+    fit = fitted(log, fit=["permittivity", "gap", "material.C1", "material.C2", "material.C3"])
+    gap, error = value(fit, "oil_gap")
+    assert abs(gap - GAP) < 4 * error
+    assert error < 5e-3 * GAP
+    stiffness = value(fit, "material.C1")[0] + value(fit, "material.C2")[0]
+    assert stiffness == pytest.approx(16.3e6, rel=0.03)
+    assert {"material.C2", "material.C3"} <= fit.priors.keys()
+    assert "material.C1" not in fit.priors
+    assert any("trades against material.C" in text for text in fit.findings)
+
+
+def test_one_static_log_determines_the_ratio_only(truth: dict, tmp_path: Path) -> None:
+    rest = np.repeat(truth["so"][:, :1], 300, 1)
+    fit = fitted(write_log(tmp_path / "a.csv", rest))
+    assert any("only the ratio" in text and "one static" in text for text in fit.findings)
+    assert fit.ratio is not None
+    ratio, error = fit.ratio
+    assert ratio == pytest.approx(PERMITTIVITY / GAP, abs=4 * error)
+    assert error < 1e-3 * ratio
+    assert list(fit.priors) == ["oil_gap"]
+    assert value(fit, "oil_gap") == pytest.approx((5e-3, 0.05 * 5e-3), rel=1e-3)
+    # The uncertainty that the prior leaves is honest about the truth.
+    permittivity, spread = value(fit, "relative_permittivity")
+    assert abs(permittivity - PERMITTIVITY) < 2 * spread
+    assert not np.isfinite(fit.alone).any()
+
+
+def test_air_adds_the_gap(truth: dict, tmp_path: Path) -> None:
+    rest = np.repeat(truth["so"][:, :1], 300, 1)
+    oil = write_log(tmp_path / "oil.csv", rest)
+    air = write_log(tmp_path / "air.csv", rest * AIR / PERMITTIVITY, seed=1, header="# fluid: air\n")
+    fit = fitted(oil, air)
+    for name, true in (("relative_permittivity", PERMITTIVITY), ("oil_gap", GAP)):
+        found, error = value(fit, name)
+        assert abs(found - true) < 4 * error
+        assert error < 2e-3 * true
+    assert not fit.priors
+    tells = {row["logs"]: row["standard_errors"] for row in fit.tells}
+    assert tells["oil alone"] == {"relative_permittivity": None, "oil_gap": None}
+    assert tells["known fluid alone"]["relative_permittivity"] is None
+    assert tells["known fluid alone"]["oil_gap"] > 0
+
+
+def test_faults_are_listed_and_do_not_bias(truth: dict, tmp_path: Path) -> None:
+    def broken(counts: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        counts[3, 100:] = counts[3, 100]
+        counts[5] = 65535
+        counts[1, random.random(FRAMES) < 0.03] += 300
+        return counts
+
+    fit = fitted(
+        write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement"), change=broken)
+    )
+    reasons = {m.taxel: m.reason for m in fit.masked}
+    assert reasons[4].startswith("stuck")
+    assert reasons[6].startswith("saturated")
+    assert reasons[2] == "outliers"
+    assert set(reasons) == {2, 4, 6}
+    for name, true in (("relative_permittivity", PERMITTIVITY), ("oil_gap", GAP)):
+        found, error = value(fit, name)
+        assert abs(found - true) < 4 * error
+        assert error < 2e-3 * true
+
+
+def test_drift_is_taken_out(truth: dict, tmp_path: Path) -> None:
+    """Loading and unloading, so that drift and load differ."""
+    order = np.concatenate([np.arange(0, FRAMES, 2), np.arange(FRAMES - 1, 0, -2)])
+    turned = {key: x[..., order] for key, x in truth.items()}
+    rate = np.linspace(-1.0, 2.0, 8)[:, None]
+
+    def drifting(counts: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        return np.rint(counts + rate * np.arange(len(order)) / 50)
+
+    log = write_log(tmp_path / "a.csv", turned["so"], known(turned, "displacement"), change=drifting)
+    fit = fitted(log)
+    assert any("drift" in text for text in fit.warnings)
+    assert fit.drift is not None
+    assert fit.drift[:, 0] == pytest.approx(rate[:, 0], abs=0.2)
+    gap, error = value(fit, "oil_gap")
+    assert abs(gap - GAP) < 4 * error
+    assert error < 5e-3 * GAP
+
+
+def test_gaps_of_single_taxels(truth: dict, tmp_path: Path) -> None:
+    """Electrodes at different heights, and what a pair of log and skin file says of them."""
+    data = load_sensor_data(
+        load_skin(SKIN), [write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement"))]
+    )
+    # A plate's counts at a gap smaller by h: SO d / (d - h).
+    gap = GAP * truth["so"][:, :1] / truth["so"]
+    height = np.linspace(-0.2e-3, 0.2e-3, 8)[:, None]
+    raised = dataclasses.replace(data, so=np.rint(data.so * gap / (gap - height)))
+    fit = fit_sensor(raised, gaps="taxel")
+    single = np.array([value(fit, f"oil_gap.0.{k + 1}") for k in range(8)])
+    assert np.all(np.abs(single[:, 0] - (GAP - height[:, 0])) < 5 * single[:, 1])
+    assert np.all(single[:, 1] < 1e-2 * GAP)
+
+
+def test_command_writes_a_skin_that_can_be_solved(truth: dict, tmp_path: Path) -> None:
+    log = write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement"))
+    target, figure = tmp_path / "new.toml", tmp_path / "fit.png"
+    result = runner.invoke(
+        app,
+        ["fit", "sensor", str(SKIN), str(log), "--json", "-o", str(target), "--plot", str(figure)],
+    )
+    assert result.exit_code == 0, result.output
+    report = json.loads(result.stdout)
+    assert report["status"] == "converged"
+    assert report["units"] == {"relative_permittivity": "1", "oil_gap": "m"}
+    assert figure.stat().st_size > 10_000
+    table = tomllib.loads(target.read_text())["calibration"]
+    assert table["covariance"] == report["covariance"]
+    assert table["logs"][0]["sha256"] == report["logs"][0]["sha256"]
+    spec = load_skin(target)
+    assert spec.geometry.oil_gap == pytest.approx(report["parameters"]["oil_gap"], rel=1e-9)
+    assert not any(key.startswith("calibration") for key in continuous_inputs(spec))
+    # It is a skin like any other.
+    scene = tmp_path / "scene.toml"
+    scene.write_text('skin = "new.toml"\n')
+    solved = runner.invoke(app, ["solve", str(scene), "--json"])
+    assert solved.exit_code == 0, solved.output
+    rest = json.loads(solved.stdout)["taxels"][0]["so"]
+    assert rest == pytest.approx(truth["so"][0, 0], rel=1e-3)
+    # And it is not overwritten unasked.
+    again = runner.invoke(app, ["fit", "sensor", str(SKIN), str(log), "-o", str(target)])
+    assert again.exit_code == 2
+    assert "exists" in again.output
+
+
+def test_known_inputs_in_a_second_file(truth: dict, tmp_path: Path) -> None:
+    log = write_log(tmp_path / "a.csv", truth["so"])
+    time = np.arange(FRAMES) / 50
+    rows = [f"{t},{1e3 * d},20" for t, d in zip(time, truth["displacement"], strict=True)]
+    inputs = tmp_path / "press.csv"
+    inputs.write_text("t_s,loads.0.displacement_mm,loads.0.angle_deg\n" + "\n".join(rows) + "\n")
+    data = load_sensor_data(load_skin(SKIN), [log], inputs=[inputs])
+    assert data.loads.displacement[0, data.state] == pytest.approx(truth["displacement"])
+    assert data.files[0].inputs is not None
+    late = tmp_path / "late.csv"
+    late.write_text("t_s,load_0_force_N,load_0_angle_deg\n5000,1,20\n6000,2,20\n")
+    with pytest.raises(ValueError, match="don't overlap"):
+        load_sensor_data(load_skin(SKIN), [log], inputs=[late])
+
+
+BAD: list[tuple[str, dict[str, Any], str]] = [
+    ("layout", {"rows": 6}, "another layout"),
+    ("saturated", {"change": lambda c, r: 0 * c + 65535}, "all 8 taxels are saturated"),
+    ("empty", {"frames": 0}, "empty"),
+    ("unit", {"columns": {"load_0_displacement_m": 1.5, "load_0_angle_deg": 20.0}}, "check the unit"),
+    ("bare", {"columns": {"load_0_force": 1.5, "load_0_angle_deg": 20.0}}, "unit is missing"),
+    ("angle", {"columns": {"load_0_force_N": 1.5}}, "load_0_angle_deg"),
+    ("scale", {"header": "# scale: 2.88 fF\n", "own": True}, "units are mixed up"),
+    ("fluid", {"columns": {"fluid": "water"}}, 'fluid "water"'),
+    ("kilonewton", {"columns": {"load_0_force_kN": 9.0, "load_0_angle_deg": 20.0}}, "units"),
+    ("micrometre", {"um": True}, "check"),
+]
+
+
+@pytest.mark.parametrize(("name", "what", "message"), BAD, ids=[b[0] for b in BAD])
+def test_bad_input_is_named_and_nothing_written(
+    name: str, what: dict[str, Any], message: str, truth: dict, tmp_path: Path
+) -> None:
+    so = truth["so"][: what.get("rows", 8), :: 1 if what.get("um") else 10]
+    so = so[:, : what.get("frames")]
+    columns = what.get("columns")
+    if what.get("um"):
+        columns = {"load_0_displacement_um": 1e3 * truth["displacement"], "load_0_angle_deg": 20.0}
+    log = write_log(
+        tmp_path / f"{name}.csv", so, columns, header=what.get("header", ""), change=what.get("change")
+    )
+    if what.get("own"):
+        log.write_text(log.read_text().replace("# scale: 0.305 fF\n", "", 1))
+    target = tmp_path / "new.toml"
+    result = runner.invoke(app, ["fit", "sensor", str(SKIN), str(log), "-o", str(target)])
+    assert result.exit_code == 2
+    assert message in result.output.replace("\n", " ")
+    assert str(log) in result.output.replace("\n", "")
+    assert not target.exists()
