@@ -82,9 +82,7 @@ def solve_truth(mesh: tuple[int, int] = (300, 4)) -> None:
         writer.writerows(rows)
 
 
-def press(
-    displacement: np.ndarray, *, field: bool = False
-) -> tuple[np.ndarray, np.ndarray]:
+def press(displacement: np.ndarray, *, field: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Force [N] and true continuous counts [taxel, frame] at displacements [m]."""
     with TRUTH.open() as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
@@ -109,11 +107,7 @@ def experiment(
     """Noisy whole counts [taxel, frame] of frames with known inputs."""
     frames = so.shape[1]
     nothing = np.full(frames, np.nan)
-    known = np.stack(
-        [
-            nothing if x is None else x for x in (force, displacement, permittivity)
-        ]
-    )
+    known = np.stack([nothing if x is None else x for x in (force, displacement, permittivity)])
     states, state = np.unique(np.nan_to_num(known, nan=1e9), axis=1, return_inverse=True)
     states[states == 1e9] = np.nan
     zero = np.zeros((1, states.shape[1]))
@@ -162,9 +156,7 @@ def study(
     _, so = press(displacement, field=field)
     fits = []
     for seed in range(count):
-        data = experiment(
-            spec, so, np.random.default_rng(seed), displacement=displacement
-        )
+        data = experiment(spec, so, np.random.default_rng(seed), displacement=displacement)
         fits.append(fit_sensor(data, like=fits[0] if fits else None))
         if seed % 20 == 19:
             print(f"  {seed + 1} of {count}", file=sys.stderr, flush=True)

@@ -71,7 +71,8 @@ def sensor(
         ),
     ] = None,
     air: Annotated[
-        str, typer.Option(help="How air in the gap answers: skin (as the oil), trapped, vented.")
+        str,
+        typer.Option(help="How air in the gap answers: skin (as the oil), trapped, vented."),
     ] = "skin",
     prior: Annotated[
         list[str] | None,
@@ -169,7 +170,9 @@ def _prior(text: str) -> tuple[str, tuple[float, float]]:
     name, equals, value = text.partition("=")
     mean, plus, sd = value.replace("±", "+-").partition("+-")
     if not equals or not plus:
-        raise ValueError(f'--prior "{text}": expected NAME=VALUE+-SD, such as gap=5 mm +- 0.1 mm')
+        raise ValueError(
+            f'--prior "{text}": expected NAME=VALUE+-SD, such as gap=5 mm +- 0.1 mm'
+        )
     own = name.strip()
     dimension = {"gap": "length", "oil_gap": "length", "layers": "length"}.get(own)
     dimension = dimension or {"scale": "capacitance", "lsb": "capacitance"}.get(own)

@@ -140,7 +140,9 @@ class Press(eqx.Module):
         shell = Shell.build(geometry, law, self.meshes.angles, points, symmetric=False)
         return Problem(shell, oil, jnp.zeros(1))
 
-    def displacements(self, mechanics: AbstractMechanics, q: Array) -> Float[Array, "load state"]:
+    def displacements(
+        self, mechanics: AbstractMechanics, q: Array
+    ) -> Float[Array, "load state"]:
         """Of the material points under the loads, along the loads [m]."""
         rows = []
         for k in range(self.angle.shape[0]):
@@ -245,7 +247,8 @@ def deform(
     for begin in range(0, count, size):
         index = np.minimum(np.arange(begin, begin + size), count - 1)
         part = jax.tree.map(
-            lambda x: x[..., index] if x.shape[-1] == count else x, press  # noqa: B023
+            lambda x: x[..., index] if x.shape[-1] == count else x,
+            press,  # noqa: B023
         )
         if count == 1:
             part = press
@@ -307,7 +310,9 @@ def _solve(
     good, good_found = force, found
     step = np.ones(count)
     for _ in range(_NEWTON):
-        missing = np.where(wanted, loads.displacement - np.asarray(good_found.displacement), 0.0)
+        missing = np.where(
+            wanted, loads.displacement - np.asarray(good_found.displacement), 0.0
+        )
         if np.max(np.abs(missing)) < _ACCURACY:
             break
         # Loads whose force is known keep it: their rows and columns drop out.
@@ -353,4 +358,3 @@ def _insist(found: Response, loads: KnownLoads, force: np.ndarray) -> None:
         for k in range(len(force))
     )
     raise NoDeformation(f"{where}: {name}. {advice(name)}; check the columns' units")
-

@@ -254,7 +254,9 @@ def fit_sensor(
             if name == GAP:
                 raise ValueError("--prior gap: name each one, such as oil_gap.0")
             raise ValueError(f"--prior {name}: it is not fitted; fitted: {family.names}")
-    return _Calibration(data, family, given, baseline, offsets, air, gap_of, like, model, progress).run()
+    return _Calibration(
+        data, family, given, baseline, offsets, air, gap_of, like, model, progress
+    ).run()
 
 
 def is_gap(name: str) -> bool:
@@ -309,7 +311,9 @@ class _Calibration:
         self.given = {
             k: Prior(mean, sd, "given with --prior") for k, (mean, sd) in given.items()
         }
-        self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(data.spec).items()}
+        self.inputs = {
+            k: jnp.asarray(v, float) for k, v in continuous_inputs(data.spec).items()
+        }
         self.offsets = offsets or baseline is not None
         self.air = self._air(air)
         spec = data.spec
@@ -342,7 +346,9 @@ class _Calibration:
         data = self.data
         so, state, log, time = data.so, data.state, data.log, data.time
         self.loads, self.permittivity = data.loads, data.permittivity
-        sigma = np.stack([self._first_noise(so[:, log == k]) for k in range(len(data.files))], 1)
+        sigma = np.stack(
+            [self._first_noise(so[:, log == k]) for k in range(len(data.files))], 1
+        )
         scale = sigma[:, log]
         if baseline is not None:
             modules, numbers = (np.array(x) for x in taxel_names(data.spec.electrodes))  # type: ignore[arg-type]
@@ -460,9 +466,7 @@ class _Calibration:
         order = np.argsort(np.concatenate([index for index, _, _ in parts]))
 
         def joined(pick: Callable[[tuple], Array]) -> Array:
-            wide = [
-                jnp.broadcast_to(pick(p), (*pick(p).shape[:-1], len(p[0]))) for p in parts
-            ]
+            wide = [jnp.broadcast_to(pick(p), (*pick(p).shape[:-1], len(p[0]))) for p in parts]
             return jnp.concatenate(wide, -1)[..., order]
 
         face = PolarFace(
@@ -689,9 +693,7 @@ class _Calibration:
 
     # ---- what the data determine
 
-    def _information(
-        self, constants: np.ndarray, rows: np.ndarray | None = None
-    ) -> np.ndarray:
+    def _information(self, constants: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """JᵀJ of the readings alone, in natural sizes [p, p]."""
         _, jacobian = sensitivity(self._residuals(), jnp.asarray(constants))  # type: ignore[arg-type]
         count = self.so.size
@@ -770,9 +772,7 @@ class _Calibration:
                     x = t[used] - t[used].mean()
                     y = row[used] - row[used].mean()
                     spread = np.std(np.diff(y)) / np.sqrt(2)
-                    score.append(
-                        (x @ y) / np.sqrt(max(x @ x, 1e-300)) / max(spread, 1e-6)
-                    )
+                    score.append((x @ y) / np.sqrt(max(x @ x, 1e-300)) / max(spread, 1e-6))
         if not score:
             return False
         worst = float(np.max(np.abs(score)))
@@ -784,9 +784,7 @@ class _Calibration:
             )
         return worst > _DRIFTING
 
-    def _renoise(
-        self, constants: np.ndarray, minima: Minima
-    ) -> tuple[np.ndarray, Minima]:
+    def _renoise(self, constants: np.ndarray, minima: Minima) -> tuple[np.ndarray, Minima]:
         """Measure the noise in the residuals, log by log, and fit with it."""
         columns = int(self.offsets) + int(self.drifting) * len(self.data.files)
         r = self._standardised(constants) * self.scale
@@ -826,10 +824,15 @@ class _Calibration:
         paths = []
         for k in range(len(self.data.files)):
             here = self.log == k
-            paths += [row[used] for row, used in zip(r[:, here], self.used[:, here], strict=True)]
+            paths += [
+                row[used] for row, used in zip(r[:, here], self.used[:, here], strict=True)
+            ]
         typical = float(np.sqrt(np.mean((self.so / self.scale)[self.used] ** 2)))
         judged_misfit = misfit(
-            [p for p in paths if len(p)], self.family.size, known_noise=False, exact=1e-4 * typical
+            [p for p in paths if len(p)],
+            self.family.size,
+            known_noise=False,
+            exact=1e-4 * typical,
         )
         judged = uncertainty(
             residuals,  # type: ignore[arg-type]
@@ -843,8 +846,9 @@ class _Calibration:
         findings = self._findings(information, alone, sizes)
         if judged_misfit.words:
             self.warnings.append(
-                judged_misfit.words.replace("the law does not follow the data", "the model "
-                "does not follow the counts").replace("along the tests", "along the logs")
+                judged_misfit.words.replace(
+                    "the law does not follow the data", "the model does not follow the counts"
+                ).replace("along the tests", "along the logs")
             )
         scatter = self._scatter(constants)
         if scatter:
@@ -896,18 +900,17 @@ class _Calibration:
         """What the data don't determine, in words."""
         names = self.family.names
         found = []
-        open_ = {n for n, error, size in zip(names, alone, sizes, strict=True)
-                 if not error < OPEN * size}
+        open_ = {
+            n
+            for n, error, size in zip(names, alone, sizes, strict=True)
+            if not error < OPEN * size
+        }
         automatic = {n for n, p in self.priors.items() if not p.reason.startswith("given")}
         pair = {name for name in names if name == PERMITTIVITY or is_gap(name)}
         gap_open = any(map(is_gap, open_ | automatic))
         if PERMITTIVITY in pair and gap_open and self._coupled(information, pair):
             extra = sorted((open_ | automatic) - pair)
-            why = (
-                "one static state in one fluid: "
-                if self._static()
-                else ""
-            )
+            why = "one static state in one fluid: " if self._static() else ""
             found.append(
                 f"{why}only the ratio {PERMITTIVITY}/{GAP} is determined"
                 + (f" (with {', '.join(extra)} as assumed)" if extra else "")
@@ -922,7 +925,9 @@ class _Calibration:
             values, vectors = np.linalg.eigh(information)
             for name in others:
                 i = names.index(name)
-                weak = vectors[:, np.argmax(np.abs(vectors[i]) / np.sqrt(np.abs(values) + 1e-30))]
+                weak = vectors[
+                    :, np.argmax(np.abs(vectors[i]) / np.sqrt(np.abs(values) + 1e-30))
+                ]
                 partners = [
                     n for n, v in zip(names, weak, strict=True) if n != name and abs(v) > 0.1
                 ]
@@ -944,9 +949,7 @@ class _Calibration:
         alone = _standard_errors(information)[i]
         return bool(_standard_errors(held)[i] < OPEN and not (alone < OPEN) or self._static())
 
-    def _tells(
-        self, constants: np.ndarray, sizes: np.ndarray, inflation: float
-    ) -> list[dict]:
+    def _tells(self, constants: np.ndarray, sizes: np.ndarray, inflation: float) -> list[dict]:
         """Standard errors that each log and each fluid would give alone, without priors."""
         rows: list[tuple[str, np.ndarray]] = []
         for k, file in enumerate(self.data.files):
@@ -1016,9 +1019,7 @@ class _Calibration:
                     found.append(Masked(m, k, "outliers", count, False, ""))
         return found
 
-    def _nuisances(
-        self, constants: np.ndarray
-    ) -> tuple[np.ndarray | None, np.ndarray | None]:
+    def _nuisances(self, constants: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
         """Offsets and drift that were taken out."""
         if not (self.offsets or self.drifting):
             return None, None
@@ -1055,5 +1056,3 @@ def _standard_errors(information: np.ndarray) -> np.ndarray:
     variance = (vectors**2) @ np.where(null, 0.0, 1 / safe)
     reached = (vectors**2) @ null.astype(float)
     return np.where(reached > 1e-10, np.inf, np.sqrt(variance))
-
-

@@ -202,7 +202,17 @@ def _read(spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None) ->
     masked: list[Masked] = []
     so = _mask(so, log, modules, numbers, masked)
     used = (str(inputs), _sha256(inputs)) if inputs is not None else None
-    return _Part(path, so, time - time[0], known, permittivity, masked, warnings, used, "simulated" in log.header)
+    return _Part(
+        path,
+        so,
+        time - time[0],
+        known,
+        permittivity,
+        masked,
+        warnings,
+        used,
+        "simulated" in log.header,
+    )
 
 
 def _check_header(spec: SkinSpec, log: SoLog) -> None:
@@ -223,15 +233,15 @@ def _check_header(spec: SkinSpec, log: SoLog) -> None:
             )
     units = log.header.get("units", "")
     if "so_k" in units and "count" not in units.split("so_k", 1)[1]:
-        raise ValueError(
-            f'{log.path}, header units "{units}": so_k in raw counts is expected'
-        )
+        raise ValueError(f'{log.path}, header units "{units}": so_k in raw counts is expected')
 
 
 def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
     """Number of taxels of the skin's modules, after a check that the log has the same."""
     modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
-    sizes = {m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules}
+    sizes = {
+        m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules
+    }
     if not len(log):
         raise ValueError(f"{log.path}: the log is empty: it has no rows")
     strangers = sorted(set(log.module.tolist()) - sizes.keys())
@@ -533,5 +543,3 @@ def _sha256(path: Path) -> str:
 
 def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(map(str, numbers[:6])) + (", ..." if len(numbers) > 6 else "")
-
-

@@ -89,11 +89,10 @@ def _set_heights(document: Any, fit: SensorFit) -> None:
         module["heights"] = heights[MODULE_TAXELS * i : MODULE_TAXELS * (i + 1)]
 
 
-def _set_material(
-    document: Any, spec: SkinSpec, values: dict[str, float]
-) -> None:
+def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> None:
     """Write material constants; a preset is written out."""
     table: dict[str, Any] = {"law": spec.material.law}
+
     def quantity(key: str, value: float) -> Any:
         changed = values.get(key, value)
         return _text(changed / 1e6, "MPa") if material_unit(key) == "Pa" else changed
@@ -115,7 +114,8 @@ def _record(skin: Path, fit: SensorFit) -> Any:
     programs = ("suas-jax", "jax", "optimistix", "numpy")
     table["created"] = datetime.now(UTC).isoformat(timespec="seconds")
     table["versions"] = ", ".join(
-        [f"{name} {version(name)}" for name in programs] + [f"Python {platform.python_version()}"]
+        [f"{name} {version(name)}" for name in programs]
+        + [f"Python {platform.python_version()}"]
     )
     family, judged = fit.family, fit.uncertainty
     table["parameters"] = list(family.names)

@@ -202,9 +202,10 @@ def corrected(
         total[0] += powers @ c.displacement
         for j, row in enumerate(c.radius):
             spline = CubicSpline(c.grid, row)
-            radius += np.einsum(
-                "ps,sel->pel", inverse, spline(np.clip(rays, c.grid[0], c.grid[-1]))
-            ) * powers[:, j]
+            radius += (
+                np.einsum("ps,sel->pel", inverse, spline(np.clip(rays, c.grid[0], c.grid[-1])))
+                * powers[:, j]
+            )
     face = PolarFace(shape.face.edges, jnp.asarray(radius), shape.face.folded)
     return dataclasses.replace(shape, face=face, displacement=total)
 

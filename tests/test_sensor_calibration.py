@@ -67,8 +67,14 @@ def write_log(
     rows = [",".join(names)]
     for i in range(so.shape[1]):
         known = [str(np.broadcast_to(v, so.shape[1])[i]) for v in (columns or {}).values()]
-        rows.append(",".join([f"{i / 50:.6f}", f"{i / 50}", f"{i}", "0", *map(str, counts[:, i])] + known))
-    path.write_text(f"# format: suas-so-log\n# scale: 0.305 fF\n{header}" + "\n".join(rows) + "\n")
+        rows.append(
+            ",".join(
+                [f"{i / 50:.6f}", f"{i / 50}", f"{i}", "0", *map(str, counts[:, i])] + known
+            )
+        )
+    path.write_text(
+        f"# format: suas-so-log\n# scale: 0.305 fF\n{header}" + "\n".join(rows) + "\n"
+    )
     return path
 
 
@@ -163,7 +169,9 @@ def test_one_static_log_determines_the_ratio_only(truth: dict, tmp_path: Path) -
 def test_air_adds_the_gap(truth: dict, tmp_path: Path) -> None:
     rest = np.repeat(truth["so"][:, :1], 300, 1)
     oil = write_log(tmp_path / "oil.csv", rest)
-    air = write_log(tmp_path / "air.csv", rest * AIR / PERMITTIVITY, seed=1, header="# fluid: air\n")
+    air = write_log(
+        tmp_path / "air.csv", rest * AIR / PERMITTIVITY, seed=1, header="# fluid: air\n"
+    )
     fit = fitted(oil, air)
     for name, true in (("relative_permittivity", PERMITTIVITY), ("oil_gap", GAP)):
         found, error = value(fit, name)
@@ -206,7 +214,9 @@ def test_drift_is_taken_out(truth: dict, tmp_path: Path) -> None:
     def drifting(counts: np.ndarray, random: np.random.Generator) -> np.ndarray:
         return np.rint(counts + rate * np.arange(len(order)) / 50)
 
-    log = write_log(tmp_path / "a.csv", turned["so"], known(turned, "displacement"), change=drifting)
+    log = write_log(
+        tmp_path / "a.csv", turned["so"], known(turned, "displacement"), change=drifting
+    )
     fit = fitted(log)
     assert any("drift" in text for text in fit.warnings)
     assert fit.drift is not None
@@ -219,7 +229,8 @@ def test_drift_is_taken_out(truth: dict, tmp_path: Path) -> None:
 def test_gaps_of_single_taxels(truth: dict, tmp_path: Path) -> None:
     """Electrodes at different heights, and what a pair of log and skin file says of them."""
     data = load_sensor_data(
-        load_skin(SKIN), [write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement"))]
+        load_skin(SKIN),
+        [write_log(tmp_path / "a.csv", truth["so"], known(truth, "displacement"))],
     )
     # A plate's counts at a gap smaller by h: SO d / (d - h).
     gap = GAP * truth["so"][:, :1] / truth["so"]
@@ -236,7 +247,17 @@ def test_command_writes_a_skin_that_can_be_solved(truth: dict, tmp_path: Path) -
     target, figure = tmp_path / "new.toml", tmp_path / "fit.png"
     result = runner.invoke(
         app,
-        ["fit", "sensor", str(SKIN), str(log), "--json", "-o", str(target), "--plot", str(figure)],
+        [
+            "fit",
+            "sensor",
+            str(SKIN),
+            str(log),
+            "--json",
+            "-o",
+            str(target),
+            "--plot",
+            str(figure),
+        ],
     )
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
@@ -267,7 +288,9 @@ def test_known_inputs_in_a_second_file(truth: dict, tmp_path: Path) -> None:
     time = np.arange(FRAMES) / 50
     rows = [f"{t},{1e3 * d},20" for t, d in zip(time, truth["displacement"], strict=True)]
     inputs = tmp_path / "press.csv"
-    inputs.write_text("t_s,loads.0.displacement_mm,loads.0.angle_deg\n" + "\n".join(rows) + "\n")
+    inputs.write_text(
+        "t_s,loads.0.displacement_mm,loads.0.angle_deg\n" + "\n".join(rows) + "\n"
+    )
     data = load_sensor_data(load_skin(SKIN), [log], inputs=[inputs])
     assert data.loads.displacement[0, data.state] == pytest.approx(truth["displacement"])
     assert data.files[0].inputs is not None
@@ -281,7 +304,11 @@ BAD: list[tuple[str, dict[str, Any], str]] = [
     ("layout", {"rows": 6}, "another layout"),
     ("saturated", {"change": lambda c, r: 0 * c + 65535}, "all 8 taxels are saturated"),
     ("empty", {"frames": 0}, "empty"),
-    ("unit", {"columns": {"load_0_displacement_m": 1.5, "load_0_angle_deg": 20.0}}, "check the unit"),
+    (
+        "unit",
+        {"columns": {"load_0_displacement_m": 1.5, "load_0_angle_deg": 20.0}},
+        "check the unit",
+    ),
     ("bare", {"columns": {"load_0_force": 1.5, "load_0_angle_deg": 20.0}}, "unit is missing"),
     ("angle", {"columns": {"load_0_force_N": 1.5}}, "load_0_angle_deg"),
     ("scale", {"header": "# scale: 2.88 fF\n", "own": True}, "units are mixed up"),
@@ -299,9 +326,16 @@ def test_bad_input_is_named_and_nothing_written(
     so = so[:, : what.get("frames")]
     columns = what.get("columns")
     if what.get("um"):
-        columns = {"load_0_displacement_um": 1e3 * truth["displacement"], "load_0_angle_deg": 20.0}
+        columns = {
+            "load_0_displacement_um": 1e3 * truth["displacement"],
+            "load_0_angle_deg": 20.0,
+        }
     log = write_log(
-        tmp_path / f"{name}.csv", so, columns, header=what.get("header", ""), change=what.get("change")
+        tmp_path / f"{name}.csv",
+        so,
+        columns,
+        header=what.get("header", ""),
+        change=what.get("change"),
     )
     if what.get("own"):
         log.write_text(log.read_text().replace("# scale: 0.305 fF\n", "", 1))
