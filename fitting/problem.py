@@ -108,7 +108,7 @@ def pose(
         experiments=tuple(tests),
         value=jnp.asarray(np.concatenate(values)),
         inverse_scale=jnp.asarray(np.concatenate(inverse)),
-        scales=_sizes(sets),
+        scales=_sizes([data for data in sets if data.scene is None], list(skins.values())),
         family=family,
     )
     return Problem(residuals, tuple(places), tuple(floors), kind)
