@@ -14,7 +14,6 @@ import sys
 import time
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
@@ -135,9 +134,11 @@ def line(name: str, fits: list[SensorFit], truth: dict[str, float]) -> None:
         z = (values - truth[key]) / errors
         rms = float(np.sqrt(np.mean((values - truth[key]) ** 2)))
         print(
-            f"{name:32s} {key:22s} n={len(fits):3d} bias {100 * (values.mean() / truth[key] - 1):+.4f} %"
+            f"{name:32s} {key:22s} n={len(fits):3d} bias "
+            f"{100 * (values.mean() / truth[key] - 1):+.4f} %"
             f"  largest error {100 * np.max(np.abs(values / truth[key] - 1)):.4f} %"
-            f"  bound {100 * errors.mean() / truth[key]:.4f} %  rms/bound {rms / errors.mean():.3f}"
+            f"  bound {100 * errors.mean() / truth[key]:.4f} %"
+            f"  rms/bound {rms / errors.mean():.3f}"
             f"  in 68 %: {100 * np.mean(np.abs(z) < 1.0):.1f}  in 95 %: "
             f"{100 * np.mean(np.abs(z) < 1.96):.1f}",
             flush=True,
@@ -145,19 +146,23 @@ def line(name: str, fits: list[SensorFit], truth: dict[str, float]) -> None:
 
 
 def study(
-    count: int, *, field: bool = False, concentric: bool = False, steps: int = 500
+    count: int,
+    *,
+    field: bool = False,
+    formula: bool = False,
+    steps: int = 500,
+    like: SensorFit | None = None,
 ) -> list[SensorFit]:
     """Fit synthetic experiments of 500 frames at known displacement, in steps up to 3 mm."""
     spec = load_skin(SKIN)
-    if concentric:
-        electrodes = spec.electrodes.model_copy(update={"capacitance": "concentric"})  # type: ignore[union-attr]
-        spec = spec.model_copy(update={"electrodes": electrodes})
     displacement = np.repeat(np.linspace(0.0, 3e-3, steps), 500 // steps)
     _, so = press(displacement, field=field)
     fits = []
     for seed in range(count):
         data = experiment(spec, so, np.random.default_rng(seed), displacement=displacement)
-        fits.append(fit_sensor(data, like=fits[0] if fits else None))
+        fits.append(
+            fit_sensor(data, field=field and not formula, like=fits[0] if fits else like)
+        )
         if seed % 20 == 19:
             print(f"  {seed + 1} of {count}", file=sys.stderr, flush=True)
     return fits
@@ -193,8 +198,8 @@ def main(parts: list[str]) -> None:
     if "solid" in parts:
         line("solid, 500 frames", study(1), truth)
     if "field" in parts:
-        line("solid + field, parallel plate", study(1, field=True), truth)
-        line("solid + field, concentric", study(1, field=True, concentric=True), truth)
+        line("solid + field, --field", study(1, field=True), truth)
+        line("solid + field, formula", study(1, field=True, formula=True), truth)
     if "coverage" in parts:
         begin = time.perf_counter()
         line("solid, 500 frames", study(200), truth)

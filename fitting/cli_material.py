@@ -23,7 +23,7 @@ def material(
         typer.Option(
             metavar="MODE=FILE",
             help="Test data (CSV): uniaxial, equibiaxial, pure_shear, biaxial, "
-            "biaxial_difference, simple_shear, balloon or bulge. May be repeated.",
+            "biaxial_difference, simple_shear, balloon, bulge or skin. May be repeated.",
         ),
     ],
     law: Annotated[
@@ -55,9 +55,38 @@ def material(
     ] = None,
     starts: Annotated[int, typer.Option(min=1, help="Number of starting points.")] = 64,
     seed: Annotated[int, typer.Option(help="Seed of the starting points.")] = 0,
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
+    ] = False,
+    walkers: Annotated[int, typer.Option(help="Walkers of the ensemble, even.")] = 32,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Most steps; it stops before when converged.")
+    ] = 20_000,
+    moves: Annotated[str, typer.Option(help="stretch, walk, de or de-snooker.")] = "stretch",
+    chain: Annotated[
+        Path | None,
+        typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
+    ] = None,
+    arviz: Annotated[
+        Path | None, typer.Option(help="Write the samples for ArviZ (netCDF).")
+    ] = None,
+    corner: Annotated[
+        Path | None, typer.Option(help="Write a corner plot (PNG, PDF, SVG).")
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FORMAT=FILE",
+            help="Write a material card: abaqus, calculix, ansys, febio, comsol or toml. "
+            "May be repeated.",
+        ),
+    ] = None,
     scene: Annotated[
         Path | None,
-        typer.Option(help="Compare the stability window with the stretches of this scene."),
+        typer.Option(
+            help="The skin of --data skin; without such data: compare the stability window "
+            "with the stretches of this scene."
+        ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
@@ -70,9 +99,14 @@ def material(
         pairs = [_pair(text) for text in data]
         sizes = _sizes(specimen)
         bounds = dict(_bound(text) for text in bound or [])
+        cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
         from fitting.datasets import load_dataset, mode_named
 
-        sets = [load_dataset(mode_named(mode), path, sizes, noise) for mode, path in pairs]
+        if (chain or arviz or corner) and not sample:
+            raise ValueError("--chain, --arviz and --corner need --sample")
+        sets = [
+            load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
+        ]
         with _progress() as show:
             report, fit = _fit(
                 sets,
@@ -85,12 +119,37 @@ def material(
                 branch=branch,
                 bounds=bounds,
             )
-            if fit is not None and scene is not None:
+            if fit is not None and scene is not None and not _on_skin(sets):
                 from fitting.in_service import compare_with_scene
 
                 show("solving the scene")
                 report["scene"], remark = compare_with_scene(fit, scene)
                 report["warnings"] += remark
+            if fit is not None and sample:
+                from fitting.cli_posterior import run
+
+                report["posterior"] = run(
+                    fit,
+                    bounds,
+                    show,
+                    arviz,
+                    corner,
+                    walkers=walkers,
+                    steps=steps,
+                    moves=moves,
+                    seed=seed,
+                    chain=chain,
+                )
+            if fit is not None and cards:
+                from fitting.export import Law, write_card
+
+                law_card = Law(
+                    fit.family.law_name,
+                    fit.family.tree(map(float, fit.constants)),
+                    float(fit.law.shear_modulus),
+                )
+                for name, file in cards:
+                    write_card(law_card, name, Path(file))
             if fit is not None and plot is not None:
                 from fitting.plots import plot_material
 
@@ -136,6 +195,10 @@ def _fit(
         return {"law": law, "status": "no_fit", "message": str(error)}, None
 
 
+def _on_skin(sets: list[Any]) -> bool:
+    return any(data.mode == "skin" for data in sets)
+
+
 @contextlib.contextmanager
 def _progress() -> Iterator[Callable[[str], None]]:
     """Show what is being done on a terminal, nothing elsewhere."""
@@ -151,10 +214,12 @@ def _progress() -> Iterator[Callable[[str], None]]:
         yield lambda text: progress.update(task, description=f"fitting {text}")
 
 
-def _pair(text: str) -> tuple[str, str]:
+def _pair(
+    text: str, option: str = "--data", example: str = "uniaxial=A.csv"
+) -> tuple[str, str]:
     mode, equals, path = text.partition("=")
     if not equals or not path:
-        raise ValueError(f"--data {text}: expected MODE=FILE, for example uniaxial=A.csv")
+        raise ValueError(f"{option} {text}: expected NAME=FILE, for example {example}")
     return mode.strip(), path.strip()
 
 

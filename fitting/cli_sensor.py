@@ -53,6 +53,12 @@ def sensor(
             help="Shapes of the membrane: shell, solid, auto (solid; shell for simulated logs)."
         ),
     ] = "auto",
+    field: Annotated[
+        bool,
+        typer.Option(
+            "--field", help="Capacitances from the electrostatic field, not from the formula."
+        ),
+    ] = False,
     joint: Annotated[
         bool, typer.Option("--joint", help="Find the material's constants as well.")
     ] = False,
@@ -125,6 +131,7 @@ def sensor(
                 air=air,
                 gaps=gap,
                 model=model,
+                field=field,
                 progress=show,
             )
             report = sensor_report(found)

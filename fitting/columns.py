@@ -97,12 +97,13 @@ _QUANTITIES = tuple(
             "stress",
             r"(?:cauchy|true)_stress_difference_(?:11_minus_22|1_minus_2)",
         ),
+        ("sigma_displacement", "length", r"(?:sigma|noise|uncertainty|std)_displacement"),
         (
             "sigma",
             "stress",
             r"(?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)"
             r"(?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?"
-            r"(?:_pressure)?",
+            r"(?:_(?:oil_)?pressure)?",
         ),
         ("nominal_shear", "stress", r"(?:nominal_|engineering_|cauchy_)?shear_stress"),
         ("cauchy", "stress", r"(?:cauchy|true|kirchhoff)_?stress"),
@@ -114,7 +115,7 @@ _QUANTITIES = tuple(
             r"|compressive|standard)_?stress|pk1|first_piola_kirchhoff",
         ),
         ("stress", "stress", r"stress"),
-        ("pressure", "pressure", r"(?:inflation_|gauge_|differential_)?pressure|p"),
+        ("pressure", "pressure", r"(?:inflation_|gauge_|differential_|oil_)?pressure|p"),
         ("force", "force", r"(?:axial_|standard_|tensile_)?(?:force|load)"),
         ("shear_angle", "angle", r"shear_angle"),
         ("shear", "number", r"shear_strain|amount_of_shear|shear|gamma|γ"),
@@ -130,7 +131,7 @@ _QUANTITIES = tuple(
         (
             "displacement",
             "length",
-            r"(?:crosshead_)?(?:displacement|extension|elongation|stroke|travel|deflection)",
+            r"(?:crosshead_|loads_0_)?(?:displacement|extension|elongation|stroke|travel|deflection)",
         ),
         ("height", "length", r"(?:apex_|pole_|bulge_|dome_)?height|apex_displacement"),
         ("length", "length", r"(?:gauge_|gage_|initial_|specimen_)?length|l0"),

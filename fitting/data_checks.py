@@ -42,7 +42,7 @@ def branches(data: Dataset) -> Branches:
     time (turning at every third row or more) have no branches.
     """
     none = Branches(np.zeros(data.size, dtype=bool), 0.0)
-    if data.mode in ("biaxial", "biaxial_difference") or data.size < 6:
+    if data.mode in ("biaxial", "biaxial_difference", "skin") or data.size < 6:
         return none
     h = _deformation(data)
     unloading = np.zeros(data.size, dtype=bool)
@@ -110,6 +110,8 @@ def initial_modulus(data: Dataset) -> float:
 
 def warnings_of(data: Dataset) -> list[str]:
     """What a person should look at in one data set."""
+    if data.mode == "skin":
+        return [f"{data.file}: {text}" for text in data.warnings]
     found = []
     path = branches(data)
     if path.unloading.any():

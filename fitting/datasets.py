@@ -16,6 +16,7 @@ import numpy as np
 from fitting.columns import Column, understand
 from fitting.experiments import mode_factors, shear_factors
 from fitting.tables import DataError, Table, is_missing, read_table
+from suas_jax.config import LineLoadSpec, SceneSpec, load_scene
 from suas_jax.config.errors import listed, nearest
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
@@ -28,6 +29,7 @@ MODES = (
     "simple_shear",
     "balloon",
     "bulge",
+    "skin",
 )
 _ALIASES = {
     "planar": "pure_shear",
@@ -73,6 +75,9 @@ class Dataset:
         bulge: thickness over radius of the diaphragm, shape [n]; empty otherwise.
         dropped: how many rows were left out, by reason.
         warnings: what a person should know about this file.
+        scene: the skin that was tested, with the pattern of its loads; in this mode the
+            coordinate is the force [N] and readings are displacements [m] (direction 1)
+            or oil pressures [Pa] (direction 2).
     """
 
     mode: str
@@ -92,6 +97,7 @@ class Dataset:
     bulge: np.ndarray
     dropped: dict[str, int]
     warnings: tuple[str, ...]
+    scene: SceneSpec | None = None
 
     @property
     def size(self) -> int:
@@ -128,6 +134,7 @@ def load_dataset(
     path: str | os.PathLike[str],
     specimen: Mapping[str, str] | None = None,
     noise: str | None = None,
+    scene: str | os.PathLike[str] | None = None,
 ) -> Dataset:
     """Read one file of measurements.
 
@@ -138,12 +145,21 @@ def load_dataset(
             state them (as columns or as `# width: 6 mm`).
         noise: standard deviation of the readings, "5 kPa" or "2 %", where the file
             doesn't state it.
+        scene: scene file of the skin, for the mode "skin".
 
     Raises:
         DataError: the file can't be used; the message names file, line, column, the
             value and what is allowed.
     """
-    return _Reader(mode_named(mode), read_table(path), dict(specimen or {}), noise).dataset()
+    chosen = mode_named(mode)
+    reader = _Reader(chosen, read_table(path), dict(specimen or {}), noise)
+    if chosen != "skin":
+        return reader.dataset()
+    if scene is None:
+        raise DataError(
+            f"--data skin={path}: a skin needs --scene SCENE: its dimensions and loads"
+        )
+    return reader.skin(load_scene(scene))
 
 
 class _Reader:
@@ -529,6 +545,75 @@ class _Reader:
             bulge=thickness / radius,
         )
 
+    def skin(self, scene: SceneSpec) -> Dataset:
+        """Displacements and oil pressures of a skin under given forces."""
+        lines = [load for load in scene.loads if isinstance(load, LineLoadSpec)]
+        if not lines or not any(load.force for load in lines):
+            raise DataError(
+                f"{self.table.file}: --scene has no line load; the force of the curve needs a "
+                f"[[load]] with angle and force"
+            )
+        force = self.column("force")
+        if force is None:
+            raise self.need("the force", "force_N")
+        readings = [
+            (1, "displacement", self.column("displacement"), self.column("sigma_displacement")),
+            (2, "pressure", self.column("pressure"), self.column("sigma")),
+        ]
+        parts = []
+        idle = int(np.sum(force == 0.0))
+        if idle:
+            self.warnings.append(f"{idle} rows without force say nothing; left out")
+        for direction, name, values, sigma in readings:
+            if values is None:
+                continue
+            if name == "pressure" and scene.oil.model == "vented":
+                raise DataError(f"{self.table.file}: a vented skin has no oil pressure to read")
+            values = np.where(force == 0.0, np.nan, values)
+            size = 0.01 * float(np.nanmedian(np.abs(values)))
+            factors = np.zeros((4, len(values)))
+            part = self._finish(
+                name,
+                np.ones(len(values)),
+                np.where(np.isfinite(force), factors, np.nan),
+                values,
+                companion=np.full(len(values), size),
+                direction=direction,
+                coordinate=force,
+                sigma=self._skin_sigma(values, sigma, name),
+            )
+            parts.append(dataclasses.replace(part, scene=scene))
+        if not parts:
+            raise self.need("a reading", "displacement_mm", "oil_pressure_kPa")
+        if np.any(parts[0].coordinate < 0.0):
+            raise DataError(
+                f"{self.table.file}: a force must be positive: it is the sum of the loads' "
+                f"magnitudes, their directions are the scene's"
+            )
+        return _joined(parts)
+
+    def _skin_sigma(
+        self, values: np.ndarray, stated: np.ndarray | None, name: str
+    ) -> np.ndarray:
+        """Standard deviation of readings that are no stresses."""
+        if stated is not None:
+            self._require_positive(stated, "sigma")
+            return stated
+        data = self.table.metadata
+        text = self.noise or data.get("sigma") or data.get("noise")
+        if text is None:
+            return np.full(len(values), np.nan)
+        try:
+            if text.strip().endswith("%"):
+                return parse_quantity(text, "number") * np.abs(values)
+            kind: DimensionName = "length" if name == "displacement" else "stress"
+            return np.full(len(values), parse_quantity(text, kind))
+        except ValueError as error:
+            raise DataError(
+                f'{self.table.file}: noise "{text}" of the {name}: {error}; give "1 %", or '
+                f"columns sigma_displacement_mm and sigma_pressure_kPa"
+            ) from None
+
     # ---- what every mode has
 
     def _finish(
@@ -542,6 +627,7 @@ class _Reader:
         direction: int = 1,
         coordinate: np.ndarray | None = None,
         bulge: np.ndarray | None = None,
+        sigma: np.ndarray | None = None,
     ) -> Dataset:
         count = len(values)
         weight = self.column("weight")
@@ -571,7 +657,7 @@ class _Reader:
             factors=factors,
             value=values,
             companion=np.zeros(count) if companion is None else companion,
-            sigma=self._sigma(values),
+            sigma=self._sigma(values) if sigma is None else sigma,
             weight=weight,
             direction=np.full(count, direction),
             specimen=self._specimens(),

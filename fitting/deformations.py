@@ -68,8 +68,24 @@ class KnownLoads:
 
     def take(self, index: np.ndarray) -> "KnownLoads":
         """Some of the states."""
-        arrays = (self.angle, self.turn, self.force, self.displacement)
-        return KnownLoads(*(x[:, index] for x in arrays), self.inner)
+        return KnownLoads(
+            self.angle[:, index],
+            self.turn[:, index],
+            self.force[:, index],
+            self.displacement[:, index],
+            self.inner,
+        )
+
+    def with_rest(self) -> "KnownLoads":
+        """One more state, without loads."""
+        zero = np.zeros((len(self.angle), 1))
+        return KnownLoads(
+            np.concatenate([self.angle, zero], 1),
+            np.concatenate([self.turn, zero], 1),
+            np.concatenate([self.force, zero], 1),
+            np.concatenate([self.displacement, np.nan * zero], 1),
+            self.inner,
+        )
 
 
 class Meshes(eqx.Module):
@@ -139,6 +155,13 @@ class Press(eqx.Module):
         points = LoadPoints(self.meshes.select, self.meshes.xi, per_width)
         shell = Shell.build(geometry, law, self.meshes.angles, points, symmetric=False)
         return Problem(shell, oil, jnp.zeros(1))
+
+    def take(self, index: np.ndarray) -> "Press":
+        """Some of the states."""
+        meshes, angle, turn = jax.tree.map(
+            lambda x: x[..., index], (self.meshes, self.angle, self.turn)
+        )
+        return Press(meshes, angle, turn, self.inner)
 
     def displacements(
         self, mechanics: AbstractMechanics, q: Array
@@ -246,13 +269,7 @@ def deform(
     parts = []
     for begin in range(0, count, size):
         index = np.minimum(np.arange(begin, begin + size), count - 1)
-        part = jax.tree.map(
-            lambda x: x[..., index] if x.shape[-1] == count else x,
-            press,  # noqa: B023
-        )
-        if count == 1:
-            part = press
-        parts.append(_solve(part, loads.take(index), geometry, law, oil))
+        parts.append(_solve(press.take(index), loads.take(index), geometry, law, oil))
         progress(min(begin + size, count))
     force = np.concatenate([f for f, _ in parts], -1)[:, :count]
     found = [r for _, r in parts]

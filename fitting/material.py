@@ -41,6 +41,7 @@ _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _DISTINCT = 0.02
 _UNKNOWN = 0.3
 _STARTS_IN_BOX = 5
+_SKIN_LANES = 4
 _BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 1e-5
 
 
@@ -211,7 +212,7 @@ class MaterialFit:
             size = np.maximum(np.maximum(np.abs(data.value), data.companion), floor)
             size = np.where(size > 0.0, size, np.max(size) or 1.0)
             by_mode.setdefault(data.mode, []).append((error, error / size))
-        return {
+        report: dict[str, dict[str, Any]] = {
             mode: {
                 "rms_MPa": 1e-6 * _rms(np.concatenate([e for e, _ in parts])),
                 "relative_rms": _rms(np.concatenate([r for _, r in parts])),
@@ -219,6 +220,18 @@ class MaterialFit:
             }
             for mode, parts in by_mode.items()
         }
+        if "skin" in report:
+            del report["skin"]["rms_MPa"]
+            channels = [
+                (data.direction, error)
+                for data, error in zip(self.sets, self.misfits(), strict=True)
+                if data.mode == "skin"
+            ]
+            for channel, key in ((1, "rms_m"), (2, "rms_Pa")):
+                errors = np.concatenate([e[d == channel] for d, e in channels])
+                if errors.size:
+                    report["skin"][key] = _rms(errors)
+        return report
 
     @functools.cached_property
     def rivals(self) -> list[np.ndarray]:
@@ -505,6 +518,9 @@ def _search(
 ) -> tuple[Problem, Minima]:
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind)
+    if any(data.mode == "skin" for data in sets):
+        # Every residual is an equilibrium, and the modulus is known from the start.
+        return problem, minimise(problem.residuals, points[:_SKIN_LANES], lanes=_SKIN_LANES)
     if not any(data.mode == "bulge" for data in sets):
         return problem, minimise(problem.residuals, points)
     # Membranes are expensive: explore with spherical caps, then fit the best with

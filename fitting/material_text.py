@@ -37,7 +37,7 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
         table.add_row(
             mode,
             str(row["n"]) if row else "not measured",
-            format_quantity(1e6 * row["rms_MPa"], "stress") if row else "",
+            format_quantity(1e6 * row["rms_MPa"], "stress") if row and "rms_MPa" in row else "",
             f"{100.0 * row['relative_rms']:.3g} %" if row else "",
             f"{window[0]:.3f} to {window[1]:.3f}" if window else "",
         )

@@ -85,6 +85,20 @@ class AbstractFamily(abc.ABC):
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Starting points θ, shape [count, p]; the first is a plain guess."""
 
+    @property
+    def prior_deviation(self) -> np.ndarray:
+        """Standard deviations of the normal prior of θ about zero, shape [p].
+
+        Wide: a logarithm within a factor of 400 (95 %), anything else within 20 of its
+        natural sizes.
+        """
+        return np.full(self.size, 10.0)
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """What each θ is, for people."""
+        return self.names
+
     def refined(
         self,
         theta: Float[Array, " p"],
@@ -222,6 +236,22 @@ class Family(AbstractFamily):
         """The law with these constants."""
         return self.build(*constants)
 
+    @property
+    def prior_deviation(self) -> np.ndarray:
+        """Logarithms 3, the rest 10."""
+        return np.array([10.0 if part.kind == "free" else 3.0 for part in self.parts])
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """Logarithms are said."""
+        said = []
+        for i, part in enumerate(self.parts):
+            name = part.name
+            if i == 0 and self.modulus_is_sum:
+                name = f"{self.parts[0].name} + {self.parts[1].name}"
+            said.append(name if part.kind == "free" else f"log({name})")
+        return tuple(said)
+
     def signs(
         self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -268,6 +298,17 @@ class OgdenFamily(AbstractFamily):
     def title(self) -> str:
         """Name with the number of terms."""
         return f"ogden-{self.terms}"
+
+    @property
+    def prior_deviation(self) -> np.ndarray:
+        """Shares 3 in their logarithm, exponents 10."""
+        return np.repeat([3.0, 10.0], self.terms)
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """Shares of the shear modulus, then exponents."""
+        shares = tuple(f"log(mu.{i} alpha.{i} / 2)" for i in range(self.terms))
+        return shares + self.names[self.terms :]
 
     def constants(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " p"]:
         """μ_p [Pa] and α_p."""

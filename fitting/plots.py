@@ -63,6 +63,9 @@ def _draw_mode(
     for number, (data, error) in enumerate(members):
         colour = f"C{number}"
         x = data.stretch_2 if mode == "biaxial_difference" else data.coordinate
+        if mode == "skin":
+            _draw_skin(data, error, upper, lower, colour)
+            continue
         unit, name = (1e3, "kPa") if data.measure == "pressure" else (1e6, "MPa")
         upper.plot(x, data.value / unit, "o", ms=3.5, mfc="none", color=colour, label="data")
         if not (mode in PATHS and nominal):
@@ -71,7 +74,11 @@ def _draw_mode(
         lower.plot(x, 100.0 * error / size, ".", ms=4, color=colour)
         upper.set_ylabel(f"{_LABELS[data.measure]} [{name}]")
     upper.set_title(mode.replace("_", " ") + ("" if members else " (not measured)"))
-    labels = {"simple_shear": "amount of shear", "bulge": "apex height / radius"}
+    labels = {
+        "skin": "force [N]",
+        "simple_shear": "amount of shear",
+        "bulge": "apex height / radius",
+    }
     labels |= {"biaxial_difference": "second stretch"}
     lower.set_xlabel(labels.get(mode, "stretch"))
     lower.set_ylabel("residual [%]")
@@ -79,6 +86,23 @@ def _draw_mode(
     limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
     lower.set_ylim(-min(1.1 * limit, 100.0) - 0.1, min(1.1 * limit, 100.0) + 0.1)
     upper.legend(frameon=False, fontsize="small")
+
+
+def _draw_skin(
+    data: Dataset, error: np.ndarray, upper: "Axes", lower: "Axes", colour: str
+) -> None:
+    """Displacement and oil pressure over force, each in its own unit."""
+    channels = ((1, 1e-3, "displacement [mm]", "o"), (2, 1e3, "oil pressure [kPa]", "s"))
+    for channel, unit, name, marker in channels:
+        rows = data.direction == channel
+        x, y = data.coordinate[rows], data.value[rows]
+        if not rows.any():
+            continue
+        fitted = (y + error[rows]) / unit
+        upper.plot(x, y / unit, marker, ms=3.5, mfc="none", color=colour, label=name)
+        upper.plot(x, fitted, "x", ms=3.5, color="k", label=f"law, {name}")
+        size = np.maximum(np.abs(y), data.companion[rows])
+        lower.plot(x, 100.0 * error[rows] / size, marker, ms=3, color=colour)
 
 
 def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -> None:

@@ -12,6 +12,7 @@ from fitting.datasets import Dataset
 from fitting.experiments import AbstractExperiment, Bulge, Homogeneous, padded
 from fitting.parameters import AbstractFamily, Scales
 from fitting.residuals import KINDS, Residuals, relative_scale
+from fitting.skin_curve import SkinCurve, Specimen, specimen
 
 # Relative residuals are relative to no less than these fractions of a file's median
 # reading; a difference of two stresses passes through zero without being small itself.
@@ -64,8 +65,13 @@ def pose(
                     f'"sigma_MPa", a line "# sigma: 5 kPa", or --noise "2 %"'
                 )
     scales, floors = _scales(sets, kind)
+    skins = {
+        i: specimen(data.scene, data.coordinate, data.direction - 1, data.value)
+        for i, data in enumerate(sets)
+        if data.scene is not None
+    }
     members = [data.mode == "bulge" and not estimate for data in sets]
-    order = [i for i, bulge in enumerate(members) if not bulge]
+    order = [i for i, bulge in enumerate(members) if not bulge and i not in skins]
     order_bulge = [i for i, bulge in enumerate(members) if bulge]
     tests: list[AbstractExperiment] = []
     values, inverse = [], []
@@ -92,12 +98,18 @@ def pose(
         weights = [np.sqrt(sets[i].weight) / scales[i] for i in group]
         inverse.append(np.concatenate([*weights, np.zeros(fill)]))
         offset = start + length
+    for i, skin in skins.items():
+        tests.append(skin.curve)
+        places[i] = np.arange(offset, offset + sets[i].size)
+        offset += sets[i].size
+        values.append(sets[i].value)
+        inverse.append(np.sqrt(sets[i].weight) / scales[i])
     residuals = Residuals(
-        tuple(tests),
-        jnp.asarray(np.concatenate(values)),
-        jnp.asarray(np.concatenate(inverse)),
-        _sizes(sets),
-        family,
+        experiments=tuple(tests),
+        value=jnp.asarray(np.concatenate(values)),
+        inverse_scale=jnp.asarray(np.concatenate(inverse)),
+        scales=_sizes(sets),
+        family=family,
     )
     return Problem(residuals, tuple(places), tuple(floors), kind)
 
@@ -117,6 +129,8 @@ def settle(problem: Problem, constants: np.ndarray) -> tuple[Problem, float]:
             moved = test.settled(law)
             change = max(change, float(jnp.max(jnp.abs(moved.apex / test.apex - 1.0))))
             tests.append(moved)
+        elif isinstance(test, SkinCurve):
+            tests.append(test.settled(law))
         else:
             tests.append(test)
     residuals = eqx.tree_at(lambda r: r.experiments, problem.residuals, tuple(tests))
@@ -130,14 +144,22 @@ def _scales(sets: Sequence[Dataset], kind: str) -> tuple[list[np.ndarray], list[
         # Pressures and stresses are compared with their own kind.
         found = []
         for data in sets:
+            if data.scene is not None:
+                found.append(_root_mean_square(data))
+                continue
             alike = [
-                s for s in sets if (s.measure == "pressure") == (data.measure == "pressure")
+                s
+                for s in sets
+                if s.scene is None and (s.measure == "pressure") == (data.measure == "pressure")
             ]
             size = float(np.sqrt(np.mean(np.concatenate([s.value for s in alike]) ** 2)))
             found.append(np.full(data.size, size if size > 0.0 else 1.0))
         return found, [0.0] * len(sets)
     floors = []
     for data in sets:
+        if data.scene is not None:  # each channel has its own floor, its companion
+            floors.append(0.0)
+            continue
         share = _FLOOR_DIFFERENCE if data.measure == "difference" else _FLOOR
         sizes = np.abs(data.value[data.value != 0.0])
         floors.append(share * float(np.median(sizes)) if sizes.size else 1.0)
@@ -147,12 +169,27 @@ def _scales(sets: Sequence[Dataset], kind: str) -> tuple[list[np.ndarray], list[
     ], floors
 
 
-def _sizes(sets: Sequence[Dataset]) -> Scales:
+def _root_mean_square(data: Dataset) -> np.ndarray:
+    """Root-mean-square reading of a skin's displacements and of its pressures."""
+    scale = np.ones(data.size)
+    for channel in np.unique(data.direction):
+        rows = data.direction == channel
+        scale[rows] = np.sqrt(np.mean(data.value[rows] ** 2))
+    return np.where(scale > 0.0, scale, 1.0)
+
+
+def _sizes(sets: Sequence[Dataset], skins: Sequence[Specimen]) -> Scales:
     """Typical modulus and largest invariants of the data."""
-    moduli = np.array([initial_modulus(data) for data in sets])
+    moduli = np.array(
+        [initial_modulus(data) for data in sets] + [skin.modulus for skin in skins]
+    )
     usable = moduli[np.isfinite(moduli) & (moduli > 0.0)]
     stress = float(np.median(usable)) if usable.size else 1e6
-    e1, e2 = (np.concatenate([data.factors[i] for data in sets]) for i in (0, 1))
+    bent = np.log([skin.stretch for skin in skins])
+    e1, e2 = (
+        np.concatenate([*(data.factors[i] for data in sets), along])
+        for i, along in ((0, bent), (1, 0.0 * bent))
+    )
     e3 = -e1 - e2
     i1 = np.max(np.exp(2 * e1) + np.exp(2 * e2) + np.exp(2 * e3)) - 3.0
     i2 = np.max(np.exp(-2 * e1) + np.exp(-2 * e2) + np.exp(-2 * e3)) - 3.0

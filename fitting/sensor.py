@@ -18,7 +18,6 @@ from fitting.deformations import Deformed, KnownLoads, NoDeformation, deform
 from fitting.diagnostics import Misfit, misfit
 from fitting.identifiability import Uncertainty, sensitivity, uncertainty
 from fitting.least_squares import Minima, minimise
-from fitting.solid_correction import MOST_PLACES, Correction, corrected, corrections
 from fitting.sensor_data import Masked, SensorData
 from fitting.sensor_model import (
     GAP,
@@ -34,6 +33,7 @@ from fitting.sensor_model import (
     parts_of,
     shape_slopes,
 )
+from fitting.solid_correction import MOST_PLACES, Correction, corrected, corrections
 from suas_jax.acquisition.baseline import Baseline, rest_of
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
@@ -218,6 +218,7 @@ def fit_sensor(
     gaps: str = "global",
     like: SensorFit | None = None,
     model: str = "auto",
+    field: bool = False,
     progress: Callable[[str], None] = lambda text: None,
 ) -> SensorFit:
     """Find the constants that follow the logs best, and say how far they can be known.
@@ -234,6 +235,7 @@ def fit_sensor(
             each has its own ("taxel").
         model: "shell", "solid" (the shell with the solid's correction), or "auto": the
             solid, unless the logs say that `suas simulate` made them, which has the shell.
+        field: take capacitances from the electrostatic field instead of the formula.
         like: a calibration of the same known states, whose shapes are used again.
         progress: called with what is being done.
 
@@ -255,8 +257,12 @@ def fit_sensor(
                 raise ValueError("--prior gap: name each one, such as oil_gap.0")
             raise ValueError(f"--prior {name}: it is not fitted; fitted: {family.names}")
     return _Calibration(
-        data, family, given, baseline, offsets, air, gap_of, like, model, progress
+        data, family, given, baseline, offsets, air, gap_of, like, model, field, progress
     ).run()
+
+
+def _moves(name: str) -> bool:
+    return name.startswith("material.")
 
 
 def is_gap(name: str) -> bool:
@@ -298,12 +304,17 @@ class _Calibration:
         gap_of: tuple[int, ...] | None,
         like: SensorFit | None,
         model: str,
+        field: bool,
         progress: Callable[[str], None],
     ) -> None:
         self.gap_of = gap_of
         self.like = like
+        self.field = field
+        if field and (gap_of is not None or any(_moves(part.name) for part in family.parts)):
+            raise ValueError("--field: with one gap for all taxels, and without the material")
         self.model_name = model
         self.corrections: list[Correction] | None = None
+        self.model: SensorModel
         if model == "auto" and data.simulated:
             self.model_name = "shell"
         self.data, self.family, self.progress = data, family, progress
@@ -366,14 +377,7 @@ class _Calibration:
             scale = np.concatenate([scale, (spread / np.sqrt(baseline.frames))[:, None]], 1)
             state = np.concatenate([state, [self.loads.states]])
             log, time = np.concatenate([log, [-1]]), np.concatenate([time, [0.0]])
-            loads = self.loads
-            zero = np.zeros((loads.angle.shape[0], 1))
-            columns = (loads.angle, loads.turn, loads.force, loads.displacement)
-            added = (zero, zero, zero, zero * np.nan)
-            self.loads = KnownLoads(
-                *(np.concatenate([x, y], 1) for x, y in zip(columns, added, strict=True)),
-                loads.inner,
-            )
+            self.loads = self.loads.with_rest()
             self.permittivity = np.concatenate([self.permittivity, [np.nan]])
         self.so, self.state, self.log, self.time, self.scale = so, state, log, time, scale
 
@@ -404,6 +408,11 @@ class _Calibration:
         self._deform()
         self._mask_contact(0.85)
         constants, minima = self._robust(self.at)
+        if self.field:
+            self.progress("solving the electrostatic field")
+            for _ in range(2):
+                self.model = self.model.with_field(jnp.asarray(constants))
+                constants, minima = self._robust(constants)
         self._refuse_strangers(constants)
         for _ in range(_ROUNDS):
             # A constant that moved the membrane: the shape again, then the fit.
@@ -484,6 +493,7 @@ class _Calibration:
             slope,
             jnp.asarray(self.at),
             jnp.asarray(self.permittivity),
+            None,
             self.data.spec,
             self.family,
             self.moving,
@@ -520,14 +530,26 @@ class _Calibration:
             return False
         model = self.like.residuals.model
         old, new = self.like.loads, self.loads
-        same = model.spec == self.data.spec and model.family == self.family
-        pairs = ((getattr(old, n), getattr(new, n)) for n in ("angle", "turn", "force"))
-        same &= all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
-        same &= np.array_equal(old.displacement, new.displacement, equal_nan=True)
-        same &= np.array_equal(model.permittivity, self.permittivity, equal_nan=True)
+        same = model.spec == self.data.spec and not model.moving
+        names = ("angle", "turn", "force", "displacement")
+        pairs = [(getattr(old, n), getattr(new, n)) for n in names]
+        pairs.append((np.asarray(model.permittivity), self.permittivity))
+        same &= all(
+            a.shape == b.shape and np.allclose(a, b, rtol=1e-12, atol=1e-15, equal_nan=True)
+            for a, b in pairs
+        )
         if not same:
-            raise ValueError("like: a calibration of other states or constants")
-        self.model, self.force = model, self.like.force
+            raise ValueError(
+                "like: a calibration of other states, or one that found the material"
+            )
+        self.model = dataclasses.replace(
+            model,
+            at=jnp.asarray(self.at),
+            factor=None,
+            family=self.family,
+            gap_of=self.gap_of,
+        )
+        self.force = self.like.force
         self.displacement = self.like.displacement
         return True
 
@@ -576,11 +598,11 @@ class _Calibration:
         value = np.concatenate([np.nan_to_num(self.so).reshape(-1), means])
         scale = self.scale / np.sqrt(np.where(self.used, weight, 1.0))
         return SensorResiduals(
-            self.model,
-            jnp.asarray(self.state),
-            jnp.asarray(value),
-            jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
-            jnp.asarray(self._basis(scale)),
+            model=self.model,
+            state=jnp.asarray(self.state),
+            value=jnp.asarray(value),
+            inverse_scale=jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
+            basis=jnp.asarray(self._basis(scale)),
         )
 
     def _fit(
@@ -664,8 +686,8 @@ class _Calibration:
         off = np.abs(found / np.median(found) - 1)
         if len(found) > 2 and np.median(off) > _ANOTHER_SKIN:
             raise NoCalibration(
-                f"{self._names}: the taxels read from {100 * found.min():.0f} to {100 * found.max():.0f} % of "
-                "what this skin's model says: another skin, another layout, or known inputs in "
+                f"{self._names}: the taxels read from {100 * found.min():.0f} to "
+                f"{100 * found.max():.0f} % of what this skin's model says: another skin, another layout, or known inputs in "
                 "other units"
             )
         i = self.family.names.index(PERMITTIVITY) if PERMITTIVITY in self.family.names else None
@@ -686,9 +708,9 @@ class _Calibration:
                     "displacements or forces, and that the log belongs to this skin"
                 )
         if i is not None and not 0.5 < constants[i] / self.family.parts[i].size < 2.0:
+            times = constants[i] / self.family.parts[i].size
             self.warnings.append(
-                f"the permittivity found is {constants[i] / self.family.parts[i].size:.2g} times "
-                "the skin file's: check electrodes.lsb and the electrodes' diameters"
+                f"the permittivity found is {times:.2g} times the skin file's: check electrodes.lsb and the electrodes' diameters"
             )
 
     # ---- what the data determine
@@ -947,7 +969,7 @@ class _Calibration:
             if name not in pair:
                 held[j, j] += (self.family.parts[j].size / prior.sd) ** 2
         alone = _standard_errors(information)[i]
-        return bool(_standard_errors(held)[i] < OPEN and not (alone < OPEN) or self._static())
+        return bool((_standard_errors(held)[i] < OPEN and not (alone < OPEN)) or self._static())
 
     def _tells(self, constants: np.ndarray, sizes: np.ndarray, inflation: float) -> list[dict]:
         """Standard errors that each log and each fluid would give alone, without priors."""
@@ -971,7 +993,7 @@ class _Calibration:
                 {
                     "logs": name,
                     "frames": int((self.used.any(0) & here).sum()),
-                    "states": int(len(np.unique(self.state[here]))),
+                    "states": len(np.unique(self.state[here])),
                     "standard_errors": dict(zip(self.family.names, fixed, strict=True)),
                 }
             )
@@ -993,8 +1015,8 @@ class _Calibration:
         worst = int(np.argmax(np.abs(z)))
         return (
             "taxels differ from the model by more than their noise (the worst by "
-            f"{means[worst] * float(np.nanmedian(self.scale)):.3g} counts in the mean): gaps or "
-            "electrodes that differ, a load at rest, or offsets; --baseline or --offsets takes "
+            f"{means[worst] * float(np.nanmedian(self.scale)):.3g} counts in the mean): gaps "
+            "or electrodes that differ, a load at rest, or offsets; --baseline or --offsets takes "
             "out what is constant"
         )
 

@@ -6,6 +6,7 @@ and saturated taxels, repeated frames, frames without known inputs.
 
 import dataclasses
 import hashlib
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -184,7 +185,7 @@ def _read(spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None) ->
     known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
     permittivity = _permittivities(known.fluid, fluid, len(time), str(path))
     kept &= np.isfinite(permittivity) | np.isnan(permittivity)
-    for (load, quantity), values in known.values.items():
+    for (_load, quantity), values in known.values.items():
         if quantity in ("force", "displacement", "inner_displacement"):
             kept &= np.isfinite(values)
     if not kept.any():
@@ -450,7 +451,7 @@ def _stuck(row: np.ndarray, after: float) -> np.ndarray:
     values = row[where]
     edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
     stuck = np.zeros(len(row), bool)
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in itertools.pairwise(edges):
         if end - begin > after:
             stuck[where[begin:end]] = True
     return stuck

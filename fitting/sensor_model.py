@@ -23,6 +23,7 @@ from fitting.residuals import AbstractResiduals
 from suas_jax.compiled import COMPILED
 from suas_jax.config import SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.electrostatics import field_capacitance_under
 from suas_jax.equilibrium import State, equilibrium
 from suas_jax.gap import PolarFace, polar_face
 from suas_jax.geometry import SkinGeometry
@@ -91,7 +92,7 @@ class SensorFamily:
     def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Constants in SI units."""
         positive = np.array([part.positive for part in self.parts])
-        return self.sizes * jnp.where(positive, jnp.exp(theta), theta)
+        return jnp.asarray(self.sizes) * jnp.where(positive, jnp.exp(theta), theta)
 
     def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
         """Parameters from constants."""
@@ -133,6 +134,8 @@ class SensorModel(eqx.Module):
         permittivity: of the fluid; NaN where it is the oil [state].
         spec: the skin.
         family: the constants.
+        factor: capacitances of the field over the formula's [taxel, state]; None for the
+            formula alone.
         gap_of: position of each taxel's own gap among the constants; None where all share
             one.
     """
@@ -142,6 +145,7 @@ class SensorModel(eqx.Module):
     slope: tuple[Array, Array] | None
     at: Float[Array, " p"]
     permittivity: Float[Array, " state"]
+    factor: Float[Array, "taxel state"] | None
     spec: SkinSpec = eqx.field(static=True)
     family: SensorFamily = eqx.field(static=True)
     moving: tuple[int, ...] = eqx.field(static=True, default=())
@@ -159,7 +163,32 @@ class SensorModel(eqx.Module):
         known = jnp.where(oil, 1.0, self.permittivity)
         fluid = jnp.where(oil, electrodes.permittivity, known)
         electrodes = eqx.tree_at(lambda e: e.permittivity, electrodes, fluid)
-        return electrodes.read_face(self._face(constants)).so
+        readings = electrodes.read_face(self._face(constants))
+        if self.factor is None:
+            return readings.so
+        own = readings.capacitance - electrodes.stray
+        return (electrodes.stray + self.factor * own) / electrodes.lsb
+
+    def with_field(self, constants: Float[Array, " p"]) -> "SensorModel":
+        """The same with the electrostatic field's capacitances at some constants.
+
+        The formula stays, times the ratio of field to formula, which depends on constants
+        so little that a second round at the constants found is enough.
+        """
+        *_, electrodes = parts_of(self.spec, self.numbers(constants))
+        electrodes = eqx.tree_at(
+            lambda e: (e.permittivity, e.stray), electrodes, (jnp.ones(1), jnp.zeros(1))
+        )
+        face = self._face(constants)
+        chunks = np.array_split(
+            np.arange(len(self.permittivity)), -(-len(self.permittivity) // 32)
+        )
+        rows = []
+        for index in chunks:
+            part = jax.tree.map(lambda x: x[..., index], face)  # noqa: B023
+            field = _field(electrodes, part)
+            rows.append(field / electrodes.read_face(part).capacitance)
+        return dataclasses.replace(self, factor=jnp.concatenate(rows, -1))
 
     def numbers(self, constants: Float[Array, " p"]) -> dict[str, Array]:
         """SI values by TOML path with the calibrated ones in their places."""
@@ -175,6 +204,11 @@ class SensorModel(eqx.Module):
         change = (constants - self.at)[jnp.array(self.moving)]
         edges, radius = (jnp.tensordot(change, slope, 1) for slope in self.slope)
         return PolarFace(self.face.edges + edges, self.face.radius + radius, self.face.folded)
+
+
+@eqx.filter_jit
+def _field(electrodes: Electrodes, face: PolarFace) -> Array:
+    return field_capacitance_under(electrodes, face)
 
 
 @eqx.filter_jit

@@ -26,7 +26,7 @@ def plot_sensor(fit: SensorFit, file: Path | None = None) -> Figure:
         file: where to write the figure; its ending chooses the format.
     """
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
+    left, right = figure.subfigures(1, 2, width_ratios=(3, 2), squeeze=False)[0]
     counts, pad = left.subplots(2, 1)
     _draw_counts(fit, counts)
     _draw_pad(fit, pad)

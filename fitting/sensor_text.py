@@ -51,8 +51,8 @@ def print_report(report: dict[str, Any], fit: SensorFit) -> None:
         console.print(f"[yellow]not determined:[/] {text}")
     for row in report["masked"]:
         console.print(
-            f"left out: module {row['module']}, taxel {row['taxel']}, {row['frames']} readings: "
-            f"{row['reason']}"
+            f"left out: module {row['module']}, taxel {row['taxel']}, {row['frames']} "
+            f"readings: {row['reason']}"
         )
     for text in report["warnings"]:
         console.print(f"[yellow]warning:[/] {text}")

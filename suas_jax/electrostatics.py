@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 from suas_jax._types import Lanes, StationVector
 from suas_jax.block_tridiagonal import BlockTridiagonal
 from suas_jax.capacitance import VACUUM_PERMITTIVITY
-from suas_jax.gap import gap_at, polar_face
+from suas_jax.gap import PolarFace, gap_at, polar_face
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.quadrature import gauss_legendre
 from suas_jax.sensing import Electrodes
@@ -98,10 +98,18 @@ def field_capacitance(
         q: its unknowns.
         elements: of the film along the arc.
     """
+    face = polar_face(mechanics, q, electrodes.geometry.inner_radius)
+    return field_capacitance_under(electrodes, face, elements)
+
+
+def field_capacitance_under(
+    electrodes: Electrodes, face: PolarFace, elements: int = _ELEMENTS
+) -> Float[Array, "taxel lane"]:
+    """Capacitance of every taxel under a deformed inner face; see `field_capacitance`."""
     geometry, taxels = electrodes.geometry, electrodes.taxels
     wall = geometry.wall_radius
     angle = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
-    gap = gap_at(polar_face(mechanics, q, geometry.inner_radius), angle, wall)
+    gap = gap_at(face, angle, wall)
     clear = jnp.all(gap > 0, 0)
     film = Film(angle, jnp.where(clear, gap, 1.0), wall)
     charge = wall_charge(film, np.ones(elements + 1, bool))
