@@ -93,6 +93,15 @@ def sensor(
     offsets: Annotated[
         bool, typer.Option("--offsets", help="Give every taxel an offset of its own.")
     ] = False,
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
+    ] = False,
+    steps: Annotated[int, typer.Option(min=1, help="Most steps of the sampler.")] = 20_000,
+    walkers: Annotated[int, typer.Option(min=4, help="Walkers of the sampler.")] = 32,
+    seed: Annotated[int, typer.Option(help="Seed of the sampler.")] = 0,
+    chain: Annotated[
+        Path | None, typer.Option(help="HDF5 file that keeps the chain and resumes it.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
@@ -102,6 +111,8 @@ def sensor(
     Exit status: 0 a calibration was found, 2 bad input (no file is written).
     """
     with bad_input():
+        if chain and not sample:
+            raise ValueError("--chain needs --sample")
         target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
         _must_be_free(target, skin, overwrite, own=output is None)
         from fitting.sensor_data import load_sensor_data
@@ -135,6 +146,16 @@ def sensor(
                 progress=show,
             )
             report = sensor_report(found)
+            if sample:
+                from fitting.posterior import PosteriorError, Settings
+                from fitting.sensor_posterior import sample_sensor
+
+                settings = Settings(walkers=walkers, steps=steps, seed=seed, chain=chain)
+                try:
+                    show("the posterior")
+                    report["posterior"] = sample_sensor(found, settings)[1]
+                except PosteriorError as error:
+                    report["posterior"] = {"status": "no_posterior", "message": str(error)}
             if plot is not None:
                 from fitting.sensor_plots import plot_sensor
 

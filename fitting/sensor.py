@@ -687,8 +687,8 @@ class _Calibration:
         if len(found) > 2 and np.median(off) > _ANOTHER_SKIN:
             raise NoCalibration(
                 f"{self._names}: the taxels read from {100 * found.min():.0f} to "
-                f"{100 * found.max():.0f} % of what this skin's model says: another skin, another layout, or known inputs in "
-                "other units"
+                f"{100 * found.max():.0f} % of what this skin's model says: another "
+                "skin, another layout, or known inputs in other units"
             )
         i = self.family.names.index(PERMITTIVITY) if PERMITTIVITY in self.family.names else None
         if i is not None and not _PLAUSIBLE[0] < constants[i] < _PLAUSIBLE[1]:
@@ -710,7 +710,8 @@ class _Calibration:
         if i is not None and not 0.5 < constants[i] / self.family.parts[i].size < 2.0:
             times = constants[i] / self.family.parts[i].size
             self.warnings.append(
-                f"the permittivity found is {times:.2g} times the skin file's: check electrodes.lsb and the electrodes' diameters"
+                f"the permittivity found is {times:.2g} times the skin file's: check "
+                "electrodes.lsb and the electrodes' diameters"
             )
 
     # ---- what the data determine
@@ -1016,8 +1017,8 @@ class _Calibration:
         return (
             "taxels differ from the model by more than their noise (the worst by "
             f"{means[worst] * float(np.nanmedian(self.scale)):.3g} counts in the mean): gaps "
-            "or electrodes that differ, a load at rest, or offsets; --baseline or --offsets takes "
-            "out what is constant"
+            "or electrodes that differ, a load at rest, or offsets; --baseline or --offsets "
+            "takes out what is constant"
         )
 
     def _masked(self) -> list[Masked]:

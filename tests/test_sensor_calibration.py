@@ -241,6 +241,18 @@ def test_drift_is_taken_out(truth: dict, reference: SensorFit, tmp_path: Path) -
     assert error < 5e-3 * GAP
 
 
+def test_posterior_agrees_with_the_bound(reference: SensorFit) -> None:
+    """Two well-known constants: the posterior is the Gaussian of the least squares."""
+    from fitting.posterior import Settings
+    from fitting.sensor_posterior import sample_sensor
+
+    _, report = sample_sensor(reference, Settings(walkers=16, steps=1000, check=250))
+    for i, name in enumerate(reference.family.names):
+        error = reference.uncertainty.standard_errors[i]
+        assert report["mean"][name] == pytest.approx(reference.constants[i], abs=0.2 * error)
+        assert report["standard_deviations"][name] == pytest.approx(error, rel=0.15)
+
+
 def test_gaps_of_single_taxels(truth: dict, reference: SensorFit, tmp_path: Path) -> None:
     """Electrodes at different heights, and what a pair of log and skin file says of them."""
     data = load_sensor_data(
