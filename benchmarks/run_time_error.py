@@ -11,7 +11,6 @@ Writes the table and the plot of docs/benchmarks.md.
 import argparse
 import dataclasses
 import importlib.util
-import re
 import statistics
 import time
 import tracemalloc
@@ -25,6 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from benchmarks.pages import DOCS, write_section
 from benchmarks.skipping import skipping_table
 from suas_jax.compiled import OPTIONS
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
@@ -34,7 +34,6 @@ from suas_jax.problem import build_problem, plan_for
 from suas_jax.runtime import configure
 from suas_jax.solution import is_symmetric, working_plan
 
-DOCS = Path(__file__).parent.parent / "docs"
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 # Inner radius [mm], thickness [mm], angle of the load [deg], force [N].
 SCENES = {
@@ -44,9 +43,9 @@ SCENES = {
     "small radius": (40.0, 1.5, 60.0, 20.638),
 }
 SHELLS = (8, 16, 32, 64)
-SOLIDS = ((32, 1), (64, 1), (64, 2), (128, 2), (300, 4), (600, 4))
-PEERS = ((32, 1), (60, 1), (120, 1), (120, 2), (300, 2), (600, 4))
-TRUTH = (800, 8)
+SOLIDS = ((32, 1), (64, 1), (64, 2), (128, 2), (600, 4))
+PEERS = ((32, 1), (60, 1), (120, 1), (240, 2), (600, 4))
+TRUTH = (512, 4)
 REFERENCE = "FElupe, PARDISO"
 EQUAL = 1e-3  # error at which programs are compared
 
@@ -306,26 +305,17 @@ def draw(rows: list[Row], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def write_section(name: str, lines: list[str]) -> None:
-    """Replace what stands between two markers of docs/benchmarks.md."""
-    page = DOCS / "benchmarks.md"
-    text = page.read_text(encoding="utf-8")
-    begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"
-    new = "\n".join([begin, "", *lines, "", end])
-    text = re.sub(f"{re.escape(begin)}.*{re.escape(end)}", lambda _: new, text, flags=re.DOTALL)
-    page.write_text(text, encoding="utf-8")
-
-
 def main() -> None:
     """Measure, print, write the docs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--quick", action="store_true", help="few meshes, docs untouched")
+    parser.add_argument("--scenes", type=int, default=len(SCENES), help="only the first ones")
     arguments = parser.parse_args()
     configure()
     rows: list[Row] = []
     console = Console(width=140)
-    for scene in list(SCENES)[: 1 if arguments.quick else None]:
+    for scene in list(SCENES)[: 1 if arguments.quick else arguments.scenes]:
         group = rows_of(scene, arguments.quick)
         measure(group, arguments.rounds)
         rows += group
@@ -335,9 +325,9 @@ def main() -> None:
     console.print("\n".join(skipped), markup=False)
     if not arguments.quick:
         draw(rows, DOCS / "run_time_error.png")
-        write_section("table", table_of(rows))
-        write_section("equal error", equal_error(rows))
-        write_section("skipping", skipped)
+        write_section("benchmarks.md", "table", table_of(rows))
+        write_section("benchmarks.md", "equal error", equal_error(rows))
+        write_section("benchmarks.md", "skipping", skipped)
 
 
 if __name__ == "__main__":

@@ -3,9 +3,8 @@
     python -m benchmarks.stress
 
 Every converged state is checked apart from the solver that found it: its force balance is
-assembled anew, and its energy balance is compared with the work that the load does along
-the way where the way is one step. No number may be NaN, and a scene that can't be solved
-must say so by name.
+assembled anew in double precision. No number may be NaN, and a scene that can't be solved
+must say so by name. Writes the table of docs/stability.md.
 """
 
 import dataclasses
@@ -19,9 +18,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from rich.console import Console
-from rich.table import Table
+from rich.progress import track
 
+from benchmarks.pages import write_section
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.continuation import LoadStepping
 from suas_jax.equilibrium import State, equilibrium, residual
@@ -52,7 +51,7 @@ class Trial:
         mesh: elements along the arc and through the thickness (none for the shell).
         precision: of the arithmetic.
         expected: outcomes that are right.
-        first_radius: first load step, in thicknesses of displacement; the default if None.
+        stepping: settings of the load stepping that differ from the default.
     """
 
     group: str
@@ -61,7 +60,7 @@ class Trial:
     mesh: tuple[int, int] = (32, 0)
     precision: str = "float64"
     expected: tuple[str, ...] = ("converged",)
-    first_radius: float | None = None
+    stepping: dict[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -188,9 +187,14 @@ def trials() -> list[Trial]:
         scaled = {"inner_radius": 0.0575, "thickness": 0.0015, "width": 0.123, "oil_gap": 0.005}
         scaled = {key: value * size for key, value in scaled.items()}
         found.append(Trial("units", name, skin((20, 20 * size**2), **scaled)))
-    for mesh in ((32, 0), (64, 2)):
+    # Corrections can't shrink to the default 1e-12 in single precision: that must be said.
+    for mesh in ((16, 0), (32, 1)):
         model = "solid" if mesh[1] else "shell"
-        found.append(Trial("float32", model, skin((20, 20.0)), mesh, precision="float32"))
+        single = Trial("float32", model, skin((20, 20.0)), mesh, precision="float32")
+        found.append(dataclasses.replace(single, expected=("no_convergence",)))
+        either = ("converged", "no_convergence")
+        label, loose = f"{model}, corrections to 1e-3", {"rtol": 1e-3}
+        found.append(dataclasses.replace(single, label=label, stepping=loose, expected=either))
     coarse = skin((0, 1.0))
     found.append(Trial("single element", "shell", skin(), (1, 0)))
     found += [
@@ -199,7 +203,9 @@ def trials() -> list[Trial]:
     ]
     for radius in (10.0, 1e3, 1e6):
         label = f"first step of {radius:g} thicknesses"
-        found.append(Trial("load step", label, skin((45, 20.7)), first_radius=radius))
+        found.append(
+            Trial("load step", label, skin((45, 20.7)), stepping={"first_radius": radius})
+        )
     collapse = {"expected": ("limit_point",)}
     for force in (20.0, 200.0):
         vented = skin((0, force), oil="vented")
@@ -256,12 +262,9 @@ def attempt(trial: Trial) -> Outcome:
     """Solve a trial and check what comes out, in double precision."""
     plan, structure = plan_for(trial.scene, *trial.mesh), Structure(trial.scene)
     values = continuous_inputs(trial.scene)
-    settings = (
-        {} if trial.first_radius is None else {"first_radius": jnp.asarray(trial.first_radius)}
-    )
     with jax.enable_x64(trial.precision == "float64"):
         inputs = {k: jnp.asarray(v, float) for k, v in values.items()}
-        arguments = (structure, plan, inputs, LoadStepping(**settings))
+        arguments = (structure, plan, inputs, LoadStepping(**trial.stepping))
         solved, state = _program(*arguments)
     with jax.enable_x64(True):
         inputs = {k: jnp.asarray(v, float) for k, v in values.items()}
@@ -281,13 +284,13 @@ def attempt(trial: Trial) -> Outcome:
     )
 
 
-def table_of(outcomes: list[Outcome]) -> Table:
-    """One line a trial."""
+def table_of(outcomes: list[Outcome]) -> list[str]:
+    """Markdown, one line a trial."""
     columns = ("stress", "how much", "outcome", "load", "corrections", "smallest pivot")
-    table = Table(*columns, "imbalance", "remark", title=f"{len(outcomes)} trials")
+    columns += ("imbalance", "remark")
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     for o in outcomes:
-        remark = "; ".join(f"[red]{fault}[/]" for fault in o.faults) or o.explanation
-        table.add_row(
+        cells = (
             o.trial.group,
             o.trial.label,
             o.status,
@@ -295,21 +298,19 @@ def table_of(outcomes: list[Outcome]) -> Table:
             str(o.iterations),
             f"{o.smallest_pivot:.0e}",
             f"{o.imbalance:.0e}",
-            remark,
+            "; ".join(f"**{fault}**" for fault in o.faults) or o.explanation,
         )
-    return table
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
 
 
 def main() -> None:
-    """Print the table; exit status 1 if a trial has a fault."""
+    """Print and write the table; exit status 1 if a trial has a fault."""
     configure()
-    outcomes = []
-    for trial in trials():
-        outcomes.append(attempt(trial))
-        o = outcomes[-1]
-        print(f"{trial.group}, {trial.label}: {o.status} {o.faults}", flush=True)
-    console = Console(width=140)
-    console.print(table_of(outcomes))
+    outcomes = [attempt(trial) for trial in track(trials(), "solving")]
+    lines = table_of(outcomes)
+    print("\n".join(lines))
+    write_section("stability.md", "table", lines)
     raise SystemExit(any(o.faults for o in outcomes))
 
 

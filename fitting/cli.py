@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from fitting import cli_many, cli_material, cli_sensor
+from fitting import cli_invert, cli_many, cli_material, cli_sensor
 from suas_jax import cli as forward
 from suas_jax import cli_acquisition as acquisition
 from suas_jax import cli_sensing as sensing
@@ -26,6 +26,7 @@ cli_material.register(fit)
 cli_sensor.register(fit)
 cli_many.register(fit)
 app.add_typer(fit, name="fit")
+cli_invert.register(app)
 
 
 def _print_version(wanted: bool) -> None:

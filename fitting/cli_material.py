@@ -84,7 +84,8 @@ def material(
     scene: Annotated[
         Path | None,
         typer.Option(
-            help="The skin that --data skin was measured on; else: compare the stability window with the stretches of this scene."
+            help="The skin of --data skin; without such data: compare the stability window "
+            "with the stretches of this scene."
         ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,

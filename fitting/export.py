@@ -87,7 +87,8 @@ def write_card(law: Law, program: str, file: Path) -> None:
 
 def _missing(law: Law, program: str, offered: str) -> CardError:
     return CardError(
-        f"--export {program}: no card for the law {law.name}; {program} is offered for {offered}"
+        f"--export {program}: no card for the law {law.name}; {program} is offered for "
+        f"{offered}"
     )
 
 
@@ -107,7 +108,8 @@ def _rows(values: list[float], first: int = 8) -> str:
 
 
 def _abaqus_like(law: Law, program: str) -> str:
-    head = f"** {law.name}, Pa, shear modulus {law.shear_modulus:.6g} Pa\n*MATERIAL, NAME=MEMBRANE\n"
+    head = f"** {law.name}, Pa, shear modulus {law.shear_modulus:.6g} Pa\n"
+    head += "*MATERIAL, NAME=MEMBRANE\n"
     # Zero for D means incompressible in Abaqus (hybrid elements); CalculiX chooses a value
     # of its own, so it gets a stated one.
     d = 0.0 if program == "abaqus" else 2.0 / (BULK * law.shear_modulus)

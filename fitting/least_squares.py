@@ -6,7 +6,6 @@ here and not by the solver's flag: at a minimum no Gauss-Newton step, cut to len
 every singular direction of the Jacobian, promises to lower the cost noticeably.
 """
 
-import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -17,7 +16,6 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from fitting.residuals import AbstractResiduals
-from suas_jax.compiled import OPTIONS
 
 # A start has converged when the promised decrease of its cost is below this fraction,
 # or when nothing but rounding is left to fit.
@@ -105,7 +103,7 @@ def _is_minimum(cost: np.ndarray, promised: np.ndarray, used: int) -> np.ndarray
     return np.isfinite(cost) & ((promised <= CONVERGED) | (cost <= used * _ROUNDING))
 
 
-@functools.partial(eqx.filter_jit, compiler_options=OPTIONS)
+@eqx.filter_jit
 def _advance(
     residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
 ) -> tuple[Array, Array, Array]:

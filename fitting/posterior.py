@@ -38,7 +38,7 @@ MOVES: dict[str, Callable[[], Any]] = {
     ],
 }
 LONG_ENOUGH = 50.0
-_TAU_SETTLED = 0.02
+_TAU_SETTLED = 0.05
 _BURN_IN = 2.0
 _DRAWS = 100
 _GROUP = "mcmc"
@@ -352,7 +352,6 @@ def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gauss
     Returns:
         The Gaussian of the maximum and its curvature; None where none was found.
     """
-    p = len(start.mean)
     values, vectors = np.linalg.eigh(start.covariance)
     widest = float(np.max(values))
     root = vectors * np.sqrt(np.maximum(values, 1e-24 * widest))

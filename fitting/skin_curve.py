@@ -6,6 +6,7 @@ line load of the scene, along that load; several loads grow together, their patt
 """
 
 import dataclasses
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -23,6 +24,7 @@ from suas_jax.config import (
 )
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium import Equilibrium, Problem, State, equilibrium
+from suas_jax.mechanics.shell import Shell
 from suas_jax.problem import all_numbers, build_problem, line_loads_of, plan_for
 from suas_jax.solution import is_symmetric, working_plan
 
@@ -52,7 +54,7 @@ class SkinCurve(AbstractExperiment):
     @property
     def equilibria(self) -> int:
         """Equilibria that one prediction takes."""
-        return int(self.problem.mechanics.points.force.shape[-1])
+        return int(self.problem.external_pressure.shape[-1])
 
     def solve(self, law: AbstractLaw) -> tuple[Problem, Equilibrium]:
         """Equilibria of all forces for a law with scalar constants."""
@@ -125,11 +127,13 @@ def specimen(
     plan = working_plan(plan, is_symmetric(plan))
     inputs = continuous_inputs(spec)
     problem = build_problem(spec, plan, inputs)
+    shell = problem.mechanics
+    assert isinstance(shell, Shell)
     share = jnp.asarray(levels / top)
     problem = eqx.tree_at(
-        lambda p: (p.mechanics.points.force, p.external_pressure),
+        lambda p: (cast(Shell, p.mechanics).points.force, p.external_pressure),
         problem,
-        (problem.mechanics.points.force * share, problem.external_pressure * share),
+        (shell.points.force * share, problem.external_pressure * share),
     )
     load = line_loads_of(spec, all_numbers(spec, inputs))[0]
     angle, direction = load.angle, load.direction

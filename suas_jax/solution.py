@@ -16,7 +16,7 @@ from jaxtyping import ArrayLike
 
 from suas_jax.balance import Problem, State, verify
 from suas_jax.compiled import COMPILED
-from suas_jax.config import SceneSpec, continuous_inputs, structure
+from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
 from suas_jax.equilibrium import equilibrium
 from suas_jax.error_estimate import discretisation_error, model_error
 from suas_jax.mesh import MeshPlan
@@ -219,7 +219,8 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         The solution; a failed solve is named in its report, not raised.
     """
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    static = Structure(scene)
+    # Tolerance, model and mesh decide which programs run, not what they are.
+    static = Structure(with_solve(scene, model="auto", rtol=1e-3, elements=None, mesh=None))
     once = repeat == 1
     compiled_before, rtol = COMPILED.seconds, scene.solve.rtol
 

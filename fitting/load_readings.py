@@ -1,0 +1,224 @@
+"""From logs and baselines to readings taxel by taxel, in the order of a skin's layout."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.acquisition.baseline import Baseline
+from suas_jax.acquisition.log_file import Frames, SoLog, group_frames
+from suas_jax.config import SkinSpec
+from suas_jax.taxel import taxel_names
+
+# Chance that a healthy taxel repeats its count often enough to be called stuck.
+_STUCK = 1e-10
+_LEAST_NOISE = 0.4  # counts: below it a healthy taxel may well repeat itself
+_SCALE_AGREES = 1e-3
+
+
+class LayoutMismatchError(ValueError):
+    """A log or baseline whose modules or taxels aren't the skin's."""
+
+
+class EmptyLogError(ValueError):
+    """A log without a frame."""
+
+
+class Layout:
+    """Where each taxel of a skin stands in a log.
+
+    Args:
+        spec: the skin.
+    """
+
+    def __init__(self, spec: SkinSpec) -> None:
+        if spec.electrodes is None:
+            raise ValueError(
+                "the skin has no [electrodes], so there is nothing to estimate loads from"
+            )
+        module, number = taxel_names(spec.electrodes)
+        self.module, self.number = np.array(module), np.array(number)
+
+    @property
+    def taxels(self) -> int:
+        """Number of taxels."""
+        return len(self.module)
+
+    def describe(self) -> str:
+        """The layout in words."""
+        sizes = {int(m): int((self.module == m).sum()) for m in np.unique(self.module)}
+        if len(sizes) == 1:
+            ((module, size),) = sizes.items()
+            return f"module {module} with {size} taxels"
+        return f"modules {min(sizes)} to {max(sizes)}, {self.taxels} taxels in all"
+
+    def check(self, modules: Sequence[int], so: NDArray[np.float64], source: str) -> None:
+        """Refuse readings [..., module, taxel] of another layout.
+
+        Raises:
+            LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
+                narrow for its modules.
+        """
+        own = set(self.module.tolist())
+        strange = sorted(set(modules) - own)
+        if strange:
+            raise LayoutMismatchError(
+                f"{source}: layout_mismatch: module {strange[0]} is none of the skin's, which "
+                f"has {self.describe()}; is this the log's skin file?"
+            )
+        width = so.shape[-1]
+        for row, module in enumerate(modules):
+            size = int((self.module == module).sum())
+            present = np.flatnonzero(np.isfinite(so[..., row, :]).reshape(-1, width).any(0))
+            most = int(present.max()) + 1 if present.size else 0
+            if most > size or width < size:
+                has = most if most > size else width
+                raise LayoutMismatchError(
+                    f"{source}: layout_mismatch: module {module} has {has} taxels here, but "
+                    f"the skin has {self.describe()}; is this the log's skin file?"
+                )
+
+    def pick(self, modules: Sequence[int], so: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Readings [..., taxel] from [..., module, taxel]; NaN where a module is absent."""
+        row = {int(m): k for k, m in enumerate(modules)}
+        out = np.full((*so.shape[:-2], self.taxels), np.nan)
+        for k, (module, number) in enumerate(zip(self.module, self.number, strict=True)):
+            if int(module) in row:
+                out[..., k] = so[..., row[int(module)], number - 1]
+        return out
+
+    def baseline(self, baseline: Baseline, source: str) -> tuple[NDArray, NDArray]:
+        """A baseline's readings at rest and their variance [taxel].
+
+        Raises:
+            LayoutMismatchError: it belongs to another layout.
+        """
+        modules = baseline.modules.tolist()
+        self.check(modules, baseline.so, source)
+        rest = self.pick(modules, baseline.so)
+        noise = np.nan_to_num(self.pick(modules, baseline.noise))
+        return rest, (noise**2 + 1 / 12) / max(baseline.frames, 1)
+
+
+@dataclass(frozen=True)
+class LogReadings:
+    """A log's frames as the estimator takes them.
+
+    Attributes:
+        time: of the frames, on the device's clock if it has one [frame, s].
+        seq: frame numbers [frame].
+        so: readings [frame, taxel]; NaN where missing.
+        stuck: taxels that repeat one count beyond chance [frame, taxel].
+        notes: what a person should know.
+    """
+
+    time: NDArray[np.float64]
+    seq: NDArray[np.int64]
+    so: NDArray[np.float64]
+    stuck: NDArray[np.bool_]
+    notes: tuple[str, ...]
+
+
+def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
+    """Readings of a log.
+
+    Args:
+        log: the log.
+        spec: the skin it was taken from.
+        noise: standard deviation of a reading [counts].
+
+    Raises:
+        EmptyLogError: no frame in it.
+        LayoutMismatchError: it is another skin's.
+    """
+    layout = Layout(spec)
+    frames: Frames = group_frames(log)
+    if not len(frames):
+        raise EmptyLogError(f"{log.path}: empty_log: no frame in it")
+    modules = frames.modules.tolist()
+    layout.check(modules, frames.so, str(log.path))
+    so = layout.pick(modules, frames.so)
+    time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
+    stuck = stuck_taxels(so, noise)
+    notes = list(log.notes) + _scale_note(log.header, spec)
+    if stuck.any():
+        names = ", ".join(
+            f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))
+        )
+        notes.append(f"taxels {names} repeat one count and are left out meanwhile")
+    return LogReadings(time, frames.seq, so, stuck, tuple(notes))
+
+
+def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
+    from suas_jax.config.quantities import parse_quantity
+
+    text = header.get("scale")
+    assert spec.electrodes is not None
+    try:
+        scale = parse_quantity(text, "capacitance") if text else None
+    except ValueError:
+        return [f'scale "{text}" in the header is no capacitance; the skin\'s lsb is used']
+    lsb = spec.electrodes.lsb
+    if scale is None or abs(scale / lsb - 1) < _SCALE_AGREES:
+        return []
+    return [
+        f"the header's scale, {text}, is not the skin's lsb, {1e15 * lsb:.6g} fF; the skin's "
+        "is used"
+    ]
+
+
+def repeats_needed(noise: float, taxels: int) -> int:
+    """Equal counts in a row that chance alone hardly gives."""
+    # Two readings of Gaussian noise s round to the same count with about this chance.
+    same = min(1 / (2 * np.sqrt(np.pi) * noise), 0.9)
+    return int(np.ceil(np.log(_STUCK / taxels) / np.log(same)))
+
+
+def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
+    """Where taxels repeat one count for longer than their noise allows [frame, taxel].
+
+    Frames in which all taxels repeat (polled before the converter refreshed) don't count.
+    """
+    frames, taxels = so.shape
+    stuck = np.zeros(so.shape, bool)
+    if noise < _LEAST_NOISE or frames < 2:
+        return stuck
+    same = np.diff(so, axis=0) == 0
+    compared = np.isfinite(np.diff(so, axis=0))
+    fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
+    needed = repeats_needed(noise, taxels)
+    for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
+        breaks = np.flatnonzero(~same[:, k])
+        starts = np.concatenate([[0], breaks + 1])
+        ends = np.concatenate([breaks, [frames - 1]])  # inclusive
+        for start, end in zip(starts, ends, strict=True):
+            if fresh[start:end].sum() >= needed:
+                stuck[start : end + 1, k] = True
+    return stuck
+
+
+class StuckWatch:
+    """`stuck_taxels` for frames as they come.
+
+    Args:
+        noise: standard deviation of a reading [counts].
+        taxels: their number.
+    """
+
+    def __init__(self, noise: float, taxels: int) -> None:
+        self._needed = repeats_needed(noise, taxels) if noise >= _LEAST_NOISE else 0
+        self._last = np.full(taxels, np.nan)
+        self._run = np.zeros(taxels, np.int64)
+
+    def feed(self, so: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Take a frame; return which taxels are stuck by now."""
+        same = so == self._last
+        changed = np.isfinite(so)
+        if same.sum() <= 0.5 * max(int(changed.sum()), 1):
+            self._run[same] += 1
+        self._run[~same] = 0
+        self._last = so.copy()
+        if not self._needed:
+            return np.zeros(len(so), bool)
+        return self._run >= self._needed

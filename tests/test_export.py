@@ -1,0 +1,157 @@
+"""Material cards, read back by each program's published energy: the stress is the same.
+
+The readers here are written from the programs' manuals and share nothing with the writer.
+"""
+
+import pathlib
+import re
+import tomllib
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from fitting.export import CardError, Law, card
+from suas_jax.config import scene_from_dict
+from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh, uniaxial
+
+OGDEN: dict = {"mu": [6.3e5, 0.012e5, -0.1e5], "alpha": [1.3, 5.0, -2.0]}
+LAWS: dict[str, tuple[AbstractLaw, Law]] = {
+    "ogden": (
+        Ogden(jnp.array(OGDEN["mu"]), jnp.array(OGDEN["alpha"])),
+        Law("ogden", OGDEN, 4.225e5),
+    ),
+    "neo-hookean": (NeoHookean(3e5), Law("neo-hookean", {"mu": 3e5}, 3e5)),
+    "mooney-2": (
+        MooneyRivlin(2e5, 5e4, 0.0),
+        Law("mooney-rivlin", {"C1": 2e5, "C2": 5e4}, 5e5),
+    ),
+    "mooney-3": (
+        MooneyRivlin(20.7e6, -4.4e6, 77e3),
+        Law("mooney-rivlin", {"C1": 20.7e6, "C2": -4.4e6, "C3": 77e3}, 32.6e6),
+    ),
+    "yeoh": (Yeoh(2e5, -1e4, 5e2), Law("yeoh", {"C1": 2e5, "C2": -1e4, "C3": 5e2}, 4e5)),
+}
+STRETCH = np.array([0.7, 1.1, 1.5, 2.2])
+
+
+def nominal(energy: object, stretch: np.ndarray) -> np.ndarray:
+    """Uniaxial nominal stress dW(l, l^-1/2, l^-1/2)/dl by central differences."""
+    h = 1e-5
+
+    def along(x: np.ndarray) -> np.ndarray:
+        return energy(x, x**-0.5, x**-0.5)  # type: ignore[operator]
+
+    return (along(stretch + h) - along(stretch - h)) / (2 * h)
+
+
+def powers(pairs: list[tuple[float, float]]) -> object:
+    """Sum of a_p (l1^b_p + l2^b_p + l3^b_p - 3)."""
+    return lambda x, y, z: sum(a * (x**b + y**b + z**b - 3) for a, b in pairs)
+
+
+def polynomial(values: list[float], degree: int) -> object:
+    """C10, C01, C20, C11, C02, ... as Abaqus, CalculiX and ANSYS list them."""
+
+    def energy(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        i1 = x**2 + y**2 + z**2 - 3
+        i2 = (x * y) ** 2 + (y * z) ** 2 + (z * x) ** 2 - 3
+        terms, k = 0.0, 0
+        for total in range(1, degree + 1):
+            for j in range(total + 1):
+                terms = terms + values[k] * i1 ** (total - j) * i2**j
+                k += 1
+        return np.asarray(terms)
+
+    return energy
+
+
+def numbers(text: str) -> list[float]:
+    return [float(x) for x in re.split(r"[,\s]+", text.strip()) if x]
+
+
+def read_abaqus(text: str) -> object:
+    head, _, body = text.partition("*HYPERELASTIC, ")[2].partition("\n")
+    count, values = int(head.split("N=")[1]), numbers(body)
+    if head.startswith("OGDEN"):
+        return powers(
+            [
+                (2 * values[2 * p] / values[2 * p + 1] ** 2, values[2 * p + 1])
+                for p in range(count)
+            ]
+        )
+    return polynomial(values, count)
+
+
+def read_ansys(text: str) -> object:
+    kind = re.search(r"TB,HYPER,1,1,(\d+),(\w+)", text)
+    assert kind
+    values = [
+        float(x) for line in re.findall(r"TBDATA,\d+,(.*)", text) for x in line.split(",")
+    ]
+    if kind[2] == "OGDEN":
+        pairs = [(values[2 * p], values[2 * p + 1]) for p in range(int(kind[1]))]
+        return powers([(mu / alpha, alpha) for mu, alpha in pairs])
+    if kind[2] == "NEO":
+        return powers([(0.5 * values[0], 2.0)])
+    return polynomial(values, int(kind[1]))
+
+
+def read_febio(text: str) -> object:
+    found = {key: float(value) for key, value in re.findall(r"<(\w+)>([^<]+)</", text)}
+    if 'type="Ogden"' in text:
+        count = sum(key.startswith("c") for key in found)
+        pairs = [(found[f"c{i}"], found[f"m{i}"]) for i in range(1, count + 1)]
+        return powers([(c / m**2, m) for c, m in pairs])
+    return powers([(found["c1"], 2.0), (found["c2"], -2.0)])
+
+
+def read_comsol(text: str) -> object:
+    found = {
+        key: float(value.replace("[Pa]", ""))
+        for key, value in (line.split(" ") for line in text.splitlines()[1:])
+    }
+    if "mu_1" in found:
+        pairs = [(found[f"mu_{i}"], found[f"alpha_{i}"]) for i in (1, 2, 3)]
+        return powers([(mu / alpha, alpha) for mu, alpha in pairs])
+    order = ["C10", "C01", "C20", "C11", "C02", "C30"]
+    return polynomial([found.get(key, 0.0) for key in order] + [0.0] * 3, 3)
+
+
+READERS = {
+    "abaqus": read_abaqus,
+    "calculix": read_abaqus,
+    "ansys": read_ansys,
+    "febio": read_febio,
+    "comsol": read_comsol,
+}
+
+
+@pytest.mark.parametrize("program", READERS)
+@pytest.mark.parametrize("name", LAWS)
+def test_stress_survives_the_round_trip(name: str, program: str) -> None:
+    law, constants = LAWS[name]
+    if program == "febio" and name in ("mooney-3", "yeoh"):
+        with pytest.raises(CardError, match="febio is offered for"):
+            card(constants, program)
+        return
+    stress = nominal(READERS[program](card(constants, program)), STRETCH)
+    expected = np.asarray(uniaxial(law, jnp.asarray(STRETCH)).nominal)
+    assert np.allclose(stress, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_toml_card_is_a_material_table(name: str) -> None:
+    _, constants = LAWS[name]
+    table = tomllib.loads(card(constants, "toml"))
+    skin = pathlib.Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
+    scene = tomllib.loads(skin.read_text()) | table
+    scene.pop("electrodes", None)
+    read = scene_from_dict(scene | {"load": []}).material
+    for key, value in constants.constants.items():
+        assert np.allclose(getattr(read, key), value, rtol=1e-12)
+
+
+def test_unknown_program_is_named() -> None:
+    with pytest.raises(CardError, match="allowed: abaqus"):
+        card(LAWS["ogden"][1], "nastran")

@@ -1,0 +1,193 @@
+"""Posterior: known distributions, resuming after a kill, short chains, lost workers."""
+
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import emcee
+import h5py
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from fitting.posterior import Batch, Gaussian, Settings, laplace, sample
+
+ROOT = pathlib.Path(__file__).parent.parent
+COVARIANCE = np.array([[1.0, 0.8], [0.8, 2.0]])
+PRECISION = np.linalg.inv(COVARIANCE)
+START = Gaussian(np.zeros(2), 0.1 * np.eye(2))
+NAMES = ("a", "b")
+
+
+def normal(x: jnp.ndarray) -> jnp.ndarray:
+    return -0.5 * jnp.einsum("ni,ij,nj->n", x - 3.0, PRECISION, x - 3.0)
+
+
+@pytest.mark.parametrize("moves", ["stretch", "de-snooker"])
+def test_known_gaussian(moves: str) -> None:
+    found = sample(normal, START, NAMES, Settings(moves=moves))
+    assert found.converged
+    error = 4.0 * np.sqrt(np.diagonal(COVARIANCE) / found.effective_samples)
+    assert np.all(np.abs(found.samples.mean(axis=0) - 3.0) < error)
+    assert np.allclose(np.cov(found.samples.T), COVARIANCE, rtol=0.25)
+    assert found.laplace is not None
+    assert np.allclose(found.laplace.mean, 3.0, atol=1e-6)
+    assert np.allclose(found.laplace.covariance, COVARIANCE, rtol=1e-6)
+    assert found.agreement["agree"]
+
+
+def test_short_chain_is_refused_with_the_numbers() -> None:
+    found = sample(normal, START, NAMES, Settings(steps=300))
+    assert not found.converged
+    tau = emcee.autocorr.integrated_time(found.chain[30:], tol=0, quiet=True).max()
+    assert found.message.startswith("not converged: 300 steps are")
+    assert f"({tau:.1f} steps for" in found.message
+    assert "raise --steps to" in found.message
+
+
+def test_skewed_posterior_is_not_called_gaussian() -> None:
+    found = sample(
+        lambda x: jnp.sum(x - jnp.exp(x), 1), Gaussian(np.zeros(1), np.eye(1)), ("x",)
+    )
+    assert found.converged
+    assert not found.agreement["agree"]
+
+
+def test_impossible_points_are_left_alone() -> None:
+    found = sample(
+        lambda x: jnp.where(x[:, 0] > 0.0, -0.5 * x[:, 0] ** 2, jnp.nan),
+        Gaussian(np.ones(1), np.eye(1)),
+        ("x",),
+        Settings(steps=2000, stop=False),
+    )
+    assert found.chain.min() > 0.0
+    assert np.mean(found.samples) == pytest.approx(np.sqrt(2.0 / np.pi), rel=0.1)
+
+
+def test_laplace_needs_an_interior_maximum() -> None:
+    batch = Batch(lambda x: jnp.where(x[:, 0] > 0.0, -x[:, 0], -jnp.inf), 1, 8)
+    assert laplace(batch, Gaussian(np.array([0.5]), 0.01 * np.eye(1))) is None
+
+
+def test_one_compiled_shape() -> None:
+    traces = []
+
+    def counted(x: jnp.ndarray) -> jnp.ndarray:
+        traces.append(x.shape)
+        return normal(x)
+
+    sample(counted, START, NAMES, Settings(steps=20, moves="de-snooker"))
+    assert traces == [(16, 2)]
+
+
+PROGRAM = """
+import pathlib, sys, time
+import jax
+jax.config.update("jax_enable_x64", True)
+from tests.test_posterior import NAMES, START, Settings, normal, sample
+path = pathlib.Path(sys.argv[1])
+slow = lambda step, steps, tau: time.sleep(0.3)
+settings = Settings(steps=2000, check=100, stop=False, chain=path)
+sample(normal, START, NAMES, settings, progress=slow)
+"""
+
+
+def test_killed_run_resumes_as_if_nothing_had_happened(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "chain.h5"
+    run = subprocess.Popen([sys.executable, "-c", PROGRAM, str(path)], cwd=ROOT)
+    deadline = time.monotonic() + 60.0
+    while not path.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    with h5py.File(path) as file:
+        before = int(file["mcmc"].attrs["iteration"])
+    assert 0 < before < 2000
+    settings = Settings(steps=2000, check=100, stop=False)
+    whole = sample(normal, START, NAMES, settings)
+    resumed = sample(
+        normal, START, NAMES, Settings(steps=2000, check=100, stop=False, chain=path)
+    )
+    assert resumed.steps == 2000
+    assert np.array_equal(resumed.chain, whole.chain)
+    with pytest.raises(ValueError, match="belongs to other data"):
+        sample(normal, START, NAMES, Settings(chain=path), key=b"other")
+
+
+def test_devices_share_the_ensemble() -> None:
+    program = (
+        "import jax; jax.config.update('jax_enable_x64', True)\n"
+        "import numpy as np\n"
+        "from tests.test_posterior import Batch, normal\n"
+        "assert len(jax.devices()) == 2\n"
+        "points = np.random.default_rng(0).normal(size=(37, 2))\n"
+        "assert np.allclose(Batch(normal, 2, 15)(points), normal(points), rtol=1e-14)\n"
+    )
+    flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=ROOT,
+        env=os.environ | {"XLA_FLAGS": flags},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+CLUSTER = """
+import os, pathlib, signal, sys, threading, time, json
+from fitting.many import calibrate_all, connect, load_jobs
+
+def main():
+    results = pathlib.Path(sys.argv[2])
+    client = connect(None, 2)
+    workers = list(client.run(os.getpid).values())
+    assert len(set(workers)) == 2
+    killed = []
+    def kill(done, total, name):
+        if not killed:
+            os.kill(workers[0], signal.SIGKILL)
+            killed.append(name)
+    calibrate_all(load_jobs(pathlib.Path(sys.argv[1])), results, client, kill)
+    assert killed
+    cluster = client.cluster
+    client.close()
+    cluster.close()
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+def test_lost_worker_loses_and_doubles_nothing(tmp_path: pathlib.Path) -> None:
+    pytest.importorskip("distributed")
+    data = ROOT / "configs" / "data" / "treloar1944_uniaxial.csv"
+    jobs, results = tmp_path / "jobs.toml", tmp_path / "results.jsonl"
+    jobs.write_text(
+        "".join(
+            f'[[membrane]]\nname = "m{i}"\nlaw = "neo-hookean"\n'
+            f'data = {{ uniaxial = "{data if i else "missing.csv"}" }}\n'
+            for i in range(8)
+        )
+    )
+    script = tmp_path / "cluster.py"
+    script.write_text(CLUSTER)
+    results.write_text('{"name": "m7", "status": "converged"}\n{"name": "m6", "st')
+    subprocess.run(
+        [sys.executable, str(script), str(jobs), str(results)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=True,
+        timeout=240,
+        capture_output=True,
+    )
+    lines = results.read_text().splitlines()
+    found = [json.loads(line) for line in lines if line.endswith("}")]
+    assert sorted(row["name"] for row in found) == [f"m{i}" for i in range(8)]
+    states = {row["name"]: row["status"] for row in found}
+    assert states.pop("m0") == "bad_input"
+    assert set(states.values()) == {"converged"}

@@ -1,0 +1,76 @@
+"""The skin as test specimen: recovers what its curve determines, and says what it doesn't."""
+
+import pathlib
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from fitting.datasets import Dataset, load_dataset
+from fitting.material import MaterialFit, fit_material
+from fitting.material_posterior import sample_material
+from fitting.posterior import Settings
+from fitting.skin_curve import _predicted, specimen
+from fitting.tables import DataError
+from suas_jax.config import load_scene
+from suas_jax.constitutive import MooneyRivlin
+
+SCENE = pathlib.Path(__file__).parent.parent / "configs" / "scenes" / "case_a.toml"
+SUM = 20.7e6 - 4.4e6
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    # The program that the fit compiles for itself makes the readings.
+    force, channel = np.tile(np.linspace(3.0, 30.0, 10), 2), np.repeat([0, 1], 10)
+    curve = specimen(load_scene(SCENE), force, channel, np.ones(20)).curve
+    exact = np.asarray(_predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3))).reshape(2, 10)
+    rng = np.random.default_rng(4)
+    lines = ["# noise: 1 %", "force_N,displacement_mm,oil_pressure_kPa", "0,0,0"]
+    for newtons, (u, p) in zip(force, exact.T, strict=False):
+        u, p = np.array([1e3 * u, 1e-3 * p]) * (1.0 + 0.01 * rng.standard_normal(2))
+        lines.append(f"{newtons},{u},{p}")
+    file = tmp_path_factory.mktemp("skin") / "curve.csv"
+    file.write_text("\n".join(lines))
+    return load_dataset("skin", file, scene=SCENE)
+
+
+@pytest.fixture(scope="module")
+def fit(data: Dataset) -> MaterialFit:
+    return fit_material([data], "mooney-rivlin", 2, residual="noise")
+
+
+def test_curve_gives_the_sum_and_not_its_parts(fit: MaterialFit) -> None:
+    assert fit.status == "converged"
+    assert any("C1 - C2" in text for text in fit.uncertainty.unidentifiable)
+    cov = fit.uncertainty.covariance
+    assert cov[0, 0] > SUM**2  # the parts are as good as unknown
+    jacobian = fit.problem.residuals
+    step = np.array([0.01 * SUM, 0.0])
+    changed = jacobian.of_constants(jnp.asarray(fit.constants + step))
+    r = np.asarray(jacobian.of_constants(jnp.asarray(fit.constants)))
+    slope = (np.asarray(changed) - r) / (0.01 * SUM)
+    error = 1.0 / np.sqrt(np.sum(slope**2))
+    assert abs(fit.constants.sum() - SUM) < 3.0 * error
+    assert error < 0.01 * SUM
+
+
+def test_posterior_of_the_curve(fit: MaterialFit) -> None:
+    report = sample_material(fit, Settings(steps=600, stop=False)).report
+    modulus = report["shear_modulus_Pa"]
+    deviation = 0.5 * (modulus["high68"] - modulus["low68"])
+    # One data set of one seed: coverage is for the benchmark, here 4 deviations are a bug.
+    assert abs(modulus["median"] - 2.0 * SUM) < 4.0 * deviation
+    assert deviation < 0.01 * 2.0 * SUM
+    assert len(report["prior_dominated"]) == 1
+    assert report["prior_dominated"][0].startswith("C2 ")
+    assert report["equilibria_per_s"] > 0.0
+
+
+def test_skin_without_scene_or_force_is_refused(tmp_path: pathlib.Path) -> None:
+    file = tmp_path / "curve.csv"
+    file.write_text("displacement_mm,oil_pressure_kPa\n1.0,1.0\n2.0,2.0\n")
+    with pytest.raises(DataError, match="--scene"):
+        load_dataset("skin", file)
+    with pytest.raises(DataError, match="force_N"):
+        load_dataset("skin", file, scene=SCENE)
