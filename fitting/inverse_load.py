@@ -257,7 +257,7 @@ class LoadEstimator:
         return found
 
     def _batch(self, so: NDArray[np.float64], faulty: NDArray[np.bool_]) -> list[LoadEstimate]:
-        begin = time.perf_counter()
+        begin, compiling = time.perf_counter(), COMPILED.seconds
         y = so if self.rest is None else so - self.rest + self.table.rest
         saturated = (so >= FULL_SCALE) | (so <= 0)
         used = np.isfinite(y) & ~saturated & ~faulty
@@ -283,7 +283,8 @@ class LoadEstimator:
             poor = self._chance(best) < _POOR
             for k, i in enumerate(index):
                 results[i] = self._report(best, others[k], k, short[k], bool(poor[k]))
-        spent = (time.perf_counter() - begin) / len(so)
+        spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
+        spent /= len(so)
         return [replace(result, latency=spent) for result in results]
 
     def _untouched(
