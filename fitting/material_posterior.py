@@ -20,8 +20,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from fitting.chain import Posterior
+from fitting.laplace import Gaussian
 from fitting.material import MaterialFit
-from fitting.posterior import Gaussian, Posterior, Settings, sample
+from fitting.posterior import Settings, sample
 from fitting.problem import settle
 
 _NOISE = (1e-6, 10.0)
