@@ -16,9 +16,10 @@ from jaxtyping import Array
 
 from fitting.deformations import Deformed, NoDeformation, deform
 from fitting.diagnostics import Misfit, misfit
-from fitting.identifiability import Uncertainty, sensitivity, uncertainty
+from fitting.identifiability import Uncertainty, uncertainty
 from fitting.known_loads import KnownLoads
 from fitting.least_squares import Minima, minimise
+from fitting.residuals import sensitivity
 from fitting.sensor_data import Masked, SensorData
 from fitting.sensor_model import (
     GAP,
