@@ -157,8 +157,8 @@ def _patterns(
     """Do smooth patterns explain more of the residuals than noise would?
 
     Returns:
-        Probability by chance, and the mean square of the patterns over that of the rest (of
-        one, where the noise is known); NaN and one where the data are too few.
+        Probability by chance, and the mean square of the patterns over that of all residuals
+        (over one, where the noise is known); NaN and one where the data are too few.
     """
     r = np.concatenate(paths)
     J = np.concatenate(slopes)
@@ -190,7 +190,8 @@ def _patterns(
     rest = (float(r @ r) - explained) / spare
     if rest <= 0.0:
         return np.nan, 1.0
-    return float(stats.f.sf(mean / rest, extra, spare)), mean / rest
+    whole = float(r @ r) / (spare + extra)
+    return float(stats.f.sf(mean / rest, extra, spare)), mean / whole
 
 
 def _basis(columns: np.ndarray, tolerance: float = 1e-10) -> tuple[np.ndarray, int]:
