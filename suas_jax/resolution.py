@@ -1,6 +1,5 @@
 """How many elements a solve starts with, and what comes next if the error is too large."""
 
-import math
 from typing import NamedTuple
 
 from suas_jax.config import SceneSpec
@@ -41,12 +40,8 @@ def first(scene: SceneSpec, model: str) -> Resolution:
     intervals = 2 * (1 + len(scene.loads))
     if model == "shell":
         return Resolution(max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals))
-    # Twice as many elements cost less than a second program to compile. They shall not be
-    # higher than long.
-    elements = max(64 if scene.solve.rtol > 2e-3 else 128, 8 * intervals)
-    g = scene.geometry
-    layers = elements * g.thickness / (2 * g.half_angle * g.inner_radius)
-    return Resolution(elements, min(max(2, 2 * math.ceil(layers / 2)), _MOST_LAYERS))
+    # Twice as many elements cost less than a second program to compile.
+    return Resolution(max(64 if scene.solve.rtol > 2e-3 else 128, 8 * intervals), 2)
 
 
 def first_of_sweep(scene: SceneSpec, model: str) -> Resolution:

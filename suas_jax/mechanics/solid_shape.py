@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from suas_jax._types import Lanes, StationVector
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.kinematics import PlaneStrain
-from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.base import Displacements, Profile
 from suas_jax.mechanics.solid_element import NODES, quadratic
 from suas_jax.mechanics.solid_layout import Layout
 from suas_jax.quadrature import gauss_legendre
@@ -59,6 +59,36 @@ def face_stretch(
     return jnp.stack([stretch[:-1:2], stretch[1::2], stretch[2::2]])
 
 
+def _line(
+    values: Nodes, xi: Float[Array, "sample #element #lane"], node: tuple[int, int], order: int
+) -> Float[Array, "component sample element lane"]:
+    """A nodal field, or its derivative by xi, along a line of nodes.
+
+    Args:
+        values: of the nodes.
+        xi: local coordinate along the arc, -1 to 1.
+        node: layer, and position of the line across it.
+        order: of the derivative.
+    """
+    layer, across = node
+    nodes = [values[NODES.index((a, across)), :, layer] for a in range(3)]
+    parts = [n * v[:, None] for n, v in zip(quadratic(xi, order), nodes, strict=True)]
+    return parts[0] + parts[1] + parts[2]
+
+
+def displacements(xi: Float[Array, "sample #element #lane"], u: Nodes) -> Displacements:
+    """Displacements at one local coordinate of every element.
+
+    Args:
+        xi: local coordinate along the arc, -1 to 1.
+        u: displacements of the nodes.
+    """
+    layers = u.shape[2]
+    # The middle line of nodes lies between two layers or inside one.
+    middle = (layers // 2, layers % 2)
+    return Displacements(_line(u, xi, middle, 0), _line(u, xi, (0, 0), 0))
+
+
 def section(
     angle: Float[Array, "sample element lane"],
     xi: Float[Array, "sample #element #lane"],
@@ -77,31 +107,18 @@ def section(
         inner_stretch: of the inner face at its nodes, see `face_stretch`.
         law: the material.
     """
-    layers = u.shape[2]
-
-    def line(values: Nodes, layer: int, across: int, derivative: int) -> Array:
-        """Along the arc, at a line of nodes: [component, sample, element, lane]."""
-        shapes = quadratic(xi, derivative)
-        nodes = [values[NODES.index((a, across)), :, layer] for a in range(3)]
-        parts = [n * v[:, None] for n, v in zip(shapes, nodes, strict=True)]
-        return parts[0] + parts[1] + parts[2]
-
-    def stretch(layer: int, across: int) -> Array:
-        rest = line(x, layer, across, 1)
-        now = rest + line(u, layer, across, 1)
-        return jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(rest**2, 0))
-
-    shapes = quadratic(xi)
-    inner = [n * v for n, v in zip(shapes, inner_stretch, strict=True)]
-    # The middle line of nodes lies between two layers or inside one.
-    middle = (layers // 2, 0) if layers % 2 == 0 else (layers // 2, 1)
+    outer = (u.shape[2] - 1, 2)
+    rest = _line(x, xi, outer, 1)
+    now = rest + _line(u, xi, outer, 1)
+    moved = displacements(xi, u)
+    nodes = zip(quadratic(xi), inner_stretch, strict=True)
     return Profile(
         angle=angle,
-        mid_displacement=line(u, *middle, 0),
-        inner_displacement=line(u, 0, 0, 0),
-        outer_displacement=line(u, layers - 1, 2, 0),
-        inner_stretch=inner[0] + inner[1] + inner[2],
-        outer_stretch=stretch(layers - 1, 2),
+        mid_displacement=moved.mid_displacement,
+        inner_displacement=moved.inner_displacement,
+        outer_displacement=_line(u, xi, outer, 0),
+        inner_stretch=functools.reduce(jnp.add, [n * stretch for n, stretch in nodes]),
+        outer_stretch=jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(rest**2, 0)),
         energy_density=_mean_energy(xi, u, x, law),
     )
 
