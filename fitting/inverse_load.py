@@ -15,7 +15,7 @@ lumped shell is within MODEL_ERROR of the continuum, in terms of the change from
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, SupportsIndex
 
 import jax
 import numpy as np
@@ -437,10 +437,10 @@ class LoadEstimator:
             squares[:, idle] = np.inf
             order = np.sort(squares, 1)[:, :keep].sum(1)
             order[~self._known] = np.inf
-            node = int(order.argmin())
-            limit = np.partition(squares[node], keep - 1)[keep - 1]
-            trimmed[k, squares[node] > limit] = 0.0
-            nodes.append(node)
+            nearest = int(order.argmin())
+            limit = np.partition(squares[nearest], keep - 1)[keep - 1]
+            trimmed[k, squares[nearest] > limit] = 0.0
+            nodes.append(nearest)
         node_array = np.array(nodes)
         start = np.stack([self._node_angle[node_array], self._node_force[node_array]], 1)
         states = self.table.start(node_array)
@@ -494,9 +494,10 @@ class LoadEstimator:
         if start.shape[1] < width:
             start = np.concatenate([start, np.zeros((frames, width - start.shape[1]))], 1)
         cap = 3 * self.table.forces[:, -1].max()
-        high = [self._edge] * contacts + [cap] * contacts + [np.pi / 2] * contacts
-        low = [-self._edge] * contacts + [0.0] * contacts + [-np.pi / 2] * contacts
         lanes = 1 if self.live else (LANES if contacts == 1 else LANES // 4)
+        bounds = [(-self._edge, self._edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
+        sides = np.repeat(np.array(bounds[: self._per_contact]), contacts, 0)
+        limits: Any = np.repeat(sides.T[..., None], lanes, -1)
 
         def run(rows: NDArray[np.intp], first: Any, states: State, steps: int) -> Fit:
             """All rows, a batch of lanes after the other, the last one filled up."""
@@ -515,7 +516,6 @@ class LoadEstimator:
                 lambda *x: np.concatenate(x, -1)[..., : len(rows)].copy(), *parts
             )
 
-        limits = [np.repeat(np.array(x)[:width, None], lanes, 1) for x in (low, high)]
         everything = np.arange(frames)
         states = jax.tree.map(np.asarray, state)
         fit = run(everything, start, states, _FIRST_STEPS)
@@ -528,7 +528,7 @@ class LoadEstimator:
                 whole[..., again] = part
         if self.live and contacts == 1 and np.isfinite(fit.chi2[0]):
             e = fit.evaluation
-            self.warm = Warm(fit.parameters[:, 0], e.so[:, 0], e.state)
+            self.warm = Warm(np.asarray(fit.parameters)[:, 0], np.asarray(e.so)[:, 0], e.state)
         return self._gathered(fit, weight, contacts)
 
     def _gathered(self, fit: Fit, weight: Any, contacts: int) -> _Best:
@@ -537,17 +537,17 @@ class LoadEstimator:
         parameters = np.full((frames, most), np.nan)
         parameters[:, :width] = fit.parameters.T
         information = np.full((frames, most, most), np.nan)
-        information[:, :width, :width] = np.moveaxis(fit.information, -1, 0)
+        information[:, :width, :width] = np.moveaxis(np.asarray(fit.information), -1, 0)
         return _Best(
-            score=fit.chi2.copy(),
-            chi2=fit.chi2,
+            score=np.array(fit.chi2),
+            chi2=np.asarray(fit.chi2),
             contacts=np.full(frames, contacts),
             parameters=parameters,
             information=information,
-            promise=fit.promise,
-            pressure=fit.evaluation.pressure,
-            min_gap=fit.evaluation.min_gap,
-            so=fit.evaluation.so.T.copy(),
+            promise=np.asarray(fit.promise),
+            pressure=np.asarray(fit.evaluation.pressure),
+            min_gap=np.asarray(fit.evaluation.min_gap),
+            so=np.array(fit.evaluation.so.T),
             weight=weight.copy(),
         )
 
@@ -642,7 +642,7 @@ def _imprecise(contact: Contact) -> bool:
     return bool((sigma > wanted[: len(sigma)]).any() or (sigma <= 0).any())
 
 
-def _take(best: _Best, i: int, found: _Best, k: int) -> None:
+def _take(best: _Best, i: SupportsIndex, found: _Best, k: SupportsIndex) -> None:
     for name in _Best.__dataclass_fields__:
         getattr(best, name)[i] = getattr(found, name)[k]
 

@@ -134,7 +134,7 @@ class _Walk(NamedTuple):
     step: Array
     damping: Lanes
     live: Array
-    count: Array
+    evaluations: Array
 
 
 def fit_loads(
@@ -187,7 +187,7 @@ def fit_loads(
         live = walk.live & ~(better & (new.promise < SETTLED)) & ~(worse & tiny)
         damping = jnp.where(better, walk.damping / 10, walk.damping)
         step = jnp.where(better, step, shorter)
-        return _Walk(_choose(better, new, old), step, damping, live, walk.count + 1)
+        return _Walk(_choose(better, new, old), step, damping, live, walk.evaluations + 1)
 
     # The first turn evaluates the start itself, so that the model is compiled once.
     walk = _Walk(
@@ -199,7 +199,7 @@ def fit_loads(
     )
 
     def going(walk: _Walk) -> Array:
-        return jnp.any(walk.live) & (walk.count < steps)
+        return jnp.any(walk.live) & (walk.evaluations < steps)
 
     return jax.lax.while_loop(going, body, walk).fit
 
@@ -263,7 +263,9 @@ FIT_PROGRAMS = {k: eqx.filter_jit(partial(fit_loads, contacts=k)) for k in (1, 2
 """`fit_loads` by number of contacts, to be run by `suas_jax.compiled.COMPILED`."""
 
 
-def _read(skin: Skin, angle: Array, force: Array, start: State) -> tuple[Array, ...]:
+def _read(
+    skin: Skin, angle: Array, force: Array, start: State
+) -> tuple[Array, Array, State, Array]:
     problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
     found = equilibrium(problem, start)
     state = found.state
