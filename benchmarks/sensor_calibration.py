@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fitting.deformations import KnownLoads
+from fitting.known_loads import KnownLoads
 from fitting.sensor import SensorFit, fit_sensor
 from fitting.sensor_data import LogFile, SensorData
 from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs, load_skin, scene_from_dict

@@ -12,14 +12,11 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 from scipy import stats
 
-from fitting.residuals import Residuals
+from fitting.residuals import Residuals, sensitivity
 
 # No stress-strain test is repeatable to better than this: residuals smaller than it (of
 # exact, made-up data) don't make a constant known.
@@ -70,14 +67,6 @@ class Uncertainty:
         Student's t where the noise is estimated from the residuals.
         """
         return float(stats.t.ppf(0.5 + 0.5 * level, max(self.dof, 1)))
-
-
-@eqx.filter_jit
-def sensitivity(
-    residuals: Residuals, constants: Float[Array, " p"]
-) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-    """Residuals and their derivatives with respect to the constants, SI units."""
-    return residuals.of_constants(constants), jax.jacfwd(residuals.of_constants)(constants)
 
 
 def uncertainty(

@@ -14,10 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.deformations import Deformed, KnownLoads, NoDeformation, deform
+from fitting.deformations import Deformed, NoDeformation, deform
 from fitting.diagnostics import Misfit, misfit
-from fitting.identifiability import Uncertainty, sensitivity, uncertainty
+from fitting.identifiability import Uncertainty, uncertainty
+from fitting.known_loads import KnownLoads
 from fitting.least_squares import Minima, minimise
+from fitting.residuals import sensitivity
 from fitting.sensor_data import Masked, SensorData
 from fitting.sensor_model import (
     GAP,

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.deformations import KnownLoads
 from fitting.known_inputs import Known, from_columns, from_file, from_header
+from fitting.known_loads import KnownLoads
 from suas_jax.acquisition.log_file import MAX_COUNT, SoLog, group_frames, read_log
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 from suas_jax.config.schema_skin import FLUIDS

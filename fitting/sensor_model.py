@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.deformations import Deformed, Press
+from fitting.deformations import Deformed
+from fitting.press import Press
 from fitting.residuals import AbstractResiduals
 from suas_jax.compiled import COMPILED
 from suas_jax.config import SkinSpec, structure

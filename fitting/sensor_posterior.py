@@ -7,7 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.posterior import Gaussian, Posterior, Settings, sample
+from fitting.chain import Posterior
+from fitting.laplace import Gaussian
+from fitting.posterior import Settings, sample
 from fitting.sensor import SensorFit
 
 _QUANTILES = (2.5, 15.865, 50.0, 84.135, 97.5)
