@@ -140,6 +140,11 @@ class LoadFitter:
                 whole[..., again] = part
         return self._gathered(fit, weight, contacts)
 
+    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+        """Parameters [frame, parameter] with those beyond their bounds on them."""
+        low, high = np.repeat(self._bounds, contacts, 0).T
+        return np.clip(parameters, low, high)
+
     def _batches(
         self,
         y: Any,
@@ -157,8 +162,9 @@ class LoadFitter:
             pick = np.minimum(np.arange(begin, begin + lanes), len(rows) - 1)
             there = jax.tree.map(lambda x, i=pick: x[..., i], states)
             index = rows[pick]
-            fit = self._run(y[index], weight[index], start[pick], there, steps, contacts, lanes)
-            parts.append(jax.tree.map(np.asarray, fit))
+            parts.append(
+                self._run(y[index], weight[index], start[pick], there, steps, contacts, lanes)
+            )
         return jax.tree.map(lambda *x: np.concatenate(x, -1)[..., : len(rows)].copy(), *parts)
 
     def _run(
@@ -176,17 +182,18 @@ class LoadFitter:
             self._limits[contacts] = np.repeat(sides[..., None], lanes, -1)
         target = Target(y.T, weight.T, *self._limits[contacts])
         program = FIT_PROGRAMS[contacts]
-        fit: Fit = COMPILED.run(program, self.skin, target, start.T, state, np.array(steps))
-        return fit
+        fit = COMPILED.run(program, self.skin, target, start.T, state, np.array(steps))
+        found: Fit = jax.tree.map(np.asarray, fit)
+        return found
 
     def _gathered(self, fit: Fit, weight: Any, contacts: int) -> Explanations:
         frames, width = len(fit.chi2), self.per_contact * contacts
         parameters = np.full((frames, self._width), np.nan)
         parameters[:, :width] = fit.parameters.T
         jacobian = np.full((frames, self._width, weight.shape[1]), np.nan)
-        jacobian[:, :width] = np.moveaxis(np.asarray(fit.evaluation.jacobian), -1, 0)
+        jacobian[:, :width] = np.asarray(fit.evaluation.jacobian).transpose(2, 0, 1)
         information = np.full((frames, self._width, self._width), np.nan)
-        information[:, :width, :width] = np.moveaxis(np.asarray(fit.information), -1, 0)
+        information[:, :width, :width] = np.asarray(fit.information).transpose(2, 0, 1)
         return Explanations(
             score=np.array(fit.chi2),
             chi2=np.array(fit.chi2),
@@ -198,6 +205,6 @@ class LoadFitter:
             pressure=np.array(fit.evaluation.pressure),
             min_gap=np.array(fit.evaluation.min_gap),
             so=np.array(fit.evaluation.so.T),
-            q=np.moveaxis(np.asarray(fit.evaluation.state.q), -1, 0).copy(),
+            q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
             weight=weight.copy(),
         )

@@ -95,10 +95,21 @@ class Selection:
             before = (weight * (y - last.so) ** 2).sum()
             table = (weight * (y - self.fitter.table.nodes[node]) ** 2).sum()
             if before < table:
-                start = last.parameters[:, : self.fitter.per_contact]
-                return self.fitter.fit(y, weight, start, last.state, 1)
+                return self.fitter.fit(y, weight, self._predicted(y, weight), last.state, 1)
         start = self.nodes.near(y, weight, node)
         return self.fitter.fit(y, weight, start, self.fitter.table.start(node), 1)
+
+    def _predicted(self, y: Any, weight: Any) -> NDArray[np.float64]:
+        """Live: parameters from the last frame's by its own derivatives."""
+        assert self.last is not None
+        count = int(self.last.contacts[0])
+        width = self.fitter.per_contact * count
+        jacobian = np.where(weight > 0, self.last.jacobian[0, :width], 0.0)
+        weighted = jacobian * weight
+        information = weighted @ jacobian.T + 1e-12 * np.diag((weighted * jacobian).sum(1))
+        residual = np.where(weight > 0, y - self.last.so, 0.0)[0]
+        step = np.linalg.lstsq(information, weighted @ residual)[0]
+        return self.fitter.inside(self.last.parameters[:, :width] + step, count)
 
     def _chance(self, best: Explanations) -> NDArray[np.float64]:
         return best.chance(self.fitter.per_contact)
@@ -161,7 +172,7 @@ class Selection:
         """Live: try as many contacts as before, where they were; what is left to explain."""
         assert self.last is not None
         count = int(self.last.contacts[0])
-        start = self.last.parameters[:, : self.fitter.per_contact * count]
+        start = self._predicted(y, weight)
         found = self.fitter.fit(y, weight, start, self.last.state, count)
         found.score += (count - 1) * self.price
         improved = self._take_better(best, frames, found)
