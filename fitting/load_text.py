@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load import STATUS, Contact, LoadEstimate
+from fitting.load_estimate import STATUS, Contact, LoadEstimate
 
 
 def contact_json(contact: Contact) -> dict[str, Any]:
