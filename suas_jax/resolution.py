@@ -1,5 +1,6 @@
 """How many elements a solve starts with, and what comes next if the error is too large."""
 
+import math
 from typing import NamedTuple
 
 from suas_jax.config import SceneSpec
@@ -38,9 +39,14 @@ def forced(scene: SceneSpec) -> Resolution | None:
 def first(scene: SceneSpec, model: str) -> Resolution:
     """The mesh to try first for a solve with ``"shell"`` or ``"solid"``."""
     intervals = 2 * (1 + len(scene.loads))
-    if model == "solid":
-        return Resolution(max(64, 8 * intervals), 2)
-    return Resolution(max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals))
+    if model == "shell":
+        return Resolution(max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals))
+    # Twice as many elements cost less than a second program to compile. They shall not be
+    # higher than long.
+    elements = max(64 if scene.solve.rtol > 2e-3 else 128, 8 * intervals)
+    g = scene.geometry
+    layers = elements * g.thickness / (2 * g.half_angle * g.inner_radius)
+    return Resolution(elements, min(max(2, 2 * math.ceil(layers / 2)), _MOST_LAYERS))
 
 
 def first_of_sweep(scene: SceneSpec, model: str) -> Resolution:

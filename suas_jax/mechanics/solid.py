@@ -23,7 +23,7 @@ from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, larges
 from suas_jax.mechanics.solid_element import EDGE_AREA, NODES, TABLES, mixed, quadratic
 from suas_jax.mechanics.solid_layout import Layout, NodeValues
 from suas_jax.mechanics.solid_points import Grid, Kinematics, kinematics, point_terms
-from suas_jax.mechanics.solid_shape import coarsened, mirrored, section
+from suas_jax.mechanics.solid_shape import coarsened, face_stretch, mirrored, section
 from suas_jax.mechanics.solid_tangent import ElementTangent
 
 # Penalty on an element's change of volume in shear moduli; see `ElementTangent`.
@@ -217,6 +217,14 @@ class Solid(AbstractMechanics):
         """Largest component of a station's displacement [m]."""
         return largest(q[: self.layout.dof])
 
+    def _inner_stretch(self, q: StationVector) -> Float[Array, "3 element lane"]:
+        """Hoop stretch of the inner face at its nodes."""
+        at_stations, between = self.layout.lines(q)
+        stations = self.stations[:, 0] + at_stations[:, 0]
+        middles = self.middles[:, 0] + between[:, 0]
+        radius = jnp.sqrt(jnp.sum(self.stations[:, 0, 0] ** 2, 0))
+        return face_stretch(self.angles, stations, middles, radius)
+
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
         u, _ = self.layout.gather(q)
@@ -224,7 +232,7 @@ class Solid(AbstractMechanics):
         start, end = self.angles[:-1], self.angles[1:]
         angle = start + (xi + 1) / 2 * (end - start)
         nodes = self.layout.corners(self.stations, self.middles)
-        return section(angle, xi, u, nodes, self.law)
+        return section(angle, xi, u, nodes, self._inner_stretch(q), self.law)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
         """The deformed section at a reference angle; see the base class."""
@@ -240,7 +248,8 @@ class Solid(AbstractMechanics):
 
         first, last = pick(start)[0], pick(end)[0]
         xi = 2 * (angle - first) / (last - first) - 1
-        return section(angle[None, None], xi[None, None], pick(u), pick(nodes), self.law)
+        u, nodes, stretch = (pick(x) for x in (u, nodes, self._inner_stretch(q)))
+        return section(angle[None, None], xi[None, None], u, nodes, stretch, self.law)
 
     def mirrored(self, q: StationVector) -> StationVector:
         """Unknowns of the whole arc; see the base class."""

@@ -3,9 +3,10 @@
 import functools
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax._types import StationVector
+from suas_jax._types import Lanes, StationVector
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.kinematics import PlaneStrain
 from suas_jax.mechanics.base import Profile
@@ -16,11 +17,54 @@ from suas_jax.quadrature import gauss_legendre
 Nodes = Float[Array, "9 2 layer element lane"]
 
 
+def face_stretch(
+    angles: Float[Array, "station #lane"],
+    stations: Float[Array, "2 station lane"],
+    middles: Float[Array, "2 element lane"],
+    radius: Lanes,
+) -> Float[Array, "3 element lane"]:
+    """Hoop stretch of a face at the left, middle and right node of every element.
+
+    Nodes are two orders more accurate than the elements' derivatives: the stretch is that
+    of the quartic through five neighbouring nodes. Wherever the face is smooth this is
+    good for a hundredth of the error; at the clamps' corners nothing is.
+
+    Args:
+        angles: of the stations [rad].
+        stations: current positions of the face's nodes at the stations [m].
+        middles: of those half-way between them.
+        radius: of the undeformed face [m].
+    """
+
+    def woven(ends: Array, between: Array) -> Array:
+        """All nodes along the face, on the last axis but one."""
+        pairs = jnp.stack([ends[..., :-1, :], between], -2)
+        nodes = pairs.reshape(*ends.shape[:-2], -1, ends.shape[-1])
+        return jnp.concatenate([nodes, ends[..., -1:, :]], -2)
+
+    x, angle = woven(stations, middles), woven(angles, (angles[1:] + angles[:-1]) / 2)
+    count = angle.shape[0]
+    reach = min(5, count)
+    first = np.clip(np.arange(count) - reach // 2, 0, count - reach)
+    near = [angle[first + k] for k in range(reach)]
+    slope = jnp.zeros_like(x)
+    for j in range(reach):
+        others = [k for k in range(reach) if k != j]
+        weight = jnp.zeros_like(angle)
+        for m in others:
+            factors = [(angle - near[k]) / (near[j] - near[k]) for k in others if k != m]
+            weight = weight + functools.reduce(jnp.multiply, factors) / (near[j] - near[m])
+        slope = slope + weight * x[:, first + j]
+    stretch = jnp.sqrt(jnp.sum(slope**2, 0)) / radius
+    return jnp.stack([stretch[:-1:2], stretch[1::2], stretch[2::2]])
+
+
 def section(
     angle: Float[Array, "sample element lane"],
     xi: Float[Array, "sample #element #lane"],
     u: Nodes,
     x: Nodes,
+    inner_stretch: Float[Array, "3 element lane"],
     law: AbstractLaw,
 ) -> Profile:
     """The deformed section at one local coordinate of every element.
@@ -30,6 +74,7 @@ def section(
         xi: local coordinate along the arc, -1 to 1.
         u: displacements of the nodes.
         x: reference positions of the nodes.
+        inner_stretch: of the inner face at its nodes, see `face_stretch`.
         law: the material.
     """
     layers = u.shape[2]
@@ -46,6 +91,8 @@ def section(
         now = rest + line(u, layer, across, 1)
         return jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(rest**2, 0))
 
+    shapes = quadratic(xi)
+    inner = [n * v for n, v in zip(shapes, inner_stretch, strict=True)]
     # The middle line of nodes lies between two layers or inside one.
     middle = (layers // 2, 0) if layers % 2 == 0 else (layers // 2, 1)
     return Profile(
@@ -53,7 +100,7 @@ def section(
         mid_displacement=line(u, *middle, 0),
         inner_displacement=line(u, 0, 0, 0),
         outer_displacement=line(u, layers - 1, 2, 0),
-        inner_stretch=stretch(0, 0),
+        inner_stretch=inner[0] + inner[1] + inner[2],
         outer_stretch=stretch(layers - 1, 2),
         energy_density=_mean_energy(xi, u, x, law),
     )
