@@ -3,6 +3,7 @@
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fitting.sensor_fit import SensorFit
@@ -54,14 +55,14 @@ def print_report(report: dict[str, Any], fit: SensorFit) -> None:
     if posterior:
         _print_posterior(console, posterior, report["units"])
     for text in report["unidentifiable"]:
-        console.print(f"[yellow]not determined:[/] {text}")
+        console.print(f"[yellow]not determined:[/] {escape(text)}")
     for row in report["masked"]:
         console.print(
             f"left out: module {row['module']}, taxel {row['taxel']}, {row['frames']} "
             f"readings: {row['reason']}"
         )
     for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {text}")
+        console.print(f"[yellow]warning:[/] {escape(text)}")
 
 
 def _print_posterior(
