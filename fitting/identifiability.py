@@ -12,14 +12,11 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 from scipy import stats
 
-from fitting.residuals import Residuals
+from fitting.residuals import Residuals, sensitivity
 
 # No stress-strain test is repeatable to better than this: residuals smaller than it (of
 # exact, made-up data) don't make a constant known.
@@ -72,14 +69,6 @@ class Uncertainty:
         return float(stats.t.ppf(0.5 + 0.5 * level, max(self.dof, 1)))
 
 
-@eqx.filter_jit
-def sensitivity(
-    residuals: Residuals, constants: Float[Array, " p"]
-) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-    """Residuals and their derivatives with respect to the constants, SI units."""
-    return residuals.of_constants(constants), jax.jacfwd(residuals.of_constants)(constants)
-
-
 def uncertainty(
     residuals: Residuals,
     constants: np.ndarray,
@@ -110,7 +99,10 @@ def uncertainty(
     sizes = np.maximum(np.abs(constants), effect)
     # A term that has vanished in all but name would overflow its own variance.
     sizes = np.clip(np.where(sizes > 0.0, sizes, 1.0), 0.0, _LARGEST)
-    _, s, vt = np.linalg.svd((J * sizes)[:, kept], full_matrices=True)
+    # Null directions are needed, too, where readings are fewer than constants.
+    scaled_rows = (J * sizes)[:, kept]
+    few = len(scaled_rows) < scaled_rows.shape[1]
+    _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     dof = len(r) - int(kept.sum())
     estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan

@@ -125,8 +125,9 @@ class Fit(NamedTuple):
     promise: Lanes
 
 
-# A step that promises less than this is noise a thousand times below the data's.
-SETTLED = 1e-4
+SETTLED = 1e-2
+"""Decrease of chi2 below which a step is the last: it moves the estimate by less than a tenth
+of its standard deviation, so linearly that its end needn't be evaluated."""
 
 
 class _Walk(NamedTuple):
@@ -134,7 +135,7 @@ class _Walk(NamedTuple):
     step: Array
     damping: Lanes
     live: Array
-    count: Array
+    evaluations: Array
 
 
 def fit_loads(
@@ -187,7 +188,7 @@ def fit_loads(
         live = walk.live & ~(better & (new.promise < SETTLED)) & ~(worse & tiny)
         damping = jnp.where(better, walk.damping / 10, walk.damping)
         step = jnp.where(better, step, shorter)
-        return _Walk(_choose(better, new, old), step, damping, live, walk.count + 1)
+        return _Walk(_choose(better, new, old), step, damping, live, walk.evaluations + 1)
 
     # The first turn evaluates the start itself, so that the model is compiled once.
     walk = _Walk(
@@ -199,9 +200,20 @@ def fit_loads(
     )
 
     def going(walk: _Walk) -> Array:
-        return jnp.any(walk.live) & (walk.count < steps)
+        return jnp.any(walk.live) & (walk.evaluations < steps)
 
-    return jax.lax.while_loop(going, body, walk).fit
+    walk = jax.lax.while_loop(going, body, walk)
+    return _last_step(walk.fit, walk.step, target)
+
+
+def _last_step(fit: Fit, step: Array, target: Target) -> Fit:
+    """Take the step of lanes that have settled, to first order."""
+    end = jnp.clip(fit.parameters + step, target.low, target.high)
+    step = jnp.where(fit.promise < SETTLED, end - fit.parameters, 0.0)
+    change = jnp.sum(fit.evaluation.jacobian * step[:, None], 0)
+    evaluation = fit.evaluation._replace(so=fit.evaluation.so + change)
+    chi2 = jnp.maximum(fit.chi2 - jnp.where(fit.promise < SETTLED, fit.promise, 0.0), 0.0)
+    return fit._replace(parameters=fit.parameters + step, evaluation=evaluation, chi2=chi2)
 
 
 def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
@@ -263,7 +275,9 @@ FIT_PROGRAMS = {k: eqx.filter_jit(partial(fit_loads, contacts=k)) for k in (1, 2
 """`fit_loads` by number of contacts, to be run by `suas_jax.compiled.COMPILED`."""
 
 
-def _read(skin: Skin, angle: Array, force: Array, start: State) -> tuple[Array, ...]:
+def _read(
+    skin: Skin, angle: Array, force: Array, start: State
+) -> tuple[Array, Array, State, Array]:
     problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
     found = equilibrium(problem, start)
     state = found.state

@@ -16,8 +16,9 @@ from fitting.datasets import PATHS, Dataset
 from fitting.diagnostics import Misfit, information_criteria, misfit
 from fitting.experiments import Homogeneous, mode_factors, padded
 from fitting.identifiability import Uncertainty, uncertainty
+from fitting.laws import family
 from fitting.least_squares import Minima, minimise
-from fitting.parameters import AbstractFamily, family
+from fitting.parameters import AbstractFamily
 from fitting.problem import Problem, pose, settle
 from fitting.residuals import readings
 from suas_jax.constitutive import AbstractLaw, stable_range

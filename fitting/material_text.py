@@ -3,6 +3,7 @@
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fitting.material import MaterialFit
@@ -61,9 +62,9 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
     floor = f", floor {100 * 0.01:.0f} % of each file's median" if kind == "relative" else ""
     console.print(f"residuals {kind}{floor}, condition number {report['condition_number']:.3g}")
     for text in report["unidentifiable"]:
-        console.print(f"[yellow]not determined:[/] {text}")
+        console.print(f"[yellow]not determined:[/] {escape(text)}")
     for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {text}")
+        console.print(f"[yellow]warning:[/] {escape(text)}")
     console.print("\n" + material_table(fit), markup=False)
 
 

@@ -7,12 +7,14 @@ is built from. The scale s_i says which misfit counts as one.
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.experiments import AbstractExperiment
 from fitting.parameters import AbstractFamily, Scales
+from suas_jax.compiled import COMPILED
 from suas_jax.constitutive import AbstractLaw
 
 KINDS = ("relative", "absolute", "noise")
@@ -30,6 +32,11 @@ class AbstractResiduals(eqx.Module):
     @abc.abstractmethod
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals, shape [n]."""
+
+    @property
+    def costly(self) -> bool:
+        """Whether compiling them takes longer than a whole fit's use of them."""
+        return False
 
     def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Improve a start by what is linear in it; by default it stays."""
@@ -76,6 +83,11 @@ class Residuals(AbstractResiduals):
     scales: Scales
     family: AbstractFamily = eqx.field(static=True)
 
+    @property
+    def costly(self) -> bool:
+        """Whether one of the tests is costly to compile."""
+        return any(test.costly for test in self.experiments)
+
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Readings [Pa] for constants in SI units, padding included."""
         law = self.family.law(constants)
@@ -116,8 +128,31 @@ def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np
     return np.maximum(np.maximum(np.abs(value), companion), floor)
 
 
+def sensitivity(
+    residuals: Residuals, constants: Float[Array, " p"]
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    """Residuals and their derivatives with respect to the constants, SI units."""
+    found: tuple[Array, Array] = COMPILED.run(
+        _sensitivity, residuals, constants, once=residuals.costly
+    )
+    return found
+
+
 @eqx.filter_jit
+def _sensitivity(residuals: Residuals, constants: Array) -> tuple[Array, Array]:
+    def push(tangent: Array) -> tuple[Array, Array]:
+        return jax.jvp(residuals.of_constants, (constants,), (tangent,))
+
+    return jax.vmap(push, out_axes=(None, 1))(jnp.eye(constants.size))
+
+
 def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:
-    """Predicted readings [Pa] and residuals for constants in SI units, each [n]."""
-    predicted = residuals.predict(constants)
-    return predicted, residuals.weighed(predicted - residuals.value)
+    """Predicted readings [Pa] and residuals for constants in SI units, each [n].
+
+    Their derivatives are computed along: every fit needs that program, and a second one
+    would take longer to compile than it could save. Padding is predicted as measured.
+    """
+    r, _ = sensitivity(residuals, constants)
+    inverse = residuals.inverse_scale
+    misfit = jnp.where(inverse > 0.0, r / jnp.where(inverse > 0.0, inverse, 1.0), 0.0)
+    return residuals.value + misfit, r

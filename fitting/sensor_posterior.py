@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.posterior import Gaussian, Posterior, Settings, sample
-from fitting.sensor import SensorFit
+from fitting.chain import Posterior
+from fitting.laplace import Gaussian
+from fitting.posterior import Settings, sample
+from fitting.sensor_fit import SensorFit
 
 _QUANTILES = (2.5, 15.865, 50.0, 84.135, 97.5)
 
@@ -44,7 +46,9 @@ def sample_sensor(
     widening = fit.misfit.inflation
 
     def one(theta: jax.Array) -> jax.Array:
-        return residuals.log_likelihood(theta) / widening**2
+        possible = jnp.all(family.constants(theta) >= jnp.asarray(family.floors))
+        value = residuals.log_likelihood(theta) / widening**2
+        return jnp.where(possible, value, -jnp.inf)
 
     leaves = [np.asarray(x) for x in jax.tree.leaves(residuals)]
     key = b"".join(x.tobytes() for x in leaves) + repr(family).encode()

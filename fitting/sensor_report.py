@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor import SensorFit
-from fitting.sensor_model import PATHS
+from fitting.sensor_constants import PATHS
+from fitting.sensor_fit import SensorFit
 from suas_jax.taxel import taxel_names
 
 
@@ -24,9 +24,9 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
     errors = fit.errors
     rms = float(np.sqrt(np.nanmean(errors**2)))
     held = {
-        name: float(fit.residuals.model.inputs[path])
+        name: float(fit.problem.model.inputs[path])
         for name, path in PATHS.items()
-        if name not in names and path in fit.residuals.model.inputs
+        if name not in names and path in fit.problem.model.inputs
     }
     report: dict[str, Any] = {
         "parameters": by_name(map(float, fit.constants)),
@@ -48,6 +48,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             [float(x) if np.isfinite(x) else None for x in fit.alone]
         ),
         "held": held,
+        "at_bound": list(fit.held),
         "priors": {
             name: {"mean": prior.mean, "sd": prior.sd, "reason": prior.reason}
             for name, prior in fit.priors.items()

@@ -11,9 +11,10 @@ import scipy.optimize
 
 from fitting.datasets import Dataset, load_dataset
 from fitting.experiments import Bulge, Homogeneous, mode_factors, shear_factors
+from fitting.laws import CHOICES, family
 from fitting.least_squares import minimise
 from fitting.material import compare_laws, fit_material
-from fitting.parameters import CHOICES, Constant, Family, Scales, family
+from fitting.parameters import Constant, Family, Scales
 from fitting.problem import pose
 from suas_jax.constitutive import (
     AbstractLaw,

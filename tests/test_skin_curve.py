@@ -10,7 +10,7 @@ from fitting.datasets import Dataset, load_dataset
 from fitting.material import MaterialFit, fit_material
 from fitting.material_posterior import sample_material
 from fitting.posterior import Settings
-from fitting.skin_curve import _predicted, specimen
+from fitting.skin_curve import predicted, specimen
 from fitting.tables import DataError
 from suas_jax.config import load_scene
 from suas_jax.constitutive import MooneyRivlin
@@ -24,7 +24,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     # The program that the fit compiles for itself makes the readings.
     force, channel = np.tile(np.linspace(3.0, 30.0, 10), 2), np.repeat([0, 1], 10)
     curve = specimen(load_scene(SCENE), force, channel, np.ones(20)).curve
-    exact = np.asarray(_predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3))).reshape(2, 10)
+    exact = np.asarray(predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3))).reshape(2, 10)
     rng = np.random.default_rng(4)
     lines = ["# noise: 1 %", "force_N,displacement_mm,oil_pressure_kPa", "0,0,0"]
     for newtons, (u, p) in zip(force, exact.T, strict=False):
