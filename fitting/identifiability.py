@@ -108,7 +108,10 @@ def uncertainty(
     sizes = np.maximum(np.abs(constants), effect)
     # A term that has vanished in all but name would overflow its own variance.
     sizes = np.clip(np.where(sizes > 0.0, sizes, 1.0), 0.0, _LARGEST)
-    _, s, vt = np.linalg.svd((J * sizes)[:, kept], full_matrices=True)
+    # Null directions are needed, too, where readings are fewer than constants.
+    scaled_rows = (J * sizes)[:, kept]
+    few = len(scaled_rows) < scaled_rows.shape[1]
+    _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     dof = len(r) - int(kept.sum())
     estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.special import ndtr
 
 
 class Detection(NamedTuple):
@@ -64,7 +64,7 @@ def chance(z: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.fl
     """Probability that noise alone reaches z."""
     bounded = np.maximum(z, 0.0)
     tail = length / (2 * np.pi) * np.exp(-(bounded**2) / 2)
-    return np.minimum(tail + norm.sf(z), 1.0)
+    return np.minimum(tail + ndtr(-z), 1.0)
 
 
 def threshold(rate: float, length: float) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load import Contact, LoadEstimate
+from fitting.load_estimate import Contact, LoadEstimate
 
 _GATE = 25.0  # squared distance beyond which an estimate is another contact's
 

@@ -15,7 +15,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from fitting.inverse_load import Contact, LoadEstimate, LoadEstimator
+from fitting.inverse_load import LoadEstimator
+from fitting.load_estimate import Contact, LoadEstimate
 from fitting.load_filter import LoadFilter
 from fitting.load_readings import Layout, LayoutMismatchError, StuckWatch
 from fitting.load_text import frame_json
@@ -191,7 +192,7 @@ def warm_up(estimator: LoadEstimator) -> None:
         quarter = len(table.angles) // 4
         pair = table.so[quarter, -6] + table.so[-quarter, -6] - table.rest
         estimator.estimate((pair + shift)[None])
-    estimator.warm = None
+    estimator.forget()
 
 
 def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:

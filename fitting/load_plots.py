@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fitting.inverse_load import Contact, LoadEstimate
+from fitting.load_estimate import Contact, LoadEstimate
 
 _BAND = 1.96  # standard deviations of the 95 % interval
 

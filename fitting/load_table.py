@@ -160,7 +160,6 @@ def build_table(skin: Skin) -> LoadTable:
     ladder = np.geomspace(_LOWEST, 1.0, _FORCES)
     forces = cap[:, None] * ladder
     grid = np.repeat(angles[:, None], _FORCES, 1)
-    so, q, pressure = (np.empty(0),) * 3
     columns: list[tuple[np.ndarray, ...]] = []
     state: State | None = None
     for k in range(_FORCES):  # each force continues the one before
@@ -168,8 +167,9 @@ def build_table(skin: Skin) -> LoadTable:
         state = found[2]
         failed = found[3] != 0
         readings = np.where(failed[:, None], np.nan, found[0].T)
-        columns.append((readings, np.moveaxis(np.asarray(state.q), -1, 0), state.pressure))
-    so, q, pressure = (np.stack([np.asarray(c[i]) for c in columns], 1) for i in range(3))
+        q = np.moveaxis(np.asarray(state.q), -1, 0)
+        columns.append((readings, q, np.asarray(state.pressure)))
+    so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
     rest = _solve(skin, np.zeros(1), np.zeros(1), None)[0][:, 0]
     return LoadTable(angles, forces, so, rest, q, pressure)
 

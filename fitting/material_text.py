@@ -3,6 +3,7 @@
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fitting.material import MaterialFit
@@ -65,9 +66,9 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
     if "posterior" in report:
         _print_posterior(console, report["posterior"], fit)
     for text in report["unidentifiable"]:
-        console.print(f"[yellow]not determined:[/] {text}")
+        console.print(f"[yellow]not determined:[/] {escape(text)}")
     for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {text}")
+        console.print(f"[yellow]warning:[/] {escape(text)}")
     console.print("\n" + material_table(fit), markup=False)
 
 

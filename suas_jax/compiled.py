@@ -35,11 +35,9 @@ class Compiled:
             arguments: its arguments; those that are no arrays are static.
             once: whether the program is not expected to run many times.
         """
-        dynamic, static = eqx.partition(arguments, eqx.is_array_like)
-        arrays, structure = jax.tree.flatten(dynamic)
-        settings, frame = jax.tree.flatten(static)
-        shapes = tuple(np.shape(x) for x in arrays)
-        key = (function, structure, shapes, frame, tuple(settings), once)
+        leaves, structure = jax.tree.flatten(arguments)
+        shapes = tuple(np.shape(x) if eqx.is_array_like(x) else x for x in leaves)
+        key = (function, structure, shapes, once)
         if key not in self._programs:
             begin = time.perf_counter()
             lowered = function.lower(*arguments)  # type: ignore[attr-defined]

@@ -154,7 +154,7 @@ def test_command_line(tmp_path: pathlib.Path) -> None:
         (["--residual", "chi"], "allowed: relative, absolute, noise"),
         (["--residual", "noise"], "needs the noise"),
         (["--data", "uniaxal=x.csv"], 'did you mean "uniaxial"'),
-        (["--data", "x.csv"], "expected MODE=FILE"),
+        (["--data", "x.csv"], "expected NAME=FILE"),
         (["--data", "uniaxial=missing.csv"], "no such file"),
         (["--terms", "9"], "allows 1"),
         (["--bound", "mu=3"], "expected NAME=LOW:HIGH"),

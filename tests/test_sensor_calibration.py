@@ -14,8 +14,9 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli import app
-from fitting.sensor import SensorFit, fit_sensor
+from fitting.sensor import fit_sensor
 from fitting.sensor_data import load_sensor_data
+from fitting.sensor_fit import SensorFit
 from suas_jax.config import continuous_inputs, load_skin
 
 ROOT = Path(__file__).parent.parent

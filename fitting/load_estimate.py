@@ -1,0 +1,89 @@
+"""What is known of the loads in one frame: contacts, covariances and a named status."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Accuracy beyond which an estimate is called imprecise: standard deviations.
+WANTED_ANGLE = np.deg2rad(2.0)
+WANTED_FORCE = 0.2  # of the force
+WANTED_DIRECTION = np.deg2rad(10.0)
+
+STATUS = {
+    "ok": "The estimate and its covariance hold.",
+    "no_contact": "Nothing touches the skin, at the stated false-alarm rate.",
+    "imprecise": "The readings hardly determine the load: see the covariance.",
+    "ambiguous": "Another load explains the readings almost as well: see alternatives.",
+    "pull": "Something pulls the skin outwards: the force is negative.",
+    "at_edge": "The contact is at the clamp or beyond it, where the skin can't tell.",
+    "poor_fit": "The model leaves more than noise; the covariance is scaled up by it.",
+    "wall_contact": "The membrane reaches the wall, beyond which the model doesn't hold.",
+    "model_mismatch": "No load on this skin explains the readings: check skin file, "
+    "layout and baseline.",
+    "saturated": "All taxels are saturated.",
+    "too_few_taxels": "Too few taxels have a reading.",
+    "no_convergence": "The fit did not converge.",
+    "layout_mismatch": "The readings are of another layout than the skin's.",
+    "empty_log": "The log holds no frame.",
+}
+"""Statuses and what they mean."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact.
+
+    Attributes:
+        angle: from the symmetry axis [rad].
+        force: total over the width, inwards [N]; negative where the skin is pulled.
+        direction: counter-clockwise from the inward radial [rad]; None where held radial.
+        covariance: of angle, force and, where free, direction [rad, N, rad]; None where
+            the model doesn't hold, and no error can be stated.
+        arc_position: along the undeformed outer face, from the symmetry axis [m].
+        systematic: the part of the covariance that comes from the skin's calibration, and
+            so is the same in every frame; None where the skin file states none.
+    """
+
+    angle: float
+    force: float
+    direction: float | None
+    covariance: NDArray[np.float64] | None
+    arc_position: float | None = None
+    systematic: NDArray[np.float64] | None = None
+
+    @property
+    def imprecise(self) -> bool:
+        """Whether some standard deviation is larger than anybody wants."""
+        if self.covariance is None:
+            return True
+        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        wanted = [WANTED_ANGLE, WANTED_FORCE * abs(self.force), WANTED_DIRECTION]
+        return bool((sigma > wanted[: len(sigma)]).any() or (sigma <= 0).any())
+
+
+@dataclass(frozen=True)
+class LoadEstimate:
+    """What a frame says.
+
+    Attributes:
+        contact: whether anything touches the skin; None where that can't be told.
+        contacts: the contacts, by angle.
+        oil_pressure: above ambient [Pa]; NaN where unknown.
+        wall_contact: whether the membrane touches the wall; None where that can't be told.
+        chi2_per_dof: weighted squares of the residuals per degree of freedom.
+        status: outcome, a key of `STATUS`.
+        left_out: taxels (positions in the layout) left out as faulty or missing.
+        alternatives: other loads that explain the readings almost as well.
+        latency: time of the computation [s].
+    """
+
+    contact: bool | None
+    contacts: tuple[Contact, ...] = ()
+    oil_pressure: float = float("nan")
+    wall_contact: bool | None = None
+    chi2_per_dof: float = float("nan")
+    status: str = "no_contact"
+    left_out: tuple[int, ...] = ()
+    alternatives: tuple[Contact, ...] = ()
+    latency: float = 0.0
