@@ -22,6 +22,7 @@ from fitting.residuals import Residuals, sensitivity
 # exact, made-up data) don't make a constant known.
 SMALLEST_NOISE = 1e-4
 _FREE = 0.5
+_MOST_FREE = 1e4  # natural sizes: "any amount"
 _RANK = 1e-10
 _LARGEST = 1e100
 
@@ -35,6 +36,9 @@ class Uncertainty:
         dof: degrees of freedom, readings less constants.
         inflation: factor on the standard errors for a misfit that is not noise.
         covariance: of the constants, SI units, inflation included, shape [p, p].
+        root: R with R Rᵀ the covariance. Where some constants are free by any amount,
+            what the data do know of their combinations is lost to rounding in the
+            covariance, not in R; shape [p, p].
         correlation: of the constants, shape [p, p].
         singular_values: of the scaled sensitivity matrix, largest first, shape [p].
         sizes: natural size of each constant, shape [p].
@@ -45,6 +49,7 @@ class Uncertainty:
     dof: int
     inflation: float
     covariance: np.ndarray
+    root: np.ndarray
     correlation: np.ndarray
     singular_values: np.ndarray
     sizes: np.ndarray
@@ -60,6 +65,10 @@ class Uncertainty:
         """Largest over smallest singular value of the scaled sensitivity matrix."""
         smallest = self.singular_values[-1]
         return float(self.singular_values[0] / smallest) if smallest > 0.0 else np.inf
+
+    def spread_of(self, slope: np.ndarray) -> np.ndarray:
+        """Standard errors of quantities [n] with these derivatives by the constants [n, p]."""
+        return np.asarray(np.linalg.norm(slope @ self.root, axis=-1))
 
     def quantile(self, level: float) -> float:
         """Half width of a two-sided interval in standard errors.
@@ -109,11 +118,15 @@ def uncertainty(
     typical = whole / np.sqrt(max(len(r), 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
-    limit = max(s[0] * 1e-14, 1e-300)
+    # A free direction is only as exact as the derivatives; made longer than it takes to be
+    # called free, it would spill into what the data do know.
+    limit = max(spread / _MOST_FREE, s[0] * 1e-14, 1e-300)
+    root = np.zeros((len(constants), len(constants)))
     scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
-    covariance = np.zeros((len(constants), len(constants)))
-    covariance[np.ix_(kept, kept)] = (scaled @ scaled.T) * np.outer(sizes[kept], sizes[kept])
-    covariance = np.clip(covariance, -(_LARGEST**2), _LARGEST**2)
+    root[np.ix_(kept, np.arange(len(s)))] = np.clip(
+        scaled * sizes[kept, None], -_LARGEST, _LARGEST
+    )
+    covariance = np.clip(root @ root.T, -(_LARGEST**2), _LARGEST**2)
     deviation = np.sqrt(np.diagonal(covariance))
     floor = max(spread, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
@@ -131,6 +144,7 @@ def uncertainty(
         dof=dof,
         inflation=inflation,
         covariance=covariance,
+        root=root,
         correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
         singular_values=s,
         sizes=sizes,
@@ -176,4 +190,4 @@ def describe(
 
 
 def _percent(spread: float) -> str:
-    return f"+-{100.0 * spread:.3g} %" if spread < 1e4 else "any amount"
+    return f"+-{100.0 * spread:.3g} %" if spread < 0.99 * _MOST_FREE else "any amount"

@@ -116,27 +116,34 @@ def _advance(
     """One run of Levenberg-Marquardt on every lane: parameters, cost, promise."""
     solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
 
+    # Traced once, whoever asks.
+    linearised = jax.jit(lambda theta: _linearised(residuals, theta))
+
     # The solver linearises and materialises; with the Jacobian as one explicit product
     # it traces, compiles and runs in half the time. Where the law can't follow a test the
     # residual is large and flat: the solver stops at anything that is not a number.
     @jax.custom_jvp
     def residual(theta: Array) -> Array:
-        value = residuals(theta)
+        value, _ = linearised(theta)
         return jnp.where(jnp.isfinite(value), value, _IMPOSSIBLE)
 
     @residual.defjvp
     def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-        value, jacobian = _linearised(residuals, primals[0])
+        value, jacobian = linearised(primals[0])
         finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(jacobian), 1)
         jacobian = jnp.where(finite[:, None], jacobian, 0.0)
         return jnp.where(finite, value, _IMPOSSIBLE), jacobian @ tangents[0]
 
     def run(start: Array) -> tuple[Array, Array, Array]:
         found = optx.least_squares(
-            lambda theta, _: residual(theta), solver, start, max_steps=_STEPS, throw=False
+            lambda theta, _: residual(theta),
+            solver,
+            start,
+            max_steps=_STEPS,
+            throw=False,
         ).value
         found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
-        return found, *_judged(residuals, found)
+        return found, *_judged(*linearised(found))
 
     return jax.vmap(run)(starts)
 
@@ -150,9 +157,10 @@ def _linearised(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Arra
     return jax.vmap(push, out_axes=(None, 1))(jnp.eye(theta.size, dtype=theta.dtype))
 
 
-def _judged(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Array]:
+def _judged(
+    r: Float[Array, " n"], J: Float[Array, "n p"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step promises."""
-    r, J = _linearised(residuals, theta)
     finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
     u, s, _ = jnp.linalg.svd(jnp.where(finite, J, 0.0), full_matrices=False)
     along = jnp.abs(u.T @ jnp.where(finite, r, 0.0))

@@ -74,6 +74,8 @@ class Residuals(AbstractResiduals):
         value: measured readings [Pa], shape [n] with padding.
         inverse_scale: √w/s [1/Pa], shape [n]; zero for padding.
         scales: sizes that make constants dimensionless.
+        shared: errors that all readings of a test share, such as a model's own, in the form
+            that `shared_error` gives them, shape [k, n]; k is zero where there are none.
         family: the law; part of the compiled program.
     """
 
@@ -81,6 +83,7 @@ class Residuals(AbstractResiduals):
     value: Float[Array, " n"]
     inverse_scale: Float[Array, " n"]
     scales: Scales
+    shared: Float[Array, "k n"]
     family: AbstractFamily = eqx.field(static=True)
 
     @property
@@ -98,9 +101,21 @@ class Residuals(AbstractResiduals):
         return self.weighed(self.predict(constants) - self.value)
 
     def weighed(self, misfit: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Misfit [Pa] over its scale; exactly zero for padding."""
+        """Misfit [Pa] over its scale; exactly zero for padding.
+
+        With e the shared errors in units of the noise, residuals are multiplied by
+        (I + e eᵀ)^(-1/2), which makes them independent and of unit variance again.
+        """
         used = self.inverse_scale > 0.0
-        return jnp.where(used, misfit, 0.0) * self.inverse_scale
+        r = jnp.where(used, misfit, 0.0) * self.inverse_scale
+        return r - self.shared.T @ (self.shared @ r)
+
+    def misfit(self, r: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Misfit [Pa] from residuals, the inverse of `weighed`; zero for padding."""
+        share = 1.0 - jnp.sum(self.shared**2, axis=1)
+        plain = r + self.shared.T @ ((self.shared @ r) / share)
+        used = self.inverse_scale > 0.0
+        return jnp.where(used, plain / jnp.where(used, self.inverse_scale, 1.0), 0.0)
 
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for unconstrained parameters, shape [n]."""
@@ -153,6 +168,20 @@ def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array
     would take longer to compile than it could save. Padding is predicted as measured.
     """
     r, _ = sensitivity(residuals, constants)
-    inverse = residuals.inverse_scale
-    misfit = jnp.where(inverse > 0.0, r / jnp.where(inverse > 0.0, inverse, 1.0), 0.0)
-    return residuals.value + misfit, r
+    return residuals.value + residuals.misfit(r), r
+
+
+def shared_error(error: np.ndarray) -> np.ndarray:
+    """A shared error as `Residuals.shared` holds it.
+
+    Args:
+        error: standard deviation of the shared error in units of each reading's noise,
+            signed alike for all; zero for readings that don't share it, shape [n].
+
+    Returns:
+        d with I − d dᵀ = (I + e eᵀ)^(-1/2), shape [n].
+    """
+    square = float(error @ error)
+    if square == 0.0:
+        return error
+    return error * np.sqrt((1.0 - 1.0 / np.sqrt(1.0 + square)) / square)

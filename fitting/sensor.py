@@ -115,8 +115,14 @@ def fit_sensor(
         for _ in range(_FIELD_ROUNDS):
             exact = problem.model.with_field(jnp.asarray(found.constants))
             problem, found = robust(problem.replace(model=exact), found.constants)
-    problem, found, shapes = _settled(problem, found, shapes, solver, stated, progress)
+    settled = _settled(problem, found, shapes, touching, solver, stated, progress)
+    problem, found, shapes, touching, steady = settled
     warnings = [*data.warnings, *solver.warnings]
+    if not steady:
+        warnings.append(
+            f"the shapes still change after {_ROUNDS} rounds: the constants that move the "
+            "membrane are far from the skin file's; put better values into it"
+        )
     drifts = drift_warning(problem, found.constants)
     if drifts:
         warnings.append(drifts)
@@ -124,7 +130,7 @@ def fit_sensor(
         problem, found = robust(problem.replace(readings=drifting), found.constants)
     warnings += refuse_strangers(problem, found.constants, data)
     problem, found, noise = _with_measured_noise(problem, found)
-    return _judged(data, problem, found, shapes, loads, noise, touching, warnings)
+    return _judged(data, problem, found, shapes, loads, noise, touching, steady, warnings)
 
 
 def _given(
@@ -156,8 +162,8 @@ def _away_from_the_wall(
         model = dataclasses.replace(model, inputs=model.inputs | {PATHS[GAP]: gap})
     so = problem.replace(model=model).predicted(near)
     readings = problem.readings
-    touching = ~np.isfinite(so) & readings.present
-    present = readings.present & ~touching
+    touching = ~np.isfinite(so) & np.isfinite(readings.so)
+    present = np.isfinite(readings.so) & ~touching
     if not present.any():
         raise NoCalibration(
             "the membrane touches the wall in every frame: check the units of the known "
@@ -171,26 +177,36 @@ def _settled(
     problem: SensorProblem,
     found: Found,
     shapes: Shapes,
+    touching: np.ndarray,
     solver: ShapeSolver,
     stated: Sequence[float | None],
     progress: Callable[[str], None],
-) -> tuple[SensorProblem, Found, Shapes]:
-    """Add the priors that are needed; solve shapes again until no constant moves them."""
+) -> tuple[SensorProblem, Found, Shapes, np.ndarray, bool]:
+    """Add the priors that are needed; solve shapes again until no constant moves them.
+
+    Returns:
+        The problem, its minimum, the shapes, which readings the wall takes, and whether
+        nothing changes any more.
+    """
     moving = list(solver.moving)
     for _ in range(_ROUNDS):
         at = np.asarray(problem.model.at)[moving]
         moved = moving and not np.allclose(found.constants[moving], at, rtol=_SAME)
         needed = needed_priors(problem, found.constants, stated)
         if not moved and not needed:
-            break
+            return problem, found, shapes, touching, True
         problem = problem.replace(priors={**problem.priors, **needed})
+        start = found.constants
         if moved:
-            shapes = solver.at(found.constants)
+            shapes = solver.at(start)
             field = problem.model.factor
             problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
             progress("fitting")
-        found = search(problem, found.constants)
-    return problem, found, shapes
+            problem, touching = _away_from_the_wall(problem, start)
+            problem, found = robust(problem, start)
+        else:
+            found = search(problem, start)
+    return problem, found, shapes, touching, False
 
 
 def _with_measured_noise(
@@ -213,6 +229,7 @@ def _judged(
     loads: KnownLoads,
     noise: np.ndarray,
     touching: np.ndarray,
+    steady: bool,
     warnings: list[str],
 ) -> SensorFit:
     constants, family, here = found.constants, problem.family, problem.readings
@@ -253,7 +270,8 @@ def _judged(
         shapes=shapes,
         loads=loads,
         constants=constants,
-        minima=found.minima,
+        converged=steady and bool(found.minima.converged[0]),
+        cost=float(found.minima.cost[0]),
         held=held,
         uncertainty=judged,
         alone=alone,

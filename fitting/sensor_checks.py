@@ -17,7 +17,9 @@ _PLAUSIBLE = (0.9, 200.0)
 _FACTORS = {PERMITTIVITY: 4.0, "gap": 3.0}
 _DOUBTFUL = 2.0
 _DRIFTING = 5.0
-_DRIFT_FRAMES = 20
+_DRIFT_FRAMES, _POWERS = 20, 7
+# Share of the time's course that must differ from the load's.
+_TIME_APART = 0.2
 _DISAGREEING = 3.0
 _NOISY = 2.0
 
@@ -121,8 +123,8 @@ def _refuse_unexplained(
 def drift_warning(problem: SensorProblem, constants: np.ndarray) -> str:
     """A warning where taxels' residuals grow with time beyond their noise, or nothing.
 
-    What a taxel's residual has in common with its count, up to the square, is the model's
-    misfit and no drift: where the load grows steadily, time and load can't be told apart.
+    What is common to time and load is the model's misfit and no drift: where the load grows
+    steadily the two can't be told apart, and no drift is claimed.
     """
     here = problem.readings
     r = problem.standardised(constants)
@@ -130,17 +132,16 @@ def drift_warning(problem: SensorProblem, constants: np.ndarray) -> str:
     worst = 0.0
     for k in range(here.logs):
         log = here.log == k
-        for count, row, used in zip(so[:, log], r[:, log], here.used[:, log], strict=True):
+        load = _powers_of_load(np.nan_to_num(so[:, log]))
+        for row, used in zip(r[:, log], here.used[:, log], strict=True):
             if used.sum() < _DRIFT_FRAMES:
                 continue
             x, y = here.time[log][used], row[used]
-            scaled = (count[used] - count[used].mean()) / max(np.ptp(count[used]), 1e-9)
-            q, _ = np.linalg.qr(np.stack([np.ones(len(x)), scaled, scaled**2], 1))
-            q = q[:, : 1 if np.ptp(count[used]) < 1e-9 else 3]
+            q, _ = np.linalg.qr(load[used])
             alone = x - q @ (q.T @ x)
             spread = max(np.std(np.diff(y)) / np.sqrt(2), 1e-6)
             size = np.linalg.norm(alone)
-            if size > 1e-6 * np.linalg.norm(x - x.mean()):
+            if size > _TIME_APART * np.linalg.norm(x - x.mean()):
                 worst = max(worst, abs(alone @ y) / size / spread)
     if worst <= _DRIFTING:
         return ""
@@ -150,6 +151,24 @@ def drift_warning(problem: SensorProblem, constants: np.ndarray) -> str:
         "steady drift of every taxel is estimated and taken out"
         + ("" if loaded else "; or the skin was not at rest")
     )
+
+
+def _powers_of_load(so: np.ndarray) -> np.ndarray:
+    """What counts change with: powers of their first principal component, and two more.
+
+    Args:
+        so: predicted counts [taxel, frame].
+
+    Returns:
+        Columns, the first constant [frame, column].
+    """
+    centred = so - so.mean(1, keepdims=True)
+    _, size, components = np.linalg.svd(centred, full_matrices=False)
+    own = components[:3][size[:3] > 1e-9 * np.abs(so).max(initial=1e-300)]
+    if not len(own):
+        return np.ones((so.shape[1], 1))
+    scaled = own[0] / np.abs(own[0]).max()
+    return np.column_stack([scaled[:, None] ** np.arange(_POWERS), *own[1:]])
 
 
 def disagreement_warning(problem: SensorProblem, constants: np.ndarray) -> str:

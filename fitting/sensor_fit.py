@@ -9,7 +9,6 @@ import numpy as np
 from fitting.diagnostics import Misfit
 from fitting.identifiability import Uncertainty
 from fitting.known_loads import KnownLoads
-from fitting.least_squares import Minima
 from fitting.sensor_constants import SensorFamily
 from fitting.sensor_data import SensorData
 from fitting.sensor_residuals import Prior, SensorProblem, SensorResiduals
@@ -27,7 +26,8 @@ class SensorFit:
         shapes: the membrane in the known states.
         loads: the known states, the baseline's included.
         constants: fitted, SI [p].
-        minima: what the starts found.
+        converged: whether it is a minimum, with shapes that don't change any more.
+        cost: half the sum of squared residuals.
         held: names of the constants that stopped at the smallest value that there is.
         uncertainty: covariance, priors included.
         alone: standard errors without priors [p]; infinite where the data leave a constant
@@ -50,7 +50,8 @@ class SensorFit:
     shapes: Shapes
     loads: KnownLoads
     constants: np.ndarray
-    minima: Minima
+    converged: bool
+    cost: float
     held: tuple[str, ...]
     uncertainty: Uncertainty
     alone: np.ndarray
@@ -93,7 +94,7 @@ class SensorFit:
     @property
     def status(self) -> str:
         """How the search ended, one word."""
-        return "converged" if self.minima.converged[0] else "not_converged"
+        return "converged" if self.converged else "not_converged"
 
     @property
     def errors(self) -> np.ndarray:

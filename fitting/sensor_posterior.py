@@ -42,7 +42,13 @@ def sample_sensor(
     theta = family.unconstrained(jnp.asarray(fit.constants))
     slope = np.asarray(jax.jacfwd(family.constants)(theta))
     inverse = np.linalg.inv(slope)
-    start = Gaussian(np.asarray(theta), inverse @ fit.uncertainty.covariance @ inverse.T)
+    spread = inverse @ fit.uncertainty.covariance @ inverse.T
+    centre = np.array(theta)
+    for name in fit.held:
+        # Into what is possible, by one standard error.
+        along = spread[:, family.names.index(name)]
+        centre += along / np.sqrt(along[family.names.index(name)])
+    start = Gaussian(centre, spread)
     widening = fit.misfit.inflation
 
     def one(theta: jax.Array) -> jax.Array:
@@ -52,7 +58,9 @@ def sample_sensor(
 
     leaves = [np.asarray(x) for x in jax.tree.leaves(residuals)]
     key = b"".join(x.tobytes() for x in leaves) + repr(family).encode()
-    chain = sample(jax.vmap(one), start, family.names, settings, key=key, progress=progress)
+    # Differences across a floor are infinite.
+    with np.errstate(invalid="ignore"):
+        chain = sample(jax.vmap(one), start, family.names, settings, key=key, progress=progress)
     constants = np.asarray(jax.vmap(family.constants)(jnp.asarray(chain.samples)))
     low95, low, middle, high, high95 = np.percentile(constants, _QUANTILES, axis=0)
 

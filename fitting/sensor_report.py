@@ -35,8 +35,10 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "intervals": {
             name: by_name(
                 [
-                    [float(c - q * e), float(c + q * e)]
-                    for c, e in zip(fit.constants, judged.standard_errors, strict=True)
+                    [max(float(c - q * e), float(floor)), float(c + q * e)]
+                    for c, e, floor in zip(
+                        fit.constants, judged.standard_errors, family.floors, strict=True
+                    )
                 ]
             )
             for name, q in (("68", judged.quantile(0.6827)), ("95", judged.quantile(0.95)))
@@ -61,7 +63,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "rms_counts": rms,
             "n": int(np.isfinite(errors).sum()),
             "noise_counts": float(np.nanmedian(fit.noise)),
-            "cost": float(fit.minima.cost[0]),
+            "cost": fit.cost,
             "outliers": fit.outliers,
         },
         "misfit": _plain(dataclasses.asdict(fit.misfit)),

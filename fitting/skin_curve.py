@@ -27,7 +27,7 @@ from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium import Equilibrium, Problem, State, equilibrium
 from suas_jax.mechanics.shell import Shell
 from suas_jax.problem import all_numbers, build_problem, line_loads_of, plan_for
-from suas_jax.solution import is_symmetric, working_plan
+from suas_jax.solution import is_symmetric, solve, working_plan
 
 ELEMENTS = 16
 _SAMPLES = 4
@@ -120,11 +120,14 @@ class Specimen:
         curve: the readings' forward model.
         modulus: shear modulus that the readings suggest [Pa].
         stretch: largest hoop stretch on the inner face under the largest force.
+        model_error: standard deviation of the lumped shell's own error under the largest
+            force, relative to displacement and pressure; all readings share it.
     """
 
     curve: SkinCurve
     modulus: float
     stretch: float
+    model_error: float
 
 
 def specimen(
@@ -181,4 +184,6 @@ def specimen(
             "are positive where the load pushes inwards (--scene gives the direction)"
         )
     largest = float(np.exp(np.max(np.abs(np.log(np.asarray(found.inner_stretch))))))
-    return Specimen(curve, float(law.shear_modulus) * float(ratio), largest)
+    alone = solve(with_solve(spec, model="shell", elements=ELEMENTS, mesh=None, rtol=None))
+    error = alone.report["model_error"] or 0.0
+    return Specimen(curve, float(law.shear_modulus) * float(ratio), largest, error)
