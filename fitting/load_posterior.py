@@ -92,7 +92,7 @@ def frame_posterior(
         raise ValueError(f"there is no load to sample in this frame: {estimate.status}")
     y, weight = estimator.weigh(so[None], faulty)
     weight[0, list(estimate.left_out)] = 0.0
-    found, probability = _modes(estimator, y, weight)
+    found, probability = likely_modes(estimator, y, weight)
     modes: list[Mode] = []
     for i in np.flatnonzero(probability >= PROBABLE):
         one = found.rows(np.array([i]))
@@ -102,10 +102,19 @@ def frame_posterior(
     return modes
 
 
-def _modes(
-    estimator: LoadEstimator, y: Any, weight: Any
+def likely_modes(
+    estimator: LoadEstimator, y: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> tuple[Explanations, NDArray[np.float64]]:
-    """Distinct fits and their probabilities, the most probable first."""
+    """Distinct fits of one frame and their probabilities, the most probable first.
+
+    Args:
+        estimator: of the skin.
+        y: readings as the model has them [1, taxel], see `LoadEstimator.weigh`.
+        weight: their inverse variances [1, taxel].
+
+    Raises:
+        ValueError: the readings determine no load.
+    """
     selection, fitter = estimator.selection, estimator.selection.fitter
     per_contact = fitter.per_contact
     best, _ = selection.explain(y, weight)
