@@ -163,9 +163,8 @@ class Score(NamedTuple):
 
     @property
     def ratio(self) -> np.ndarray:
-        """RMS error over the RMS of the bound, quantity by quantity."""
-        rms = np.sqrt((self.errors**2).mean((0, 1)))
-        return np.asarray(rms / np.sqrt((self.bound**2).mean((0, 1))))
+        """RMS over all frames of the error in terms of the bound, quantity by quantity."""
+        return np.asarray(np.sqrt(((self.errors / self.bound) ** 2).mean((0, 1))))
 
     def median(self, loads: np.ndarray) -> tuple[float, float]:
         """Median errors: angle [deg], force relative."""

@@ -27,7 +27,7 @@ from fitting.load_estimate import STATUS, Contact, LoadEstimate
 from fitting.load_explanation import LoadFitter
 from fitting.load_report import POOR, LoadReport
 from fitting.load_search import NodeSearch
-from fitting.load_selection import Selection
+from fitting.load_selection import Mode, Selection
 from fitting.load_table import LoadTable, table_of
 from suas_jax.compiled import COMPILED
 from suas_jax.config import SkinSpec
@@ -233,36 +233,41 @@ class LoadEstimator:
         touched = enough & (test.p_value < self.false_alarm)
         results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
         chi2_rest = (weight * change**2).sum(1)
-        unlike_rest = chdtrc(np.maximum(count, 1), chi2_rest) < POOR
+        at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
-            results[i] = _untouched(
-                so[i], weight[i] > 0, bool(enough[i]), ratio, bool(unlike_rest[i])
-            )
-        index = np.flatnonzero(touched)
-        if index.size:
-            best, others = self.selection.explain(y[index], weight[index])
-            systematic = None
-            if self.calibration is not None:
-                per_contact = 3 if self.direction else 2
-                systematic = self.calibration.covariance(best, per_contact)
-            short = ((so >= FULL_SCALE) & ~faulty)[index]
-            found = self._report.estimates(best, others, short, systematic)
-            for i, estimate in zip(index, found, strict=True):
-                results[i] = estimate
+            results[i] = _untouched(so[i], weight[i] > 0, bool(enough[i]), ratio)
+        short = (so >= FULL_SCALE) & ~faulty
+        for index, pulled in (
+            (np.flatnonzero(touched), False),
+            (np.flatnonzero(enough & ~touched & ~at_rest), True),
+        ):
+            if index.size:
+                found = self._explained(y[index], weight[index], short[index], pulled)
+                for i, estimate in zip(index, found, strict=True):
+                    results[i] = estimate
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
         spent /= len(so)
         return [replace(result, latency=spent) for result in results]
 
+    def _explained(self, y: Any, weight: Any, short: Any, pulled: bool) -> list[LoadEstimate]:
+        """Estimates of frames that are not at rest, whether pressed or pulled."""
+        if pulled:
+            best = self.selection.pulled(y, weight)
+            others: list[Mode | None] = [None] * len(y)
+        else:
+            best, others = self.selection.explain(y, weight)
+        systematic = None
+        if self.calibration is not None:
+            systematic = self.calibration.covariance(best, 3 if self.direction else 2)
+        return self._report.estimates(best, others, short, systematic)
 
-def _untouched(so: Any, used: Any, enough: bool, ratio: float, unlike: bool) -> LoadEstimate:
+
+def _untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:
     missing = tuple(np.flatnonzero(~used).tolist())
     if not enough:
         present = so[np.isfinite(so)]
         saturated = present.size and ((present >= FULL_SCALE) | (present <= 0)).all()
         status = "saturated" if saturated else "too_few_taxels"
         return LoadEstimate(None, status=status, left_out=missing)
-    if unlike:
-        # Not at rest, and no contact that pushes: another skin, offsets, a pull.
-        return LoadEstimate(None, chi2_per_dof=ratio, status="model_mismatch", left_out=missing)
     return LoadEstimate(False, (), 0.0, False, ratio, "no_contact", missing)

@@ -15,6 +15,7 @@ STATUS = {
     "no_contact": "Nothing touches the skin, at the stated false-alarm rate.",
     "imprecise": "The readings hardly determine the load: see the covariance.",
     "ambiguous": "Another load explains the readings almost as well: see alternatives.",
+    "pull": "Something pulls the skin outwards: the force is negative.",
     "at_edge": "The contact is at the clamp or beyond it, where the skin can't tell.",
     "poor_fit": "The model leaves more than noise; the covariance is scaled up by it.",
     "wall_contact": "The membrane reaches the wall, beyond which the model doesn't hold.",
@@ -35,7 +36,7 @@ class Contact:
 
     Attributes:
         angle: from the symmetry axis [rad].
-        force: total over the width, inwards [N].
+        force: total over the width, inwards [N]; negative where the skin is pulled.
         direction: counter-clockwise from the inward radial [rad]; None where held radial.
         covariance: of angle, force and, where free, direction [rad, N, rad]; None where
             the model doesn't hold, and no error can be stated.
@@ -57,7 +58,7 @@ class Contact:
         if self.covariance is None:
             return True
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        wanted = [WANTED_ANGLE, WANTED_FORCE * self.force, WANTED_DIRECTION]
+        wanted = [WANTED_ANGLE, WANTED_FORCE * abs(self.force), WANTED_DIRECTION]
         return bool((sigma > wanted[: len(sigma)]).any() or (sigma <= 0).any())
 
 

@@ -15,7 +15,7 @@ from suas_jax.equilibrium import State
 from suas_jax.skin import Skin
 
 # A few lanes need more steps than most: together they fill fewer batches.
-_FIRST_STEPS, _MORE_STEPS = 2, 12
+_FIRST_STEPS, _MORE_STEPS = 2, 30
 _UNKNOWN = 1e300  # chi2 of what could not be solved
 
 
@@ -103,7 +103,6 @@ class LoadFitter:
         cap = 3 * table.forces[:, -1].max()
         bounds = [(-self.edge, self.edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
         self._bounds = np.array(bounds[: self.per_contact])
-        self._limits: dict[int, Any] = {}
 
     def fit(
         self,
@@ -112,6 +111,8 @@ class LoadFitter:
         start: NDArray[np.float64],
         state: State,
         contacts: int,
+        *,
+        pull: bool = False,
     ) -> Explanations:
         """Fit frames.
 
@@ -121,21 +122,25 @@ class LoadFitter:
             start: parameters [frame, parameter]; turns may be left out.
             state: equilibria near there, a lane a frame.
             contacts: their number.
+            pull: seek forces that pull outwards instead of those that push.
         """
         missing = self.per_contact * contacts - start.shape[1]
         if missing > 0:
             start = np.concatenate([start, np.zeros((len(y), missing))], 1)
         if self.live and len(y) == 1:
             # The steps of one lane delay no other.
-            fit = self._run(y, weight, start, state, _FIRST_STEPS + _MORE_STEPS, contacts, 1)
+            steps = _FIRST_STEPS + _MORE_STEPS
+            limits = self._limits(contacts, 1, pull)
+            fit = self._run(y, weight, start, state, steps, contacts, limits)
             return self._gathered(fit, weight, contacts)
         everything = np.arange(len(y))
-        fit = self._batches(y, weight, start, state, _FIRST_STEPS, contacts, everything)
+        limits = self._limits(contacts, self._lanes(contacts), pull)
+        fit = self._batches(y, weight, start, state, _FIRST_STEPS, contacts, everything, limits)
         again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.promise < SETTLED))
         if again.size:
             states = jax.tree.map(lambda x: x[..., again], fit.evaluation.state)
             begin = np.asarray(fit.parameters).T[again]
-            more = self._batches(y, weight, begin, states, _MORE_STEPS, contacts, again)
+            more = self._batches(y, weight, begin, states, _MORE_STEPS, contacts, again, limits)
             for whole, part in zip(jax.tree.leaves(fit), jax.tree.leaves(more), strict=True):
                 whole[..., again] = part
         return self._gathered(fit, weight, contacts)
@@ -144,6 +149,17 @@ class LoadFitter:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
         low, high = np.repeat(self._bounds, contacts, 0).T
         return np.clip(parameters, low, high)
+
+    def _lanes(self, contacts: int) -> int:
+        return 1 if self.live else (LANES if contacts == 1 else LANES // 4)
+
+    def _limits(self, contacts: int, lanes: int, pull: bool) -> Any:
+        """Lower and upper bounds [side, parameter, lane]."""
+        bounds = self._bounds.copy()
+        if pull:
+            bounds[1] = -bounds[1, ::-1]
+        sides = np.repeat(bounds, contacts, 0).T
+        return np.repeat(sides[..., None], lanes, -1)
 
     def _batches(
         self,
@@ -154,16 +170,17 @@ class LoadFitter:
         steps: int,
         contacts: int,
         rows: Any,
+        limits: Any,
     ) -> Fit:
         """Fit some rows of y, a batch of lanes after the other, the last one filled up."""
-        lanes = 1 if self.live else (LANES if contacts == 1 else LANES // 4)
+        lanes = self._lanes(contacts)
         states, parts = jax.tree.map(np.asarray, state), []
         for begin in range(0, len(rows), lanes):
             pick = np.minimum(np.arange(begin, begin + lanes), len(rows) - 1)
             there = jax.tree.map(lambda x, i=pick: x[..., i], states)
             index = rows[pick]
             parts.append(
-                self._run(y[index], weight[index], start[pick], there, steps, contacts, lanes)
+                self._run(y[index], weight[index], start[pick], there, steps, contacts, limits)
             )
         return jax.tree.map(lambda *x: np.concatenate(x, -1)[..., : len(rows)].copy(), *parts)
 
@@ -175,12 +192,9 @@ class LoadFitter:
         state: State,
         steps: int,
         contacts: int,
-        lanes: int,
+        limits: Any,
     ) -> Fit:
-        if contacts not in self._limits:
-            sides = np.repeat(self._bounds, contacts, 0).T
-            self._limits[contacts] = np.repeat(sides[..., None], lanes, -1)
-        target = Target(y.T, weight.T, *self._limits[contacts])
+        target = Target(y.T, weight.T, *limits)
         program = FIT_PROGRAMS[contacts]
         fit = COMPILED.run(program, self.skin, target, start.T, state, np.array(steps))
         found: Fit = jax.tree.map(np.asarray, fit)

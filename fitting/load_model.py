@@ -114,6 +114,7 @@ class Fit(NamedTuple):
         parameters: see `loads_from`.
         evaluation: the model there.
         chi2: weighted sum of squares; infinite where nothing was found.
+        gradient: J^T W (y - SO), half the steepest descent of chi2.
         information: J^T W J at the parameters.
         promise: decrease of chi2 that one more step promises: zero at a minimum.
     """
@@ -121,6 +122,7 @@ class Fit(NamedTuple):
     parameters: Float[Array, "parameter lane"]
     evaluation: Evaluation
     chi2: Lanes
+    gradient: Float[Array, "parameter lane"]
     information: Float[Array, "parameter parameter lane"]
     promise: Lanes
 
@@ -128,11 +130,11 @@ class Fit(NamedTuple):
 SETTLED = 1e-2
 """Decrease of chi2 below which a step is the last: it moves the estimate by less than a tenth
 of its standard deviation, so linearly that its end needn't be evaluated."""
+_FIRST_DAMPING, _RAISED_DAMPING, _GIVEN_UP = 1e-3, 1e-1, 1e8
 
 
 class _Walk(NamedTuple):
     fit: Fit
-    step: Array
     damping: Lanes
     live: Array
     evaluations: Array
@@ -161,91 +163,95 @@ def fit_loads(
         contacts: number of loads.
     """
 
-    def judged(parameters: Array, state: State, damping: Array) -> tuple[Fit, Array]:
-        e = evaluate(skin, parameters, state, contacts)
-        used = target.weight > 0
-        residual = jnp.where(used, target.so - e.so, 0.0)
-        jacobian = jnp.where(used, e.jacobian, 0.0)
-        weighted = jacobian * target.weight
-        chi2 = jnp.sum(target.weight * residual**2, 0)
-        gradient = jnp.sum(weighted * residual, 1)
-        information = jnp.sum(weighted[:, None] * jacobian[None], 2)
-        usable = (e.result == 0) & jnp.isfinite(chi2) & jnp.all(jnp.isfinite(gradient), 0)
-        chi2 = jnp.where(usable, chi2, jnp.inf)
-        step, promise = _step(information, gradient, parameters, target, damping)
-        promise = jnp.where(usable, promise, jnp.inf)
-        return Fit(parameters, e, chi2, information, promise), step
-
     def body(walk: _Walk) -> _Walk:
         old = walk.fit
-        there = jnp.clip(old.parameters + walk.step, target.low, target.high)
-        new, step = judged(there, old.evaluation.state, walk.damping)
+        step, _ = _step(old, target, walk.damping)
+        there = jnp.clip(old.parameters + step, target.low, target.high)
+        new = _judged(skin, target, there, old.evaluation.state, contacts)
         better = walk.live & (new.chi2 <= old.chi2)
         worse = walk.live & ~better
-        # A refused step is a shorter one next time, along the same direction.
-        shorter = jnp.where(worse, 0.25, 1.0) * walk.step
-        tiny = jnp.max(jnp.abs(shorter), 0) < 1e-9
-        live = walk.live & ~(better & (new.promise < SETTLED)) & ~(worse & tiny)
-        damping = jnp.where(better, walk.damping / 10, walk.damping)
-        step = jnp.where(better, step, shorter)
-        return _Walk(_choose(better, new, old), step, damping, live, walk.evaluations + 1)
+        raised = jnp.maximum(10 * walk.damping, _RAISED_DAMPING)
+        damping = jnp.where(worse, raised, walk.damping / 10)
+        settled = better & ~(new.promise >= SETTLED)
+        lost = (better & ~jnp.isfinite(new.chi2)) | (worse & (damping > _GIVEN_UP))
+        live = walk.live & ~settled & ~lost
+        fit = jax.tree.map(lambda x, y: jnp.where(better, x, y), new, old)
+        return _Walk(fit, damping, live, walk.evaluations + 1)
 
     # The first turn evaluates the start itself, so that the model is compiled once.
+    lanes = parameters.shape[-1]
     walk = _Walk(
         _nowhere(skin, parameters, start),
-        jnp.zeros_like(parameters),
-        jnp.full(parameters.shape[-1], 1e-3),
-        jnp.ones(parameters.shape[-1], bool),
+        jnp.full(lanes, _FIRST_DAMPING),
+        jnp.ones(lanes, bool),
         jnp.array(0),
     )
 
     def going(walk: _Walk) -> Array:
         return jnp.any(walk.live) & (walk.evaluations < steps)
 
-    walk = jax.lax.while_loop(going, body, walk)
-    return _last_step(walk.fit, walk.step, target)
+    return _last_step(jax.lax.while_loop(going, body, walk).fit, target)
 
 
-def _last_step(fit: Fit, step: Array, target: Target) -> Fit:
+def _judged(skin: Skin, target: Target, parameters: Array, state: State, contacts: int) -> Fit:
+    """Evaluate the model and compare it with the readings."""
+    e = evaluate(skin, parameters, state, contacts)
+    used = target.weight > 0
+    residual = jnp.where(used, target.so - e.so, 0.0)
+    jacobian = jnp.where(used, e.jacobian, 0.0)
+    weighted = jacobian * target.weight
+    chi2 = jnp.sum(target.weight * residual**2, 0)
+    gradient = jnp.sum(weighted * residual, 1)
+    usable = (e.result == 0) & jnp.isfinite(chi2) & jnp.all(jnp.isfinite(gradient), 0)
+    information = jnp.sum(weighted[:, None] * jacobian[None], 2)
+    fit = Fit(
+        parameters,
+        e,
+        jnp.where(usable, chi2, jnp.inf),
+        jnp.where(usable, gradient, 0.0),
+        jnp.where(usable, information, 0.0),
+        chi2,
+    )
+    _, promise = _step(fit, target, jnp.zeros_like(chi2))
+    return fit._replace(promise=jnp.where(usable, promise, jnp.inf))
+
+
+def _last_step(fit: Fit, target: Target) -> Fit:
     """Take the step of lanes that have settled, to first order."""
+    settled = fit.promise < SETTLED
+    step, _ = _step(fit, target, jnp.zeros_like(fit.chi2))
     end = jnp.clip(fit.parameters + step, target.low, target.high)
-    step = jnp.where(fit.promise < SETTLED, end - fit.parameters, 0.0)
+    step = jnp.where(settled, end - fit.parameters, 0.0)
     change = jnp.sum(fit.evaluation.jacobian * step[:, None], 0)
     evaluation = fit.evaluation._replace(so=fit.evaluation.so + change)
-    chi2 = jnp.maximum(fit.chi2 - jnp.where(fit.promise < SETTLED, fit.promise, 0.0), 0.0)
+    chi2 = jnp.maximum(fit.chi2 - jnp.where(settled, fit.promise, 0.0), 0.0)
     return fit._replace(parameters=fit.parameters + step, evaluation=evaluation, chi2=chi2)
 
 
 def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
-    """A fit that any other is better than."""
+    """A fit that any other is better than, and that promises no step."""
     (count, lanes), taxels = parameters.shape, skin.electrodes.taxels.angle.shape[0]
     zero = jnp.zeros(lanes)
     so = jnp.full((taxels, lanes), jnp.nan)
     jacobian = jnp.full((count, taxels, lanes), jnp.nan)
     evaluation = Evaluation(so, jacobian, zero, zero, start, jnp.ones(lanes, jnp.int32))
     infinite = zero + jnp.inf
-    return Fit(parameters, evaluation, infinite, jnp.zeros((count, count, lanes)), infinite)
+    flat = jnp.zeros((count, count, lanes))
+    return Fit(parameters, evaluation, infinite, flat[0], flat, infinite)
 
 
-def _choose(keep: Array, a: Fit, b: Fit) -> Fit:
-    return jax.tree.map(lambda x, y: jnp.where(keep, x, y), a, b)
-
-
-def _step(
-    information: Array, gradient: Array, parameters: Array, target: Target, damping: Array
-) -> tuple[Array, Array]:
+def _step(fit: Fit, target: Target, damping: Array) -> tuple[Array, Array]:
     """Damped Gauss-Newton step [parameter, lane] and the decrease of chi2 it promises."""
-    count = gradient.shape[0]
     # A parameter that presses against its bound stays there.
-    stuck = ((parameters <= target.low) & (gradient < 0)) | (
-        (parameters >= target.high) & (gradient > 0)
+    stuck = ((fit.parameters <= target.low) & (fit.gradient < 0)) | (
+        (fit.parameters >= target.high) & (fit.gradient > 0)
     )
-    gradient = jnp.where(stuck, 0.0, gradient)
-    scale = jnp.stack([information[i, i] for i in range(count)])
+    gradient = jnp.where(stuck, 0.0, fit.gradient)
+    scale = jnp.stack([row[i] for i, row in enumerate(fit.information)])
     scale = jnp.sqrt(jnp.where(stuck | (scale <= 0), 1.0, scale))
-    open_ = ~(stuck[:, None] | stuck[None])
-    eye = jnp.eye(count)[..., None]
-    matrix = jnp.where(open_, information, 0.0) / (scale[:, None] * scale[None])
+    free = ~(stuck[:, None] | stuck[None])
+    matrix = jnp.where(free, fit.information, 0.0) / (scale[:, None] * scale[None])
+    eye = jnp.eye(len(gradient))[..., None]
     matrix = jnp.where(eye > 0, 1.0 + damping + 1e-12, matrix)
     solution = _solve_spd(matrix, gradient / scale)
     promise = jnp.sum(solution * gradient / scale, 0)

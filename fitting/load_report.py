@@ -114,6 +114,8 @@ class LoadReport:
             status = "poor_fit"
         elif np.abs(angles).max() >= self._edge - 1e-6:
             status = "at_edge"
+        elif best.parameters[i, count] < 0:
+            status = "pull"
         elif alternatives:
             status = "ambiguous"
         elif any(contact.imprecise for contact in contacts):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.load_explanation import Explanations, LoadFitter
+from fitting.load_model import at_rest
 from fitting.load_pairs import PairSearch
 from fitting.load_search import APART, NodeSearch
 
@@ -81,6 +82,8 @@ class Selection:
         frames = np.flatnonzero(doubtful | self._hinted(y, best))
         if frames.size:
             self._more_contacts(y, weight, frames, best)
+            self._fewer_contacts(y, weight, best)
+            self._or_pulled(y, weight, frames, best)
             bad = frames[self._chance(best)[frames] < SUSPECT / 10]
             if bad.size:
                 self._without_outliers(y, weight, bad, best)
@@ -187,6 +190,53 @@ class Selection:
         best.replace(frames[rows], found, rows)
         return np.unique(frames[rows])
 
+    def _fewer_contacts(self, y: Any, weight: Any, best: Explanations) -> None:
+        """Take contacts out again that the fit leaves without a force to speak of."""
+        for count in range(self.most_contacts, 1, -1):
+            frames = np.flatnonzero(best.contacts == count)
+            force = best.parameters[frames, count : 2 * count]
+            curvature = np.diagonal(best.information[frames], axis1=1, axis2=2)
+            weakest = (force**2 * curvature[:, count : 2 * count]).argmin(1)
+            # Were it alone, it would lower chi2 by about this much.
+            gain = (force**2 * curvature[:, count : 2 * count]).min(1)
+            rows = np.flatnonzero(gain < self.price)
+            if not rows.size:
+                continue
+            frames, kept = frames[rows], np.ones((len(rows), count), bool)
+            kept[np.arange(len(rows)), weakest[rows]] = False
+            columns = best.parameters[frames, : count * self.fitter.per_contact]
+            start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
+            start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
+            start = start.reshape(len(rows), -1)
+            state = best.rows(frames).state
+            found = self.fitter.fit(y[frames], weight[frames], start, state, count - 1)
+            found.score += (count - 2) * self.price
+            self._take_better(best, frames, found)
+
+    # --- pulls ------------------------------------------------------------------------
+
+    def pulled(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> Explanations:
+        """The best explanation of every frame by one force that pulls outwards."""
+        table = self.fitter.table
+        change = np.where(weight > 0, y - table.rest, 0.0)
+        along = -(weight * change) @ table.signatures.T
+        size = np.maximum(weight @ (table.signatures**2).T, 1e-300)
+        angle = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
+        frame = np.arange(len(y))
+        force = -np.maximum(along[frame, angle] / size[frame, angle], 0.0)
+        start = np.stack([table.angles[angle], force], 1)
+        rest = at_rest(self.fitter.skin, len(y))
+        return self.fitter.fit(y, weight, start, rest, 1, pull=True)
+
+    def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
+        """A pull may look like several contacts around it; it costs as much as two."""
+        doubtful = (best.contacts[frames] > 1) | (self._chance(best)[frames] < SUSPECT)
+        frames = frames[doubtful]
+        if frames.size:
+            found = self.pulled(y[frames], weight[frames])
+            found.score += self.price
+            self._take_better(best, frames, found)
+
     # --- faulty taxels ----------------------------------------------------------------
 
     def _without_outliers(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
@@ -253,5 +303,6 @@ def _mode(explanations: Explanations, i: int) -> Mode:
 
 def _inliers(y: Any, weight: Any, so: Any) -> NDArray[np.float64]:
     """Weights without the taxels that stand out from a model."""
-    residual = np.abs(np.where(np.isfinite(so), y - so, np.inf)) * np.sqrt(weight)
-    return np.where(residual < _OUTLIER, weight, 0.0)
+    residual = np.abs(np.where(np.isfinite(so), y - so, np.inf))
+    limit = np.where(weight > 0, _OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
+    return np.where(residual < limit, weight, 0.0)

@@ -75,7 +75,7 @@ def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) ->
     console = Console(markup=False)  # which would swallow the units in brackets
     table = Table("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")
     for t, e in zip(time.tolist(), estimates, strict=True):
-        loads = "; ".join(in_words(contact) for contact in e.contacts) or "–"
+        loads = "\n".join(in_words(contact) for contact in e.contacts) or "–"
         pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"
         table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status)
     console.print(table)
