@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.datasets import Dataset, load_dataset
+from fitting.datasets import load_dataset
 from fitting.material import MaterialFit, fit_material
 from fitting.material_posterior import sample_material
+from fitting.measurements import Dataset
 from fitting.posterior import Settings
 from fitting.skin_curve import predicted, specimen
 from fitting.tables import DataError
