@@ -38,7 +38,7 @@ def table() -> list[str]:
                 report["model"],
                 f"{size[0]} x {size[1]}" if plan.layers else str(size[0]),
                 str(report["unknowns"]),
-                f"{report['error_estimate']:.1e}",
+                f"{report['error_estimate']:.1e}" + (not report["rtol_met"]) * ", misses rtol",
                 "(the truth)" if size == TRUTH else f"{true_error(report, truth):.1e}",
             )
             lines.append("| " + " | ".join(cells) + " |")
