@@ -37,6 +37,8 @@ SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
 NOISE = 2.0
 _MESH = (160, 2)
 _DIGITS = 1 / 12  # variance of the converter's rounding
+_LANES = 64
+_JACOBIAN = eqx.filter_jit(load_jacobian)
 KINDS = {"single": (300, 1), "two": (200, 2), "weak": (100, 2), "turned": (100, 1)}
 """Sets of loads: frames and contacts."""
 
@@ -134,13 +136,14 @@ def measured(so: np.ndarray, seed: int) -> np.ndarray:
 
 def bounds(estimator: LoadEstimator, loads: np.ndarray, free: int) -> np.ndarray:
     """Cramer-Rao bounds of standard deviations [frame, contact, quantity]."""
-    columns = [jnp.asarray(loads[..., k].T) for k in range(3)]
-    _, slopes = eqx.filter_jit(load_jacobian)(
-        estimator.skin, Loads(*columns, jnp.zeros(len(loads)))
-    )
     frames, contacts, _ = loads.shape
-    jacobian = np.moveaxis(np.asarray(slopes)[:free], -1, 0)  # frame, kind, load, taxel
-    jacobian = jacobian.reshape(frames, free * contacts, -1)
+    parts = []
+    for begin in range(0, frames, _LANES):  # one compiled program, the last batch filled up
+        index = np.minimum(np.arange(begin, begin + _LANES), frames - 1)
+        columns = [jnp.asarray(loads[index, :, k].T) for k in range(3)]
+        _, slopes = _JACOBIAN(estimator.skin, Loads(*columns, jnp.zeros(_LANES)))
+        parts.append(np.moveaxis(np.asarray(slopes)[:free], -1, 0))  # frame, kind, load, taxel
+    jacobian = np.concatenate(parts)[:frames].reshape(frames, free * contacts, -1)
     information = jacobian @ np.swapaxes(jacobian, 1, 2) / (NOISE**2 + _DIGITS)
     variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
     return np.sqrt(np.moveaxis(variance.reshape(frames, free, contacts), 1, 2))

@@ -11,6 +11,8 @@ from suas_jax.cli import BAD_INPUT, bad_input, finite
 
 if TYPE_CHECKING:
     from fitting.inverse_load import LoadEstimate, LoadEstimator
+    from fitting.load_posterior import Mode
+    from fitting.load_readings import LogReadings
 
 
 def register(app: typer.Typer) -> None:
@@ -65,6 +67,10 @@ def invert(
     plot: Annotated[
         Path | None, typer.Option(help="Write a figure of the loads over time.")
     ] = None,
+    posterior: Annotated[
+        int | None,
+        typer.Option(metavar="SEQ", help="Sample the loads of the frame with this number."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line a frame.")] = False,
 ) -> None:
     """Estimate contacts from readings: where, how strong, how sure.
@@ -89,6 +95,8 @@ def invert(
             **({} if model_error is None else {"model_error": model_error}),
         )
         if live is not None:
+            if posterior is not None or plot is not None:
+                raise ValueError("--posterior and --plot need a log; leave --live out")
             from fitting.load_live import LiveOptions, run_live
 
             options = LiveOptions(
@@ -97,7 +105,7 @@ def invert(
             run_live(estimator, options)
             return
         assert log is not None
-        _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot)
+        _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
 
 
 def _say(text: str) -> None:
@@ -120,8 +128,16 @@ def _estimator(skin: Path, baseline: Path | None, **settings: Any) -> "LoadEstim
 
 
 def _offline(
-    estimator: "LoadEstimator", log: Path, *, as_json: bool, smooth: bool, plot: Path | None
+    estimator: "LoadEstimator",
+    log: Path,
+    *,
+    as_json: bool,
+    smooth: bool,
+    plot: Path | None,
+    posterior: int | None,
 ) -> None:
+    from fitting.load_posterior import in_words as modes_in_words
+    from fitting.load_posterior import posterior_json
     from fitting.load_readings import EmptyLogError, LayoutMismatchError, readings_of
     from fitting.load_text import frame_json, print_table
     from suas_jax.acquisition.log_file import read_log
@@ -143,6 +159,7 @@ def _offline(
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
         _say(f"{log}: {note}")
+    modes = None if posterior is None else _modes(estimator, readings, posterior)
     estimates = _with_bar(estimator, readings.so, readings.stuck)
     filtered = None
     if smooth:
@@ -162,10 +179,33 @@ def _offline(
         for k, estimate in enumerate(estimates):
             smoothed = None if filtered is None else filtered[k]
             line = frame_json(float(readings.time[k]), int(readings.seq[k]), estimate, smoothed)
+            if modes is not None and line["seq"] == posterior:
+                line["posterior"] = posterior_json(modes)
             lines.append(json.dumps(finite(line), allow_nan=False))
         typer.echo("\n".join(lines))
     else:
         print_table(readings.time, estimates)
+        if modes is not None:
+            typer.echo("\n".join(modes_in_words(modes)))
+
+
+def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[Mode]":
+    """Modes of the frame with a number."""
+    import numpy as np
+
+    from fitting.load_posterior import frame_posterior
+
+    frames = np.flatnonzero(readings.seq == seq)
+    if not frames.size:
+        raise ValueError(
+            f"--posterior {seq}: no such frame; the log has {readings.seq.min()} to "
+            f"{readings.seq.max()}"
+        )
+    i = int(frames[0])
+    try:
+        return frame_posterior(estimator, readings.so[i], readings.stuck[i], progress=_say)
+    except ValueError as error:
+        raise ValueError(f"--posterior {seq}: {error}") from None
 
 
 def _with_bar(estimator: "LoadEstimator", so: Any, stuck: Any) -> "list[LoadEstimate]":

@@ -81,7 +81,7 @@ def misfit(
     *,
     known_noise: bool,
     exact: float = 0.0,
-    slopes: Sequence[np.ndarray] | None = None,
+    smooth: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Misfit:
     """Judge residuals.
 
@@ -90,8 +90,8 @@ def misfit(
         constants: number of fitted constants.
         known_noise: the residuals are in units of the known noise.
         exact: residuals below this are rounding and have no pattern.
-        slopes: derivatives of each test's residuals by the constants, shape [n, p]; without
-            them smooth patterns are not looked for.
+        smooth: residuals [n] and their derivatives by the constants [n, p] of tests in which
+            smooth patterns are looked for, on a scale that is smooth along the test itself.
     """
     everything = np.concatenate(paths)
     count = len(everything)
@@ -122,8 +122,8 @@ def misfit(
     rounding = np.sqrt(square / max(count, 1)) <= exact
     patterned = runs_p < _SIGNIFICANT and not rounding
     pattern_p, ratio = np.nan, 1.0
-    if slopes is not None and not rounding:
-        pattern_p, ratio = _patterns(paths, slopes, known_noise)
+    if smooth and not rounding:
+        pattern_p, ratio = _patterns(smooth, known_noise)
     bent = bool(pattern_p < _SIGNIFICANT)
     too_large = bool(chi_square_p < _SIGNIFICANT)
     inflation = 1.0
@@ -152,7 +152,7 @@ def misfit(
 
 
 def _patterns(
-    paths: Sequence[np.ndarray], slopes: Sequence[np.ndarray], known_noise: bool
+    tests: Sequence[tuple[np.ndarray, np.ndarray]], known_noise: bool
 ) -> tuple[float, float]:
     """Do smooth patterns explain more of the residuals than noise would?
 
@@ -160,12 +160,11 @@ def _patterns(
         Probability by chance, and the mean square of the patterns over that of all residuals
         (over one, where the noise is known); NaN and one where the data are too few.
     """
-    r = np.concatenate(paths)
-    J = np.concatenate(slopes)
+    r, J = (np.concatenate(parts) for parts in zip(*tests, strict=True))
     sizes = np.linalg.norm(J, axis=0)
     columns = []
     start = 0
-    for path in paths:
+    for path, _ in tests:
         n = len(path)
         x = np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1)
         for degree in range(min(_PATTERNS, n - 1)):

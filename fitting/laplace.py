@@ -87,7 +87,8 @@ def _expansion(
     found = batch(centre + np.array(places) @ root.T)
     up, down, both, neither = np.split(found, [p, 2 * p, 2 * p + len(pairs)])
     curvature = np.diag((up - 2.0 * value + down) / h**2)
-    for k, (i, j) in enumerate(pairs):
-        mixed = both[k] + neither[k] - up[i] - down[i] - up[j] - down[j] + 2.0 * value
-        curvature[i, j] = curvature[j, i] = mixed / (2.0 * h**2)
-    return (up - down) / (2.0 * h), curvature
+    with np.errstate(invalid="ignore"):  # beyond a bound both are -inf: no curvature is known
+        for k, (i, j) in enumerate(pairs):
+            mixed = both[k] + neither[k] - up[i] - down[i] - up[j] - down[j] + 2.0 * value
+            curvature[i, j] = curvature[j, i] = mixed / (2.0 * h**2)
+        return (up - down) / (2.0 * h), curvature

@@ -65,6 +65,13 @@ class Explanations:
         for field in fields(self):
             getattr(self, field.name)[frames] = getattr(other, field.name)[rows]
 
+    def joined(self, other: "Explanations") -> "Explanations":
+        """These and others."""
+        names = [field.name for field in fields(self)]
+        return Explanations(
+            *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names)
+        )
+
     @property
     def state(self) -> State:
         """The equilibria, a lane a frame."""
@@ -130,11 +137,11 @@ class LoadFitter:
         if self.live and len(y) == 1:
             # The steps of one lane delay no other.
             steps = _FIRST_STEPS + _MORE_STEPS
-            limits = self._limits(contacts, 1, pull)
+            limits = self.limits(contacts, 1, pull)
             fit = self._run(y, weight, start, state, steps, contacts, limits)
             return self._gathered(fit, weight, contacts)
         everything = np.arange(len(y))
-        limits = self._limits(contacts, self._lanes(contacts), pull)
+        limits = self.limits(contacts, self._lanes(contacts), pull)
         fit = self._batches(y, weight, start, state, _FIRST_STEPS, contacts, everything, limits)
         again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.promise < SETTLED))
         if again.size:
@@ -153,7 +160,7 @@ class LoadFitter:
     def _lanes(self, contacts: int) -> int:
         return 1 if self.live else (LANES if contacts == 1 else LANES // 4)
 
-    def _limits(self, contacts: int, lanes: int, pull: bool) -> Any:
+    def limits(self, contacts: int, lanes: int, pull: bool) -> Any:
         """Lower and upper bounds [side, parameter, lane]."""
         bounds = self._bounds.copy()
         if pull:

@@ -55,6 +55,11 @@ class LoadFilter:
                 continue
             seen = np.array([contact.angle, contact.force])
             noise = contact.covariance[:2, :2]
+            # What a calibration leaves open is no noise: no filter makes it smaller.
+            lasting = np.zeros((2, 2))
+            if contact.systematic is not None:
+                lasting = contact.systematic[:2, :2]
+                noise = noise - lasting
             moved = [self._predict(track, time) for track in free]
             distance = [_distance(track, seen, noise) for track in moved]
             if distance and min(distance) < _GATE:
@@ -66,7 +71,7 @@ class LoadFilter:
                 covariance = np.block([[noise, np.zeros((2, 2))], [np.zeros((2, 2)), rates]])
                 track = _Track(np.concatenate([seen, [0.0, 0.0]]), covariance, time)
             tracks.append(track)
-            mean, covariance = track.mean, track.covariance[:2, :2]
+            mean, covariance = track.mean, track.covariance[:2, :2] + lasting
             filtered.append(Contact(float(mean[0]), float(mean[1]), None, covariance))
         self._tracks = tracks
         return filtered

@@ -203,7 +203,7 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     from suas_jax.acquisition.formats import decoder, open_source
     from suas_jax.acquisition.log_file import LogWriter, log_header
     from suas_jax.acquisition.record import FLAG_COLUMNS
-    from suas_jax.cli_acquisition import _ended_by_signal
+    from suas_jax.acquisition.signals import ended_by_signal
 
     decode = decoder(options.format_name)
     writer: LogWriter | None = None
@@ -235,7 +235,7 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
                     _write(writer, judged, began)
 
             frames = dropped = 0
-            with _ended_by_signal(stream):
+            with ended_by_signal(stream):
                 for frame in live_frames(
                     stream,
                     estimator,

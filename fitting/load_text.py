@@ -19,6 +19,8 @@ def contact_json(contact: Contact) -> dict[str, Any]:
         entry["direction_deg"] = float(np.rad2deg(contact.direction))
     known = contact.covariance is not None
     entry["covariance"] = contact.covariance.tolist() if known else None  # type: ignore[union-attr]
+    if contact.systematic is not None:
+        entry["systematic_covariance"] = contact.systematic.tolist()
     if contact.arc_position is not None:
         entry["arc_position_m"] = contact.arc_position
     return entry

@@ -409,10 +409,14 @@ def fit_material(
     if starts < 1:
         raise ValueError(f"--starts {starts}: at least one is needed")
     said = [*remarks]
-    for data in sets:
-        said += warnings_of(data)
-    said += contradictions(sets)
     used = tuple(_on_branch(data, branch) for data in sets)
+    for data, kept in zip(sets, used, strict=True):
+        said += warnings_of(kept)
+        if kept.size < data.size:
+            said.append(
+                f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
+            )
+    said += contradictions(used)
     problem, minima = _search(used, chosen, residual, starts, seed)
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
@@ -439,10 +443,10 @@ def fit_material(
         if at_bounds:
             said.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known_noise = residual == "noise"
-    shape, slopes = _residual_paths(used, problem, constants)
+    shape, smooth = _residual_paths(used, problem, constants)
     typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
     judged_misfit = misfit(
-        shape, chosen.size, known_noise=known_noise, exact=1e-4 * typical, slopes=slopes
+        shape, chosen.size, known_noise=known_noise, exact=1e-4 * typical, smooth=smooth
     )
     judged = uncertainty(
         problem.residuals,
@@ -574,10 +578,22 @@ def _on_branch(data: Dataset, branch: str) -> Dataset:
 
 def _residual_paths(
     sets: Sequence[Dataset], problem: Problem, constants: np.ndarray
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Residuals of each test in the order in which it deforms, and their derivatives."""
-    r, J = (np.asarray(x) for x in sensitivity(problem.residuals, jnp.asarray(constants)))
-    paths, slopes = [], []
+) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
+    """Residuals of each test in the order in which it deforms.
+
+    Returns:
+        Them, and of tests that are one curve also residuals and derivatives on a scale that
+        changes smoothly along it: where the scale is a share of the reading, noise and all,
+        the same share of the prediction.
+    """
+    residuals = problem.residuals
+    r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
+    size = np.abs(np.asarray(residuals.value))
+    predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
+    share = size * np.asarray(residuals.inverse_scale)
+    paths, smooth = [], []
     for data, place in zip(sets, problem.places, strict=True):
         for direction in np.unique(data.direction):
             rows = np.flatnonzero(data.direction == direction)
@@ -586,8 +602,11 @@ def _residual_paths(
                 keys = (data.coordinate[rows],) * 2
             order = place[rows[np.lexsort(keys)]]
             paths.append(r[order])
-            slopes.append(J[order])
-    return paths, slopes
+            if data.mode not in _ALL_STATES:
+                alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
+                w = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
+                smooth.append((w * r[order], w[:, None] * J[order]))
+    return paths, smooth
 
 
 def _weighed_readings(problem: Problem) -> np.ndarray:

@@ -132,9 +132,9 @@ def _draw_mode(
 
 
 def _unit(data: Dataset) -> tuple[float, str]:
-    if data.measure == "displacement":
+    if data.mode == "skin" and data.direction[0] == 1:
         return 1e-3, "displacement [mm]"
-    if data.measure == "pressure" or data.mode == "skin":
+    if data.mode == "skin" or data.measure == "pressure":
         return 1e3, "pressure [kPa]"
     names = {"cauchy": "Cauchy stress", "second_pk": "second Piola-Kirchhoff stress"}
     names |= {"difference": "Cauchy stress difference", "shear": "shear stress"}

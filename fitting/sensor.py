@@ -257,11 +257,12 @@ def _judged(
     held = tuple(family.names[i] for i in found.held)
     for name in held:
         warnings.append(f"{name} stopped at zero: the logs would have it negative")
-    warnings.append(
-        judged_misfit.words.replace(
+    if judged_misfit.words:
+        words = judged_misfit.words.replace(
             "the law does not follow the data", "the model does not follow the counts"
         ).replace("along the tests", "along the logs")
-    )
+        hint = "; --field takes capacitances from the field instead of the formula"
+        warnings.append(words + (hint if problem.model.factor is None else ""))
     warnings += [disagreement_warning(problem, constants), noise_warning(noise, data)]
     offsets, drift = _taken_out(problem, constants)
     return SensorFit(

@@ -1,13 +1,9 @@
 """`suas log` and `suas baseline`."""
 
-import contextlib
 import json
-import signal
 import time
-from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,7 +12,6 @@ from suas_jax.cli import BAD_INPUT, bad_input
 
 if TYPE_CHECKING:
     from suas_jax.acquisition.log_file import SoLog
-    from suas_jax.acquisition.stream import Stream
 
 
 def register(app: typer.Typer) -> None:
@@ -63,6 +58,7 @@ def log(
         from suas_jax.acquisition.formats import decoder, open_source
         from suas_jax.acquisition.log_file import LogWriter, log_header
         from suas_jax.acquisition.record import FLAG_COLUMNS, record
+        from suas_jax.acquisition.signals import ended_by_signal
         from suas_jax.acquisition.stream import Stream
         from suas_jax.acquisition.view import View, in_words
 
@@ -96,7 +92,7 @@ def log(
                 report=view.say,
                 clock=lambda: time.monotonic() - started,
             )
-            with _ended_by_signal(stream):
+            with ended_by_signal(stream):
                 result = record(
                     stream,
                     writer,
@@ -115,23 +111,6 @@ def log(
         )
         if duration is not None and result["elapsed_s"] >= duration:
             raise typer.Exit(BAD_INPUT)
-
-
-@contextlib.contextmanager
-def _ended_by_signal(stream: "Stream") -> Iterator[None]:
-    """Ctrl-C, SIGTERM and a closed terminal end the stream instead of the process."""
-
-    def end(_signal: int, _frame: FrameType | None) -> None:
-        stream.stop.set()
-
-    names = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")  # not every system has all
-    known = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    before = {number: signal.signal(number, end) for number in known}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _skin_header(skin: Path | None) -> dict[str, str]:

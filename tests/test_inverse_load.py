@@ -1,0 +1,345 @@
+"""Inverse load estimation against the solid model: bounds, coverage, faults, what can't be."""
+
+import dataclasses
+import importlib.util
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+import pytest
+from scipy.stats import binom
+from typer.testing import CliRunner
+
+from fitting.cli import app
+from fitting.inverse_load import FULL_SCALE, LoadEstimator
+from fitting.load_estimate import Contact, LoadEstimate
+from fitting.load_filter import LoadFilter
+from fitting.load_live import live_frames
+from fitting.load_posterior import frame_posterior, likely_modes
+from fitting.posterior import Settings
+from suas_jax.acquisition.integrity import Flags
+from suas_jax.acquisition.reading import Reading
+from suas_jax.acquisition.stream import Judged
+from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.skin import Loads, forward, skin_of
+
+ROOT = Path(__file__).parent.parent
+TAXELS = 40
+
+runner = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def study() -> ModuleType:
+    """The benchmark, whose experiments these tests repeat in short."""
+    file = ROOT / "benchmarks/inverse_load.py"
+    description = importlib.util.spec_from_file_location("inverse_load_study", file)
+    assert description is not None
+    assert description.loader is not None
+    module = importlib.util.module_from_spec(description)
+    description.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with the skin of 40 taxels; tables are cached in it."""
+    path = tmp_path_factory.mktemp("invert")
+    text = (ROOT / "configs/skins/suas.toml").read_text()
+    rows = [
+        f'{{ angle = "{angle!r} deg" }},' for angle in np.linspace(-80, 80, TAXELS).tolist()
+    ]
+    text = text[: text.index("taxels = [")] + "taxels = [\n" + "\n".join(rows) + "\n]\n"
+    (path / "skin.toml").write_text(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(path))
+        yield path
+
+
+@pytest.fixture(scope="module")
+def estimator(folder: Path) -> LoadEstimator:
+    return LoadEstimator(load_skin(folder / "skin.toml"), most_contacts=2)
+
+
+@pytest.fixture(scope="module")
+def truth(study: ModuleType) -> dict[str, Any]:
+    """Readings of the solid model, made by the benchmark with --write."""
+    lines = (ROOT / "tests/data/solid_contacts.csv").read_text().splitlines()[2:]
+    sets: dict[str, list[tuple[list[float], list[float]]]] = {}
+    for line in lines:
+        kind, *fields = line.split(",")
+        loads = [float(x) for x in fields[:6] if x]
+        sets.setdefault(kind, []).append((loads, [float(x) for x in fields[6:]]))
+    return {
+        kind: study.Truth(
+            np.array([loads for loads, _ in rows]).reshape(len(rows), -1, 3),
+            np.array([so for _, so in rows]),
+        )
+        for kind, rows in sets.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def readings(estimator: LoadEstimator) -> Callable[..., np.ndarray]:
+    """Exact readings of the estimator's own model under single loads [frame, taxel]."""
+    run = eqx.filter_jit(forward)
+
+    def of(angle: float, force: float) -> np.ndarray:
+        return np.asarray(run(estimator.skin, Loads.line(angle, force)).so).T
+
+    return of
+
+
+def test_single_contacts_of_the_solid_reach_the_bound(
+    study: ModuleType, truth: dict[str, Any], estimator: LoadEstimator
+) -> None:
+    so, loads = truth["single"].so, truth["single"].loads
+    found = estimator.estimate(study.measured(np.tile(so, (4, 1)), 1))
+    loads = np.tile(loads, (4, 1, 1))
+    judged = study.score(estimator, found, loads)
+    assert judged.right.all()
+    assert {e.status for e in found} == {"ok"}
+    assert (judged.ratio < 1.2).all()
+    angle, force = judged.median(loads)
+    assert angle < 0.2
+    assert force < 0.02
+    assert 0.90 <= judged.covered.mean() <= 0.99
+    assert 0.9 < np.mean([e.chi2_per_dof for e in found]) < 1.15
+    outer = float(estimator.skin.geometry.outer_radius[0])
+    contact = found[0].contacts[0]
+    assert contact.arc_position == pytest.approx(outer * contact.angle)
+
+
+def test_two_contacts_are_told_apart(
+    study: ModuleType, truth: dict[str, Any], estimator: LoadEstimator
+) -> None:
+    found = estimator.estimate(study.measured(truth["two"].so, 2))
+    judged = study.score(estimator, found, truth["two"].loads)
+    assert judged.right.mean() >= 0.95
+    assert (judged.ratio < 1.2).all()
+    assert 0.87 <= judged.covered.mean() <= 0.99
+
+
+def test_false_alarms_come_at_the_stated_rate(
+    study: ModuleType, estimator: LoadEstimator
+) -> None:
+    frames = 3000
+    counts = study.measured(np.tile(estimator.table.rest, (frames, 1)), 3)
+    counts[: frames // 2, ::3] = np.nan  # missing taxels change the threshold, not the rate
+    alarms = sum(e.contact is not False for e in estimator.estimate(counts))
+    low, high = binom.ppf((0.001, 0.999), frames, estimator.false_alarm)
+    assert low <= alarms <= high
+
+
+def test_stuck_and_missing_taxels_cost_little(
+    study: ModuleType, truth: dict[str, Any], estimator: LoadEstimator
+) -> None:
+    loads = truth["single"].loads
+    counts = study.measured(truth["single"].so, 4)
+    clean = study.score(estimator, estimator.estimate(counts), loads)
+    counts[:, [3, 17, 30]] = np.nan
+    counts[:, [8, 24]] = np.round(estimator.table.rest[[8, 24]])
+    found = estimator.estimate(counts)
+    judged = study.score(estimator, found, loads)
+    assert judged.right.mean() >= 0.95
+    rms = [np.sqrt(((s.errors / s.bound) ** 2).mean()) for s in (clean, judged)]
+    assert rms[1] < 2 * rms[0]
+    assert all({3, 17, 30} <= set(e.left_out) for e in found)
+
+
+def test_what_is_no_contact_gets_its_own_name(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    rest = estimator.table.rest
+    saturated = np.full(TAXELS, FULL_SCALE)
+    few = np.full(TAXELS, np.nan)
+    few[:3] = rest[:3]
+    other_skin = 1.3 * readings(0.4, 12.0)[0] + 20.0
+    so = np.stack([saturated, few, other_skin])
+    found = estimator.estimate(so)
+    assert [e.status for e in found] == ["saturated", "too_few_taxels", "model_mismatch"]
+    assert [e.contact for e in found] == [None] * 3
+    assert not any(e.contacts for e in found)
+
+
+def test_a_pull_is_a_negative_force(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    found = estimator.estimate(readings(0.35, -6.0))[0]
+    assert found.status == "pull"
+    (contact,) = found.contacts
+    assert contact.angle == pytest.approx(0.35, abs=1e-3)
+    assert contact.force == pytest.approx(-6.0, rel=1e-3)
+
+
+def test_wall_contact_states_no_error(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    so = readings(np.pi / 4, 45.0)
+    so = np.where(np.isfinite(so), np.minimum(so, FULL_SCALE), FULL_SCALE)
+    found = estimator.estimate(so)[0]
+    assert found.status == "wall_contact"
+    assert found.wall_contact
+    assert all(contact.covariance is None for contact in found.contacts)
+
+
+def test_calibration_errors_move_the_estimate_as_stated(
+    estimator: LoadEstimator, folder: Path
+) -> None:
+    sigma = {"oil_gap": 2e-5, "relative_permittivity": 0.01}
+    paths = ("geometry.oil_gap", "oil.relative_permittivity")
+    own = continuous_inputs(estimator.spec)
+    record = CalibrationSpec(
+        parameters=tuple(sigma),
+        values=tuple(float(own[path]) for path in paths),
+        covariance=tuple(tuple(row) for row in np.diag(np.square(list(sigma.values())))),
+    )
+    spec = estimator.spec.model_copy(update={"calibration": record})
+    calibrated = LoadEstimator(spec, most_contacts=1)
+    load = Loads.line(0.3, 12.0)
+    run = eqx.filter_jit(forward)
+    expected = calibrated.estimate(np.asarray(run(calibrated.skin, load).so).T)[0].contacts[0]
+    moved = []
+    for path, size in zip(paths, sigma.values(), strict=True):
+        # The true skin differs by one standard deviation from the one that is believed.
+        true = skin_of(spec, {path: float(own[path]) + size})
+        contact = calibrated.estimate(np.asarray(run(true, load).so).T)[0].contacts[0]
+        moved.append([contact.angle - expected.angle, contact.force - expected.force])
+    shift = np.array(moved)
+    assert expected.systematic is not None
+    np.testing.assert_allclose(expected.systematic[1, 1], (shift.T @ shift)[1, 1], rtol=0.1)
+    assert expected.covariance is not None
+    assert expected.covariance[1, 1] > expected.systematic[1, 1]
+
+
+def test_filter_follows_a_sliding_contact() -> None:
+    random, sigma = np.random.default_rng(0), np.array([0.02, 0.3])
+    track, errors, raw = LoadFilter(angle_density=0.01, force_density=1.0), [], []
+    for k in range(300):
+        t = 0.01 * k
+        true = np.array([-0.5 + 0.4 * t, 8.0 + 1.0 * t])
+        seen = true + random.normal(0, sigma)
+        contact = Contact(seen[0], seen[1], None, np.diag(sigma**2))
+        (smooth,) = track.feed(t, LoadEstimate(True, (contact,), status="ok"))
+        assert smooth.covariance is not None
+        spread = np.sqrt(np.diag(smooth.covariance))
+        errors.append((np.array([smooth.angle, smooth.force]) - true) / spread)
+        raw.append(spread / sigma)
+    settled = np.array(errors[100:])
+    assert (np.array(raw[100:]) < 0.5).all()
+    assert (np.sqrt((settled**2).mean(0)) < 1.4).all()
+
+
+class _Played:
+    """Stands in for a stream: batches of readings, stamped by a clock that the test sets."""
+
+    def __init__(self, batches: list[list[Judged]]) -> None:
+        self._batches = batches
+
+    def batches(self) -> Iterator[list[Judged]]:
+        yield from self._batches
+
+
+def test_a_stream_drops_what_has_waited_and_refuses_other_layouts(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    counts = tuple(int(x) for x in np.round(readings(0.2, 10.0)[0]))
+    arrivals = [9.0, 9.99, 9.995, 9.999]
+    frames = [
+        Judged(
+            Reading(k, 0.01 * k, 0, counts if k < 3 else (*counts, 1), t_host=t),
+            0.01 * k,
+            Flags(),
+        )
+        for k, t in enumerate(arrivals)
+    ]
+    stream: Any = _Played([frames[:2], frames[2:]])
+    found = list(live_frames(stream, estimator, latency=0.1, smooth=True, clock=lambda: 10.0))
+    assert [f.seq for f in found] == [1, 2, 3]
+    assert [f.dropped for f in found] == [1, 1, 1]
+    assert [f.estimate.status for f in found] == ["ok", "ok", "layout_mismatch"]
+    assert found[1].filtered is not None
+    assert np.rad2deg(found[1].filtered[0].angle) == pytest.approx(np.rad2deg(0.2), abs=0.3)
+    assert found[0].estimate.latency == pytest.approx(0.01)
+
+
+def test_posterior_agrees_with_the_covariance(
+    study: ModuleType, estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    so = study.measured(readings(0.35, 8.0), 6)[0]
+    one = dataclasses.replace(estimator, most_contacts=1)
+    (mode,) = frame_posterior(one, so, settings=Settings(steps=1500, walkers=16))
+    assert mode.probability > 0.99
+    assert mode.chain is not None
+    spread = np.sqrt(np.diag(mode.covariance))
+    np.testing.assert_allclose(mode.chain.samples.std(0), spread, rtol=0.25)
+    shift = (mode.chain.samples.mean(0) - mode.parameters) / spread
+    np.testing.assert_allclose(shift, 0.0, atol=0.3)
+
+
+def test_both_places_of_an_ambiguous_frame_are_found(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    # Four taxels about the crown that read alike on both sides.
+    so = readings(0.9, 2.0)
+    crown = np.abs(np.linspace(-80, 80, TAXELS)) < 10
+    so = np.where(crown, (so + so[:, ::-1]) / 2, np.nan)
+    modes, probability = likely_modes(estimator, *estimator.weigh(so))
+    assert probability[0] == pytest.approx(probability[1], rel=0.05)
+    assert probability.sum() == pytest.approx(1.0)
+    assert modes.parameters[0, 0] == pytest.approx(-modes.parameters[1, 0], abs=1e-3)
+
+
+def write_log(path: Path, so: np.ndarray) -> Path:
+    names = ",".join(f"so_{k + 1}" for k in range(so.shape[1]))
+    rows = [
+        f"# format: suas-so-log\n# format_version: 1\nt_host_s,t_device_s,seq,module,{names}"
+    ]
+    rows += [f"{0.1 * k},{0.1 * k},{k},0," + ",".join(map(str, x)) for k, x in enumerate(so)]
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_command_prints_one_line_a_frame(
+    study: ModuleType, truth: dict[str, Any], estimator: LoadEstimator, folder: Path
+) -> None:
+    rest = np.tile(estimator.table.rest, (2, 1))
+    so = study.measured(np.concatenate([rest, truth["single"].so[:2]]), 7).astype(int)
+    log = write_log(folder / "log.csv", so)
+    figure = folder / "loads.png"
+    done = runner.invoke(
+        app,
+        [
+            *("invert", str(folder / "skin.toml"), str(log), "--json", "--filter"),
+            *("--contacts", "2", "--plot", str(figure)),
+        ],
+    )
+    assert done.exit_code == 0, done.output
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [line["contact"] for line in lines] == [False, False, True, True]
+    assert [line["seq"] for line in lines] == [0, 1, 2, 3]
+    keys = "t_s contact loads oil_pressure_Pa wall_contact chi2_per_dof latency_s status"
+    assert all(set(keys.split()) <= set(line) for line in lines)
+    assert lines[0]["loads"] == []
+    (load,) = lines[2]["loads"]
+    assert load["angle_deg"] == pytest.approx(np.rad2deg(truth["single"].loads[0, 0, 0]), abs=1)
+    assert np.shape(load["covariance"]) == (2, 2)
+    assert figure.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("taxels", "frames", "status"), [(30, 2, "layout_mismatch"), (TAXELS, 0, "empty_log")]
+)
+def test_logs_that_say_nothing_end_the_command(
+    folder: Path, estimator: LoadEstimator, taxels: int, frames: int, status: str
+) -> None:
+    log = write_log(folder / "bad.csv", np.full((frames, taxels), 160))
+    done = runner.invoke(app, ["invert", str(folder / "skin.toml"), str(log), "--json"])
+    assert done.exit_code == 2
+    assert json.loads(done.stdout)["status"] == status
+    assert "bad.csv" in done.stderr
