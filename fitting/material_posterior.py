@@ -102,6 +102,7 @@ class MaterialPosterior:
                 for name, s in zip(family.theta_names, share, strict=True)
                 if s > _PRIOR_DOMINATED
             ],
+            "warnings": self._warnings(),
             "laplace": self._laplace(),
             "agreement": posterior.agreement,
             "steps": posterior.steps,
@@ -129,6 +130,17 @@ class MaterialPosterior:
         if points:
             report["equilibria_per_s"] = points * report["evaluations_per_s"]
         return report
+
+    def _warnings(self) -> list[str]:
+        """What the samples do not allow for."""
+        misfit = self.fit.misfit
+        if not misfit.significant:
+            return []
+        return [
+            f"the samples take the misfit for independent noise, which it is not: their "
+            f"intervals are about {misfit.inflation:.2g} times too narrow; quote those of the "
+            f"fit, or choose another law"
+        ]
 
     def _laplace(self) -> dict[str, Any] | None:
         gaussian = self.posterior.laplace

@@ -107,6 +107,8 @@ def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialF
     console.print(table)
     for name, prior in posterior["priors"].items():
         console.print(f"prior of {name}: {prior}", highlight=False, markup=False)
+    for text in posterior["warnings"]:
+        console.print(f"[yellow]warning:[/] {escape(text)}")
     for text in posterior["prior_dominated"]:
         console.print(f"[yellow]prior, not data:[/] {text}")
     console.print(posterior["agreement"]["message"])

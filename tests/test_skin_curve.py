@@ -94,6 +94,7 @@ def test_posterior_of_the_curve(fit: MaterialFit, tmp_path: pathlib.Path) -> Non
         unit = 1e-3 if data == [1] else 1e3
         assert np.allclose(line.get_ydata(), fit.sets[0].value[rows] / unit)
     report = found.report
+    assert report["warnings"] == []
     modulus = report["shear_modulus_Pa"]
     deviation = 0.5 * (modulus["high68"] - modulus["low68"])
     # One data set of one seed: coverage is for the benchmark, here 4 deviations are a bug.
