@@ -12,17 +12,27 @@ how often the estimate is within ten times the true error.
 
 import argparse
 import dataclasses
+import functools
 import sys
 from collections import Counter
 from typing import Any
 
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from suas_jax.config import SceneSpec, scene_from_dict, with_solve
+from suas_jax.compiled import OPTIONS
+from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
+from suas_jax.equilibrium import equilibrium
+from suas_jax.mesh import MeshPlan
+from suas_jax.observables import load_observables
+from suas_jax.problem import build_problem, plan_for
+from suas_jax.report import plain
 from suas_jax.runtime import configure
-from suas_jax.solution import solve
+from suas_jax.solution import Inputs, Structure, solve
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 RUBBER = {
@@ -33,20 +43,24 @@ RUBBER = {
 }
 TRAPPED: dict[str, Any] = {"model": "incompressible"}
 # Law, shear modulus [Pa], oil, and for each load whether it is spread.
-PATTERNS: tuple[tuple[dict[str, Any], float, dict[str, Any], tuple[bool, ...]], ...] = (
+Pattern = tuple[dict[str, Any], float, dict[str, Any], tuple[bool, ...]]
+YEOH = {"law": "yeoh", "C1": "0.6 MPa", "C2": "-10 kPa", "C3": "1 kPa"}
+POINTS: tuple[Pattern, ...] = (
     (EPDM, 32.6e6, TRAPPED, (False,)),
-    (RUBBER, 4.225e5, TRAPPED, (False, True)),
+    (RUBBER, 4.225e5, TRAPPED, (False, False)),
     (EPDM, 32.6e6, {"model": "vented"}, (False,)),
     ({"law": "neo-hookean", "mu": "3 MPa"}, 3e6, TRAPPED, (False, False)),
-    (
-        {"law": "yeoh", "C1": "0.6 MPa", "C2": "-10 kPa", "C3": "1 kPa"},
-        1.2e6,
-        {"model": "compressible", "bulk_modulus": "1.5 GPa"},
-        (True,),
-    ),
+)
+COMPRESSIBLE = {"model": "compressible", "bulk_modulus": "1.5 GPa"}
+# A mesh under a spread load is a program of its own, hence fewer of them.
+PATTERNS: tuple[Pattern, ...] = (
+    *POINTS,
+    (YEOH, 1.2e6, COMPRESSIBLE, (False,)),
+    *POINTS,
+    (YEOH, 1.2e6, COMPRESSIBLE, (True,)),
 )
 TOLERANCES = (1e-2, 1e-3)
-TRUTH = (256, 4)
+TRUTH = (512, 6)
 # Truths and true errors below this are not told apart.
 FLOOR = 2e-6
 
@@ -59,6 +73,7 @@ class Case:
         rtol: wanted.
         model: chosen.
         estimate: stated error.
+        by_mesh: its part by the mesh.
         true: its error against the fine solid.
         met: whether the solver claims to meet rtol.
         label: what the scene is.
@@ -67,6 +82,7 @@ class Case:
     rtol: float
     model: str
     estimate: float
+    by_mesh: float
     true: float
     met: bool
     label: str
@@ -109,6 +125,21 @@ def sample(rng: np.random.Generator, pattern: int) -> SceneSpec:
     return scene_from_dict({"geometry": geometry, "material": law, "oil": oil, "load": loads})
 
 
+@functools.partial(eqx.filter_jit, compiler_options=OPTIONS)
+def _fine(structure: Structure, plan: MeshPlan, inputs: Inputs) -> tuple[Array, dict[str, Any]]:
+    problem = build_problem(structure.scene, plan, inputs)
+    found = equilibrium(problem)
+    loads = load_observables(structure.scene, problem, found.state, inputs)
+    return found.result, {"oil_pressure_Pa": found.state.pressure, "loads": loads}
+
+
+def truth_of(scene: SceneSpec) -> dict[str, Any] | None:
+    """Pressure and displacements on the fine mesh; None if there is no equilibrium."""
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+    result, report = _fine(Structure(scene), plan_for(scene, *TRUTH), inputs)
+    return plain(report) if int(result[0]) == 0 else None
+
+
 def true_error(report: dict[str, Any], truth: dict[str, Any]) -> float:
     """Relative error of the pressure and of the displacements, the largest of them one."""
     size = max(abs(load["displacement_m"]) for load in truth["loads"])
@@ -123,20 +154,30 @@ def true_error(report: dict[str, Any], truth: dict[str, Any]) -> float:
 
 def cases_of(scene: SceneSpec) -> list[Case]:
     """The scene at every tolerance; none if it has no valid equilibrium."""
-    shell = solve(with_solve(scene, model="shell")).report
-    if shell["status"] != "converged" or shell["wall_contact"]:
-        return []
-    truth = solve(with_solve(scene, model="solid", mesh=TRUTH)).report
-    if truth["status"] != "converged":
-        return []
-    law, oil = scene.material.law, scene.oil.model
-    label = f"{law}, {oil}, {1e3 * scene.geometry.thickness:.2f} mm, {len(scene.loads)} loads"
     found = []
     for rtol in TOLERANCES:
         report = solve(with_solve(scene, model="auto", rtol=rtol)).report
-        estimate, true = report["error_estimate"], true_error(report, truth)
-        found.append(Case(rtol, report["model"], estimate, true, report["rtol_met"], label))
-    return found
+        if report["status"] != "converged" or report["wall_contact"]:
+            return []
+        found.append((rtol, report))
+    truth = truth_of(scene)
+    if truth is None:
+        return []
+    law, oil = scene.material.law, scene.oil.model
+    angles = ", ".join(f"{np.rad2deg(load.angle):.0f}" for load in scene.loads)
+    label = f"{law}, {oil}, {1e3 * scene.geometry.thickness:.2f} mm, loads at {angles} deg"
+    return [
+        Case(
+            rtol,
+            report["model"],
+            report["error_estimate"],
+            report["discretisation_error"],
+            true_error(report, truth),
+            report["rtol_met"],
+            label,
+        )
+        for rtol, report in found
+    ]
 
 
 def study(count: int, seed: int) -> list[Case]:
@@ -157,7 +198,7 @@ def main() -> None:
     """Print how often the estimate holds, and where it does not."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="?", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=7)
     arguments = parser.parse_args()
     configure()
     cases = study(arguments.scenes, arguments.seed)

@@ -15,9 +15,10 @@ import numpy as np
 import scipy.optimize
 
 from fitting.datasets import Dataset, load_dataset
+from fitting.laws import family
 from fitting.least_squares import minimise
 from fitting.material import NoFit, fit_material
-from fitting.parameters import AbstractFamily, family
+from fitting.parameters import AbstractFamily
 from fitting.problem import pose
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.runtime import configure

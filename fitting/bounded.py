@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.least_squares import CONVERGED, Minima
-from fitting.residuals import Residuals
+from fitting.residuals import Residuals, sensitivity
 
 if TYPE_CHECKING:
     from fitting.parameters import AbstractFamily
@@ -118,8 +118,6 @@ def _solve(
     )
     q = np.asarray(solver.run(jnp.asarray(start), (low / size, high / size)).params)
     constants = np.clip(q * size, low, high)
-    from fitting.identifiability import sensitivity
-
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     cost = 0.5 * float(r @ r)
     # At a bound only a step back into the box counts.

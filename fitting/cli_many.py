@@ -15,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 
 def materials(
-    jobs: Annotated[Path, typer.Argument(help="TOML file of [[membrane]] tables.")],
+    jobs: Annotated[Path, typer.Argument(help="TOML file with a table `membrane` for each.")],
     output: Annotated[
         Path, typer.Option("-o", "--output", help="JSON lines; membranes in it are skipped.")
     ],

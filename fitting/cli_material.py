@@ -73,6 +73,10 @@ def material(
     corner: Annotated[
         Path | None, typer.Option(help="Write a corner plot (PNG, PDF, SVG).")
     ] = None,
+    predictive: Annotated[
+        Path | None,
+        typer.Option(help="Write a posterior-predictive plot (PNG, PDF, SVG)."),
+    ] = None,
     export: Annotated[
         list[str] | None,
         typer.Option(
@@ -102,8 +106,8 @@ def material(
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
         from fitting.datasets import load_dataset, mode_named
 
-        if (chain or arviz or corner) and not sample:
-            raise ValueError("--chain, --arviz and --corner need --sample")
+        if (chain or arviz or corner or predictive) and not sample:
+            raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
         ]
@@ -134,6 +138,7 @@ def material(
                     show,
                     arviz,
                     corner,
+                    predictive,
                     walkers=walkers,
                     steps=steps,
                     moves=moves,

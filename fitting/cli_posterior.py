@@ -15,6 +15,7 @@ def run(
     show: Callable[[str], None],
     arviz: Path | None,
     corner: Path | None,
+    predictive: Path | None = None,
     **settings: Any,
 ) -> dict[str, Any]:
     """Sample around a fit, write what was asked for, and return the report."""
@@ -31,6 +32,11 @@ def run(
         to_arviz(found).to_netcdf(str(arviz), engine="h5netcdf")
     if corner is not None:
         plot_corner(found, corner)
+    if predictive is not None:
+        from fitting.predictive_plot import plot_predictive
+
+        show("posterior predictive plot")
+        plot_predictive(found, predictive)
     return found.report
 
 

@@ -115,12 +115,20 @@ def sensor(
             raise ValueError("--chain needs --sample")
         target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
         _must_be_free(target, skin, overwrite, own=output is None)
+        if plot is not None:
+            from suas_jax.plot import check_figure_file
+
+            check_figure_file(plot)
         from fitting.sensor_data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
 
         with _progress() as show:
             spec = load_skin(skin)
-            data = load_sensor_data(spec, logs, inputs or (), fluid or ())
+            names = [name.strip() for name in fit.split(",") if name.strip()]
+            if joint:
+                names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
+            of_material = any(name.startswith("material.") for name in names)
+            data = load_sensor_data(spec, logs, inputs or (), fluid or (), joint=of_material)
             from suas_jax.runtime import configure
 
             configure()
@@ -129,9 +137,6 @@ def sensor(
             from fitting.skin_file import calibrated_skin
             from suas_jax.acquisition.baseline import read_baseline
 
-            names = [name.strip() for name in fit.split(",") if name.strip()]
-            if joint:
-                names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
             known = dict(_prior(text) for text in prior or ())
             found = fit_sensor(
                 data,
@@ -146,20 +151,22 @@ def sensor(
                 progress=show,
             )
             report = sensor_report(found)
+            posterior = None
             if sample:
                 from fitting.posterior import PosteriorError, Settings
                 from fitting.sensor_posterior import sample_sensor
 
                 settings = Settings(walkers=walkers, steps=steps, seed=seed, chain=chain)
                 try:
-                    show("the posterior")
-                    report["posterior"] = sample_sensor(found, settings)[1]
+                    posterior, report["posterior"] = sample_sensor(
+                        found, settings, lambda step, *_: show(f"posterior: step {step}")
+                    )
                 except PosteriorError as error:
                     report["posterior"] = {"status": "no_posterior", "message": str(error)}
             if plot is not None:
                 from fitting.sensor_plots import plot_sensor
 
-                plot_sensor(found, plot)
+                plot_sensor(found, plot, posterior)
             _write(target, calibrated_skin(skin, found))
             report["skin_file"] = str(target)
     if as_json:

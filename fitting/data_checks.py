@@ -18,6 +18,7 @@ _LEAST_SPAN = 0.05
 _STIFF_AND_LONG = 60e6
 _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
+_JUMP = 6.0
 _KGF_PER_CM2 = 98066.5
 
 
@@ -160,7 +161,31 @@ def _unit_doubts(data: Dataset) -> list[str]:
                 f"the unit is doubtful: a shear modulus of {modulus:.3g} Pa is softer than "
                 f"any rubber or gel"
             )
-    return doubts
+    return doubts + _jumps(data)
+
+
+def _jumps(data: Dataset) -> list[str]:
+    """Neighbouring readings whose stiffnesses can't belong to one curve."""
+    if data.mode not in PATHS or data.size < 3:
+        return []
+    e1, e2, c1, c2 = data.factors
+    tau_3 = np.exp(-2.0 * (e1 + e2))
+    unit = c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3)
+    # Near rest a zero that is off by little changes the ratio by much.
+    rows = np.flatnonzero(np.abs(e1) > 0.1 * np.max(np.abs(e1)))
+    rows = rows[np.argsort(e1[rows], kind="stable")]
+    stiffness = data.value[rows] / unit[rows]
+    positive = (stiffness[1:] > 0.0) & (stiffness[:-1] > 0.0)
+    ratio = np.where(positive, stiffness[1:] / np.where(positive, stiffness[:-1], 1.0), 1.0)
+    change = np.abs(np.log(ratio))
+    if not len(change) or np.max(change) < np.log(_JUMP):
+        return []
+    at = int(np.argmax(change))
+    return [
+        f"the unit is doubtful: from line {data.line[rows[at]]} to line "
+        f"{data.line[rows[at + 1]]} the stiffness changes by a factor of "
+        f"{np.exp(change[at]):.3g}; are there two units in one column, or a mistyped reading?"
+    ]
 
 
 def contradictions(sets: Sequence[Dataset]) -> list[str]:
@@ -183,18 +208,3 @@ def contradictions(sets: Sequence[Dataset]) -> list[str]:
                 f"files{hint}"
             )
     return found
-
-
-def header_contradicts(data: Dataset, comments: Sequence[str], columns: Sequence[str]) -> str:
-    """A unit named in the comments that the columns don't have; empty if there is none."""
-    text = " ".join(comments).casefold().replace("²", "2").replace("^2", "2")
-    named = " ".join(columns).casefold()
-    for unit in ("kgf/cm2", "kg/cm2", "psi"):
-        if unit in text and unit.replace("/", "") not in named.replace("/", "").replace(
-            "_", ""
-        ):
-            return (
-                f"{data.file}: the unit is doubtful: a comment names {unit}, the columns "
-                f"state another unit"
-            )
-    return ""

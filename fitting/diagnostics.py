@@ -1,8 +1,10 @@
 """Is the misfit noise? Residual patterns, chi-square, information criteria.
 
 Residuals of the right law change sign at random along a test; a wrong law leaves runs of
-one sign. Runs are counted (Wald and Wolfowitz), and where there are too few of them, or
-where chi-square exceeds what the known noise allows, the intervals are widened.
+one sign. Runs are counted (Wald and Wolfowitz); smooth patterns, low polynomials along each
+test, are fitted to the residuals beside the constants (a lack-of-fit test: chi-square for
+known noise, else F); and chi-square is compared with what the known noise allows. Where one
+of them is too large by chance, the intervals are widened.
 """
 
 import dataclasses
@@ -14,6 +16,8 @@ from scipy import stats
 # Chance of a false alarm. Small: a widened interval of the right law covers too often.
 _SIGNIFICANT = 0.01
 _MOST_CORRELATED = 0.97
+_PATTERNS = 4  # polynomials of degree 0 to 3 along a test
+_FEWEST_SPARE = 4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +31,8 @@ class Misfit:
         runs: number of runs of one sign, over all tests.
         expected_runs: how many independent residuals would have.
         runs_p: probability of so few runs by chance.
+        pattern_p: probability of smooth patterns this large by chance; NaN where the data
+            are too few to tell.
         autocorrelation: of neighbouring residuals along a test.
         significant: whether the misfit is more than noise.
         inflation: factor by which standard errors grow.
@@ -38,6 +44,7 @@ class Misfit:
     runs: int
     expected_runs: float
     runs_p: float
+    pattern_p: float
     autocorrelation: float
     significant: bool
     inflation: float
@@ -57,6 +64,10 @@ class Misfit:
                 f"residuals keep their sign along the tests ({self.runs} runs where noise "
                 f"has about {self.expected_runs:.0f})"
             )
+        if self.pattern_p < _SIGNIFICANT:
+            reasons.append(
+                f"residuals bend smoothly along the tests (by chance: {self.pattern_p:.1g})"
+            )
         return (
             "the law does not follow the data to within their noise: "
             + " and ".join(reasons)
@@ -65,7 +76,12 @@ class Misfit:
 
 
 def misfit(
-    paths: Sequence[np.ndarray], constants: int, *, known_noise: bool, exact: float = 0.0
+    paths: Sequence[np.ndarray],
+    constants: int,
+    *,
+    known_noise: bool,
+    exact: float = 0.0,
+    smooth: Sequence[tuple[np.ndarray, np.ndarray]] = (),
 ) -> Misfit:
     """Judge residuals.
 
@@ -74,6 +90,8 @@ def misfit(
         constants: number of fitted constants.
         known_noise: the residuals are in units of the known noise.
         exact: residuals below this are rounding and have no pattern.
+        smooth: residuals [n] and their derivatives by the constants [n, p] of tests in which
+            smooth patterns are looked for, on a scale that is smooth along the test itself.
     """
     everything = np.concatenate(paths)
     count = len(everything)
@@ -103,13 +121,22 @@ def misfit(
     correlation = products / squares if squares > 0.0 else 0.0
     rounding = np.sqrt(square / max(count, 1)) <= exact
     patterned = runs_p < _SIGNIFICANT and not rounding
+    pattern_p, ratio = np.nan, 1.0
+    if smooth and not rounding:
+        pattern_p, ratio = _patterns(smooth, known_noise)
+    bent = bool(pattern_p < _SIGNIFICANT)
     too_large = bool(chi_square_p < _SIGNIFICANT)
     inflation = 1.0
     if patterned:
         rho = min(max(correlation, 0.0), _MOST_CORRELATED)
         inflation *= np.sqrt((1.0 + rho) / (1.0 - rho))
+    if bent:
+        # Constants follow smooth patterns, not scatter: theirs is the noise that they see.
+        inflation = max(inflation, np.sqrt(ratio))
     if too_large:
-        inflation *= np.sqrt(square / dof)
+        inflation = (
+            max(inflation, np.sqrt(square / dof)) if bent else inflation * np.sqrt(square / dof)
+        )
     return Misfit(
         chi_square=square if known_noise else np.nan,
         dof=dof,
@@ -117,10 +144,62 @@ def misfit(
         runs=runs,
         expected_runs=expected,
         runs_p=runs_p,
+        pattern_p=pattern_p,
         autocorrelation=correlation,
-        significant=patterned or too_large,
+        significant=patterned or too_large or bent,
         inflation=float(inflation),
     )
+
+
+def _patterns(
+    tests: Sequence[tuple[np.ndarray, np.ndarray]], known_noise: bool
+) -> tuple[float, float]:
+    """Do smooth patterns explain more of the residuals than noise would?
+
+    Returns:
+        Probability by chance, and the mean square of the patterns over that of all residuals
+        (over one, where the noise is known); NaN and one where the data are too few.
+    """
+    r, J = (np.concatenate(parts) for parts in zip(*tests, strict=True))
+    sizes = np.linalg.norm(J, axis=0)
+    columns = []
+    start = 0
+    for path, _ in tests:
+        n = len(path)
+        x = np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1)
+        for degree in range(min(_PATTERNS, n - 1)):
+            column = np.zeros(len(r))
+            column[start : start + n] = np.polynomial.legendre.Legendre.basis(degree)(x)
+            columns.append(column)
+        start += n
+    known, rank = _basis(J[:, sizes > 0.0] / sizes[sizes > 0.0])
+    if not columns:
+        return np.nan, 1.0
+    patterns = np.stack(columns, axis=1)
+    patterns = patterns / np.linalg.norm(patterns, axis=0)
+    basis, extra = _basis(patterns - known @ (known.T @ patterns), 1e-6)
+    spare = len(r) - rank - extra
+    if extra == 0 or spare < _FEWEST_SPARE:
+        return np.nan, 1.0
+    r = r - known @ (known.T @ r)
+    explained = float(np.sum((basis.T @ r) ** 2))
+    mean = explained / extra
+    if known_noise:
+        return float(stats.chi2.sf(explained, extra)), mean
+    rest = (float(r @ r) - explained) / spare
+    if rest <= 0.0:
+        return np.nan, 1.0
+    whole = float(r @ r) / (spare + extra)
+    return float(stats.f.sf(mean / rest, extra, spare)), mean / whole
+
+
+def _basis(columns: np.ndarray, tolerance: float = 1e-10) -> tuple[np.ndarray, int]:
+    """Orthonormal basis of the space that unit columns span, and its dimension."""
+    if columns.shape[1] == 0:
+        return columns, 0
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    kept = s > tolerance * max(float(s[0]), 1e-300)
+    return u[:, kept], int(kept.sum())
 
 
 def information_criteria(

@@ -7,6 +7,7 @@ file is therefore one lane of the same compiled evaluation. The bulge needs a me
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -24,7 +25,13 @@ _NEWTON_STEPS = 7
 
 
 class AbstractExperiment(eqx.Module):
-    """Tests whose readings a law predicts."""
+    """Tests whose readings a law predicts.
+
+    Attributes:
+        costly: whether compiling the prediction takes longer than a whole fit's use of it.
+    """
+
+    costly: ClassVar[bool] = False
 
     @abc.abstractmethod
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:

@@ -12,19 +12,17 @@ import dataclasses
 import itertools
 from collections.abc import Sequence
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 from scipy import stats
 
-from fitting.residuals import Residuals
+from fitting.residuals import Residuals, sensitivity
 
 # No stress-strain test is repeatable to better than this: residuals smaller than it (of
 # exact, made-up data) don't make a constant known.
 SMALLEST_NOISE = 1e-4
 _FREE = 0.5
+_MOST_FREE = 1e4  # natural sizes: "any amount"
 _RANK = 1e-10
 _LARGEST = 1e100
 
@@ -38,6 +36,9 @@ class Uncertainty:
         dof: degrees of freedom, readings less constants.
         inflation: factor on the standard errors for a misfit that is not noise.
         covariance: of the constants, SI units, inflation included, shape [p, p].
+        root: R with R Rᵀ the covariance. Where some constants are free by any amount,
+            what the data do know of their combinations is lost to rounding in the
+            covariance, not in R; shape [p, p].
         correlation: of the constants, shape [p, p].
         singular_values: of the scaled sensitivity matrix, largest first, shape [p].
         sizes: natural size of each constant, shape [p].
@@ -48,6 +49,7 @@ class Uncertainty:
     dof: int
     inflation: float
     covariance: np.ndarray
+    root: np.ndarray
     correlation: np.ndarray
     singular_values: np.ndarray
     sizes: np.ndarray
@@ -64,20 +66,16 @@ class Uncertainty:
         smallest = self.singular_values[-1]
         return float(self.singular_values[0] / smallest) if smallest > 0.0 else np.inf
 
+    def spread_of(self, slope: np.ndarray) -> np.ndarray:
+        """Standard errors of quantities [n] with these derivatives by the constants [n, p]."""
+        return np.asarray(np.linalg.norm(slope @ self.root, axis=-1))
+
     def quantile(self, level: float) -> float:
         """Half width of a two-sided interval in standard errors.
 
         Student's t where the noise is estimated from the residuals.
         """
         return float(stats.t.ppf(0.5 + 0.5 * level, max(self.dof, 1)))
-
-
-@eqx.filter_jit
-def sensitivity(
-    residuals: Residuals, constants: Float[Array, " p"]
-) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
-    """Residuals and their derivatives with respect to the constants, SI units."""
-    return residuals.of_constants(constants), jax.jacfwd(residuals.of_constants)(constants)
 
 
 def uncertainty(
@@ -110,18 +108,25 @@ def uncertainty(
     sizes = np.maximum(np.abs(constants), effect)
     # A term that has vanished in all but name would overflow its own variance.
     sizes = np.clip(np.where(sizes > 0.0, sizes, 1.0), 0.0, _LARGEST)
-    _, s, vt = np.linalg.svd((J * sizes)[:, kept], full_matrices=True)
+    # Null directions are needed, too, where readings are fewer than constants.
+    scaled_rows = (J * sizes)[:, kept]
+    few = len(scaled_rows) < scaled_rows.shape[1]
+    _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     dof = len(r) - int(kept.sum())
     estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan
     typical = whole / np.sqrt(max(len(r), 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
-    limit = max(s[0] * 1e-14, 1e-300)
+    # A free direction is only as exact as the derivatives; made longer than it takes to be
+    # called free, it would spill into what the data do know.
+    limit = max(spread / _MOST_FREE, s[0] * 1e-14, 1e-300)
+    root = np.zeros((len(constants), len(constants)))
     scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
-    covariance = np.zeros((len(constants), len(constants)))
-    covariance[np.ix_(kept, kept)] = (scaled @ scaled.T) * np.outer(sizes[kept], sizes[kept])
-    covariance = np.clip(covariance, -(_LARGEST**2), _LARGEST**2)
+    root[np.ix_(kept, np.arange(len(s)))] = np.clip(
+        scaled * sizes[kept, None], -_LARGEST, _LARGEST
+    )
+    covariance = np.clip(root @ root.T, -(_LARGEST**2), _LARGEST**2)
     deviation = np.sqrt(np.diagonal(covariance))
     floor = max(spread, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
@@ -139,6 +144,7 @@ def uncertainty(
         dof=dof,
         inflation=inflation,
         covariance=covariance,
+        root=root,
         correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
         singular_values=s,
         sizes=sizes,
@@ -184,4 +190,4 @@ def describe(
 
 
 def _percent(spread: float) -> str:
-    return f"+-{100.0 * spread:.3g} %" if spread < 1e4 else "any amount"
+    return f"+-{100.0 * spread:.3g} %" if spread < 0.99 * _MOST_FREE else "any amount"

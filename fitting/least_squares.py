@@ -16,6 +16,7 @@ import optimistix as optx
 from jaxtyping import Array, Float
 
 from fitting.residuals import AbstractResiduals
+from suas_jax.compiled import COMPILED
 
 # A start has converged when the promised decrease of its cost is below this fraction,
 # or when nothing but rounding is left to fit.
@@ -25,6 +26,7 @@ AGREEMENT = 1e-6
 # Starts advance in batches of one size, so that one compiled program does everything.
 LANES = 16
 _STEPS, _PASSES, _PROGRESS = 20, 40, 1e-12
+_IMPOSSIBLE = 1e6
 
 
 class Minima(NamedTuple):
@@ -72,8 +74,11 @@ def minimise(
     """
     points = np.asarray(starts, float)
     filled = np.resize(points, (-(-len(points) // lanes) * lanes, points.shape[1]))
+    once = residuals.costly
     batches = [
-        _advance(residuals, refined(residuals, batch))
+        COMPILED.run(
+            _advance, residuals, COMPILED.run(_refined, residuals, batch, once=once), once=once
+        )
         for batch in jnp.asarray(filled).reshape(-1, lanes, points.shape[1])
     ]
     theta, cost, promised = (
@@ -87,7 +92,8 @@ def minimise(
         if np.all(_is_minimum(cost, promised, used) | ~np.isfinite(cost)):
             break
         again = np.resize(theta, (lanes, theta.shape[1]))
-        moved = [np.asarray(x)[: len(theta)] for x in _advance(residuals, jnp.asarray(again))]
+        advanced = COMPILED.run(_advance, residuals, jnp.asarray(again), once=once)
+        moved = [np.asarray(x)[: len(theta)] for x in advanced]
         better = moved[1] <= cost
         stuck = not np.any(moved[1] < cost * (1.0 - _PROGRESS))
         theta = np.where(better[:, None], moved[0], theta)
@@ -110,23 +116,34 @@ def _advance(
     """One run of Levenberg-Marquardt on every lane: parameters, cost, promise."""
     solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
 
+    # Traced once, whoever asks.
+    linearised = jax.jit(lambda theta: _linearised(residuals, theta))
+
     # The solver linearises and materialises; with the Jacobian as one explicit product
-    # it traces, compiles and runs in half the time.
+    # it traces, compiles and runs in half the time. Where the law can't follow a test the
+    # residual is large and flat: the solver stops at anything that is not a number.
     @jax.custom_jvp
     def residual(theta: Array) -> Array:
-        return residuals(theta)
+        value, _ = linearised(theta)
+        return jnp.where(jnp.isfinite(value), value, _IMPOSSIBLE)
 
     @residual.defjvp
     def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-        value, jacobian = _linearised(residuals, primals[0])
-        return value, jacobian @ tangents[0]
+        value, jacobian = linearised(primals[0])
+        finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(jacobian), 1)
+        jacobian = jnp.where(finite[:, None], jacobian, 0.0)
+        return jnp.where(finite, value, _IMPOSSIBLE), jacobian @ tangents[0]
 
     def run(start: Array) -> tuple[Array, Array, Array]:
         found = optx.least_squares(
-            lambda theta, _: residual(theta), solver, start, max_steps=_STEPS, throw=False
+            lambda theta, _: residual(theta),
+            solver,
+            start,
+            max_steps=_STEPS,
+            throw=False,
         ).value
         found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
-        return found, *_judged(residuals, found)
+        return found, *_judged(*linearised(found))
 
     return jax.vmap(run)(starts)
 
@@ -140,9 +157,10 @@ def _linearised(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Arra
     return jax.vmap(push, out_axes=(None, 1))(jnp.eye(theta.size, dtype=theta.dtype))
 
 
-def _judged(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Array]:
+def _judged(
+    r: Float[Array, " n"], J: Float[Array, "n p"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step promises."""
-    r, J = _linearised(residuals, theta)
     finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
     u, s, _ = jnp.linalg.svd(jnp.where(finite, J, 0.0), full_matrices=False)
     along = jnp.abs(u.T @ jnp.where(finite, r, 0.0))
@@ -154,7 +172,7 @@ def _judged(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Array]:
 
 
 @eqx.filter_jit
-def refined(
+def _refined(
     residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
 ) -> Float[Array, "lanes p"]:
     """Starts improved by what is linear in them."""

@@ -21,12 +21,14 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from fitting.chain import Posterior
 from fitting.inverse_load import LoadEstimator
+from fitting.laplace import Gaussian
 from fitting.load_explanation import Explanations
 from fitting.load_model import loads_from
 from fitting.load_report import covariance_of
 from fitting.load_search import APART
-from fitting.posterior import Gaussian, Posterior, Settings, sample
+from fitting.posterior import Settings, sample
 from suas_jax.balance import State
 from suas_jax.equilibrium import equilibrium
 

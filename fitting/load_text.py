@@ -72,12 +72,10 @@ def in_words(contact: Contact) -> str:
 def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) -> None:
     """Print what a person wants to see of a log: a line a frame, then the statuses."""
     from rich.console import Console
-    from rich.markup import escape
     from rich.table import Table
 
-    console = Console()
-    # Brackets would be markup.
-    table = Table(*map(escape, ("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")))
+    console = Console(markup=False)  # which would swallow the units in brackets
+    table = Table("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")
     for t, e in zip(time.tolist(), estimates, strict=True):
         loads = "\n".join(in_words(contact) for contact in e.contacts) or "–"
         pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"

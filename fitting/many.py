@@ -6,6 +6,7 @@ what it had again elsewhere, and a result that arrives a second time is dropped.
 """
 
 import json
+import logging
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -167,6 +168,10 @@ def connect(scheduler: str | None, workers: int) -> Any:
         return Client(scheduler, timeout="10s")
     dask.config.set({"distributed.worker.multiprocessing-method": "spawn"})
     cluster = LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        silence_logs=logging.ERROR,
     )
     return Client(cluster)

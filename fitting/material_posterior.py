@@ -20,9 +20,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from fitting.chain import Posterior
+from fitting.laplace import Gaussian
 from fitting.material import MaterialFit
-from fitting.posterior import Gaussian, Posterior, Settings, sample
+from fitting.posterior import Settings, sample
 from fitting.problem import settle
+from fitting.residuals import sensitivity
 
 _NOISE = (1e-6, 10.0)
 _PRIOR_DOMINATED = 0.5
@@ -199,7 +202,10 @@ def _start(fit: MaterialFit, known: bool) -> Gaussian:
     """Gauss-Newton's approximation at the fit, prior included."""
     family, residuals = fit.family, fit.problem.residuals
     theta = family.unconstrained(jnp.asarray(fit.constants), residuals.scales)
-    r, J = (np.asarray(x) for x in _linear(residuals, theta))
+    r, by_constant = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(fit.constants)))
+    J = by_constant @ np.asarray(
+        jax.jacfwd(lambda t: family.constants(t, residuals.scales))(theta)
+    )
     count = int(residuals.used.sum())
     spread = np.sqrt(np.sum(r**2) / max(count, 1))
     noise = 1.0 if known else float(np.clip(spread, 10.0 * _NOISE[0], 0.1 * _NOISE[1]))
@@ -211,11 +217,6 @@ def _start(fit: MaterialFit, known: bool) -> Gaussian:
     wide = np.zeros((size + 1, size + 1))
     wide[:size, :size], wide[size, size] = covariance, 0.5 / max(count, 1)
     return Gaussian(np.append(mean, np.log(noise)), wide)
-
-
-@eqx.filter_jit
-def _linear(residuals: Any, theta: Array) -> tuple[Array, Array]:
-    return residuals(theta), jax.jacfwd(residuals)(theta)
 
 
 @eqx.filter_jit

@@ -3,6 +3,7 @@
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fitting.material import MaterialFit
@@ -29,6 +30,8 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
         numbers = (fit.constants[i], errors[i], low[i], high[i])
         value, error, first, last = (_text(number, unit) for number in numbers)
         table.add_row(name, value, error, f"{first} to {last}")
+    modulus, first, last = (_text(x, "Pa") for x in fit.shear_modulus())
+    table.add_row("shear modulus", modulus, "", f"{first} to {last}")
     console.print(table)
     table = Table("mode", "points", "RMS", "relative RMS", "stable for stretches")
     for mode in {**report["modes"], **report["stable_range"]}:
@@ -60,11 +63,53 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
     kind = report["residual"]["kind"]
     floor = f", floor {100 * 0.01:.0f} % of each file's median" if kind == "relative" else ""
     console.print(f"residuals {kind}{floor}, condition number {report['condition_number']:.3g}")
+    if "posterior" in report:
+        _print_posterior(console, report["posterior"], fit)
     for text in report["unidentifiable"]:
-        console.print(f"[yellow]not determined:[/] {text}")
+        console.print(f"[yellow]not determined:[/] {escape(text)}")
     for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {text}")
+        console.print(f"[yellow]warning:[/] {escape(text)}")
     console.print("\n" + material_table(fit), markup=False)
+
+
+def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialFit) -> None:
+    """Quantiles of the samples, what was assumed, and whether to trust them."""
+    colour = "green" if posterior["converged"] else "yellow"
+    console.print(f"\n[{colour}]posterior[/] {posterior['message']}")
+    if "parameters" not in posterior:
+        return
+    table = Table("constant", "median", "68 % interval", "95 % interval")
+
+    def flat(tree: dict[str, Any]) -> list[Any]:
+        """Values by constant, in the order of the family."""
+        found = []
+        for name in fit.family.names:
+            key, _, index = name.partition(".")
+            found.append(tree[key][int(index)] if index else tree[key])
+        return found
+
+    columns = (posterior["parameters"], *posterior["intervals"].values())
+    rows = zip(fit.family.names, fit.family.units, *map(flat, columns), strict=True)
+    for name, unit, middle, *ends in rows:
+        shown = [f"{_text(low, unit)} to {_text(high, unit)}" for low, high in ends]
+        table.add_row(name, _text(middle, unit), *shown)
+    modulus = {key: _text(value, "Pa") for key, value in posterior["shear_modulus_Pa"].items()}
+    table.add_row(
+        "shear modulus",
+        modulus["median"],
+        f"{modulus['low68']} to {modulus['high68']}",
+        f"{modulus['low95']} to {modulus['high95']}",
+    )
+    if "noise" in posterior:
+        noise = posterior["noise"]
+        ends = [f"{low:.3g} to {high:.3g}" for low, high in (noise["68"], noise["95"])]
+        table.add_row("noise (of residuals)", f"{noise['median']:.3g}", *ends)
+    console.print(table)
+    for name, prior in posterior["priors"].items():
+        console.print(f"prior of {name}: {prior}", highlight=False, markup=False)
+    for text in posterior["prior_dominated"]:
+        console.print(f"[yellow]prior, not data:[/] {text}")
+    console.print(posterior["agreement"]["message"])
 
 
 def material_table(fit: MaterialFit) -> str:

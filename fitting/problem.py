@@ -11,7 +11,7 @@ from fitting.data_checks import initial_modulus
 from fitting.datasets import Dataset
 from fitting.experiments import AbstractExperiment, Bulge, Homogeneous, padded
 from fitting.parameters import AbstractFamily, Scales
-from fitting.residuals import KINDS, Residuals, relative_scale
+from fitting.residuals import KINDS, Residuals, relative_scale, shared_error
 from fitting.skin_curve import SkinCurve, Specimen, specimen
 
 # Relative residuals are relative to no less than these fractions of a file's median
@@ -28,12 +28,15 @@ class Problem:
         places: positions of each data set's readings in the residuals.
         floors: smallest scale of relative residuals for each data set [Pa].
         kind: "relative", "absolute" or "noise".
+        model_error: of the lumped shell, where a skin was tested, relative to its
+            displacement: a standard deviation.
     """
 
     residuals: Residuals
     places: tuple[np.ndarray, ...]
     floors: tuple[float, ...]
     kind: str
+    model_error: float = 0.0
 
 
 def pose(
@@ -95,8 +98,8 @@ def pose(
             length = len(height)
         fill = start + length - offset
         values.append(np.concatenate([*(sets[i].value for i in group), np.zeros(fill)]))
-        weights = [np.sqrt(sets[i].weight) / scales[i] for i in group]
-        inverse.append(np.concatenate([*weights, np.zeros(fill)]))
+        own = [np.sqrt(sets[i].weight) / scales[i] for i in group]
+        inverse.append(np.concatenate([*own, np.zeros(fill)]))
         offset = start + length
     for i, skin in skins.items():
         tests.append(skin.curve)
@@ -104,14 +107,25 @@ def pose(
         offset += sets[i].size
         values.append(sets[i].value)
         inverse.append(np.sqrt(sets[i].weight) / scales[i])
+    measured, weights = np.concatenate(values), np.concatenate(inverse)
+    shared = [np.zeros((0, offset))]
+    if kind == "noise":
+        for i, skin in skins.items():
+            for channel in np.unique(sets[i].direction):
+                rows = places[i][sets[i].direction == channel]
+                error = np.zeros(offset)
+                error[rows] = skin.model_error * measured[rows]
+                shared.append(shared_error(error * weights)[None])
     residuals = Residuals(
         experiments=tuple(tests),
-        value=jnp.asarray(np.concatenate(values)),
-        inverse_scale=jnp.asarray(np.concatenate(inverse)),
+        value=jnp.asarray(measured),
+        inverse_scale=jnp.asarray(weights),
         scales=_sizes([data for data in sets if data.scene is None], list(skins.values())),
+        shared=jnp.asarray(np.concatenate(shared)),
         family=family,
     )
-    return Problem(residuals, tuple(places), tuple(floors), kind)
+    model_error = max((skin.model_error for skin in skins.values()), default=0.0)
+    return Problem(residuals, tuple(places), tuple(floors), kind, model_error)
 
 
 def settle(problem: Problem, constants: np.ndarray) -> tuple[Problem, float]:

@@ -7,12 +7,14 @@ is built from. The scale s_i says which misfit counts as one.
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.experiments import AbstractExperiment
 from fitting.parameters import AbstractFamily, Scales
+from suas_jax.compiled import COMPILED
 from suas_jax.constitutive import AbstractLaw
 
 KINDS = ("relative", "absolute", "noise")
@@ -30,6 +32,11 @@ class AbstractResiduals(eqx.Module):
     @abc.abstractmethod
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals, shape [n]."""
+
+    @property
+    def costly(self) -> bool:
+        """Whether compiling them takes longer than a whole fit's use of them."""
+        return False
 
     def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Improve a start by what is linear in it; by default it stays."""
@@ -67,6 +74,8 @@ class Residuals(AbstractResiduals):
         value: measured readings [Pa], shape [n] with padding.
         inverse_scale: √w/s [1/Pa], shape [n]; zero for padding.
         scales: sizes that make constants dimensionless.
+        shared: errors that all readings of a test share, such as a model's own, in the form
+            that `shared_error` gives them, shape [k, n]; k is zero where there are none.
         family: the law; part of the compiled program.
     """
 
@@ -74,7 +83,13 @@ class Residuals(AbstractResiduals):
     value: Float[Array, " n"]
     inverse_scale: Float[Array, " n"]
     scales: Scales
+    shared: Float[Array, "k n"]
     family: AbstractFamily = eqx.field(static=True)
+
+    @property
+    def costly(self) -> bool:
+        """Whether one of the tests is costly to compile."""
+        return any(test.costly for test in self.experiments)
 
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Readings [Pa] for constants in SI units, padding included."""
@@ -86,9 +101,21 @@ class Residuals(AbstractResiduals):
         return self.weighed(self.predict(constants) - self.value)
 
     def weighed(self, misfit: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Misfit [Pa] over its scale; exactly zero for padding."""
+        """Misfit [Pa] over its scale; exactly zero for padding.
+
+        With e the shared errors in units of the noise, residuals are multiplied by
+        (I + e eᵀ)^(-1/2), which makes them independent and of unit variance again.
+        """
         used = self.inverse_scale > 0.0
-        return jnp.where(used, misfit, 0.0) * self.inverse_scale
+        r = jnp.where(used, misfit, 0.0) * self.inverse_scale
+        return r - self.shared.T @ (self.shared @ r)
+
+    def misfit(self, r: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Misfit [Pa] from residuals, the inverse of `weighed`; zero for padding."""
+        share = 1.0 - jnp.sum(self.shared**2, axis=1)
+        plain = r + self.shared.T @ ((self.shared @ r) / share)
+        used = self.inverse_scale > 0.0
+        return jnp.where(used, plain / jnp.where(used, self.inverse_scale, 1.0), 0.0)
 
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for unconstrained parameters, shape [n]."""
@@ -116,8 +143,45 @@ def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np
     return np.maximum(np.maximum(np.abs(value), companion), floor)
 
 
+def sensitivity(
+    residuals: Residuals, constants: Float[Array, " p"]
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    """Residuals and their derivatives with respect to the constants, SI units."""
+    found: tuple[Array, Array] = COMPILED.run(
+        _sensitivity, residuals, constants, once=residuals.costly
+    )
+    return found
+
+
 @eqx.filter_jit
+def _sensitivity(residuals: Residuals, constants: Array) -> tuple[Array, Array]:
+    def push(tangent: Array) -> tuple[Array, Array]:
+        return jax.jvp(residuals.of_constants, (constants,), (tangent,))
+
+    return jax.vmap(push, out_axes=(None, 1))(jnp.eye(constants.size))
+
+
 def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:
-    """Predicted readings [Pa] and residuals for constants in SI units, each [n]."""
-    predicted = residuals.predict(constants)
-    return predicted, residuals.weighed(predicted - residuals.value)
+    """Predicted readings [Pa] and residuals for constants in SI units, each [n].
+
+    Their derivatives are computed along: every fit needs that program, and a second one
+    would take longer to compile than it could save. Padding is predicted as measured.
+    """
+    r, _ = sensitivity(residuals, constants)
+    return residuals.value + residuals.misfit(r), r
+
+
+def shared_error(error: np.ndarray) -> np.ndarray:
+    """A shared error as `Residuals.shared` holds it.
+
+    Args:
+        error: standard deviation of the shared error in units of each reading's noise,
+            signed alike for all; zero for readings that don't share it, shape [n].
+
+    Returns:
+        d with I − d dᵀ = (I + e eᵀ)^(-1/2), shape [n].
+    """
+    square = float(error @ error)
+    if square == 0.0:
+        return error
+    return error * np.sqrt((1.0 - 1.0 / np.sqrt(1.0 + square)) / square)

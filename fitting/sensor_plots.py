@@ -3,12 +3,14 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from fitting.sensor import SensorFit
+from fitting.chain import Posterior
+from fitting.sensor_fit import SensorFit
 from fitting.sensor_model import parts_of
 from suas_jax.taxel import taxel_names
 
@@ -16,21 +18,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST = 6
+_DRAWS = 4000
 
 
-def plot_sensor(fit: SensorFit, file: Path | None = None) -> Figure:
+def plot_sensor(
+    fit: SensorFit, file: Path | None = None, posterior: Posterior | None = None
+) -> Figure:
     """Draw predicted against measured counts, residuals over the pad, and the constants.
 
     Args:
         fit: what to draw.
         file: where to write the figure; its ending chooses the format.
+        posterior: samples of the constants, drawn behind the ellipses of the fit.
     """
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2), squeeze=False)[0]
     counts, pad = left.subplots(2, 1)
     _draw_counts(fit, counts)
     _draw_pad(fit, pad)
-    _draw_corner(fit, right)
+    _draw_corner(fit, right, posterior)
     figure.suptitle(f"Sensor calibration: {fit.status}")
     if file is not None:
         from suas_jax.plot import check_figure_file
@@ -60,7 +66,7 @@ def _draw_counts(fit: SensorFit, axes: "Axes") -> None:
 def _draw_pad(fit: SensorFit, axes: "Axes") -> None:
     """Mean residual of every taxel over the unrolled wall."""
     constants = jnp.asarray(fit.constants)
-    geometry, _, _, electrodes = parts_of(fit.data.spec, fit.residuals.model.numbers(constants))
+    geometry, _, _, electrodes = parts_of(fit.data.spec, fit.problem.model.numbers(constants))
     taxels = electrodes.taxels
     wall = float(geometry.wall_radius[0])
     count = len(fit.data.so)
@@ -82,7 +88,7 @@ def _draw_pad(fit: SensorFit, axes: "Axes") -> None:
     axes.set_ylabel("axial [mm]")
 
 
-def _draw_corner(fit: SensorFit, figure: Any) -> None:
+def _draw_corner(fit: SensorFit, figure: Any, posterior: Posterior | None) -> None:
     """Ellipses of one and two standard deviations of every pair, relative to the values."""
     shown = min(fit.family.size, _MOST)
     axes = figure.subplots(shown, shown, squeeze=False)
@@ -90,13 +96,22 @@ def _draw_corner(fit: SensorFit, figure: Any) -> None:
     scaled = 100 * 100 * fit.uncertainty.covariance[:shown, :shown] / np.outer(sizes, sizes)
     deviation = np.sqrt(np.diagonal(scaled))
     grid = np.linspace(-3.5, 3.5, 120)
+    draws = np.zeros((0, shown))
+    if posterior is not None:
+        thinned = posterior.samples[:: max(1, len(posterior.samples) // _DRAWS)]
+        found = np.asarray(jax.vmap(fit.family.constants)(jnp.asarray(thinned)))
+        draws = 100 * ((found - fit.constants)[:, :shown] / sizes)
     for row in range(shown):
         for column in range(shown):
             own = axes[row, column]
             if column > row:
                 own.axis("off")
                 continue
+            if len(draws) and column < row:
+                own.plot(draws[:, column], draws[:, row], ",", color="C0", alpha=0.5)
             if column == row:
+                if len(draws):
+                    _histogram(own, draws[:, row])
                 own.plot(grid * deviation[row], np.exp(-0.5 * grid**2), "k-")
                 own.set_yticks([])
             else:
@@ -105,6 +120,12 @@ def _draw_corner(fit: SensorFit, figure: Any) -> None:
                 own.set_xlabel(f"{fit.family.names[column]}\n[% of value]", fontsize="small")
             if column == 0 and row:
                 own.set_ylabel(f"{fit.family.names[row]}\n[% of value]", fontsize="small")
+
+
+def _histogram(axes: "Axes", draws: np.ndarray) -> None:
+    """Samples, to the height of a Gaussian of one."""
+    heights, edges = np.histogram(draws, bins=40)
+    axes.stairs(heights / max(heights.max(), 1), edges, fill=True, color="C0", alpha=0.4)
 
 
 def _ellipses(axes: "Axes", covariance: np.ndarray) -> None:

@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.posterior import Gaussian, Posterior, Settings, sample
-from fitting.sensor import SensorFit
+from fitting.chain import Posterior
+from fitting.laplace import Gaussian
+from fitting.posterior import Settings, sample
+from fitting.sensor_fit import SensorFit
 
 _QUANTILES = (2.5, 15.865, 50.0, 84.135, 97.5)
 
@@ -40,15 +42,25 @@ def sample_sensor(
     theta = family.unconstrained(jnp.asarray(fit.constants))
     slope = np.asarray(jax.jacfwd(family.constants)(theta))
     inverse = np.linalg.inv(slope)
-    start = Gaussian(np.asarray(theta), inverse @ fit.uncertainty.covariance @ inverse.T)
+    spread = inverse @ fit.uncertainty.covariance @ inverse.T
+    centre = np.array(theta)
+    for name in fit.held:
+        # Into what is possible, by one standard error.
+        along = spread[:, family.names.index(name)]
+        centre += along / np.sqrt(along[family.names.index(name)])
+    start = Gaussian(centre, spread)
     widening = fit.misfit.inflation
 
     def one(theta: jax.Array) -> jax.Array:
-        return residuals.log_likelihood(theta) / widening**2
+        possible = jnp.all(family.constants(theta) >= jnp.asarray(family.floors))
+        value = residuals.log_likelihood(theta) / widening**2
+        return jnp.where(possible, value, -jnp.inf)
 
     leaves = [np.asarray(x) for x in jax.tree.leaves(residuals)]
     key = b"".join(x.tobytes() for x in leaves) + repr(family).encode()
-    chain = sample(jax.vmap(one), start, family.names, settings, key=key, progress=progress)
+    # Differences across a floor are infinite.
+    with np.errstate(invalid="ignore"):
+        chain = sample(jax.vmap(one), start, family.names, settings, key=key, progress=progress)
     constants = np.asarray(jax.vmap(family.constants)(jnp.asarray(chain.samples)))
     low95, low, middle, high, high95 = np.percentile(constants, _QUANTILES, axis=0)
 

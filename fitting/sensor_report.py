@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor import SensorFit
-from fitting.sensor_model import PATHS
+from fitting.sensor_constants import PATHS
+from fitting.sensor_fit import SensorFit
 from suas_jax.taxel import taxel_names
 
 
@@ -24,9 +24,9 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
     errors = fit.errors
     rms = float(np.sqrt(np.nanmean(errors**2)))
     held = {
-        name: float(fit.residuals.model.inputs[path])
+        name: float(fit.problem.model.inputs[path])
         for name, path in PATHS.items()
-        if name not in names and path in fit.residuals.model.inputs
+        if name not in names and path in fit.problem.model.inputs
     }
     report: dict[str, Any] = {
         "parameters": by_name(map(float, fit.constants)),
@@ -35,8 +35,10 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "intervals": {
             name: by_name(
                 [
-                    [float(c - q * e), float(c + q * e)]
-                    for c, e in zip(fit.constants, judged.standard_errors, strict=True)
+                    [max(float(c - q * e), float(floor)), float(c + q * e)]
+                    for c, e, floor in zip(
+                        fit.constants, judged.standard_errors, family.floors, strict=True
+                    )
                 ]
             )
             for name, q in (("68", judged.quantile(0.6827)), ("95", judged.quantile(0.95)))
@@ -48,6 +50,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             [float(x) if np.isfinite(x) else None for x in fit.alone]
         ),
         "held": held,
+        "at_bound": list(fit.held),
         "priors": {
             name: {"mean": prior.mean, "sd": prior.sd, "reason": prior.reason}
             for name, prior in fit.priors.items()
@@ -60,7 +63,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "rms_counts": rms,
             "n": int(np.isfinite(errors).sum()),
             "noise_counts": float(np.nanmedian(fit.noise)),
-            "cost": float(fit.minima.cost[0]),
+            "cost": fit.cost,
             "outliers": fit.outliers,
         },
         "misfit": _plain(dataclasses.asdict(fit.misfit)),

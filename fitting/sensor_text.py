@@ -3,9 +3,10 @@
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
-from fitting.sensor import SensorFit
+from fitting.sensor_fit import SensorFit
 from suas_jax.config.quantities import format_quantity
 
 _DIMENSIONS = {"m": "length", "F": "capacitance", "Pa": "stress"}
@@ -27,7 +28,10 @@ def print_report(report: dict[str, Any], fit: SensorFit) -> None:
         f"{residual['rms_counts']:.3g} counts, condition number "
         f"{report['condition_number']:.3g}"
     )
-    table = Table("constant", "value", "standard error", "95 % interval", "prior")
+    table = Table()
+    for heading in ("constant", "value", "standard error", "95 % interval"):
+        table.add_column(heading, overflow="fold")
+    table.add_column("prior")
     for name, value in report["parameters"].items():
         unit = report["units"][name]
         low, high = report["intervals"]["95"][name]
@@ -47,15 +51,32 @@ def print_report(report: dict[str, Any], fit: SensorFit) -> None:
         console.print(
             f"permittivity / gap: {ratio['value']:.6g} +- {ratio['standard_error']:.2g} 1/m"
         )
+    posterior = report.get("posterior")
+    if posterior:
+        _print_posterior(console, posterior, report["units"])
     for text in report["unidentifiable"]:
-        console.print(f"[yellow]not determined:[/] {text}")
+        console.print(f"[yellow]not determined:[/] {escape(text)}")
     for row in report["masked"]:
         console.print(
             f"left out: module {row['module']}, taxel {row['taxel']}, {row['frames']} "
             f"readings: {row['reason']}"
         )
     for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {text}")
+        console.print(f"[yellow]warning:[/] {escape(text)}")
+
+
+def _print_posterior(
+    console: Console, posterior: dict[str, Any], units: dict[str, str]
+) -> None:
+    colour = "green" if posterior["status"] == "converged" else "yellow"
+    console.print(f"posterior: [{colour}]{posterior['status']}[/] {posterior['message']}")
+    for name, value in posterior.get("parameters", {}).items():
+        low, high = posterior["intervals"]["95"][name]
+        unit = units[name]
+        console.print(
+            f"  {name}: {_text(value, unit)}, 95 % from {_text(low, unit)} to "
+            f"{_text(high, unit)}"
+        )
 
 
 def _text(value: float, unit: str) -> str:

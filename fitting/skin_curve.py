@@ -6,7 +6,7 @@ line load of the scene, along that load; several loads grow together, their patt
 """
 
 import dataclasses
-from typing import cast
+from typing import ClassVar, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from fitting.experiments import AbstractExperiment
+from suas_jax.compiled import COMPILED
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -26,7 +27,7 @@ from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium import Equilibrium, Problem, State, equilibrium
 from suas_jax.mechanics.shell import Shell
 from suas_jax.problem import all_numbers, build_problem, line_loads_of, plan_for
-from suas_jax.solution import is_symmetric, working_plan
+from suas_jax.solution import is_symmetric, solve, working_plan
 
 ELEMENTS = 16
 _SAMPLES = 4
@@ -41,15 +42,17 @@ class SkinCurve(AbstractExperiment):
         direction: unit vector along which it is read, shape [2, 1].
         lane: which force a reading belongs to, shape [n].
         channel: 0 for displacement [m], 1 for oil pressure [Pa], shape [n].
-        start: states near which the solution is sought; from rest where there are none.
+        start: states from which the solution is sought.
     """
+
+    costly: ClassVar[bool] = True
 
     problem: Problem
     angle: Float[Array, " 1"]
     direction: Float[Array, "2 1"]
     lane: Int[Array, " n"]
     channel: Int[Array, " n"]
-    start: State | None = None
+    start: State
 
     @property
     def equilibria(self) -> int:
@@ -64,7 +67,10 @@ class SkinCurve(AbstractExperiment):
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Displacements [m] and pressures [Pa]; NaN where there is no equilibrium."""
-        problem, found = self.solve(law)
+        return self.read(*self.solve(law))
+
+    def read(self, problem: Problem, found: Equilibrium) -> Float[Array, " n"]:
+        """Readings of solved states; NaN where there is no equilibrium."""
         shape = problem.mechanics.at_angle(found.state.q, self.angle)
         moved = jnp.sum(shape.mid_displacement[:, 0, 0] * self.direction, 0)
         both = jnp.stack([moved, found.state.pressure])
@@ -73,19 +79,37 @@ class SkinCurve(AbstractExperiment):
 
     def settled(self, law: AbstractLaw) -> "SkinCurve":
         """The same curve, solved from the states of a law: fast for laws near to it."""
-        _, found = _solved(eqx.tree_at(lambda c: c.start, self, None, is_leaf=_none), law)
+        found = _solved(self, law)
         if np.any(np.asarray(found.result) != 0):
             return self
-        return eqx.tree_at(lambda c: c.start, self, found.state, is_leaf=_none)
+        return eqx.tree_at(lambda c: c.start, self, found.state)
 
 
-def _none(x: object) -> bool:
-    return x is None
+class _Solved(NamedTuple):
+    """What a law does in a curve: states, outcomes, readings, inner hoop stretches."""
+
+    state: State
+    result: Array
+    readings: Array
+    inner_stretch: Array
+
+
+def _solved(curve: SkinCurve, law: AbstractLaw) -> _Solved:
+    found: _Solved = COMPILED.run(_program, curve, law, once=True)
+    return found
 
 
 @eqx.filter_jit
-def _solved(curve: SkinCurve, law: AbstractLaw) -> tuple[Problem, Equilibrium]:
-    return curve.solve(law)
+def _program(curve: SkinCurve, law: AbstractLaw) -> _Solved:
+    problem, found = curve.solve(law)
+    shell = cast(Shell, problem.mechanics)
+    stretch = shell.profile(found.state.q, _SAMPLES).inner_stretch
+    return _Solved(found.state, found.result, curve.read(problem, found), stretch)
+
+
+def predicted(curve: SkinCurve, law: AbstractLaw) -> Float[Array, " n"]:
+    """Readings of a law: displacements [m] and oil pressures [Pa]."""
+    return _solved(curve, law).readings
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,11 +120,14 @@ class Specimen:
         curve: the readings' forward model.
         modulus: shear modulus that the readings suggest [Pa].
         stretch: largest hoop stretch on the inner face under the largest force.
+        model_error: standard deviation of the lumped shell's own error under the largest
+            force, relative to displacement and pressure; all readings share it.
     """
 
     curve: SkinCurve
     modulus: float
     stretch: float
+    model_error: float
 
 
 def specimen(
@@ -140,27 +167,23 @@ def specimen(
     if plan.symmetric and float(angle[0]) > 0.0:
         # Only the left half is solved: read the mirror image there.
         angle, direction = -angle, direction * jnp.array([[-1.0], [1.0]])
-    curve = SkinCurve(problem, angle, direction, jnp.asarray(lane), jnp.asarray(channel))
+    rest, zero = shell.rest(), jnp.zeros(len(levels))
+    start = State(jnp.broadcast_to(rest, (*rest.shape[:-1], len(levels))), zero, zero)
+    curve = SkinCurve(problem, angle, direction, jnp.asarray(lane), jnp.asarray(channel), start)
     law = jax.tree.map(lambda x: x[..., 0], problem.mechanics.law)
-    _, found = _solved(curve, law)
+    found = _solved(curve, law)
     if np.any(np.asarray(found.result) != 0):
         raise ValueError(
             f"--scene: with its own material this skin carries no {top:.4g} N; correct the "
             f"scene's material, loads or the force column"
         )
-    predicted = np.asarray(_predicted(curve, law))
-    ratio = np.median(predicted / value)
+    ratio = np.median(np.asarray(found.readings) / value)
     if not ratio > 0.0:
         raise ValueError(
             "--data skin: displacement or pressure has the opposite sign of the model's; both "
             "are positive where the load pushes inwards (--scene gives the direction)"
         )
-    profile = problem.mechanics.profile(found.state.q, _SAMPLES)
-    stretch = np.asarray(profile.inner_stretch)
-    largest = float(np.exp(np.max(np.abs(np.log(stretch)))))
-    return Specimen(curve, float(law.shear_modulus) * float(ratio), largest)
-
-
-@eqx.filter_jit
-def _predicted(curve: SkinCurve, law: AbstractLaw) -> Array:
-    return curve.predict(law)
+    largest = float(np.exp(np.max(np.abs(np.log(np.asarray(found.inner_stretch))))))
+    alone = solve(with_solve(spec, model="shell", elements=ELEMENTS, mesh=None, rtol=None))
+    error = alone.report["model_error"] or 0.0
+    return Specimen(curve, float(law.shear_modulus) * float(ratio), largest, error)

@@ -10,8 +10,16 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fitting.sensor import SensorFit, is_gap, material_unit
-from fitting.sensor_model import GAP, LAYERS, PERMITTIVITY, SCALE, STRAY
+from fitting.sensor_constants import (
+    GAP,
+    LAYERS,
+    PERMITTIVITY,
+    SCALE,
+    STRAY,
+    is_gap,
+    material_unit,
+)
+from fitting.sensor_fit import SensorFit
 from suas_jax.config import SkinSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
 
@@ -42,7 +50,7 @@ def calibrated_skin(skin: Path, fit: SensorFit) -> str:
             document["electrodes"]["layers"] = _layers(fit.data.spec, float(value))
         else:
             material[part.name.removeprefix("material.")] = float(value)
-    if fit.residuals.model.gap_of is not None:
+    if fit.problem.model.gap_of is not None:
         _set_heights(document, fit)
     if material:
         _set_material(document, fit.data.spec, material)
@@ -76,10 +84,10 @@ def _layers(spec: SkinSpec, total: float) -> list[dict[str, Any]]:
 
 def _set_heights(document: Any, fit: SensorFit) -> None:
     """Write the gaps of single taxels or modules as heights of their electrodes."""
-    assert fit.residuals.model.gap_of is not None
+    assert fit.problem.model.gap_of is not None
     electrodes = fit.data.spec.electrodes
     assert electrodes is not None
-    gaps = fit.constants[list(fit.residuals.model.gap_of)]
+    gaps = fit.constants[list(fit.problem.model.gap_of)]
     heights = [_text((fit.data.spec.geometry.oil_gap - gap) / 1e-3, "mm") for gap in gaps]
     if electrodes.layout == "list":
         for taxel, height in zip(document["electrodes"]["taxels"], heights, strict=True):

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fitting.deformations import Deformed, KnownLoads, NoDeformation, deform
+from fitting.deformations import Deformed, NoDeformation, deform
+from fitting.known_loads import KnownLoads
 from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, SolveSpec
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.gap import PolarFace, polar_face, radius_at

@@ -236,11 +236,13 @@ def finite(tree: Any) -> Any:
 def _print_report(report: dict[str, Any]) -> None:
     """What a person wants to see first, with units."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     console = Console()
     colour = "green" if report["status"] == "converged" else "red"
-    console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {report['message']}")
+    message = escape(report["message"])
+    console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
     for i, load in enumerate(report["loads"]):
         if load["kind"] == "line":
@@ -286,14 +288,14 @@ def _print_curve(curve: "Sweep") -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = Console(markup=False)  # which would swallow the units in brackets
     names = ("force [N]", "oil [kPa]", "largest displacement [mm]", "smallest gap [mm]")
     table = Table(*names, "status")
     for row in curve.rows():
         table.add_row(
             f"{row['force_N']:.4g}",
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
-            f"{1e3 * row['max_displacement_m']:.4g}",
+            f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
             f"{1e3 * row['min_gap_m']:.4g}",
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         )

@@ -41,7 +41,7 @@ def log(
         Path | None, typer.Option(help="Skin file: its name and scale go into the header.")
     ] = None,
     flush: Annotated[
-        float, typer.Option(min=0.0, metavar="S", help="Write to the file this often [s].")
+        float, typer.Option(min=0.0, metavar="S", help="Seconds between writes to the file.")
     ] = 0.2,
     rotate: Annotated[
         float | None, typer.Option(min=0.01, metavar="MB", help="New file at this size [MB].")

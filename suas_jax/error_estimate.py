@@ -19,7 +19,7 @@ from suas_jax.loads import LineLoad
 
 # An estimate is wanted that the true error rarely exceeds; see docs/errors.md for how often.
 _MESH_MARGIN = 2.0
-_MODEL_MARGIN = 2.2
+_MODEL_MARGIN = 2.6
 _TINY = 1e-300
 
 

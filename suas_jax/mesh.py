@@ -8,9 +8,7 @@ are those of the same discrete problem.
 """
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,15 +17,11 @@ from jaxtyping import Array, Float
 
 from suas_jax._types import Lanes
 from suas_jax.geometry import SkinGeometry
+from suas_jax.grading import Density, distinct, rounded, stations_between
 from suas_jax.loads import LineLoad, LoadPoints
 from suas_jax.quadrature import gauss_legendre
 
 _LOAD_GAUSS = 4  # points per element under a spread load; exact for cubic displacement
-# Elements shrink towards a layer in proportion to exp(distance / (_DECAY layer)), which
-# spreads the interpolation error of an exponential evenly over cubic elements.
-_DECAY = 4.0
-# Share of an interval's elements that follow its layers, when they are much shorter than it.
-_LAYER_SHARE = 1.5
 
 
 class MeshPlan(eqx.Module):
@@ -152,9 +146,9 @@ def plan_mesh(
         local: in a continuum, decay length of what breakpoints cause in their
             neighbourhood besides, and the smallest length of elements [rad].
     """
-    density = _Density((_rounded(layer),))
+    density = Density((rounded(layer),))
     if local is not None:
-        density = _Density((*density.decays, _rounded(local[0])), _rounded(local[1]))
+        density = Density((*density.decays, rounded(local[0])), rounded(local[1]))
     values = np.asarray(numbers, float)
     identity = np.eye(len(values))
     clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
@@ -165,8 +159,8 @@ def plan_mesh(
         ends, count = [clamps[0], *inner, crown], elements // 2
     else:
         ends, count = [clamps[0], *inner, clamps[1]], elements
-    kept = _distinct(ends, values, count)
-    stations = _stations(kept, values, count, density)
+    kept = distinct(ends, values, count)
+    stations = stations_between(kept, values, count, density)
     if mirrored:
         swap = _mirror(values)
         stations = np.concatenate([stations, stations[-2::-1][:, swap]])
@@ -176,115 +170,6 @@ def plan_mesh(
 def _mirror(values: np.ndarray) -> np.ndarray:
     """For each breakpoint the index of the one at the opposite angle."""
     return np.array([int(np.argmin(np.abs(values + v))) for v in values])
-
-
-def _distinct(
-    candidates: list[np.ndarray], values: np.ndarray, elements: int
-) -> list[np.ndarray]:
-    """Breakpoints far enough apart for a station each, ends always kept."""
-    first, *middle, last = candidates
-    lower, upper = first @ values, last @ values
-    closest = 0.02 * (upper - lower) / elements
-    kept = [first]
-    for weights in sorted(middle, key=lambda w: float(w @ values)):
-        angle = weights @ values
-        room = angle - kept[-1] @ values > closest and upper - angle > closest
-        if room and len(kept) < elements:
-            kept.append(weights)
-    return [*kept, last]
-
-
-def _stations(
-    ends: list[np.ndarray], values: np.ndarray, elements: int, density: "_Density"
-) -> np.ndarray:
-    """Divide the intervals between breakpoints by their density of stations."""
-    angles = np.array([w @ values for w in ends])
-    lengths = [_rounded(b - a) for a, b in itertools.pairwise(angles)]
-    cumulative = density.cumulative(lengths, elements)
-    wanted = [
-        grid[-1] + length / sum(lengths)
-        for (_, grid), length in zip(cumulative, lengths, strict=True)
-    ]
-    counts = _apportion(np.array(wanted), elements)
-    rows = [ends[0]]
-    for (x, grid), n, a, b in zip(cumulative, counts, ends[:-1], ends[1:], strict=True):
-        fractions = np.interp(np.arange(1, n) / n, grid / grid[-1], x / x[-1])
-        rows += [(1 - f) * a + f * b for f in fractions]
-        rows.append(b)
-    return np.array(rows)
-
-
-def _rounded(length: float) -> float:
-    """The nearest power of the fourth root of two.
-
-    Grading by rounded lengths divides nearby scenes alike, so that the difference of two
-    solves is what the gradient says and not the difference of two meshes.
-    """
-    return float(2 ** (np.round(4 * np.log2(length)) / 4)) if length > 0 else length
-
-
-class _Density(NamedTuple):
-    """How close stations lie.
-
-    Attributes:
-        decays: decay lengths of the layers at either end of an interval [rad].
-        smallest: length below which elements gain nothing, because those across the
-            thickness are no smaller [rad].
-    """
-
-    decays: tuple[float, ...]
-    smallest: float = 0.0
-
-    def cumulative(
-        self, lengths: Sequence[float], elements: int
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Position and number of stations up to there, for every interval."""
-        pairs = [self._of(length) for length in lengths]
-        if self.smallest > 0:
-            pairs = _limited(pairs, elements, self.smallest)
-        return [(x, _integrals(x, density)) for x, density in pairs]
-
-    def _of(self, length: float) -> tuple[np.ndarray, np.ndarray]:
-        shortest = min(_DECAY * min(self.decays), length)
-        ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
-        x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
-        density = np.full_like(x, 1 / length)
-        for decay in (_DECAY * layer for layer in self.decays):
-            reach = -np.expm1(-length / decay)
-            near = np.exp(-x / decay) + np.exp(-(length - x) / decay)
-            density = density + _LAYER_SHARE / (2 * decay) * near * reach
-        return x, density
-
-
-def _integrals(x: np.ndarray, density: np.ndarray) -> np.ndarray:
-    steps = (density[1:] + density[:-1]) / 2 * np.diff(x)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _limited(
-    pairs: list[tuple[np.ndarray, np.ndarray]], elements: int, smallest: float
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Add the smallest length to that of every element, their number kept."""
-    total = sum(x[-1] for x, _ in pairs)
-    smallest = min(smallest, 0.95 * total / elements)
-
-    def scaled(c: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        return [(x, c * d / (1 + c * d * smallest)) for x, d in pairs]
-
-    low, high = 1e-6, 1e12
-    for _ in range(200):
-        c = np.sqrt(low * high)
-        count = sum(_integrals(x, d)[-1] for x, d in scaled(c))
-        low, high = (c, high) if count < elements else (low, c)
-    return scaled(high)
-
-
-def _apportion(wanted: np.ndarray, total: int) -> np.ndarray:
-    """Whole numbers in proportion to what is wanted, at least one each."""
-    counts = np.ones(len(wanted), int)
-    for _ in range(total - len(wanted)):
-        counts[np.argmax(wanted / counts)] += 1
-    return counts
 
 
 def _with_loads(

@@ -68,15 +68,18 @@ def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
 
 
 def _away_from_clamps(mechanics: AbstractMechanics, shape: Profile) -> Profile:
-    """Hide the stretches of elements that reach where they diverge."""
+    """Hide the stretches where they diverge, next to the clamps."""
     reach = mechanics.clamp_reach
     first, last = shape.angle[0, 0] + reach, shape.angle[-1, -1] - reach
-    keep = (shape.angle[0] >= first) & (shape.angle[-1] <= last)
-    keep = keep | (reach == 0)
-    middle = shape.angle.shape[1] // 2
+    keep = (shape.angle >= first) & (shape.angle <= last)
+    samples, elements, _ = shape.angle.shape
+    lowest, highest = jnp.argmax(keep, 0), samples - 1 - jnp.argmax(keep[::-1], 0)
+    nearest = jnp.clip(jnp.arange(samples)[:, None, None], lowest, highest)
+    seen = jnp.any(keep, 0)
 
     def hidden(stretch: Array) -> Array:
-        return jnp.where(keep, stretch, stretch[:1, middle, None])
+        kept = jnp.take_along_axis(stretch, nearest, 0)
+        return jnp.where(seen, kept, stretch[:1, elements // 2, None])
 
     return shape._replace(
         inner_stretch=hidden(shape.inner_stretch), outer_stretch=hidden(shape.outer_stretch)

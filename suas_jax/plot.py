@@ -59,7 +59,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         patches.set_edgecolor("face")
         axes.add_collection(patches)
         wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
-        axes.fill(*wall, color=WALL, lw=0)
+        axes.fill(*wall, color=WALL, lw=0, zorder=0)
         arrows(axes, solution, outer, angle)
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")

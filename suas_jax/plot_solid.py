@@ -1,6 +1,7 @@
 """Figure of a solved solid: fields over the section, stretch through the thickness."""
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
@@ -35,7 +36,7 @@ def plot_solid(solution: Solution) -> Figure:
     normal = np.stack([np.sin(angle), np.cos(angle)])
     grid = (solid.layout.elements, solid.layout.layers, len(NODES))
     top = moved.reshape(*grid, 2)[:, -1, [NODES.index((a, 2)) for a in range(3)]].reshape(-1, 2)
-    bearings = np.repeat(np.asarray(solid.angles)[:, 0], 1)
+    bearings = np.asarray(solid.angles)[:, 0]
     spread = np.stack([bearings[:-1], (bearings[1:] + bearings[:-1]) / 2, bearings[1:]], 1)
 
     figure = Figure(figsize=(15, 4.6), layout="constrained")
@@ -55,7 +56,7 @@ def plot_solid(solution: Solution) -> Figure:
         for radius in (geometry.inner_radius, geometry.inner_radius + geometry.thickness):
             axes.plot(*(1e3 * radius * normal), color="0.7", lw=0.8, ls="--")
         wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
-        axes.fill(*wall, color=WALL, lw=0)
+        axes.fill(*wall, color=WALL, lw=0, zorder=0)  # a membrane beyond it stays visible
         arrows(axes, solution, top.T, spread.ravel())
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
@@ -68,7 +69,7 @@ def plot_solid(solution: Solution) -> Figure:
     return figure
 
 
-def _across(axes: object, solution: Solution, stretch: np.ndarray, spread: np.ndarray) -> None:
+def _across(axes: Axes, solution: Solution, stretch: np.ndarray, spread: np.ndarray) -> None:
     """Plot the hoop stretch through the thickness under every line load, or at the crown."""
     loads = [load["angle_deg"] for load in solution.report["loads"] if "angle_deg" in load]
     layers = stretch.shape[1]
@@ -79,7 +80,8 @@ def _across(axes: object, solution: Solution, stretch: np.ndarray, spread: np.nd
         element, side = np.unravel_index(np.argmin(near), near.shape)
         nodes = [NODES.index((2 * int(side), b)) for b in range(3)]
         values = stretch[element][:, nodes].ravel()
-        axes.plot(values, depth, ".-", label=f"{degrees:.4g}°")  # type: ignore[attr-defined]
-    axes.set(xlabel="hoop stretch", ylabel="distance from the inner face [mm]")  # type: ignore[attr-defined]
-    axes.grid(alpha=0.3)  # type: ignore[attr-defined]
-    axes.legend(title="at angle")  # type: ignore[attr-defined]
+        axes.plot(values, depth, ".-", label=f"{degrees:.4g}°")
+    axes.set(xlabel="hoop stretch", ylabel="distance from the inner face [mm]")
+    axes.locator_params(axis="x", nbins=4)
+    axes.grid(alpha=0.3)
+    axes.legend(title="at angle")

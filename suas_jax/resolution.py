@@ -38,9 +38,10 @@ def forced(scene: SceneSpec) -> Resolution | None:
 def first(scene: SceneSpec, model: str) -> Resolution:
     """The mesh to try first for a solve with ``"shell"`` or ``"solid"``."""
     intervals = 2 * (1 + len(scene.loads))
-    if model == "solid":
-        return Resolution(max(64, 8 * intervals), 2)
-    return Resolution(max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals))
+    if model == "shell":
+        return Resolution(max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals))
+    # Twice as many elements cost less than a second program to compile.
+    return Resolution(max(64 if scene.solve.rtol > 2e-3 else 128, 8 * intervals), 2)
 
 
 def first_of_sweep(scene: SceneSpec, model: str) -> Resolution:

@@ -37,8 +37,8 @@ from suas_jax.solution import (
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
-
-
+# Points up to which a curve takes less time to follow than to compile for speed.
+_FEW = 40
 # Observables of a point that go into the table.
 _COLUMNS = (
     "oil_pressure_Pa",
@@ -208,7 +208,8 @@ class _Curve:
         visit = levels[levels != 0] if pressures else levels
         arguments = (self.plan, self.half, self.other, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
-        found = COMPILED.run(_program, Structure(self.scene), *arguments, known)
+        once = len(visit) <= _FEW
+        found = COMPILED.run(_program, Structure(self.scene), *arguments, known, once=once)
         reports, self.states, outcomes = found
         rows = [
             report_of(

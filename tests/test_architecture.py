@@ -15,7 +15,7 @@ LAYERS = [
     ["acquisition"],  # the serial logger: without the model, and without JAX
     ["geometry", "element", "kinematics", "block_sweep", "block_tridiagonal", "linear_solve"],
     ["constitutive"],
-    ["loads", "oil", "mesh"],
+    ["loads", "oil", "grading", "mesh"],
     ["mechanics"],
     ["capacitance", "cdc", "gap", "pad", "taxel"],
     ["sensing", "electrostatics"],

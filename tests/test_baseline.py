@@ -158,6 +158,8 @@ model = "incompressible"
 relative_permittivity = 2.2
 [electrodes]
 taxels = [ { angle = "-30 deg" }, { angle = "0 deg" }, { angle = "30 deg" } ]
+[solve]
+model = "shell"
 """
 LOAD = '[[load]]\nkind = "line"\nangle = "0 deg"\nforce = "2 N"\ndirection = "radial"\n'
 

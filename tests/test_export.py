@@ -13,7 +13,15 @@ import pytest
 
 from fitting.export import CardError, Law, card
 from suas_jax.config import scene_from_dict
-from suas_jax.constitutive import AbstractLaw, MooneyRivlin, NeoHookean, Ogden, Yeoh, uniaxial
+from suas_jax.constitutive import (
+    AbstractLaw,
+    ArrudaBoyce,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    Yeoh,
+    uniaxial,
+)
 
 OGDEN: dict = {"mu": [6.3e5, 0.012e5, -0.1e5], "alpha": [1.3, 5.0, -2.0]}
 LAWS: dict[str, tuple[AbstractLaw, Law]] = {
@@ -150,6 +158,39 @@ def test_toml_card_is_a_material_table(name: str) -> None:
     read = scene_from_dict(scene | {"load": []}).material
     for key, value in constants.constants.items():
         assert np.allclose(getattr(read, key), value, rtol=1e-12)
+
+
+ARRUDA_BOYCE = Law("arruda-boyce", {"mu": 3e5, "lambda_m": 3.0}, 3.1e5)
+GENT = Law("gent", {"mu": 3e5, "Jm": 60.0}, 3e5)
+
+
+@pytest.mark.parametrize("program", ["abaqus", "calculix"])
+def test_arruda_boyce_is_the_five_term_series_of_the_manual(program: str) -> None:
+    text = card(ARRUDA_BOYCE, program)
+    mu, limit, _ = numbers(text.partition("ARRUDA-BOYCE\n")[2])
+    series = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
+
+    def energy(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        i1 = x**2 + y**2 + z**2
+        parts = [
+            c / limit ** (2 * i) * (i1 ** (i + 1) - 3 ** (i + 1)) for i, c in enumerate(series)
+        ]
+        return mu * np.sum(parts, axis=0)
+
+    expected = np.asarray(uniaxial(ArrudaBoyce(3e5, 3.0), jnp.asarray(STRETCH)).nominal)
+    assert np.allclose(nominal(energy, STRETCH), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("law", "program"),
+    [(ARRUDA_BOYCE, "ansys"), (ARRUDA_BOYCE, "febio")]
+    + [(GENT, program) for program in ("abaqus", "calculix", "ansys", "febio")],
+)
+def test_a_program_without_the_law_refuses_it_by_name(law: Law, program: str) -> None:
+    with pytest.raises(
+        CardError, match=f"no card for the law {law.name}; {program} is offered"
+    ):
+        card(law, program)
 
 
 def test_unknown_program_is_named() -> None:

@@ -128,6 +128,9 @@ def test_a_mistaken_unit_is_doubted(tmp_path: pathlib.Path) -> None:
     assert not any("unit" in text for text in warnings_of(right))
     assert any("unit is doubtful" in text and "kgf/cm2" in text for text in warnings_of(wrong))
     assert any("b.csv" in text for text in contradictions([right, wrong]))
+    stress[8:] *= 1e3
+    mixed = load_dataset("uniaxial", written(tmp_path, head + rows(stretch, stress), "c.csv"))
+    assert any("from line 9 to line 10" in text for text in warnings_of(mixed))
 
 
 def test_command_line(tmp_path: pathlib.Path) -> None:
@@ -151,7 +154,7 @@ def test_command_line(tmp_path: pathlib.Path) -> None:
         (["--residual", "chi"], "allowed: relative, absolute, noise"),
         (["--residual", "noise"], "needs the noise"),
         (["--data", "uniaxal=x.csv"], 'did you mean "uniaxial"'),
-        (["--data", "x.csv"], "expected MODE=FILE"),
+        (["--data", "x.csv"], "expected NAME=FILE"),
         (["--data", "uniaxial=missing.csv"], "no such file"),
         (["--terms", "9"], "allows 1"),
         (["--bound", "mu=3"], "expected NAME=LOW:HIGH"),

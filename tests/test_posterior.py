@@ -14,7 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.posterior import Batch, Gaussian, Settings, laplace, sample
+from fitting.laplace import Gaussian, laplace
+from fitting.log_probability import Batch
+from fitting.posterior import Settings, sample
 
 ROOT = pathlib.Path(__file__).parent.parent
 COVARIANCE = np.array([[1.0, 0.8], [0.8, 2.0]])

@@ -14,8 +14,10 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli import app
-from fitting.sensor import SensorFit, fit_sensor
-from fitting.sensor_data import load_sensor_data
+from fitting.sensor import fit_sensor
+from fitting.sensor_data import NoCalibration, load_sensor_data
+from fitting.sensor_fit import SensorFit
+from fitting.skin_file import calibrated_skin
 from suas_jax.config import continuous_inputs, load_skin
 
 ROOT = Path(__file__).parent.parent
@@ -227,6 +229,7 @@ def test_drift_is_taken_out(truth: dict, reference: SensorFit, tmp_path: Path) -
     rate = np.linspace(-1.0, 2.0, 8)[:, None]
 
     def drifting(counts: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        counts[1, 5::25] += 400
         return np.rint(counts + rate * np.arange(len(order)) / 50)
 
     log = write_log(
@@ -236,6 +239,8 @@ def test_drift_is_taken_out(truth: dict, reference: SensorFit, tmp_path: Path) -
     assert any("drift" in text for text in fit.warnings)
     assert fit.drift is not None
     assert fit.drift[:, 0] == pytest.approx(rate[:, 0], abs=0.2)
+    # Outliers beside the drift don't take the taxel's other readings with them.
+    assert 20 <= fit.outliers <= 22
     gap, error = value(fit, "oil_gap")
     assert abs(gap - GAP) < 4 * error
     assert error < 5e-3 * GAP
@@ -263,10 +268,52 @@ def test_gaps_of_single_taxels(truth: dict, reference: SensorFit, tmp_path: Path
     gap = GAP * truth["so"][:, :1] / truth["so"]
     height = np.linspace(-0.2e-3, 0.2e-3, 8)[:, None]
     raised = dataclasses.replace(data, so=np.rint(data.so * gap / (gap - height)))
+    # One gap for all does not follow these counts; under a steady ramp that is no drift.
+    shared = fit_sensor(raised, like=reference)
+    assert shared.drift is None
+    assert any("--gap taxel" in text for text in shared.warnings)
     fit = fit_sensor(raised, gaps="taxel", like=reference)
     single = np.array([value(fit, f"oil_gap.0.{k + 1}") for k in range(8)])
     assert np.all(np.abs(single[:, 0] - (GAP - height[:, 0])) < 5 * single[:, 1])
     assert np.all(single[:, 1] < 1e-2 * GAP)
+
+
+def test_logs_of_another_skin_are_refused(
+    truth: dict, reference: SensorFit, tmp_path: Path
+) -> None:
+    """Counts at other times than the known inputs, and counts of another scale."""
+    columns = known(truth, "displacement")
+    turned = write_log(tmp_path / "turned.csv", truth["so"][:, ::-1], columns)
+    with pytest.raises(NoCalibration, match=r"turned.csv: .* not what this skin would read"):
+        fitted(turned, like=reference)
+    scaled = write_log(tmp_path / "scaled.csv", 10 * truth["so"], columns)
+    with pytest.raises(NoCalibration, match=r"scaled.csv: .* 11 times the skin file's"):
+        fitted(scaled, like=reference)
+
+
+def test_columns_that_are_not_understood_are_named(truth: dict, tmp_path: Path) -> None:
+    log = write_log(tmp_path / "a.csv", truth["so"][:, :30], {"weight_g": 5.0, "stuck": 0})
+    (warning,) = load_sensor_data(load_skin(SKIN), [log]).warnings
+    assert warning.endswith("not understood: weight_g")
+
+
+def test_stray_capacitance_is_never_negative(
+    truth: dict, reference: SensorFit, tmp_path: Path
+) -> None:
+    """Counts that ask for less stray than none: held at zero, said, and usable."""
+    log = write_log(tmp_path / "a.csv", truth["so"] - 3.0, known(truth, "displacement"))
+    fit = fitted(log, fit=["permittivity", "gap", "stray"], like=reference)
+    assert fit.held == ("stray",)
+    assert value(fit, "stray")[0] == 0.0
+    assert any("stray stopped at zero" in text for text in fit.warnings)
+    # The others are where they are without it, their errors know of it.
+    alone = fitted(log, like=reference)
+    for name in alone.family.names:
+        assert value(fit, name)[0] == pytest.approx(value(alone, name)[0], rel=1e-4)
+        assert value(fit, name)[1] > 1.2 * value(alone, name)[1]
+    skin = tmp_path / "new.toml"
+    skin.write_text(calibrated_skin(SKIN, fit))
+    assert load_skin(skin).electrodes.stray == 0.0  # type: ignore[union-attr]
 
 
 def test_command_writes_a_skin_that_can_be_solved(truth: dict, tmp_path: Path) -> None:

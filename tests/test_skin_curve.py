@@ -2,15 +2,19 @@
 
 import pathlib
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from fitting.datasets import Dataset, load_dataset
+from fitting.identifiability import uncertainty
 from fitting.material import MaterialFit, fit_material
 from fitting.material_posterior import sample_material
 from fitting.posterior import Settings
-from fitting.skin_curve import _predicted, specimen
+from fitting.predictive_plot import plot_predictive
+from fitting.residuals import readings, shared_error
+from fitting.skin_curve import predicted, specimen
 from fitting.tables import DataError
 from suas_jax.config import load_scene
 from suas_jax.constitutive import MooneyRivlin
@@ -24,7 +28,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     # The program that the fit compiles for itself makes the readings.
     force, channel = np.tile(np.linspace(3.0, 30.0, 10), 2), np.repeat([0, 1], 10)
     curve = specimen(load_scene(SCENE), force, channel, np.ones(20)).curve
-    exact = np.asarray(_predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3))).reshape(2, 10)
+    exact = np.asarray(predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3))).reshape(2, 10)
     rng = np.random.default_rng(4)
     lines = ["# noise: 1 %", "force_N,displacement_mm,oil_pressure_kPa", "0,0,0"]
     for newtons, (u, p) in zip(force, exact.T, strict=False):
@@ -55,8 +59,40 @@ def test_curve_gives_the_sum_and_not_its_parts(fit: MaterialFit) -> None:
     assert error < 0.01 * SUM
 
 
-def test_posterior_of_the_curve(fit: MaterialFit) -> None:
-    report = sample_material(fit, Settings(steps=600, stop=False)).report
+def test_shared_errors_make_dense_covariances() -> None:
+    error = np.array([0.3, -1.2, 0.0, 0.7])
+    half = np.eye(4) - np.outer(shared_error(error), shared_error(error))
+    expected = np.eye(4) + np.outer(error, error)
+    assert np.allclose(np.linalg.inv(half @ half), expected, rtol=1e-12)
+    assert not shared_error(np.zeros(4)).any()
+
+
+def test_the_shells_own_error_is_in_the_intervals(fit: MaterialFit) -> None:
+    assert 2e-4 < fit.problem.model_error < 5e-3
+    residuals = fit.problem.residuals
+    alone = eqx.tree_at(lambda r: r.shared, residuals, 0.0 * residuals.shared)
+    constants = jnp.asarray(fit.constants)
+    # Predictions and misfits are the same, whatever the weights.
+    both = [readings(r, constants)[0] for r in (residuals, alone)]
+    assert np.allclose(*both, rtol=1e-10)
+    # A modulus from displacements alone: u ~ mu^(-1/2), all wrong by the same share.
+    judged = [uncertainty(r, fit.constants, known_noise=True) for r in (residuals, alone)]
+    wide, narrow = (float(x.spread_of(np.array([2.0, 2.0]))) for x in judged)
+    added = np.sqrt(wide**2 - narrow**2) / (2.0 * SUM)
+    assert 0.5 * fit.problem.model_error < added < 3.0 * fit.problem.model_error
+
+
+def test_posterior_of_the_curve(fit: MaterialFit, tmp_path: pathlib.Path) -> None:
+    found = sample_material(fit, Settings(steps=600, stop=False))
+    figure = plot_predictive(found, tmp_path / "predictive.png")
+    assert [ax.get_ylabel() for ax in figure.axes] == ["displacement [mm]", "pressure [kPa]"]
+    assert (tmp_path / "predictive.png").stat().st_size > 10_000
+    for ax, data in zip(figure.axes, ([1], [2]), strict=True):
+        (line,) = ax.lines
+        rows = np.isin(fit.sets[0].direction, data)
+        unit = 1e-3 if data == [1] else 1e3
+        assert np.allclose(line.get_ydata(), fit.sets[0].value[rows] / unit)
+    report = found.report
     modulus = report["shear_modulus_Pa"]
     deviation = 0.5 * (modulus["high68"] - modulus["low68"])
     # One data set of one seed: coverage is for the benchmark, here 4 deviations are a bug.

@@ -108,22 +108,31 @@ def _unit_diaphragm(law: AbstractLaw, apex_stretch: Array) -> tuple[Array, Array
     found = (hoop[0] > 0.0) & ~jnp.all(hoop > 0.0)
     crossing = jnp.where(found, jnp.argmin(hoop > 0.0) - 1, 0)
 
+    # A law can fail on the panel of the rim; the search and its derivatives then run on a
+    # straight line instead, because they stop a whole batch at what is not a number.
+    state, slopes = states[crossing], rates[crossing]
+    found &= (e0 > 0.0) & jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(slopes))
+    state, slopes, e0 = (
+        jnp.where(found, value, other)
+        for value, other in ((state, 1.0), (slopes, -1.0 / _PANEL), (e0, 1.0))
+    )
+
     def relative_hoop_strain(fraction: Array, args: tuple) -> Array:
-        state, rates, e0 = args
-        return _along_panel(state, rates, fraction)[1] / e0
+        state, slopes, e0 = args
+        return _along_panel(state, slopes, fraction)[1] / e0
 
     # Interpolation over the panel that holds the rim starts Newton within 1e-2 of it.
     drop = jnp.where(found, hoop[crossing] - hoop[crossing + 1], 1.0)
     solution: optx.Solution = optx.root_find(
         relative_hoop_strain,
         optx.Newton(rtol=1e-12, atol=1e-12),
-        jax.lax.stop_gradient(hoop[crossing] / drop),
-        (states[crossing], rates[crossing], e0),
+        jax.lax.stop_gradient(jnp.where(found, hoop[crossing] / drop, 0.5)),
+        (state, slopes, e0),
         max_steps=16,
         throw=False,
     )
     fraction = solution.value
-    e1, e2, slope, height = _along_panel(states[crossing], rates[crossing], fraction)
+    e1, e2, slope, height = _along_panel(state, slopes, fraction)
     rim = start * jnp.exp(_PANEL * (crossing + fraction))
     load = scale * rim
     tau_1, _ = kirchhoff(law, e1, e2)

@@ -58,6 +58,18 @@ class Profile(NamedTuple):
     energy_density: Array
 
 
+class Displacements(NamedTuple):
+    """How the section moves at one angle per lane [component, 1, 1, lane].
+
+    Attributes:
+        mid_displacement: of the mid-surface [m].
+        inner_displacement: of the inner face's material point at the same angle [m].
+    """
+
+    mid_displacement: Array
+    inner_displacement: Array
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -123,8 +135,8 @@ class AbstractMechanics(eqx.Module):
         """
 
     @abc.abstractmethod
-    def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
-        """The deformed section at one reference angle per lane; leading axes of length one.
+    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
+        """How the section moves at one reference angle per lane.
 
         Args:
             q: unknowns.

@@ -27,7 +27,13 @@ from suas_jax.element import hermite
 from suas_jax.geometry import SkinGeometry, outward, tangent
 from suas_jax.kinematics import FibreStretch
 from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, Profile, largest
+from suas_jax.mechanics.base import (
+    AbstractMechanics,
+    Assembly,
+    Displacements,
+    Profile,
+    largest,
+)
 from suas_jax.mechanics.shell_ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
 from suas_jax.mechanics.shell_loads import Loaded, load_terms, load_work, under
 from suas_jax.mechanics.shell_omitted import (
@@ -322,10 +328,11 @@ class Shell(AbstractMechanics):
         line = sampled(self._gather(q), self.angles, self.mid_radius, samples)
         return recovered(line, self.mid_radius, self.thickness, self.energy_density)
 
-    def at_angle(self, q: StationVector, angle: Lanes) -> Profile:
-        """The deformed section at a reference angle; see the base class."""
+    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
+        """How the section moves at a reference angle; see the base class."""
         line = at(self._gather(q), self.angles, self.mid_radius, angle)
-        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        shape = recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        return Displacements(shape.mid_displacement, shape.inner_displacement)
 
     def mirrored(self, q: StationVector) -> StationVector:
         """Unknowns of the whole arc; see the base class."""
