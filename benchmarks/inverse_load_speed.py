@@ -64,7 +64,7 @@ def timed(estimator: LoadEstimator, counts: np.ndarray) -> tuple[list[float], li
 
 
 def against_scipy(
-    batch: LoadEstimator, live: LoadEstimator, counts: np.ndarray, frames: int = 200
+    batch: LoadEstimator, live: LoadEstimator, counts: np.ndarray, frames: int = 256
 ) -> None:
     """The same fits by SciPy, each from the nearest state of the table."""
     run = eqx.filter_jit(forward)

@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
-from fitting.datasets import Dataset, load_dataset
+from fitting.datasets import load_dataset
 from fitting.laws import family
 from fitting.least_squares import minimise
 from fitting.material import NoFit, fit_material
+from fitting.measurements import Dataset
 from fitting.parameters import AbstractFamily
 from fitting.problem import pose
 from suas_jax.constitutive import AbstractLaw

@@ -17,10 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.datasets import Dataset, load_dataset
+from fitting.datasets import load_dataset
 from fitting.laws import family
 from fitting.material import fit_material
 from fitting.material_posterior import sample_material
+from fitting.measurements import Dataset
 from fitting.posterior import Settings
 from fitting.problem import pose
 from suas_jax.constitutive import Ogden

@@ -165,6 +165,7 @@ def measure(rows: list[Row], rounds: int) -> None:
     with Progress(transient=True) as progress:
         for _ in progress.track(range(rounds), description="timing"):
             for row in rows:
+                time.sleep(0.3)  # threads of the one before may still spin
                 row.seconds.append(_timed(row.call))
 
 

@@ -20,9 +20,10 @@ import time
 import numpy as np
 from scipy import stats
 
-from fitting.datasets import Dataset, load_dataset
+from fitting.datasets import load_dataset
 from fitting.material import MaterialFit, fit_material
 from fitting.material_posterior import sample_material
+from fitting.measurements import Dataset
 from fitting.posterior import Settings
 from suas_jax.config import load_scene, with_solve
 from suas_jax.runtime import configure

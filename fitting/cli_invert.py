@@ -136,8 +136,8 @@ def _offline(
     plot: Path | None,
     posterior: int | None,
 ) -> None:
-    from fitting.load_posterior import in_words as modes_in_words
-    from fitting.load_posterior import posterior_json
+    from fitting.load_posterior_text import in_words as modes_in_words
+    from fitting.load_posterior_text import posterior_json
     from fitting.load_readings import EmptyLogError, LayoutMismatchError, readings_of
     from fitting.load_text import frame_json, print_table
     from suas_jax.acquisition.log_file import read_log

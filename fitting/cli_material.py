@@ -104,7 +104,8 @@ def material(
         sizes = _sizes(specimen)
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
-        from fitting.datasets import load_dataset, mode_named
+        from fitting.datasets import load_dataset
+        from fitting.measurements import mode_named
 
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.datasets import PATHS, Dataset
+from fitting.measurements import PATHS, Dataset
 
 _SHORTEST_BRANCH = 3
 _LEAST_SPAN = 0.05

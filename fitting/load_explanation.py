@@ -1,5 +1,7 @@
 """Explanations of frames by loads: how well they fit, and least squares in batches."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -180,15 +182,21 @@ class LoadFitter:
         limits: Any,
     ) -> Fit:
         """Fit some rows of y, a batch of lanes after the other, the last one filled up."""
-        lanes = self._lanes(contacts)
-        states, parts = jax.tree.map(np.asarray, state), []
-        for begin in range(0, len(rows), lanes):
+        lanes, states = self._lanes(contacts), jax.tree.map(np.asarray, state)
+
+        def batch(begin: int) -> Fit:
             pick = np.minimum(np.arange(begin, begin + lanes), len(rows) - 1)
-            there = jax.tree.map(lambda x, i=pick: x[..., i], states)
+            there = jax.tree.map(lambda x: x[..., pick], states)
             index = rows[pick]
-            parts.append(
-                self._run(y[index], weight[index], start[pick], there, steps, contacts, limits)
+            return self._run(
+                y[index], weight[index], start[pick], there, steps, contacts, limits
             )
+
+        parts = [batch(0)]  # compiles
+        if len(rows) > lanes:
+            # A program keeps one core busy: batches share out the others.
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                parts += pool.map(batch, range(lanes, len(rows), lanes))
         return jax.tree.map(lambda *x: np.concatenate(x, -1)[..., : len(rows)].copy(), *parts)
 
     def _run(

@@ -50,6 +50,7 @@ def plot_loads(
                 ".",
                 ms=2,
                 color="C1",
+                zorder=3,  # over the frames, which they lie among
                 label="filtered",
             )
             axes.legend()

@@ -55,8 +55,9 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
     from suas_jax.runtime import configure
 
     configure()
-    from fitting.datasets import load_dataset, mode_named
+    from fitting.datasets import load_dataset
     from fitting.material import NoFit, fit_material
+    from fitting.measurements import mode_named
     from fitting.posterior import PosteriorError, Settings
 
     try:

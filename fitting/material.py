@@ -12,12 +12,12 @@ import numpy as np
 from scipy import stats
 
 from fitting.data_checks import branches, contradictions, warnings_of
-from fitting.datasets import PATHS, Dataset
 from fitting.diagnostics import Misfit, information_criteria, misfit
 from fitting.experiments import Homogeneous, mode_factors, padded
 from fitting.identifiability import Uncertainty, uncertainty
 from fitting.laws import family
 from fitting.least_squares import Minima, minimise
+from fitting.measurements import PATHS, Dataset
 from fitting.parameters import AbstractFamily
 from fitting.problem import Problem, pose, settle
 from fitting.residuals import readings, sensitivity

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.datasets import PATHS, Dataset
 from fitting.material import MaterialFit
+from fitting.measurements import PATHS, Dataset
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from fitting.datasets import PATHS, Dataset
 from fitting.experiments import AbstractExperiment, Homogeneous, mode_factors, padded
 from fitting.material_posterior import MaterialPosterior
+from fitting.measurements import PATHS, Dataset
 from fitting.parameters import AbstractFamily
 from fitting.residuals import Residuals
 from suas_jax.compiled import COMPILED

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.data_checks import initial_modulus
-from fitting.datasets import Dataset
 from fitting.experiments import AbstractExperiment, Bulge, Homogeneous, padded
+from fitting.measurements import Dataset
 from fitting.parameters import AbstractFamily, Scales
 from fitting.residuals import KINDS, Residuals, relative_scale, shared_error
 from fitting.skin_curve import SkinCurve, Specimen, specimen

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from fitting.datasets import Dataset, load_dataset
+from fitting.datasets import load_dataset
 from fitting.experiments import Bulge, Homogeneous, mode_factors, shear_factors
 from fitting.laws import CHOICES, family
 from fitting.least_squares import minimise
 from fitting.material import compare_laws, fit_material
+from fitting.measurements import Dataset
 from fitting.parameters import Constant, Family, Scales
 from fitting.problem import pose
 from suas_jax.constitutive import (

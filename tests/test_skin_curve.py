@@ -7,10 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.datasets import Dataset, load_dataset
+from fitting.datasets import load_dataset
 from fitting.identifiability import uncertainty
 from fitting.material import MaterialFit, fit_material
 from fitting.material_posterior import sample_material
+from fitting.measurements import Dataset
 from fitting.posterior import Settings
 from fitting.predictive_plot import plot_predictive
 from fitting.residuals import readings, shared_error
