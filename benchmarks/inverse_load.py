@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import binom, chi2
 
-from fitting.inverse_load import LoadEstimate, LoadEstimator
+from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax.config import (
     ElectrodesSpec,
     LineLoadSpec,

@@ -24,8 +24,8 @@ import numpy as np
 from inverse_load import SKIN, measured, skin_of_40
 from scipy.optimize import least_squares
 
-from fitting.inverse_load import LoadEstimator
-from fitting.load_live import warm_up
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.live import warm_up
 from suas_jax.runtime import configure
 from suas_jax.skin import Loads, forward
 

@@ -14,13 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
-from fitting.datasets import load_dataset
-from fitting.laws import family
 from fitting.least_squares import minimise
-from fitting.material import NoFit, fit_material
-from fitting.measurements import Dataset
+from fitting.material.datasets import load_dataset
+from fitting.material.fit import NoFit, fit_material
+from fitting.material.laws import family
+from fitting.material.measurements import Dataset
+from fitting.material.problem import pose
+from fitting.material.report import report_of
 from fitting.parameters import AbstractFamily
-from fitting.problem import pose
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.runtime import configure
 
@@ -248,7 +249,7 @@ def random_cases(count: int = 1000) -> None:
         kind = ("relative", "absolute", "noise")[rng.integers(3)]
         try:
             fit = fit_material(made, name, terms, residual=kind, starts=16, seed=case)
-            report = fit.report
+            report = report_of(fit)
             outcome = report["status"]
             finite = np.all(np.isfinite(fit.constants)) and np.all(
                 np.isfinite(fit.uncertainty.standard_errors)

@@ -17,13 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.datasets import load_dataset
-from fitting.laws import family
-from fitting.material import fit_material
-from fitting.material_posterior import sample_material
-from fitting.measurements import Dataset
+from fitting.material.datasets import load_dataset
+from fitting.material.fit import fit_material
+from fitting.material.laws import family
+from fitting.material.measurements import Dataset
+from fitting.material.posterior import sample_material
+from fitting.material.problem import pose
 from fitting.posterior import Settings
-from fitting.problem import pose
 from suas_jax.constitutive import Ogden
 
 DATA = pathlib.Path(__file__).parent.parent / "configs" / "data"

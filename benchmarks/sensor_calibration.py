@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fitting.known_loads import KnownLoads
-from fitting.sensor import fit_sensor
-from fitting.sensor_data import LogFile, SensorData
-from fitting.sensor_fit import SensorFit
+from fitting.sensor.calibrate import fit_sensor
+from fitting.sensor.data import LogFile, SensorData
+from fitting.sensor.known_loads import KnownLoads
+from fitting.sensor.result import SensorFit
 from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs, load_skin, scene_from_dict
 from suas_jax.runtime import configure
 

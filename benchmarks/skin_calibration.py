@@ -20,10 +20,11 @@ import time
 import numpy as np
 from scipy import stats
 
-from fitting.datasets import load_dataset
-from fitting.material import MaterialFit, fit_material
-from fitting.material_posterior import sample_material
-from fitting.measurements import Dataset
+from fitting.material.datasets import load_dataset
+from fitting.material.fit import fit_material
+from fitting.material.measurements import Dataset
+from fitting.material.posterior import sample_material
+from fitting.material.result import MaterialFit
 from fitting.posterior import Settings
 from suas_jax.config import load_scene, with_solve
 from suas_jax.runtime import configure

@@ -5,7 +5,10 @@ from typing import Annotated
 
 import typer
 
-from fitting import cli_invert, cli_many, cli_material, cli_sensor
+from fitting.inverse_load import cli as cli_invert
+from fitting.material import cli as cli_material
+from fitting.material import cli_many
+from fitting.sensor import cli as cli_sensor
 from suas_jax import cli as forward
 from suas_jax import cli_acquisition as acquisition
 from suas_jax import cli_sensing as sensing

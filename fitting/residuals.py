@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.experiments import AbstractExperiment
+from fitting.material.experiments import AbstractExperiment
 from fitting.parameters import AbstractFamily, Scales
 from suas_jax.compiled import COMPILED
 from suas_jax.constitutive import AbstractLaw

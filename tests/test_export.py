@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.export import CardError, Law, card
+from fitting.material.export import CardError, Law, card
 from suas_jax.config import scene_from_dict
 from suas_jax.constitutive import (
     AbstractLaw,

@@ -15,11 +15,11 @@ from scipy.stats import binom
 from typer.testing import CliRunner
 
 from fitting.cli import app
-from fitting.inverse_load import FULL_SCALE, LoadEstimator
-from fitting.load_estimate import Contact, LoadEstimate
-from fitting.load_filter import LoadFilter
-from fitting.load_live import live_frames
-from fitting.load_posterior import frame_posterior, likely_modes
+from fitting.inverse_load.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
+from fitting.inverse_load.filter import LoadFilter
+from fitting.inverse_load.live import live_frames
+from fitting.inverse_load.posterior import frame_posterior, likely_modes
 from fitting.posterior import Settings
 from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.reading import Reading

@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from fitting.datasets import load_dataset
-from fitting.experiments import Bulge, Homogeneous, mode_factors, shear_factors
-from fitting.laws import CHOICES, family
 from fitting.least_squares import minimise
-from fitting.material import compare_laws, fit_material
-from fitting.measurements import Dataset
+from fitting.material.comparison import compare_laws
+from fitting.material.datasets import load_dataset
+from fitting.material.experiments import Bulge, Homogeneous, mode_factors, shear_factors
+from fitting.material.fit import fit_material
+from fitting.material.laws import CHOICES, family
+from fitting.material.measurements import Dataset
+from fitting.material.problem import pose
+from fitting.material.report import report_of
 from fitting.parameters import Constant, Family, Scales
-from fitting.problem import pose
 from suas_jax.constitutive import (
     AbstractLaw,
     Gent,
@@ -78,7 +80,7 @@ def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
 
 
 def test_one_mode_alone_is_not_trusted(treloar: list[Dataset]) -> None:
-    report = fit_material(treloar[:1], "ogden", 3).report
+    report = report_of(fit_material(treloar[:1], "ogden", 3))
     text = " ".join(report["unidentifiable"])
     assert "equibiaxial stress: not measured" in text
     assert any("only uniaxial was measured" in warning for warning in report["warnings"])
@@ -100,7 +102,7 @@ def test_plane_strain_determines_the_sum_of_c1_and_c2(treloar: list[Dataset]) ->
     ],
 )
 def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
-    report = fit_material([load_dataset(mode, DATA / file)], "ogden", 2).report
+    report = report_of(fit_material([load_dataset(mode, DATA / file)], "ogden", 2))
     assert report["status"] == "converged"
     assert (
         report["modes"][mode]["rms_MPa"] < {"biaxial": 0.015, "biaxial_difference": 0.07}[mode]
@@ -263,6 +265,6 @@ def test_random_cases_converge_or_are_named(treloar: list[Dataset]) -> None:
         value *= rng.choice([1.0, 1.0, -1.0, 0.0]) * 10.0 ** rng.uniform(-3.0, 3.0)
         made = dataclasses.replace(part, value=value)
         law, terms = [("ogden", 2), ("gent", 1), ("mooney-rivlin", 3)][case % 3]
-        report = fit_material([made], law, terms, starts=16, seed=case).report
+        report = report_of(fit_material([made], law, terms, starts=16, seed=case))
         assert report["status"] in named
         assert np.all(np.isfinite(report["covariance"]))

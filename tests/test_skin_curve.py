@@ -7,16 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.datasets import load_dataset
 from fitting.identifiability import uncertainty
-from fitting.material import MaterialFit, fit_material
-from fitting.material_posterior import sample_material
-from fitting.measurements import Dataset
+from fitting.material.datasets import load_dataset
+from fitting.material.fit import fit_material
+from fitting.material.measurements import Dataset
+from fitting.material.posterior import sample_material
+from fitting.material.predictive_plot import plot_predictive
+from fitting.material.result import MaterialFit
+from fitting.material.skin_curve import predicted, specimen
+from fitting.material.tables import DataError
 from fitting.posterior import Settings
-from fitting.predictive_plot import plot_predictive
 from fitting.residuals import readings, shared_error
-from fitting.skin_curve import predicted, specimen
-from fitting.tables import DataError
 from suas_jax.config import load_scene
 from suas_jax.constitutive import MooneyRivlin
 

@@ -1,0 +1,1 @@
+"""Where, how strongly and how surely a skin is touched, from its readings."""

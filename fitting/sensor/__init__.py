@@ -1,0 +1,1 @@
+"""Oil permittivity, gap and scale of a skin from logged sensor outputs."""
