@@ -2,11 +2,11 @@
 
 ::
 
-    readings -> contact or not                              `load_detection`
-             -> nearest states of a table                   `load_table`, `load_search`
-             -> least squares with exact derivatives        `load_model`, `load_explanation`
-             -> number of contacts, faulty taxels           `load_pairs`, `load_selection`
-             -> covariances, statuses                       `load_calibration`, `load_report`
+    readings -> contact or not                              `detection`
+             -> nearest states of a table                   `table`, `search`
+             -> least squares with exact derivatives        `model`, `explanation`
+             -> number of contacts, faulty taxels           `pairs`, `selection`
+             -> covariances, statuses                       `calibration`, `report`
 
 Readings are compared with the skin's own model in counts. A reading's variance is the
 converter's noise, its rounding (1/12), a baseline's own error, and the model's error: the

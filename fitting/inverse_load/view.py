@@ -2,18 +2,16 @@
 
 import sys
 import time
-from collections import Counter, deque
-from types import TracebackType
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
-import typer
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.text import in_words
+from suas_jax.acquisition.terminal import LiveTerminal
 
 if TYPE_CHECKING:
-    from rich.live import Live
     from rich.table import Table
 
     from fitting.inverse_load.live import LiveFrame
@@ -23,7 +21,7 @@ _WINDOW = 2.0  # rates are means over this time [s]
 _REFRESH = 0.1  # between two pictures [s]
 
 
-class LoadView:
+class LoadView(LiveTerminal):
     """Messages on stderr; on a terminal also a picture that moves.
 
     Args:
@@ -33,51 +31,19 @@ class LoadView:
     """
 
     def __init__(self, estimator: LoadEstimator, title: str, *, show: bool) -> None:
+        super().__init__(show and sys.stderr.isatty(), _REFRESH)
         self._edge = float(estimator.skin.geometry.half_angle[0])
         self._title = title
-        self._wanted = show and sys.stderr.isatty()
-        self._live: Live | None = None
-        self._shown = 0.0
         self._times: deque[float] = deque()
-        self._seen: Counter[str] = Counter()
-
-    def __enter__(self) -> "LoadView":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
-
-    def say(self, sentence: str) -> None:
-        """Print a message, above the picture."""
-        if self._live is not None:
-            self._live.console.print(f"suas: {sentence}", markup=False, highlight=False)
-        else:
-            typer.echo(f"suas: {sentence}", err=True)
 
     def update(self, frame: "LiveFrame") -> None:
         """Show a frame, a few times a second."""
         now = time.monotonic()
         self._times.append(now)
-        self._seen[frame.estimate.status] += 1
         while now - self._times[0] > _WINDOW:
             self._times.popleft()
-        if not self._wanted or now - self._shown < _REFRESH:
-            return
-        self._shown = now
-        if self._live is None:
-            from rich.console import Console
-            from rich.live import Live
-
-            self._live = Live(console=Console(stderr=True), auto_refresh=False, transient=True)
-            self._live.start()
-        self._live.update(self._table(frame), refresh=True)
+        if self.due():
+            self.draw(self._table(frame))
 
     def _table(self, frame: "LiveFrame") -> "Table":
         from rich.table import Table

@@ -3,22 +3,20 @@
 import sys
 import time
 from collections import deque
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from suas_jax.acquisition.stream import Stream
+from suas_jax.acquisition.terminal import LiveTerminal
 
 if TYPE_CHECKING:
-    from rich.live import Live
     from rich.table import Table
 
 # Rates are means over this time [s].
 _WINDOW = 2.0
+_REFRESH = 0.25  # between two tables [s]
 
 
-class View:
+class View(LiveTerminal):
     """Messages on stderr; on a terminal also a table of rates and losses.
 
     Args:
@@ -27,48 +25,19 @@ class View:
     """
 
     def __init__(self, title: str, live: bool | None = None) -> None:
+        super().__init__(sys.stderr.isatty() if live is None else live, _REFRESH)
         self._title = title
-        self._wanted = sys.stderr.isatty() if live is None else live
-        self._live: Live | None = None
-        self._shown = time.monotonic()
         self._history: deque[tuple[float, int, int]] = deque()
-
-    def __enter__(self) -> "View":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
-
-    def say(self, sentence: str) -> None:
-        """Print a message, above the table."""
-        if self._live is not None:
-            self._live.console.print(f"suas: {sentence}", markup=False, highlight=False)
-        else:
-            typer.echo(f"suas: {sentence}", err=True)
 
     def update(self, stream: Stream) -> None:
         """Show where the recording stands, a few times a second."""
-        now = time.monotonic()
-        if not self._wanted or now - self._shown < 0.25:
+        if not self.due():
             return
-        self._shown = now
+        now = time.monotonic()
         self._history.append((now, stream.summary.rows, stream.tally.bytes))
         while now - self._history[0][0] > _WINDOW:
             self._history.popleft()
-        if self._live is None:
-            from rich.console import Console
-            from rich.live import Live
-
-            self._live = Live(console=Console(stderr=True), auto_refresh=False, transient=True)
-            self._live.start()
-        self._live.update(self._table(stream), refresh=True)
+        self.draw(self._table(stream))
 
     def _table(self, stream: Stream) -> "Table":
         from rich.table import Table
