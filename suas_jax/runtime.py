@@ -5,6 +5,9 @@ import gc
 import jax
 import platformdirs
 
+from suas_jax.compiled import COMPILED
+from suas_jax.program_store import ProgramStore
+
 
 def configure() -> None:
     """Compute in float64 and keep compiled programs between runs."""
@@ -16,3 +19,4 @@ def configure() -> None:
     jax.config.update("jax_compilation_cache_dir", str(cache))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    COMPILED.store = ProgramStore(cache / "programs")

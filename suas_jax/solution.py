@@ -28,6 +28,7 @@ from suas_jax.problem import (
     line_loads_of,
     plan_for,
 )
+from suas_jax.program_store import Keyed
 from suas_jax.report import plain, report_of
 from suas_jax.resolution import Resolution, first, forced
 
@@ -36,18 +37,12 @@ Inputs = Mapping[str, ArrayLike]
 _MODEL_SHARE = 0.9
 
 
-class Structure:
+class Structure(Keyed):
     """A scene compared by what decides the compiled program: all but its numbers."""
 
     def __init__(self, scene: SceneSpec) -> None:
         self.scene = scene
         self.key = structure(scene)
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Structure) and self.key == other.key
 
 
 class Attempt(NamedTuple):

@@ -10,7 +10,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 # The data flow; a module may import from its own layer and from those before it.
 LAYERS = [
-    ["config", "_types", "results", "runtime", "compiled"],
+    ["config", "_types", "results", "program_store", "compiled", "runtime"],
     ["quadrature", "jet", "analytic", "spectral"],
     ["acquisition"],  # the serial logger: without the model, and without JAX
     ["geometry", "element", "kinematics", "block_sweep", "block_tridiagonal", "linear_solve"],
