@@ -30,6 +30,7 @@ from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium import Equilibrium, Problem, equilibrium
 from suas_jax.observables import load_observables
 from suas_jax.problem import build_problem, plan_for
+from suas_jax.program_store import uncached
 from suas_jax.runtime import configure
 from suas_jax.solution import is_symmetric, working_plan
 
@@ -72,7 +73,8 @@ def _compiled(problem: Problem) -> tuple[Callable[[Problem], Equilibrium], float
     if key not in _PROGRAMS:
         begin = time.perf_counter()
         lowered = jax.jit(equilibrium).lower(problem)
-        program = lowered.compile(compiler_options=OPTIONS)
+        with uncached():
+            program = lowered.compile(compiler_options=OPTIONS)
         seconds = time.perf_counter() - begin
         used = program.memory_analysis()
         parts = (
