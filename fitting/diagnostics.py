@@ -9,6 +9,7 @@ of them is too large by chance, the intervals are widened.
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -48,6 +49,12 @@ class Misfit:
     autocorrelation: float
     significant: bool
     inflation: float
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The attributes as plain numbers, for JSON."""
+        values = dataclasses.asdict(self)
+        return {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}
 
     @property
     def words(self) -> str:

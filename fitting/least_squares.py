@@ -15,7 +15,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float
 
-from fitting.residuals import AbstractResiduals
+from fitting.residuals import AbstractResiduals, linearised
 from suas_jax.compiled import COMPILED
 
 # A start has converged when the promised decrease of its cost is below this fraction,
@@ -117,19 +117,19 @@ def _advance(
     solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
 
     # Traced once, whoever asks.
-    linearised = jax.jit(lambda theta: _linearised(residuals, theta))
+    at = jax.jit(lambda theta: linearised(residuals, theta))
 
     # The solver linearises and materialises; with the Jacobian as one explicit product
     # it traces, compiles and runs in half the time. Where the law can't follow a test the
     # residual is large and flat: the solver stops at anything that is not a number.
     @jax.custom_jvp
     def residual(theta: Array) -> Array:
-        value, _ = linearised(theta)
+        value, _ = at(theta)
         return jnp.where(jnp.isfinite(value), value, _IMPOSSIBLE)
 
     @residual.defjvp
     def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-        value, jacobian = linearised(primals[0])
+        value, jacobian = at(primals[0])
         finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(jacobian), 1)
         jacobian = jnp.where(finite[:, None], jacobian, 0.0)
         return jnp.where(finite, value, _IMPOSSIBLE), jacobian @ tangents[0]
@@ -143,18 +143,9 @@ def _advance(
             throw=False,
         ).value
         found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
-        return found, *_judged(*linearised(found))
+        return found, *_judged(*at(found))
 
     return jax.vmap(run)(starts)
-
-
-def _linearised(residuals: AbstractResiduals, theta: Array) -> tuple[Array, Array]:
-    """Residuals [n] and their derivatives [n, p] at one point."""
-
-    def push(tangent: Array) -> tuple[Array, Array]:
-        return jax.jvp(residuals, (theta,), (tangent,))
-
-    return jax.vmap(push, out_axes=(None, 1))(jnp.eye(theta.size, dtype=theta.dtype))
 
 
 def _judged(

@@ -5,6 +5,7 @@ is built from. The scale s_i says which misfit counts as one.
 """
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -155,10 +156,18 @@ def sensitivity(
 
 @eqx.filter_jit
 def _sensitivity(residuals: Residuals, constants: Array) -> tuple[Array, Array]:
-    def push(tangent: Array) -> tuple[Array, Array]:
-        return jax.jvp(residuals.of_constants, (constants,), (tangent,))
+    return linearised(residuals.of_constants, constants)
 
-    return jax.vmap(push, out_axes=(None, 1))(jnp.eye(constants.size))
+
+def linearised(
+    function: Callable[[Array], Array], point: Float[Array, " p"]
+) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+    """Values of a function and their derivatives, in one forward pass for all of them."""
+
+    def push(tangent: Array) -> tuple[Array, Array]:
+        return jax.jvp(function, (point,), (tangent,))
+
+    return jax.vmap(push, out_axes=(None, 1))(jnp.eye(point.size, dtype=point.dtype))
 
 
 def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:

@@ -1,7 +1,6 @@
 """Inverse load estimation against the solid model: bounds, coverage, faults, what can't be."""
 
 import dataclasses
-import importlib.util
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 from scipy.stats import binom
 from typer.testing import CliRunner
 
+import benchmarks.inverse_load
 from fitting.cli import app
 from fitting.inverse_load.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
@@ -37,13 +37,7 @@ runner = CliRunner()
 @pytest.fixture(scope="module")
 def study() -> ModuleType:
     """The benchmark, whose experiments these tests repeat in short."""
-    file = ROOT / "benchmarks/inverse_load.py"
-    description = importlib.util.spec_from_file_location("inverse_load_study", file)
-    assert description is not None
-    assert description.loader is not None
-    module = importlib.util.module_from_spec(description)
-    description.loader.exec_module(module)
-    return module
+    return benchmarks.inverse_load
 
 
 @pytest.fixture(scope="module")

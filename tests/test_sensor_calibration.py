@@ -1,7 +1,6 @@
 """Sensor calibration on synthetic logs: other models' truth, faults, what can't be known."""
 
 import dataclasses
-import importlib.util
 import json
 import tomllib
 from collections.abc import Callable
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import benchmarks.sensor_calibration
 from fitting.cli import app
 from fitting.sensor.calibrate import fit_sensor
 from fitting.sensor.data import NoCalibration, load_sensor_data
@@ -31,14 +31,9 @@ runner = CliRunner()
 @pytest.fixture(scope="module")
 def study() -> ModuleType:
     """The benchmark, whose experiments these tests repeat in short."""
-    file = ROOT / "benchmarks/sensor_calibration.py"
-    description = importlib.util.spec_from_file_location("sensor_calibration", file)
-    assert description is not None
-    assert description.loader is not None
-    module = importlib.util.module_from_spec(description)
-    description.loader.exec_module(module)
-    module.TRUTH = ROOT / "tests/data/solid_press.csv"  # type: ignore[attr-defined]
-    module.SKIN = SKIN  # type: ignore[attr-defined]
+    module = benchmarks.sensor_calibration
+    module.TRUTH = ROOT / "tests/data/solid_press.csv"
+    module.SKIN = SKIN
     return module
 
 

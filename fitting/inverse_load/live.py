@@ -24,7 +24,7 @@ from suas_jax.acquisition.stream import Judged, Stream
 from suas_jax.cli import finite
 
 if TYPE_CHECKING:
-    from suas_jax.acquisition.log_file import LogWriter
+    pass
 
 
 class LiveFrame(NamedTuple):
@@ -202,7 +202,7 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     from fitting.inverse_load.view import LoadView
     from suas_jax.acquisition.formats import decoder, open_source
     from suas_jax.acquisition.log_file import LogWriter, log_header
-    from suas_jax.acquisition.record import FLAG_COLUMNS
+    from suas_jax.acquisition.record import FLAG_COLUMNS, write_reading
     from suas_jax.acquisition.signals import ended_by_signal
 
     decode = decoder(options.format_name)
@@ -232,7 +232,7 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
 
             def record(judged: Judged) -> None:
                 if writer is not None:
-                    _write(writer, judged, began)
+                    write_reading(writer, judged, began)
 
             frames = dropped = 0
             with ended_by_signal(stream):
@@ -259,17 +259,3 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     finally:
         if writer is not None:
             writer.close()
-
-
-def _write(writer: "LogWriter", judged: Judged, began: float) -> None:
-    reading = judged.reading
-    if writer.taxels is not None and len(reading.counts) > writer.taxels:
-        writer.widen(len(reading.counts))
-    writer.write(
-        reading.t_host - began,
-        judged.t_device,
-        reading.seq,
-        reading.module,
-        reading.counts,
-        tuple(int(x) for x in judged.flags) + reading.extra,
-    )

@@ -10,13 +10,12 @@ from fitting.identifiability import uncertainty
 from fitting.least_squares import Minima, minimise
 from fitting.material.data_checks import branches, contradictions, warnings_of
 from fitting.material.laws import family
-from fitting.material.measurements import Dataset
+from fitting.material.measurements import ALL_STATES, Dataset
 from fitting.material.problem import Problem, pose, settle
 from fitting.material.result import MaterialFit
 from fitting.parameters import AbstractFamily
 from fitting.residuals import sensitivity
 
-_ALL_STATES = frozenset(["biaxial", "biaxial_difference"])
 _STARTS_IN_BOX = 5
 _SKIN_LANES = 4
 # A reading is wrong by the square of how far its apex stretch still is from settled.
@@ -171,11 +170,11 @@ def _residual_paths(
         for direction in np.unique(data.direction):
             rows = np.flatnonzero(data.direction == direction)
             keys = (data.stretch_2[rows], data.coordinate[rows])
-            if data.mode not in _ALL_STATES:
+            if data.mode not in ALL_STATES:
                 keys = (data.coordinate[rows],) * 2
             order = place[rows[np.lexsort(keys)]]
             paths.append(r[order])
-            if data.mode not in _ALL_STATES:
+            if data.mode not in ALL_STATES:
                 alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
                 w = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
                 smooth.append((w * r[order], w[:, None] * J[order]))

@@ -33,6 +33,8 @@ _ALIASES = {
 }
 # The mode of suas_jax that a one-parameter test is.
 PATHS = {"uniaxial": "uniaxial", "equibiaxial": "equibiaxial", "pure_shear": "planar"}
+# Modes in which both stretches are free: no one curve, and nothing to extrapolate to.
+ALL_STATES = frozenset(["biaxial", "biaxial_difference"])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.measurements import PATHS
+from fitting.material.measurements import ALL_STATES, PATHS
 from fitting.material.result import MaterialFit
+from fitting.residuals import relative_scale
 
-_ALL_STATES = frozenset(["biaxial", "biaxial_difference"])
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
 
@@ -56,7 +56,7 @@ def report_of(fit: MaterialFit) -> dict[str, Any]:
         "singular_values": judged.singular_values.tolist(),
         "unidentifiable": [*judged.unidentifiable, *_rivals(fit), *unknown_modes],
         "stable_range": {mode: list(ends) for mode, ends in stable.items()},
-        "misfit": _plain(dataclasses.asdict(fit.misfit)),
+        "misfit": fit.misfit.report,
         "starts": fit.starts,
         "starts_converged": int(fit.minima.converged.sum()),
         "starts_agreeing": fit.minima.agreeing,
@@ -74,7 +74,7 @@ def report_of(fit: MaterialFit) -> dict[str, Any]:
 def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
     by_mode: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for data, error, floor in zip(fit.sets, fit.misfits(), fit.problem.floors, strict=True):
-        size = np.maximum(np.maximum(np.abs(data.value), data.companion), floor)
+        size = relative_scale(data.value, data.companion, floor)
         size = np.where(size > 0.0, size, np.max(size) or 1.0)
         by_mode.setdefault(data.mode, []).append((error, error / size))
     report: dict[str, dict[str, Any]] = {
@@ -154,7 +154,7 @@ def _extrapolations(fit: MaterialFit) -> tuple[list[str], list[str]]:
     if modes & _EQUIBIAXIAL_TESTS:
         measured.add("equibiaxial")
     missing = [mode for mode in PATHS if mode not in measured]
-    if not missing or modes & _ALL_STATES:
+    if not missing or modes & ALL_STATES:
         return [], []
     largest = float(np.exp(np.asarray(fit.problem.residuals.scales.strain)))
     ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
@@ -191,10 +191,3 @@ def _nominal(
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: value.item() if isinstance(value, np.generic) else value
-        for key, value in values.items()
-    }

@@ -66,7 +66,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
             "cost": fit.cost,
             "outliers": fit.outliers,
         },
-        "misfit": _plain(dataclasses.asdict(fit.misfit)),
+        "misfit": fit.misfit.report,
         "taxels": _taxels(fit, modules, numbers, errors),
         "masked": [dataclasses.asdict(m) for m in fit.masked],
         "logs": [dataclasses.asdict(file) for file in fit.data.files],
@@ -102,10 +102,3 @@ def _taxels(
             row["drift_counts_per_s"] = list(map(float, fit.drift[i]))
         rows.append(row)
     return rows
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        key: value.item() if isinstance(value, np.generic) else value
-        for key, value in values.items()
-    }

@@ -6,9 +6,30 @@ from typing import Any
 
 from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.log_file import LogWriter
-from suas_jax.acquisition.stream import Stream
+from suas_jax.acquisition.stream import Judged, Stream
 
 FLAG_COLUMNS = Flags._fields
+
+
+def write_reading(log: LogWriter, judged: Judged, began: float = 0.0) -> None:
+    """Add a reading to a log, which is made as wide as it needs to be.
+
+    Args:
+        log: the log.
+        judged: the reading.
+        began: host time at which the log's own begins [s].
+    """
+    reading = judged.reading
+    if log.taxels is not None and len(reading.counts) > log.taxels:
+        log.widen(len(reading.counts))
+    log.write(
+        reading.t_host - began,
+        judged.t_device,
+        reading.seq,
+        reading.module,
+        reading.counts,
+        judged.flags + reading.extra,
+    )
 
 
 def record(
@@ -33,20 +54,10 @@ def record(
     """
     with log:
         for batch in stream.batches():
-            for reading, t_device, flags in batch:
-                width = len(reading.counts)
+            for judged in batch:
                 if log.taxels is None:
-                    log.start(max(len(judged.reading.counts) for judged in batch))
-                if log.taxels is not None and width > log.taxels:
-                    log.widen(width)
-                log.write(
-                    reading.t_host,
-                    t_device,
-                    reading.seq,
-                    reading.module,
-                    reading.counts,
-                    flags + reading.extra,
-                )
+                    log.start(max(len(other.reading.counts) for other in batch))
+                write_reading(log, judged)
             if not batch:
                 log.flush()
             on_progress()

@@ -128,9 +128,7 @@ class Solid(AbstractMechanics):
         return _free(self.layout, self.symmetric)
 
     def _mask(self) -> Float[np.ndarray, "dof station 1"]:
-        mask = np.ones((self.layout.dof, self.layout.elements + 1, 1))
-        mask[:, 0, 0], mask[:, -1, 0] = self._ends
-        return mask
+        return self.layout.mask(self._ends)
 
     def rest(self) -> StationVector:
         """Zero displacement and pressure."""
@@ -205,7 +203,7 @@ class Solid(AbstractMechanics):
         constraint = coupling.reshape(9, 3, 2, *tail)
         volume, face = self._volume(u)
         stiffness = stiffness - pressure * _FOLLOWER[:, :, :, : self.layers]
-        gradient = self._on_inner_face(face)
+        gradient = self.layout.on_face(face, 0)
         mask, none = self._mask(), jnp.zeros_like(p)
         border = self.layout.scatter(gradient, none, mask)
         residual = self.layout.scatter(internal, _moments(terms.constraint), mask)
@@ -217,13 +215,6 @@ class Solid(AbstractMechanics):
             self.load,
             volume,
         )
-
-    def _on_inner_face(self, face: Float[Array, "3 2 element lane"]) -> NodeValues:
-        """Nodal values that are zero but on the inner face."""
-        none = jnp.zeros_like(face[0])
-        rows = [face[a] if b == 0 else none for a, b in NODES]
-        first = jnp.stack(rows)[:, :, None]
-        return jnp.pad(first, [(0, 0), (0, 0), (0, self.layers - 1), (0, 0), (0, 0)])
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""
@@ -312,9 +303,5 @@ def _load_vector(
     """Nodal forces of the load points on the outer face."""
     shapes = jnp.stack(quadratic(2 * points.xi - 1))
     force = jnp.einsum("apl,cpl,epl->acel", shapes, points.force, points.select)
-    none = jnp.zeros_like(force[0])
-    rows = jnp.stack([force[a] if b == 2 else none for a, b in NODES])[:, :, None]
-    u = jnp.pad(rows, [(0, 0), (0, 0), (layout.layers - 1, 0), (0, 0), (0, 0)])
-    mask = np.ones((layout.dof, layout.elements + 1, 1))
-    mask[:, 0, 0], mask[:, -1, 0] = ends
-    return layout.scatter(u, jnp.zeros((3, *u.shape[2:])), mask)
+    u = layout.on_face(force, 2)
+    return layout.scatter(u, jnp.zeros((3, *u.shape[2:])), layout.mask(ends))

@@ -97,6 +97,30 @@ class Layout(NamedTuple):
         inside = jnp.concatenate([middle, p.reshape(-1, *p.shape[2:])])
         return self.joined(stations * free, inside)
 
+    def mask(
+        self, ends: tuple[tuple[bool, ...], tuple[bool, ...]]
+    ) -> Float[np.ndarray, "dof station 1"]:
+        """One where a station's displacement may move, zero where it is held.
+
+        Args:
+            ends: which displacements of the two end stations may move.
+        """
+        mask = np.ones((self.dof, self.elements + 1, 1))
+        mask[:, 0, 0], mask[:, -1, 0] = ends
+        return mask
+
+    def on_face(self, values: Float[Array, "3 2 element lane"], face: int) -> NodeValues:
+        """Nodal values that are zero but on a face.
+
+        Args:
+            values: at its left, middle and right nodes.
+            face: position across an element, 0 for the inner face and 2 for the outer one.
+        """
+        none = jnp.zeros_like(values[0])
+        rows = jnp.stack([values[a] if b == face else none for a, b in NODES])[:, :, None]
+        others = (0, self.layers - 1) if face == 0 else (self.layers - 1, 0)
+        return jnp.pad(rows, [(0, 0), (0, 0), others, (0, 0), (0, 0)])
+
     def _line(self, parts: list[Array]) -> Array:
         """Sum [2, layer, ...] of the three nodes across each element into [dof, ...]."""
         bottom, centre, top = parts

@@ -89,9 +89,7 @@ class ElementTangent(AbstractTangent):
 
     def mask(self) -> Float[np.ndarray, "dof station 1"]:
         """One where a station's displacement may move, zero where it is held."""
-        mask = np.ones((self.layout.dof, self.layout.elements + 1, 1))
-        mask[:, 0, 0], mask[:, -1, 0] = self.free
-        return mask
+        return self.layout.mask(self.free)
 
     def mv(self, x: StationVector) -> StationVector:
         """Matrix times vector; held and unused places are multiplied by one."""
