@@ -27,15 +27,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from suas_jax.acquisition.device import Device
-from suas_jax.acquisition.encode import ENCODERS
-from suas_jax.acquisition.faults import Faults
-from suas_jax.acquisition.formats import decoder
-from suas_jax.acquisition.log_file import read_log
-from suas_jax.acquisition.reading import Reading
+from suas_jax.acquisition.device.device import Device
+from suas_jax.acquisition.device.faults import Faults
+from suas_jax.acquisition.frames.encode import ENCODERS
+from suas_jax.acquisition.frames.formats import decoder
+from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.log.log_file import read_log
 
 MODULES, TAXELS, RATE = 32, 10, 100.0
-SUAS = [sys.executable, "-c", "from fitting.cli import main; main()"]
+SUAS = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
 
 
 def counts(seq: int, module: int) -> tuple[int, ...]:

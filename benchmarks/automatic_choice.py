@@ -11,8 +11,8 @@ from pathlib import Path
 from benchmarks.error_estimate import true_error
 from benchmarks.pages import write_section
 from suas_jax.config import load_scene, with_inputs, with_solve
-from suas_jax.runtime import configure
-from suas_jax.solution import solve
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.solve import solve
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 FORCES = {"case A": ("case_a.toml", 24.366), "case B": ("case_b.toml", 20.669)}

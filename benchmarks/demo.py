@@ -21,9 +21,9 @@ from suas_jax import (
     with_inputs,
     with_solve,
 )
-from suas_jax.runtime import configure
-from suas_jax.solution import Solution
-from suas_jax.sweep import Sweep
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.solve import Solution
+from suas_jax.scene.sweep import Sweep
 
 ROOT = Path(__file__).parent.parent
 OUTPUT = ROOT / "demo"

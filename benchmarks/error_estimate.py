@@ -24,15 +24,15 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from suas_jax.compiled import OPTIONS
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
-from suas_jax.equilibrium import equilibrium
-from suas_jax.mesh import MeshPlan
-from suas_jax.observables import load_observables
-from suas_jax.problem import build_problem, plan_for
-from suas_jax.report import plain
-from suas_jax.runtime import configure
-from suas_jax.solution import Inputs, Structure, solve
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.mesh.plan import MeshPlan
+from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.observables import load_observables
+from suas_jax.scene.report import plain
+from suas_jax.scene.solve import Inputs, Structure, solve
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 RUBBER = {

@@ -29,9 +29,9 @@ from suas_jax.config import (
     SolveSpec,
     load_skin,
 )
-from suas_jax.runtime import configure
-from suas_jax.skin import Loads, load_jacobian
-from suas_jax.solution import solve
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.forward import Loads, load_jacobian
+from suas_jax.scene.solve import solve
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"
 NOISE = 2.0

@@ -25,9 +25,9 @@ from inverse_load import SKIN, measured, skin_of_40
 from scipy.optimize import least_squares
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live import warm_up
-from suas_jax.runtime import configure
-from suas_jax.skin import Loads, forward
+from fitting.inverse_load.live.stream import warm_up
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.forward import Loads, forward
 
 FRAMES = 10_000
 _RATE = 100.0
@@ -116,7 +116,7 @@ def on_a_terminal(seconds: float) -> None:
     (folder / "path.csv").write_text(
         "# scene: scene.toml\nt_s,loads.0.force_N,loads.0.angle_deg\n" + "\n".join(lines) + "\n"
     )
-    command = [sys.executable, "-c", "from fitting.cli import main; main()"]
+    command = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
     environment = {**os.environ, "PYTHONPATH": str(SKIN.parents[2])}
     port = folder / "port"
     device = subprocess.Popen(

@@ -14,16 +14,16 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
-from fitting.least_squares import minimise
-from fitting.material.datasets import load_dataset
-from fitting.material.fit import NoFit, fit_material
-from fitting.material.laws import family
-from fitting.material.measurements import Dataset
-from fitting.material.problem import pose
-from fitting.material.report import report_of
-from fitting.parameters import AbstractFamily
+from fitting.material.data.datasets import load_dataset
+from fitting.material.data.measurements import Dataset
+from fitting.material.fit.fit import NoFit, fit_material
+from fitting.material.fit.problem import pose
+from fitting.material.laws.registry import family
+from fitting.material.report.summary import report_of
+from fitting.statistics.least_squares import minimise
+from fitting.statistics.parameters import AbstractFamily
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.runtime import configure
+from suas_jax.runtime.settings import configure
 
 DATA = "configs/data/"
 TABLE_1 = np.array([6.3e5, 0.012e5, -0.1e5, 1.3, 5.0, -2.0])

@@ -17,13 +17,13 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.material.datasets import load_dataset
-from fitting.material.fit import fit_material
-from fitting.material.laws import family
-from fitting.material.measurements import Dataset
-from fitting.material.posterior import sample_material
-from fitting.material.problem import pose
-from fitting.posterior import Settings
+from fitting.material.data.datasets import load_dataset
+from fitting.material.data.measurements import Dataset
+from fitting.material.fit.fit import fit_material
+from fitting.material.fit.posterior import sample_material
+from fitting.material.fit.problem import pose
+from fitting.material.laws.registry import family
+from fitting.statistics.posterior import Settings
 from suas_jax.constitutive import Ogden
 
 DATA = pathlib.Path(__file__).parent.parent / "configs" / "data"

@@ -20,18 +20,18 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from suas_jax.balance import residual
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_inputs
-from suas_jax.equilibrium import equilibrium
-from suas_jax.linear_solve import BorderedVector
+from suas_jax.equilibrium.balance import residual
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
-from suas_jax.mesh import MeshPlan
-from suas_jax.observables import observe
-from suas_jax.problem import build_problem, plan_for
-from suas_jax.report import plain
-from suas_jax.results import NAMES
-from suas_jax.runtime import configure
-from suas_jax.solution import Structure
+from suas_jax.mesh.plan import MeshPlan
+from suas_jax.numerics.bordered_solve import BorderedVector
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.observables import observe
+from suas_jax.scene.report import plain
+from suas_jax.scene.solve import Structure
 
 ELEMENTS = 32
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A

@@ -25,14 +25,14 @@ from rich.progress import Progress
 from benchmarks.pages import DOCS, write_section
 from benchmarks.run_time_report import Row, draw, equal_error, table_of
 from benchmarks.skipping import skipping_table
-from suas_jax.compiled import OPTIONS
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
-from suas_jax.equilibrium import Equilibrium, Problem, equilibrium
-from suas_jax.observables import load_observables
-from suas_jax.problem import build_problem, plan_for
-from suas_jax.program_store import uncached
-from suas_jax.runtime import configure
-from suas_jax.solution import is_symmetric, working_plan
+from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, equilibrium
+from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.runtime.program_store import uncached
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.observables import load_observables
+from suas_jax.scene.solve import is_symmetric, working_plan
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 # Inner radius [mm], thickness [mm], angle of the load [deg], force [N].

@@ -19,17 +19,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from suas_jax.capacitance import VACUUM_PERMITTIVITY, Concentric
-from suas_jax.cdc import PAPER_LSB, Converter
 from suas_jax.config import ElectrodesSpec, SceneSpec, continuous_inputs, load_scene, with_solve
-from suas_jax.electrostatics import Film, field_capacitance, wall_charge
-from suas_jax.equilibrium import equilibrium
-from suas_jax.pad import tiled_modules
-from suas_jax.problem import all_numbers, geometry_of
-from suas_jax.runtime import configure
-from suas_jax.sensing import electrodes_of
-from suas_jax.skin import Loads, Skin, forward, load_jacobian, skin_of
-from suas_jax.solution import solve
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.build import all_numbers, geometry_of
+from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
+from suas_jax.scene.solve import solve
+from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric
+from suas_jax.sensing.converter import PAPER_LSB, Converter
+from suas_jax.sensing.electrodes import electrodes_of
+from suas_jax.sensing.field import Film, field_capacitance, wall_charge
+from suas_jax.sensing.tiling import tiled_modules
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 AIR, OIL = 13675, 18270  # published SO of one taxel under 6.5 N

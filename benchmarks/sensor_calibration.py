@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from fitting.sensor.calibrate import fit_sensor
-from fitting.sensor.data import LogFile, SensorData
-from fitting.sensor.known_loads import KnownLoads
-from fitting.sensor.result import SensorFit
+from fitting.sensor.fit.calibrate import fit_sensor
+from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.logs.data import LogFile, SensorData
+from fitting.sensor.logs.known_loads import KnownLoads
 from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs, load_skin, scene_from_dict
-from suas_jax.runtime import configure
+from suas_jax.runtime.settings import configure
 
 TRUTH = Path("tests/data/solid_press.csv")
 SKIN = Path("configs/skins/suas.toml")
@@ -45,10 +45,10 @@ def true_scene(force: float, mesh: tuple[int, int]) -> SceneSpec:
 
 def solve_truth(mesh: tuple[int, int] = (300, 4)) -> None:
     """Solve the solid under growing force and write what its taxels read."""
-    from suas_jax.electrostatics import field_capacitance
-    from suas_jax.problem import all_numbers, geometry_of
-    from suas_jax.sensing import electrodes_of
-    from suas_jax.solution import solve
+    from suas_jax.scene.build import all_numbers, geometry_of
+    from suas_jax.scene.solve import solve
+    from suas_jax.sensing.electrodes import electrodes_of
+    from suas_jax.sensing.field import field_capacitance
 
     rows = []
     for force in 18.0 * np.linspace(0.0, 1.0, 19) ** 1.5:

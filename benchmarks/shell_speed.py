@@ -16,11 +16,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from suas_jax.balance import State
-from suas_jax.compiled import OPTIONS
 from suas_jax.config import continuous_inputs, scene_from_dict
-from suas_jax.equilibrium import equilibrium, path
-from suas_jax.problem import build_problem, plan_for
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import equilibrium, path
+from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.scene.build import build_problem, plan_for
 
 BATCH, SWEEP, ROUNDS, FORCE = 1000, 30, 15, 24.4
 

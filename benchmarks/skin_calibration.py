@@ -20,15 +20,15 @@ import time
 import numpy as np
 from scipy import stats
 
-from fitting.material.datasets import load_dataset
-from fitting.material.fit import fit_material
-from fitting.material.measurements import Dataset
-from fitting.material.posterior import sample_material
-from fitting.material.result import MaterialFit
-from fitting.posterior import Settings
+from fitting.material.data.datasets import load_dataset
+from fitting.material.data.measurements import Dataset
+from fitting.material.fit.fit import fit_material
+from fitting.material.fit.posterior import sample_material
+from fitting.material.fit.result import MaterialFit
+from fitting.statistics.posterior import Settings
 from suas_jax.config import load_scene, with_solve
-from suas_jax.runtime import configure
-from suas_jax.sweep import force_sweep
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.sweep import force_sweep
 
 SCENE = pathlib.Path(__file__).parent.parent / "configs" / "scenes" / "case_a.toml"
 FORCE = np.linspace(1.5, 30.0, 20)

@@ -10,11 +10,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from suas_jax.compiled import OPTIONS
 from suas_jax.config import SceneSpec, continuous_inputs, load_scene, with_solve
-from suas_jax.equilibrium import Problem, equilibrium
-from suas_jax.problem import all_numbers, build_problem, geometry_of, plan_for
-from suas_jax.sensing import electrodes_of
+from suas_jax.equilibrium.equilibrium import Problem, equilibrium
+from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.scene.build import all_numbers, build_problem, geometry_of, plan_for
+from suas_jax.sensing.electrodes import electrodes_of
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 ROUNDS, BATCH = 9, 200

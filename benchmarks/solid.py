@@ -21,9 +21,9 @@ import jax
 import jax.numpy as jnp
 
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
-from suas_jax.equilibrium import differentiable, equilibrium
-from suas_jax.problem import build_problem, plan_for
-from suas_jax.solution import solve
+from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.solve import solve
 
 REFERENCE = pathlib.Path(__file__).parents[1] / "tests" / "data" / "arch.csv"
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}

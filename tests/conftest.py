@@ -5,8 +5,8 @@ import pathlib
 
 import jax
 
-# As in suas_jax.compiled: half the compile time for the same programs. Read when the first
-# program is compiled.
+# As in suas_jax.runtime.compiled: half the compile time for the same programs. Read when
+# the first program is compiled.
 os.environ["XLA_FLAGS"] = (
     os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
 )

@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from suas_jax.balance import Problem, verify
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
-from suas_jax.equilibrium import Equilibrium, equilibrium
-from suas_jax.problem import build_problem, plan_for
-from suas_jax.results import NAMES
+from suas_jax.equilibrium.balance import Problem, verify
+from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
+from suas_jax.equilibrium.outcomes import NAMES
+from suas_jax.scene.build import build_problem, plan_for
 
 WIDTH = 0.123
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}

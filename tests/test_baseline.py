@@ -14,7 +14,7 @@ from suas_jax.acquisition.baseline import (
     take_baseline,
     write_baseline,
 )
-from suas_jax.acquisition.log_file import SoLog
+from suas_jax.acquisition.log.log_file import SoLog
 
 FRAMES, MODULES, TAXELS = 400, 32, 10
 NOISE = 2.0
@@ -121,8 +121,8 @@ def test_no_baseline_is_named(content, tmp_path):
 def test_command(rest, tmp_path, capsys):
     import typer
 
-    from suas_jax.acquisition.log_file import LogWriter, log_header
-    from suas_jax.cli_acquisition import baseline
+    from fitting.cli.log import baseline
+    from suas_jax.acquisition.log.log_file import LogWriter, log_header
 
     def written(name: str, so: np.ndarray) -> Path:
         with LogWriter(tmp_path / name, log_header(), taxels=TAXELS) as log:
@@ -168,8 +168,8 @@ def test_a_steady_load_shows_against_the_model(tmp_path, capsys):
     """Logs of a simulated skin name their scene: rest is accepted, 2 N all the time are not."""
     import typer
 
-    from suas_jax.cli_acquisition import baseline
-    from suas_jax.cli_sensing import simulate
+    from fitting.cli.log import baseline
+    from fitting.cli.simulate import simulate
 
     for name, load in (("rest", ""), ("pressed", LOAD)):
         scene, log = tmp_path / f"{name}.toml", tmp_path / f"{name}.csv"

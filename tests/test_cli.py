@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from fitting.cli import app
+from fitting.cli.app import app
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 CASE_A, CASE_B = str(SCENES / "case_a.toml"), str(SCENES / "case_b.toml")

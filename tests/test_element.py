@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.element import hermite
-from suas_jax.quadrature import gauss_legendre
+from suas_jax.numerics.hermite import hermite
+from suas_jax.numerics.quadrature import gauss_legendre
 
 XI = np.linspace(0, 1, 11)
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from skins import EPDM, WIDTH, check, converged, find, line, problem_of, quick, scene, status
 
-from suas_jax.balance import volume_residual
 from suas_jax.config import continuous_inputs
-from suas_jax.equilibrium import equilibrium
-from suas_jax.mechanics.shell import Shell
-from suas_jax.mechanics.shell_shape import mirrored
-from suas_jax.problem import build_problem, plan_for
-from suas_jax.results import NAMES
+from suas_jax.equilibrium.balance import volume_residual
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.outcomes import NAMES
+from suas_jax.mechanics.shell.shape import mirrored
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.scene.build import build_problem, plan_for
 
 REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
 OGDEN = {

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.error_estimate import true_error
 from suas_jax.config import SceneSpec, with_solve
-from suas_jax.solution import solve
+from suas_jax.scene.solve import solve
 from tests.skins import line, scene
 
 # Light load on a thick and on a thin skin of the same structure: one compiled program.

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from suas_jax.acquisition.decode_roboskin import RECORD
-from suas_jax.acquisition.encode import ENCODERS, crc16, stuffed
-from suas_jax.acquisition.formats import FORMATS, decoder
-from suas_jax.acquisition.reading import Reading
+from suas_jax.acquisition.frames.encode import ENCODERS, crc16, stuffed
+from suas_jax.acquisition.frames.formats import FORMATS, decoder
+from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.roboskin import RECORD
 
 EXAMPLE = Reading(258, 1.5, 3, (13675, 0, 65535))
 # Written byte by byte from docs/firmware_frames.md, not by the encoder.

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from skins import LAWS, find, line, quick, scene
 
-from suas_jax.balance import State
 from suas_jax.config import SceneSpec, continuous_inputs
-from suas_jax.equilibrium import differentiable, equilibrium
-from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
-from suas_jax.mechanics.shell import Shell
-from suas_jax.problem import build_problem, plan_for
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
+from suas_jax.scene.build import build_problem, plan_for
 
 ELEMENTS = 6
 PUSH = {"kind": "pressure", "pressure": "700 Pa"}

@@ -2,8 +2,8 @@
 
 import pytest
 
+from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import STUCK_AFTER, Flags, Integrity
-from suas_jax.acquisition.reading import Reading
 
 PERIOD = 0.01
 

@@ -14,19 +14,19 @@ from scipy.stats import binom
 from typer.testing import CliRunner
 
 import benchmarks.inverse_load
-from fitting.cli import app
-from fitting.inverse_load.estimate import Contact, LoadEstimate
+from fitting.cli.app import app
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
-from fitting.inverse_load.filter import LoadFilter
-from fitting.inverse_load.live import live_frames
-from fitting.inverse_load.posterior import frame_posterior, likely_modes
-from fitting.posterior import Settings
+from fitting.inverse_load.fit.posterior import frame_posterior, likely_modes
+from fitting.inverse_load.live.filter import LoadFilter
+from fitting.inverse_load.live.stream import live_frames
+from fitting.inverse_load.report.estimate import Contact, LoadEstimate
+from fitting.statistics.posterior import Settings
+from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.reading import Reading
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.schema_calibration import CalibrationSpec
-from suas_jax.skin import Loads, forward, skin_of
+from suas_jax.scene.forward import Loads, forward, skin_of
 
 ROOT = Path(__file__).parent.parent
 TAXELS = 40

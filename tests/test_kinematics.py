@@ -10,14 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.analytic import asinh_sqrt_squared, cosh_sqrt_minus_1, exp_minus_1_minus_x
-from suas_jax.kinematics import (
+from suas_jax.constitutive.deformation import (
     AbstractDeformation,
     DeformationGradient,
     FibreStretch,
     LogStretches,
     PlaneStrain,
     PrincipalStretches,
+)
+from suas_jax.numerics.analytic import (
+    asinh_sqrt_squared,
+    cosh_sqrt_minus_1,
+    exp_minus_1_minus_x,
 )
 
 ALPHAS = [2.0, -2.0, 1.3, 5.0, 0.1, -7.3]

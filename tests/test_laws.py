@@ -19,7 +19,7 @@ from suas_jax.constitutive import (
     Polynomial,
     Yeoh,
 )
-from suas_jax.kinematics import (
+from suas_jax.constitutive.deformation import (
     DeformationGradient,
     FibreStretch,
     LogStretches,

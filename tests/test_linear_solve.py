@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from suas_jax.block_tridiagonal import BlockTridiagonal
-from suas_jax.linear_solve import (
+from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.numerics.bordered_solve import (
     BlockElimination,
     BorderedBlockTridiagonal,
     BorderedVector,

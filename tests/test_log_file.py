@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from suas_jax.acquisition.log_file import (
+from suas_jax.acquisition.log.log_file import (
     LogFileError,
     LogWriter,
     group_frames,
@@ -189,7 +189,7 @@ def test_frames():
         (0, 0, 0), (0, 1, 0), (0, 2, 0),
     ]  # fmt: skip
     seq, module, duplicate = np.array(rows).T
-    from suas_jax.acquisition.log_file import SoLog
+    from suas_jax.acquisition.log.log_file import SoLog
 
     so = np.arange(9.0)[:, None]
     log = SoLog(Path("a"), {}, so[:, 0], so[:, 0], seq, module, so, {"duplicate": duplicate})
@@ -205,7 +205,7 @@ def test_a_killed_writer_loses_at_most_the_last_flush(tmp_path):
     path = tmp_path / "a.csv"
     program = (
         "import sys, time; from pathlib import Path\n"
-        "from suas_jax.acquisition.log_file import *\n"
+        "from suas_jax.acquisition.log.log_file import *\n"
         "log = LogWriter(Path(sys.argv[1]), log_header(), taxels=10, flush_interval=0.05)\n"
         "i = 0\n"
         "while True:\n"

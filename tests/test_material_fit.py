@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from fitting.least_squares import minimise
-from fitting.material.comparison import compare_laws
-from fitting.material.datasets import load_dataset
-from fitting.material.experiments import Bulge, Homogeneous, mode_factors, shear_factors
-from fitting.material.fit import fit_material
-from fitting.material.laws import CHOICES, family
-from fitting.material.measurements import Dataset
-from fitting.material.problem import pose
-from fitting.material.report import report_of
-from fitting.parameters import Constant, Family, Scales
+from fitting.material.data.datasets import load_dataset
+from fitting.material.data.measurements import Dataset
+from fitting.material.fit.comparison import compare_laws
+from fitting.material.fit.experiments import Bulge, Homogeneous, mode_factors, shear_factors
+from fitting.material.fit.fit import fit_material
+from fitting.material.fit.problem import pose
+from fitting.material.laws.registry import CHOICES, family
+from fitting.material.report.summary import report_of
+from fitting.statistics.least_squares import minimise
+from fitting.statistics.parameters import Constant, Family, Scales
 from suas_jax.constitutive import (
     AbstractLaw,
     Gent,
@@ -30,7 +30,7 @@ from suas_jax.constitutive import (
     simple_shear,
     uniaxial,
 )
-from suas_jax.kinematics import AbstractDeformation
+from suas_jax.constitutive.deformation import AbstractDeformation
 
 DATA = pathlib.Path(__file__).parent.parent / "configs" / "data"
 TABLE_1 = np.array([6.3e5, 0.012e5, -0.1e5, 1.3, 5.0, -2.0])

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.geometry import SkinGeometry, outward, tangent
-from suas_jax.loads import LineLoad, LoadPoints
-from suas_jax.mesh import MeshPlan, load_points, plan_mesh
+from suas_jax.mesh.plan import MeshPlan, load_points, plan_mesh
+from suas_jax.skin.geometry import SkinGeometry, outward, tangent
+from suas_jax.skin.loads import LineLoad, LoadPoints
 
 HALF = np.pi / 2
 LAYER = 0.12

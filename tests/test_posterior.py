@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.laplace import Gaussian, laplace
-from fitting.log_probability import Batch
-from fitting.posterior import Settings, sample
+from fitting.statistics.laplace import Gaussian, laplace
+from fitting.statistics.log_probability import Batch
+from fitting.statistics.posterior import Settings, sample
 
 ROOT = pathlib.Path(__file__).parent.parent
 COVARIANCE = np.array([[1.0, 0.8], [0.8, 2.0]])
@@ -143,7 +143,7 @@ def test_devices_share_the_ensemble() -> None:
 
 CLUSTER = """
 import os, pathlib, signal, sys, threading, time, json
-from fitting.material.many import calibrate_all, connect, load_jobs
+from fitting.material.fit.many import calibrate_all, connect, load_jobs
 
 def main():
     results = pathlib.Path(sys.argv[2])

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.compiled import Compiled
-from suas_jax.program_store import Keyed, ProgramStore
+from suas_jax.runtime.compiled import Compiled
+from suas_jax.runtime.program_store import Keyed, ProgramStore
 
 
 class Term(Keyed):

@@ -8,20 +8,26 @@ import numpy as np
 import pytest
 from skins import EPDM, converged, line, problem_of, quick, scene
 
-from suas_jax.capacitance import VACUUM_PERMITTIVITY, Concentric, ParallelPlate
-from suas_jax.cdc import EIGHT_BIT_LSB, PAPER_LSB, Converter
 from suas_jax.config import ConfigError, GeometrySpec, continuous_inputs, scene_from_dict
-from suas_jax.gap import PolarFace, polar_face, radius_at
-from suas_jax.geometry import SkinGeometry, outward
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.shell import Shell
-from suas_jax.pad import tiled_modules
-from suas_jax.problem import all_numbers, geometry_of
-from suas_jax.sensing import Electrodes, Readings, electrodes_of
-from suas_jax.sensitivity import gradient
-from suas_jax.skin import forward, loads_of, skin_of
-from suas_jax.solution import solve
-from suas_jax.taxel import PLACE_CHANNELS, Taxels, module_places, taxel_names, taxels_of
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.scene.build import all_numbers, geometry_of
+from suas_jax.scene.forward import forward, loads_of, skin_of
+from suas_jax.scene.gradient import gradient
+from suas_jax.scene.solve import solve
+from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric, ParallelPlate
+from suas_jax.sensing.converter import EIGHT_BIT_LSB, PAPER_LSB, Converter
+from suas_jax.sensing.electrodes import Electrodes, Readings, electrodes_of
+from suas_jax.sensing.gap import PolarFace, polar_face, radius_at
+from suas_jax.sensing.taxels import (
+    PLACE_CHANNELS,
+    Taxels,
+    module_places,
+    taxel_names,
+    taxels_of,
+)
+from suas_jax.sensing.tiling import tiled_modules
+from suas_jax.skin.geometry import SkinGeometry, outward
 
 DATA = Path(__file__).parent / "data"
 WALL = jnp.array([0.0525])

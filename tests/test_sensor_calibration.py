@@ -13,11 +13,11 @@ import pytest
 from typer.testing import CliRunner
 
 import benchmarks.sensor_calibration
-from fitting.cli import app
-from fitting.sensor.calibrate import fit_sensor
-from fitting.sensor.data import NoCalibration, load_sensor_data
-from fitting.sensor.result import SensorFit
-from fitting.sensor.skin_file import calibrated_skin
+from fitting.cli.app import app
+from fitting.sensor.fit.calibrate import fit_sensor
+from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.logs.data import NoCalibration, load_sensor_data
+from fitting.sensor.report.skin_file import calibrated_skin
 from suas_jax.config import continuous_inputs, load_skin
 
 ROOT = Path(__file__).parent.parent
@@ -243,8 +243,8 @@ def test_drift_is_taken_out(truth: dict, reference: SensorFit, tmp_path: Path) -
 
 def test_posterior_agrees_with_the_bound(reference: SensorFit) -> None:
     """Two well-known constants: the posterior is the Gaussian of the least squares."""
-    from fitting.posterior import Settings
-    from fitting.sensor.posterior import sample_sensor
+    from fitting.sensor.fit.posterior import sample_sensor
+    from fitting.statistics.posterior import Settings
 
     _, report = sample_sensor(reference, Settings(walkers=16, steps=1000, check=250))
     for i, name in enumerate(reference.family.names):

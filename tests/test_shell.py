@@ -9,10 +9,10 @@ import pytest
 from skins import LAWS, line, problem_of, quick, scene
 
 from suas_jax.config import continuous_inputs
-from suas_jax.kinematics import LogStretches
-from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
-from suas_jax.mechanics.shell import Shell
-from suas_jax.problem import build_problem, plan_for
+from suas_jax.constitutive.deformation import LogStretches
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
+from suas_jax.scene.build import build_problem, plan_for
 
 ELEMENTS = 4
 TURNED = line(20, 5, direction="35 deg")

@@ -7,11 +7,11 @@ import pytest
 from skins import quick
 from typer.testing import CliRunner
 
-from fitting.cli import app
-from suas_jax.acquisition.convert import convert, to_xarray
-from suas_jax.acquisition.log_file import SoLog, group_frames, read_log
-from suas_jax.simulate import load_path
-from suas_jax.skin import Loads, forward, skin_of
+from fitting.cli.app import app
+from suas_jax.acquisition.log.convert import convert, to_xarray
+from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
+from suas_jax.scene.forward import Loads, forward, skin_of
+from suas_jax.simulation.load_path import load_path
 
 SCENE = """
 [geometry]

@@ -9,8 +9,15 @@ import pytest
 from skins import EPDM, quick
 
 from suas_jax.config import continuous_inputs, scene_from_dict
-from suas_jax.electrostatics import Film, field_capacitance, wall_charge
-from suas_jax.skin import Loads, SensorOutput, forward, load_jacobian, loads_of, skin_of
+from suas_jax.scene.forward import (
+    Loads,
+    SensorOutput,
+    forward,
+    load_jacobian,
+    loads_of,
+    skin_of,
+)
+from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 
 GEOMETRY = {
     "inner_radius": "57.5 mm",

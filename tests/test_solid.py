@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from skins import EPDM, check, find, line, problem_of, quick, scene, status
 
-from suas_jax.balance import State
 from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs
-from suas_jax.constitutive.inflation import tube
-from suas_jax.constitutive.neo_hookean import NeoHookean
-from suas_jax.geometry import SkinGeometry
-from suas_jax.linear_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
-from suas_jax.loads import LoadPoints
-from suas_jax.mechanics.solid import Solid
-from suas_jax.problem import build_problem, plan_for
+from suas_jax.constitutive.laws.neo_hookean import NeoHookean
+from suas_jax.constitutive.specimens.inflation import tube
+from suas_jax.equilibrium.balance import State
+from suas_jax.mechanics.solid.solid import Solid
+from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LoadPoints
 
 REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
 
@@ -314,8 +314,8 @@ def test_shell_and_solid_agree_in_the_thin_limit() -> None:
 
 
 def test_scene_of_a_solid_reports_like_the_shell() -> None:
-    from suas_jax.sensitivity import gradient
-    from suas_jax.solution import solve
+    from suas_jax.scene.gradient import gradient
+    from suas_jax.scene.solve import solve
 
     table = {
         "geometry": {

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from suas_jax.config import SceneSpec, with_solve
-from suas_jax.sensitivity import UnknownQuantityError, gradient
-from suas_jax.solution import solve
+from suas_jax.scene.gradient import UnknownQuantityError, gradient
+from suas_jax.scene.solve import solve
 from tests.skins import LAWS, line, scene
 
 SCENES: dict[str, SceneSpec] = {

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.kinematics import DeformationGradient
-from suas_jax.spectral import divided_difference, matrix_function
+from suas_jax.constitutive.deformation import DeformationGradient
+from suas_jax.numerics.spectral import divided_difference, matrix_function
 
 
 def rotation(seed: int) -> np.ndarray:

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from suas_jax.acquisition.device import Device, log_readings
-from suas_jax.acquisition.encode import ENCODERS
-from suas_jax.acquisition.faults import Faults, parse_faults
-from suas_jax.acquisition.log_file import SoLog, group_frames, read_log
-from suas_jax.acquisition.reading import Reading
+from suas_jax.acquisition.device.device import Device, log_readings
+from suas_jax.acquisition.device.faults import Faults, parse_faults
+from suas_jax.acquisition.frames.encode import ENCODERS
+from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 
 ROOT = Path(__file__).parent.parent
-SUAS = [sys.executable, "-c", "from fitting.cli import main; main()"]
+SUAS = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
 MODULES = 8
 
 
@@ -252,7 +252,7 @@ def test_a_busy_port_is_named(tmp_path):
     ],
 )
 def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
-    from suas_jax.cli_acquisition import log
+    from fitting.cli.log import log
 
     with pytest.raises(BaseException) as error:  # noqa: PT011 - typer's own exit
         log(args[0], tmp_path / "log.csv", args[2])
@@ -265,10 +265,10 @@ def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
 
 def test_the_logger_imports_no_jax():
     program = (
-        "import sys, fitting.cli\n"
-        "import suas_jax.acquisition.view, suas_jax.acquisition.decode_text\n"
-        "import suas_jax.acquisition.decode_cobs, suas_jax.acquisition.decode_roboskin\n"
-        "import suas_jax.acquisition.formats, suas_jax.acquisition.record\n"
+        "import sys, fitting.cli.app\n"
+        "import suas_jax.acquisition.view, suas_jax.acquisition.frames.text\n"
+        "import suas_jax.acquisition.frames.cobs, suas_jax.acquisition.frames.roboskin\n"
+        "import suas_jax.acquisition.frames.formats, suas_jax.acquisition.log.record\n"
         "import suas_jax.config\n"
         "print([m for m in sys.modules if m.split('.')[0] in ('jax', 'equinox', 'scipy')])"
     )

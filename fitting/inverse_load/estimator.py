@@ -22,19 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.detection import Detector, threshold
-from fitting.inverse_load.estimate import STATUS, Contact, LoadEstimate
-from fitting.inverse_load.explanation import LoadFitter
-from fitting.inverse_load.report import POOR, LoadReport
-from fitting.inverse_load.search import NodeSearch
-from fitting.inverse_load.selection import Mode, Selection
-from fitting.inverse_load.table import LoadTable, table_of
-from suas_jax.compiled import COMPILED
+from fitting.inverse_load.fit.detection import Detector, threshold
+from fitting.inverse_load.fit.explanation import LoadFitter
+from fitting.inverse_load.fit.selection import Mode, Selection
+from fitting.inverse_load.report.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.report.summary import POOR, LoadReport
+from fitting.inverse_load.search.nearest import NodeSearch
+from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import SkinSpec
-from suas_jax.skin import Skin, skin_of
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.forward import Skin, skin_of
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.calibration import CalibrationUncertainty
+    from fitting.inverse_load.fit.calibration import CalibrationUncertainty
 
 __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "LoadEstimator"]
 
@@ -154,7 +154,7 @@ class LoadEstimator:
         record = self.spec.calibration
         if record is None or not record.covariance:
             return None
-        from fitting.inverse_load.calibration import CalibrationUncertainty
+        from fitting.inverse_load.fit.calibration import CalibrationUncertainty
 
         return CalibrationUncertainty(
             self.spec, self.skin, from_rest=self.rest is not None, live=self.live

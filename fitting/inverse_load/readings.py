@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.acquisition.log_file import Frames, SoLog, group_frames
+from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
 from suas_jax.config import SkinSpec
-from suas_jax.taxel import taxel_names
+from suas_jax.sensing.taxels import taxel_names
 
 # Chance that a healthy taxel repeats its count often enough to be called stuck.
 _STUCK = 1e-10

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.acquisition.log_file import Frames, SoLog, group_frames
+from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
 
 FORMAT = "suas-baseline"
 # Fewer frames say nothing about drift.

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from suas_jax.acquisition.reading import Reading
+from suas_jax.acquisition.frames.reading import Reading
 
 # Counters and clocks in use, by their width: 8, 16, 24, 32 bit counters; 16 and 32 bit
 # milliseconds, 32 bit microseconds.

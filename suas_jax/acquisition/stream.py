@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from suas_jax.acquisition.diagnose import not_understood
+from suas_jax.acquisition.frames.diagnose import not_understood
+from suas_jax.acquisition.frames.reading import Decoder, Reading, Tally
 from suas_jax.acquisition.integrity import Flags, Integrity, Summary
-from suas_jax.acquisition.port import PortError, Source
-from suas_jax.acquisition.reading import Decoder, Reading, Tally
+from suas_jax.acquisition.ports.serial_port import PortError, Source
 
 # A port that says nothing, or nothing that makes sense, for this long is reported [s]; a
 # device that speaks more seldom, after three times its own second longest pause (the

@@ -1,10 +1,15 @@
 """Material laws: a strain energy each, from which everything else is derived."""
 
-from .arruda_boyce import ArrudaBoyce
-from .base import AbstractLaw
-from .diaphragm import Diaphragm, inflated_diaphragm
-from .gent import Gent
-from .homogeneous import (
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.laws.arruda_boyce import ArrudaBoyce
+from suas_jax.constitutive.laws.gent import Gent
+from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
+from suas_jax.constitutive.laws.neo_hookean import NeoHookean
+from suas_jax.constitutive.laws.ogden import Ogden
+from suas_jax.constitutive.laws.polynomial import Polynomial
+from suas_jax.constitutive.laws.yeoh import Yeoh
+from suas_jax.constitutive.specimens.diaphragm import Diaphragm, inflated_diaphragm
+from suas_jax.constitutive.specimens.homogeneous import (
     MODES,
     ShearStress,
     Stress,
@@ -14,13 +19,8 @@ from .homogeneous import (
     simple_shear,
     uniaxial,
 )
-from .inflation import TubeResponse, balloon_pressure, tube
-from .mooney_rivlin import MooneyRivlin
-from .neo_hookean import NeoHookean
-from .ogden import Ogden
-from .polynomial import Polynomial
-from .stability import drucker_modulus, stable_range
-from .yeoh import Yeoh
+from suas_jax.constitutive.specimens.inflation import TubeResponse, balloon_pressure, tube
+from suas_jax.constitutive.stability import drucker_modulus, stable_range
 
 __all__ = [
     "MODES",

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ..kinematics import AbstractDeformation
+from suas_jax.constitutive.deformation import AbstractDeformation
 
 Constants: TypeAlias = ArrayLike | Sequence[ArrayLike]
 

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..kinematics import LogStretches
-from .base import AbstractLaw, constant
-from .homogeneous import MODES
+from suas_jax.constitutive.base import AbstractLaw, constant
+from suas_jax.constitutive.deformation import LogStretches
+from suas_jax.constitutive.specimens.homogeneous import MODES
 
 _SAMPLES = 400
 _BISECTIONS = 50

@@ -12,9 +12,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax._types import Lanes, StationVector
-from suas_jax.block_tridiagonal import AbstractTangent
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.block_tridiagonal import AbstractTangent
 
 
 class Assembly(NamedTuple):

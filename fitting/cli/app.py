@@ -1,0 +1,49 @@
+"""The console script `suas`."""
+
+from importlib.metadata import version
+from typing import Annotated
+
+import typer
+
+from fitting.cli import fit_material, fit_materials, fit_sensor, invert, log, simulate, solve
+
+app = typer.Typer(
+    help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+solve.register(app)
+simulate.register(app)
+log.register(app)
+
+# `suas fit` holds every command that fits the model to measurements.
+fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
+fit_material.register(fit)
+fit_sensor.register(fit)
+fit_materials.register(fit)
+app.add_typer(fit, name="fit")
+invert.register(app)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"suas_jax {version('suas-jax')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    show_version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,259 @@
+"""`suas fit material`. JAX is imported inside the command."""
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from fitting.cli.solve import NO_SOLUTION, bad_input, finite
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's command to the group `suas fit`."""
+    app.command("material")(material)
+
+
+def material(
+    data: Annotated[
+        list[str],
+        typer.Option(
+            metavar="MODE=FILE",
+            help="Test data (CSV): uniaxial, equibiaxial, pure_shear, biaxial, "
+            "biaxial_difference, simple_shear, balloon, bulge or skin. May be repeated.",
+        ),
+    ],
+    law: Annotated[
+        str,
+        typer.Option(
+            help="neo-hookean, mooney-rivlin, yeoh, ogden, gent, arruda-boyce, polynomial; "
+            "auto compares them."
+        ),
+    ] = "ogden",
+    terms: Annotated[
+        int | None, typer.Option(help="Number of terms (polynomial: degree).")
+    ] = None,
+    residual: Annotated[
+        str,
+        typer.Option(help="relative (with a floor), absolute (all points alike), or noise."),
+    ] = "relative",
+    noise: Annotated[
+        str | None,
+        typer.Option(help='Standard deviation where files state none: "5 kPa" or "2 %".'),
+    ] = None,
+    specimen: Annotated[
+        str | None,
+        typer.Option(help='Sizes where files state none: "width=6 mm,thickness=2 mm".'),
+    ] = None,
+    branch: Annotated[str, typer.Option(help="all, or loading only.")] = "all",
+    bound: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=LOW:HIGH", help="Hard bound, SI units: alpha.0=1:3."),
+    ] = None,
+    starts: Annotated[int, typer.Option(min=1, help="Number of starting points.")] = 64,
+    seed: Annotated[int, typer.Option(help="Seed of the starting points.")] = 0,
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
+    ] = False,
+    walkers: Annotated[int, typer.Option(help="Walkers of the ensemble, even.")] = 32,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Most steps; it stops before when converged.")
+    ] = 20_000,
+    moves: Annotated[str, typer.Option(help="stretch, walk, de or de-snooker.")] = "stretch",
+    chain: Annotated[
+        Path | None,
+        typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
+    ] = None,
+    arviz: Annotated[
+        Path | None, typer.Option(help="Write the samples for ArviZ (netCDF).")
+    ] = None,
+    corner: Annotated[
+        Path | None, typer.Option(help="Write a corner plot (PNG, PDF, SVG).")
+    ] = None,
+    predictive: Annotated[
+        Path | None,
+        typer.Option(help="Write a posterior-predictive plot (PNG, PDF, SVG)."),
+    ] = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FORMAT=FILE",
+            help="Write a material card: abaqus, calculix, ansys, febio, comsol or toml. "
+            "May be repeated.",
+        ),
+    ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            help="The skin of --data skin; without such data: compare the stability window "
+            "with the stretches of this scene."
+        ),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+) -> None:
+    """Fit a material law to test data, and say what the data can't determine.
+
+    Exit status: 0 constants were found, 2 bad input, 3 no constants could be found.
+    """
+    with bad_input():
+        pairs = [_pair(text) for text in data]
+        sizes = _sizes(specimen)
+        bounds = dict(_bound(text) for text in bound or [])
+        cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
+        from fitting.material.data.datasets import load_dataset
+        from fitting.material.data.measurements import mode_named
+
+        if (chain or arviz or corner or predictive) and not sample:
+            raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
+        sets = [
+            load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
+        ]
+        with _progress() as show:
+            report, fit = _fit(
+                sets,
+                law,
+                terms,
+                show,
+                residual=residual,
+                starts=starts,
+                seed=seed,
+                branch=branch,
+                bounds=bounds,
+            )
+            if fit is not None and scene is not None and not _on_skin(sets):
+                from fitting.material.fit.in_service import compare_with_scene
+
+                show("solving the scene")
+                report["scene"], remark = compare_with_scene(fit, scene)
+                report["warnings"] += remark
+            if fit is not None and sample:
+                from fitting.cli.material_posterior import run
+
+                report["posterior"] = run(
+                    fit,
+                    bounds,
+                    show,
+                    arviz,
+                    corner,
+                    predictive,
+                    walkers=walkers,
+                    steps=steps,
+                    moves=moves,
+                    seed=seed,
+                    chain=chain,
+                )
+            if fit is not None and cards:
+                from fitting.material.export import Law, write_card
+
+                law_card = Law(
+                    fit.family.law_name,
+                    fit.family.tree(map(float, fit.constants)),
+                    float(fit.law.shear_modulus),
+                )
+                for name, file in cards:
+                    write_card(law_card, name, Path(file))
+            if fit is not None and plot is not None:
+                from fitting.material.report.plots import plot_material
+
+                plot_material(fit, plot)
+    if as_json:
+        typer.echo(json.dumps(finite(report), allow_nan=False))
+    elif fit is not None:
+        from fitting.material.report.text import print_report
+
+        print_report(report, fit)
+    if fit is None:
+        typer.echo(f"suas: {report['message']}", err=True)
+        raise typer.Exit(NO_SOLUTION)
+
+
+def _fit(
+    sets: list[Any],
+    law: str,
+    terms: int | None,
+    show: Callable[[str], None],
+    **options: Any,
+) -> tuple[dict[str, Any], Any]:
+    from suas_jax.runtime.settings import configure
+
+    configure()
+    from fitting.material.fit.comparison import compare_laws
+    from fitting.material.fit.fit import NoFit, fit_material
+    from fitting.material.report.summary import report_of
+
+    try:
+        if law == "auto":
+            if terms is not None:
+                raise ValueError("--terms: --law auto chooses the number of terms itself")
+            if options.pop("bounds"):
+                raise ValueError("--bound: name the law whose constants are bounded")
+            comparison = compare_laws(sets, progress=show, **options)
+            report = report_of(comparison.best)
+            report["candidates"] = comparison.table
+            report["candidates_failed"] = comparison.failed
+            return report, comparison.best
+        show(law)
+        fit = fit_material(sets, law, terms, **options)
+        return report_of(fit), fit
+    except NoFit as error:
+        return {"law": law, "status": "no_fit", "message": str(error)}, None
+
+
+def _on_skin(sets: list[Any]) -> bool:
+    return any(data.mode == "skin" for data in sets)
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Callable[[str], None]]:
+    """Show what is being done on a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("reading", total=None)
+        yield lambda text: progress.update(task, description=f"fitting {text}")
+
+
+def _pair(
+    text: str, option: str = "--data", example: str = "uniaxial=A.csv"
+) -> tuple[str, str]:
+    mode, equals, path = text.partition("=")
+    if not equals or not path:
+        raise ValueError(f"{option} {text}: expected NAME=FILE, for example {example}")
+    return mode.strip(), path.strip()
+
+
+def _sizes(text: str | None) -> dict[str, str]:
+    sizes = {}
+    for part in (text or "").split(","):
+        if not part.strip():
+            continue
+        name, equals, value = part.partition("=")
+        if not equals:
+            raise ValueError(f'--specimen {text}: expected "width=6 mm,thickness=2 mm"')
+        sizes[name.strip()] = value.strip()
+    return sizes
+
+
+def _bound(text: str) -> tuple[str, tuple[float, float]]:
+    name, _, limits = text.partition("=")
+    low, colon, high = limits.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        ends = (float(low or "-inf"), float(high or "inf"))
+    except ValueError:
+        raise ValueError(
+            f"--bound {text}: expected NAME=LOW:HIGH in SI units, for example alpha.0=1:3"
+        ) from None
+    if not ends[0] < ends[1]:
+        raise ValueError(f"--bound {text}: the lower bound must be below the upper one")
+    return name.strip(), ends

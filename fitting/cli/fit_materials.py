@@ -1,0 +1,51 @@
+"""`suas fit materials`: many membranes, on this machine or on a cluster."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fitting.cli.solve import bad_input
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's command to the group `suas fit`."""
+    app.command("materials")(materials)
+
+
+def materials(
+    jobs: Annotated[Path, typer.Argument(help="TOML file with a table `membrane` for each.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="JSON lines; membranes in it are skipped.")
+    ],
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786."),
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Local worker processes.")] = 2,
+) -> None:
+    """Calibrate many membranes on Dask; run it again to go on after an interruption.
+
+    Exit status: 0 every membrane has a line of results (its status says how it went),
+    2 bad input.
+    """
+    with bad_input():
+        from fitting.material.fit.many import calibrate_all, connect, load_jobs
+
+        wanted = load_jobs(jobs)
+        client = connect(scheduler, workers)
+    terminal = sys.stderr.isatty()
+
+    def progress(done: int, total: int, name: str) -> None:
+        if terminal:
+            typer.echo(f"\r{done} of {total}: {name}\x1b[K", nl=done == total, err=True)
+
+    try:
+        added = calibrate_all(wanted, output, client, progress)
+    finally:
+        cluster = client.cluster
+        client.close()
+        if cluster is not None:
+            cluster.close()
+    typer.echo(f"{added} results added to {output}", err=True)

@@ -1,0 +1,223 @@
+"""`suas fit sensor`. JAX is imported inside the command."""
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fitting.cli.fit_material import _progress
+from fitting.cli.solve import bad_input, finite
+
+_MARK = "written by suas fit sensor"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's command to the group `suas fit`."""
+    app.command("sensor")(sensor)
+
+
+def sensor(
+    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...",
+            help="SO logs; known inputs in columns such as load_0_force_N, "
+            "load_0_displacement_mm, load_0_angle_deg and fluid.",
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="SKIN.toml",
+            help="Calibrated skin file; default: SKIN.calibrated.toml in this folder.",
+        ),
+    ] = None,
+    fit: Annotated[
+        str,
+        typer.Option(
+            help="Constants to find: permittivity, gap, scale, stray, layers, material.C1, "
+            "..., separated by commas."
+        ),
+    ] = "permittivity,gap",
+    gap: Annotated[
+        str, typer.Option(help="One gap for all taxels (global), each module, or each taxel.")
+    ] = "global",
+    model: Annotated[
+        str,
+        typer.Option(
+            help="Shapes of the membrane: shell, solid, auto (solid; shell for simulated logs)."
+        ),
+    ] = "auto",
+    field: Annotated[
+        bool,
+        typer.Option(
+            "--field", help="Capacitances from the electrostatic field, not from the formula."
+        ),
+    ] = False,
+    joint: Annotated[
+        bool, typer.Option("--joint", help="Find the material's constants as well.")
+    ] = False,
+    inputs: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Known inputs in a CSV of their own, joined on time (t_s): once for all "
+            "logs, or once for each.",
+        ),
+    ] = None,
+    fluid: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="What fills the gap: oil, air, or a known permittivity: once, or once a log."
+        ),
+    ] = None,
+    air: Annotated[
+        str,
+        typer.Option(help="How air in the gap answers: skin (as the oil), trapped, vented."),
+    ] = "skin",
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE+-SD", help='What is known: "gap=5 mm +- 0.1 mm". Repeatable.'
+        ),
+    ] = None,
+    baseline: Annotated[
+        Path | None,
+        typer.Option(help="Counts at rest (suas log --baseline): fixes offsets of the taxels."),
+    ] = None,
+    offsets: Annotated[
+        bool, typer.Option("--offsets", help="Give every taxel an offset of its own.")
+    ] = False,
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
+    ] = False,
+    steps: Annotated[int, typer.Option(min=1, help="Most steps of the sampler.")] = 20_000,
+    walkers: Annotated[int, typer.Option(min=4, help="Walkers of the sampler.")] = 32,
+    seed: Annotated[int, typer.Option(help="Seed of the sampler.")] = 0,
+    chain: Annotated[
+        Path | None, typer.Option(help="HDF5 file that keeps the chain and resumes it.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+) -> None:
+    """Calibrate permittivity, gap and scale from logs with known inputs.
+
+    Exit status: 0 a calibration was found, 2 bad input (no file is written).
+    """
+    with bad_input():
+        if chain and not sample:
+            raise ValueError("--chain needs --sample")
+        target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
+        _must_be_free(target, skin, overwrite, own=output is None)
+        if plot is not None:
+            from suas_jax.figures.section import check_figure_file
+
+            check_figure_file(plot)
+        from fitting.sensor.logs.data import load_sensor_data
+        from suas_jax.config import continuous_inputs, load_skin
+
+        with _progress() as show:
+            spec = load_skin(skin)
+            names = [name.strip() for name in fit.split(",") if name.strip()]
+            if joint:
+                names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
+            of_material = any(name.startswith("material.") for name in names)
+            data = load_sensor_data(spec, logs, inputs or (), fluid or (), joint=of_material)
+            from suas_jax.runtime.settings import configure
+
+            configure()
+            from fitting.sensor.fit.calibrate import fit_sensor
+            from fitting.sensor.report.skin_file import calibrated_skin
+            from fitting.sensor.report.summary import sensor_report
+            from suas_jax.acquisition.baseline import read_baseline
+
+            known = dict(_prior(text) for text in prior or ())
+            found = fit_sensor(
+                data,
+                names,
+                priors=known,
+                baseline=read_baseline(baseline) if baseline else None,
+                offsets=offsets,
+                air=air,
+                gaps=gap,
+                model=model,
+                field=field,
+                progress=show,
+            )
+            report = sensor_report(found)
+            posterior = None
+            if sample:
+                from fitting.sensor.fit.posterior import sample_sensor
+                from fitting.statistics.posterior import PosteriorError, Settings
+
+                settings = Settings(walkers=walkers, steps=steps, seed=seed, chain=chain)
+                try:
+                    posterior, report["posterior"] = sample_sensor(
+                        found, settings, lambda step, *_: show(f"posterior: step {step}")
+                    )
+                except PosteriorError as error:
+                    report["posterior"] = {"status": "no_posterior", "message": str(error)}
+            if plot is not None:
+                from fitting.sensor.report.plots import plot_sensor
+
+                plot_sensor(found, plot, posterior)
+            _write(target, calibrated_skin(skin, found))
+            report["skin_file"] = str(target)
+    if as_json:
+        typer.echo(json.dumps(finite(report), allow_nan=False))
+    else:
+        from fitting.sensor.report.text import print_report
+
+        print_report(report, found)
+        typer.echo(f"written: {target}", err=True)
+
+
+def _must_be_free(target: Path, skin: Path, overwrite: bool, own: bool) -> None:
+    """Refuse before the work is done, not after."""
+    if target.exists() and target.resolve() == skin.resolve():
+        raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
+    if not target.parent.is_dir():
+        raise FileNotFoundError(f"{target}: there is no folder {target.parent}")
+    if overwrite or not target.exists():
+        return
+    # What an earlier run wrote under its own name may be replaced by the next.
+    if not (own and _MARK in target.read_text("utf-8", errors="replace")):
+        raise FileExistsError(f"{target}: exists; choose another name or give --overwrite")
+
+
+def _write(target: Path, text: str) -> None:
+    """Write whole or not at all."""
+    draft = target.with_name(f"{target.name}.part")
+    draft.write_text(text, encoding="utf-8")
+    os.replace(draft, target)
+
+
+def _prior(text: str) -> tuple[str, tuple[float, float]]:
+    """NAME=VALUE+-SD in units."""
+    from suas_jax.config import parse_quantity
+
+    name, equals, value = text.partition("=")
+    mean, plus, sd = value.replace("±", "+-").partition("+-")
+    if not equals or not plus:
+        raise ValueError(
+            f'--prior "{text}": expected NAME=VALUE+-SD, such as gap=5 mm +- 0.1 mm'
+        )
+    own = name.strip()
+    dimension = {"gap": "length", "oil_gap": "length", "layers": "length"}.get(own)
+    dimension = dimension or {"scale": "capacitance", "lsb": "capacitance"}.get(own)
+    dimension = dimension or {"stray": "capacitance"}.get(own, "number")
+    if own.startswith("material."):
+        dimension = "number" if "alpha" in own else "stress"
+    try:
+        pair = tuple(parse_quantity(part.strip(), dimension) for part in (mean, sd))  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f'--prior "{text}": {error}') from None
+    if not pair[1] > 0:
+        raise ValueError(f'--prior "{text}": the standard deviation must be positive')
+    return own, (pair[0], pair[1])

@@ -1,0 +1,220 @@
+"""`suas invert`. JAX is imported inside the command."""
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fitting.cli.solve import BAD_INPUT, bad_input, finite
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
+    from fitting.inverse_load.fit.posterior import Mode
+    from fitting.inverse_load.readings import LogReadings
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's command to the program."""
+    app.command("invert")(invert)
+
+
+def invert(
+    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    log: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="LOG", help="SO log; with --live, where readings are recorded (optional)."
+        ),
+    ] = None,
+    live: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Read a port, as `suas log` does.")
+    ] = None,
+    format_name: Annotated[
+        str, typer.Option("--format", metavar="NAME", help="Live: text, cobs, roboskin.")
+    ] = "text",
+    baud: Annotated[int, typer.Option(min=1, help="Live: bits per second.")] = 115200,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, metavar="S", help="Live: stop after this long.")
+    ] = None,
+    latency: Annotated[
+        float,
+        typer.Option(metavar="S", help="Live: frames older than this are dropped, counted."),
+    ] = 0.1,
+    baseline: Annotated[
+        Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
+    ] = None,
+    direction: Annotated[
+        bool, typer.Option("--direction", help="Free the directions; radial otherwise.")
+    ] = False,
+    false_alarm: Annotated[
+        float, typer.Option(metavar="RATE", help="Of a contact where there is none.")
+    ] = 0.01,
+    contacts: Annotated[int, typer.Option(min=1, max=3, help="Most to tell apart.")] = 3,
+    noise: Annotated[
+        float | None,
+        typer.Option(metavar="COUNTS", help="Standard deviation; default: the skin file's."),
+    ] = None,
+    model_error: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Of the model's change of readings."),
+    ] = None,
+    smooth: Annotated[
+        bool,
+        typer.Option("--filter", help="Add loads filtered over time (constant velocity)."),
+    ] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Write a figure of the loads over time.")
+    ] = None,
+    posterior: Annotated[
+        int | None,
+        typer.Option(metavar="SEQ", help="Sample the loads of the frame with this number."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON line a frame.")] = False,
+) -> None:
+    """Estimate contacts from readings: where, how strong, how sure.
+
+    Exit status: 0 done, 2 bad input (also a log of another layout, or without a frame).
+    """
+    with bad_input():
+        if (log is None) == (live is None) and live is None:
+            raise ValueError("LOG: missing; give an SO log, or --live PORT")
+        from suas_jax.runtime.settings import configure
+
+        configure()
+        estimator = _estimator(
+            skin,
+            baseline,
+            progress=_say if sys.stderr.isatty() else lambda text: None,
+            direction=direction,
+            false_alarm=false_alarm,
+            most_contacts=contacts,
+            noise=noise,
+            live=live is not None,
+            **({} if model_error is None else {"model_error": model_error}),
+        )
+        if live is not None:
+            if posterior is not None or plot is not None:
+                raise ValueError("--posterior and --plot need a log; leave --live out")
+            from fitting.inverse_load.live.stream import LiveOptions, run_live
+
+            options = LiveOptions(
+                live, format_name, baud, duration, latency, log, as_json, smooth
+            )
+            run_live(estimator, options)
+            return
+        assert log is not None
+        _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
+
+
+def _say(text: str) -> None:
+    typer.echo(f"suas: {text}", err=True)
+
+
+def _estimator(skin: Path, baseline: Path | None, **settings: Any) -> "LoadEstimator":
+    from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.readings import Layout
+    from suas_jax.config import load_skin
+
+    spec = load_skin(skin)
+    layout = Layout(spec)
+    if baseline is not None:
+        from suas_jax.acquisition.baseline import read_baseline
+
+        rest, variance = layout.baseline(read_baseline(baseline), str(baseline))
+        settings |= {"rest": rest, "rest_variance": variance}
+    return LoadEstimator(spec, **settings)
+
+
+def _offline(
+    estimator: "LoadEstimator",
+    log: Path,
+    *,
+    as_json: bool,
+    smooth: bool,
+    plot: Path | None,
+    posterior: int | None,
+) -> None:
+    from fitting.inverse_load.readings import EmptyLogError, LayoutMismatchError, readings_of
+    from fitting.inverse_load.report.posterior_text import in_words as modes_in_words
+    from fitting.inverse_load.report.posterior_text import posterior_json
+    from fitting.inverse_load.report.text import frame_json, print_table
+    from suas_jax.acquisition.log.log_file import read_log
+
+    if plot is not None:
+        from suas_jax.figures.section import check_figure_file
+
+        check_figure_file(plot)
+    try:
+        readings = readings_of(read_log(log), estimator.spec, estimator.reading_noise)
+    except (EmptyLogError, LayoutMismatchError) as error:
+        status = "empty_log" if isinstance(error, EmptyLogError) else "layout_mismatch"
+        if as_json:
+            from fitting.inverse_load.estimator import LoadEstimate
+
+            nothing = LoadEstimate(None, status=status)
+            typer.echo(json.dumps(finite(frame_json(float("nan"), None, nothing))))
+        _say(str(error))
+        raise typer.Exit(BAD_INPUT) from None
+    for note in readings.notes:
+        _say(f"{log}: {note}")
+    modes = None if posterior is None else _modes(estimator, readings, posterior)
+    estimates = _with_bar(estimator, readings.so, readings.stuck)
+    filtered = None
+    if smooth:
+        from fitting.inverse_load.live.filter import LoadFilter
+
+        track = LoadFilter()
+        filtered = [
+            track.feed(t, estimate)
+            for t, estimate in zip(readings.time.tolist(), estimates, strict=True)
+        ]
+    if plot is not None:
+        from fitting.inverse_load.report.plots import plot_loads
+
+        plot_loads(readings.time, estimates, plot, filtered)
+    if as_json:
+        lines = []
+        for k, estimate in enumerate(estimates):
+            smoothed = None if filtered is None else filtered[k]
+            line = frame_json(float(readings.time[k]), int(readings.seq[k]), estimate, smoothed)
+            if modes is not None and line["seq"] == posterior:
+                line["posterior"] = posterior_json(modes)
+            lines.append(json.dumps(finite(line), allow_nan=False))
+        typer.echo("\n".join(lines))
+    else:
+        print_table(readings.time, estimates)
+        if modes is not None:
+            typer.echo("\n".join(modes_in_words(modes)))
+
+
+def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[Mode]":
+    """Modes of the frame with a number."""
+    import numpy as np
+
+    from fitting.inverse_load.fit.posterior import frame_posterior
+
+    frames = np.flatnonzero(readings.seq == seq)
+    if not frames.size:
+        raise ValueError(
+            f"--posterior {seq}: no such frame; the log has {readings.seq.min()} to "
+            f"{readings.seq.max()}"
+        )
+    i = int(frames[0])
+    try:
+        return frame_posterior(estimator, readings.so[i], readings.stuck[i], progress=_say)
+    except ValueError as error:
+        raise ValueError(f"--posterior {seq}: {error}") from None
+
+
+def _with_bar(estimator: "LoadEstimator", so: Any, stuck: Any) -> "list[LoadEstimate]":
+    """Estimate, with a progress bar on a terminal."""
+    if not sys.stderr.isatty():
+        return estimator.estimate(so, stuck)
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("estimating loads", total=len(so))
+        return estimator.estimate(so, stuck, lambda done: progress.update(task, completed=done))

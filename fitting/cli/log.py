@@ -1,0 +1,202 @@
+"""`suas log` and `suas baseline`."""
+
+import json
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from fitting.cli.solve import BAD_INPUT, bad_input
+
+if TYPE_CHECKING:
+    from suas_jax.acquisition.log.log_file import SoLog
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the program."""
+    app.command("log")(log)
+    app.command("baseline")(baseline)
+
+
+def log(
+    port: Annotated[
+        str,
+        typer.Argument(
+            metavar="PORT",
+            help="Device file, VID:PID[:SERIAL], socket://host:port, rfc2217://host:port.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log.")],
+    format_name: Annotated[
+        str,
+        typer.Option("--format", metavar="NAME", help="Frame format: text, cobs, roboskin."),
+    ],
+    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, metavar="S", help="Stop after this many seconds.")
+    ] = None,
+    skin: Annotated[
+        Path | None, typer.Option(help="Skin file: its name and scale go into the header.")
+    ] = None,
+    flush: Annotated[
+        float, typer.Option(min=0.0, metavar="S", help="Seconds between writes to the file.")
+    ] = 0.2,
+    rotate: Annotated[
+        float | None, typer.Option(min=0.01, metavar="MB", help="New file at this size [MB].")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace an existing log.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
+) -> None:
+    """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
+
+    Lost links are opened again; nothing that was recorded is ever lost.
+    Exit status: 0 recorded, 2 bad input (the port can't be opened, or nothing came).
+    """
+    with bad_input():
+        from suas_jax.acquisition.frames.formats import decoder, open_source
+        from suas_jax.acquisition.log.log_file import LogWriter, log_header
+        from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
+        from suas_jax.acquisition.signals import ended_by_signal
+        from suas_jax.acquisition.stream import Stream
+        from suas_jax.acquisition.view import View, in_words
+
+        decode = decoder(format_name)
+        header = _skin_header(skin)
+        source = open_source(port, format_name, baud)
+        started = time.monotonic()
+        try:
+            writer = LogWriter(
+                output,
+                log_header(
+                    **header,
+                    start_time=datetime.now(UTC),
+                    port=port,
+                    frame_format=format_name,
+                    baud=str(baud),
+                ),
+                flags=FLAG_COLUMNS + decode.extra_columns,
+                flush_interval=flush,
+                rotate_bytes=None if rotate is None else round(1e6 * rotate),
+                overwrite=overwrite,
+            )
+        except BaseException:
+            source.close()
+            raise
+        with View(f"{port} -> {output}") as view:
+            stream = Stream(
+                source,
+                decode,
+                format_name,
+                report=view.say,
+                clock=lambda: time.monotonic() - started,
+            )
+            with ended_by_signal(stream):
+                result = record(
+                    stream,
+                    writer,
+                    duration=duration,
+                    started=started,
+                    on_progress=lambda: view.update(stream),
+                )
+    if as_json:
+        typer.echo(json.dumps({"path": str(output)} | result, allow_nan=False))
+    elif result["rows"]:
+        typer.echo(f"{output}: {in_words(result)}", err=True)
+    if not result["rows"]:
+        typer.echo(
+            f"suas: {port}: no frame came in {result['elapsed_s']:.1f} s; {output} is empty",
+            err=True,
+        )
+        if duration is not None and result["elapsed_s"] >= duration:
+            raise typer.Exit(BAD_INPUT)
+
+
+def _skin_header(skin: Path | None) -> dict[str, str]:
+    if skin is None:
+        return {}
+    from suas_jax.config import load_skin
+
+    electrodes = load_skin(skin).electrodes
+    if electrodes is None:
+        raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
+    return {"skin": str(skin), "scale": f"{1e15 * electrodes.lsb:.6g} fF"}
+
+
+def baseline(
+    path: Annotated[
+        Path, typer.Argument(metavar="LOG", help="Log of the unloaded skin, a few seconds.")
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="BASELINE", help="Baseline (JSON).")
+    ],
+    tolerance: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            metavar="COUNTS",
+            help="Allowed change within the log; default: what its noise explains.",
+        ),
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="BASELINE", help="Earlier baseline to agree with.")
+    ] = None,
+    reference_tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Allowed relative deviation from --reference.")
+    ] = 0.02,
+    skin: Annotated[
+        Path | None,
+        typer.Option(help="Skin or scene to agree with at rest; default: the log's."),
+    ] = None,
+    model_tolerance: Annotated[
+        float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
+    ] = 0.05,
+    overwrite: Annotated[bool, typer.Option(help="Replace an existing baseline.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+) -> None:
+    """Average a log of the skin at rest; refused while the skin is loaded or drifting.
+
+    Exit status: 0 taken, 2 bad input or not at rest.
+    """
+    with bad_input():
+        from suas_jax.acquisition.baseline import (
+            read_baseline,
+            refuse_loaded,
+            rest_of,
+            take_baseline,
+            write_baseline,
+        )
+        from suas_jax.acquisition.log.log_file import read_log
+
+        if output.exists() and not overwrite:
+            raise FileExistsError(f"{output}: exists; choose another name or give --overwrite")
+        log = read_log(path)
+        taken = take_baseline(log, tolerance=tolerance)
+        if reference is not None:
+            rest = rest_of(read_baseline(reference), taken)
+            refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
+        skin = _skin_of(log) if skin is None else skin
+        if skin is not None:
+            from suas_jax.simulation.rest_pattern import rest_pattern
+
+            refuse_loaded(
+                taken,
+                rest_pattern(skin, taken),
+                tolerance=model_tolerance,
+                source=f"the model of {skin} (--model-tolerance)",
+                common_factor=True,
+            )
+        write_baseline(taken, output)
+    if as_json:
+        typer.echo(output.read_text(encoding="utf-8"), nl=False)
+    else:
+        taxels = int((taken.so == taken.so).sum())
+        typer.echo(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)
+
+
+def _skin_of(log: "SoLog") -> Path | None:
+    """The skin file that the log's header names, if it is here."""
+    name = log.header.get("skin", "")
+    places = (Path(name), log.path.parent / name)
+    return next((place for place in places if name and place.is_file()), None)

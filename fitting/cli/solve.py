@@ -1,0 +1,310 @@
+"""`suas solve` and `suas sweep`.
+
+JAX is imported inside the commands, so that the help and commands that don't compute
+start at once.
+"""
+
+import contextlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from suas_jax.config import SceneSpec
+    from suas_jax.scene.sweep import Sweep
+
+BAD_INPUT = 2
+NO_SOLUTION = 3
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
+Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
+Model = Annotated[
+    str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
+]
+Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the program."""
+    app.command("solve")(solve)
+    app.command("sweep")(sweep)
+
+
+@contextlib.contextmanager
+def bad_input() -> Iterator[None]:
+    """Turn errors that the user can mend into a message and exit status 2."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        typer.echo(f"suas: {error}", err=True)
+        raise typer.Exit(BAD_INPUT) from None
+
+
+@contextlib.contextmanager
+def _working(what: str) -> Iterator[None]:
+    """Show a spinner with the elapsed time on a terminal, nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        progress.add_task(what, total=None)
+        yield
+
+
+def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
+    from suas_jax.config import load_scene, with_solve
+
+    scene = load_scene(path)
+    if model is not None:
+        scene = with_solve(scene, source="--model", model=model)
+    if rtol is not None:
+        scene = with_solve(scene, source="--rtol", rtol=rtol)
+    return scene
+
+
+def _check_figure(file: Path | None) -> None:
+    if file is not None:
+        from suas_jax.figures.section import check_figure_file
+
+        check_figure_file(file)
+
+
+def _refuse(option: str, advice: str) -> None:
+    raise ValueError(f"{option}: {advice}")
+
+
+def solve(
+    scene: SceneFile,
+    as_json: AsJson = False,
+    model: Model = None,
+    rtol: Rtol = None,
+    gradient: Annotated[
+        str | None,
+        typer.Option(
+            metavar="QUANTITY",
+            help="Also differentiate a quantity of the JSON (such as oil_pressure_Pa or "
+            "loads.0.displacement_m) by every continuous input.",
+        ),
+    ] = None,
+    plot: Plot = None,
+    pad: Annotated[
+        Path | None, typer.Option(help="Write a figure of the taxels' sensor output.")
+    ] = None,
+    vtu: Annotated[
+        Path | None, typer.Option(help="Write the solid model's fields for ParaView.")
+    ] = None,
+    repeat: Annotated[
+        int, typer.Option(min=1, help="Time the solve as the median of this many runs.")
+    ] = 1,
+) -> None:
+    """Find the equilibrium of a scene: displacement, oil pressure, gaps, stability.
+
+    Exit status: 0 converged, 2 bad input, 3 no solution found.
+    """
+    with bad_input():
+        spec = _scene(scene, model, rtol)
+        if vtu is not None and spec.solve.model != "solid":
+            _refuse("--vtu", "fields through the thickness come with the solid model only")
+        _check_figure(plot)
+        _check_figure(pad)
+        if pad is not None and spec.electrodes is None:
+            _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
+        with _working("solving"):
+            from suas_jax.runtime.settings import configure
+
+            configure()
+            from suas_jax.scene.solve import solve as run
+
+            solution = run(spec, repeat=repeat)
+            report = solution.report
+            if gradient is not None:
+                from suas_jax.scene.gradient import gradient as differentiate
+
+                known = solution.converged
+                report["gradient"] = differentiate(solution, gradient) if known else None
+            if plot is not None:
+                from suas_jax.figures.section import plot_solution
+
+                plot_solution(solution, plot)
+            if pad is not None:
+                from suas_jax.figures.pad import plot_pad
+
+                plot_pad(spec, [taxel["so"] for taxel in report["taxels"]], pad)
+            if vtu is not None:
+                from suas_jax.figures.vtu import write_vtu
+
+                write_vtu(solution, vtu)
+    if as_json:
+        typer.echo(json.dumps(finite(report), allow_nan=False))
+    else:
+        _print_report(report)
+    if not solution.converged:
+        raise typer.Exit(NO_SOLUTION)
+
+
+def sweep(
+    scene: SceneFile,
+    force: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO:COUNT",
+            help="Total force on all line loads [N], their pattern kept.",
+        ),
+    ] = None,
+    oil_pressure: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO:COUNT", help="Oil pressure [Pa], all loads scaled to reach it."
+        ),
+    ] = None,
+    as_json: AsJson = False,
+    model: Model = None,
+    rtol: Rtol = None,
+    csv_file: Annotated[
+        Path | None, typer.Option("--csv", help="Write the curve as CSV.")
+    ] = None,
+    plot: Plot = None,
+) -> None:
+    """Trace a load-displacement curve in one continuation, up to first wall contact and on.
+
+    Exit status: 0 all points converged, 2 bad input, 3 some did not.
+    """
+    with bad_input():
+        if (force is None) == (oil_pressure is None):
+            _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
+        spec = _scene(scene, model, rtol)
+        _check_figure(plot)
+        values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
+        with _working("sweeping"):
+            from suas_jax.runtime.settings import configure
+
+            configure()
+            from suas_jax.scene.sweep import force_sweep, pressure_sweep
+
+            curve = (force_sweep if force else pressure_sweep)(spec, values)
+            if csv_file is not None:
+                curve.write_csv(csv_file)
+            if plot is not None:
+                from suas_jax.figures.section import plot_sweep
+
+                plot_sweep(curve, plot)
+    if as_json:
+        result = {"points": curve.points, "first_contact": curve.first_contact}
+        typer.echo(json.dumps(finite(result), allow_nan=False))
+    else:
+        _print_curve(curve)
+    if any(point["status"] != "converged" for point in curve.points):
+        raise typer.Exit(NO_SOLUTION)
+
+
+def _range(option: str, text: str | None) -> list[float]:
+    """Parse FROM:TO:COUNT."""
+    try:
+        first, last, count = (text or "").split(":")
+        start, stop, n = float(first), float(last), int(count)
+        if n < 1:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f'{option} = "{text}": expected FROM:TO:COUNT in SI units, for example 0:30:31'
+        ) from None
+    if n == 1:
+        return [start]
+    return [start + (stop - start) * i / (n - 1) for i in range(n)]
+
+
+def finite(tree: Any) -> Any:
+    """JSON has no NaN or infinity: they become null."""
+    if isinstance(tree, dict):
+        return {key: finite(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [finite(value) for value in tree]
+    if isinstance(tree, float) and (tree != tree or tree in (float("inf"), -float("inf"))):
+        return None
+    return tree
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    """What a person wants to see first, with units."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    console = Console()
+    colour = "green" if report["status"] == "converged" else "red"
+    message = escape(report["message"])
+    console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
+    table = Table(show_header=False, box=None)
+    for i, load in enumerate(report["loads"]):
+        if load["kind"] == "line":
+            text = (
+                f"{load['force_N']:.5g} N at {load['angle_deg']:.4g} deg moves "
+                f"{1e3 * load['displacement_m']:.4g} mm (inner face "
+                f"{1e3 * load['inner_displacement_m']:.4g} mm)"
+            )
+        else:
+            text = f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
+        table.add_row(f"load {i}", text)
+    table.add_row("oil pressure", f"{1e-3 * report['oil_pressure_Pa']:.5g} kPa")
+    if "absolute_oil_pressure_Pa" in report:
+        absolute = 1e-3 * report["absolute_oil_pressure_Pa"]
+        table.add_row("", f"{absolute:.5g} kPa absolute")
+    gap, angle = 1e3 * report["min_gap_m"], report["min_gap_angle_deg"]
+    table.add_row("smallest gap", f"{gap:.4g} mm at {angle:.3g} deg")
+    table.add_row("largest displacement", f"{1e3 * report['max_displacement_m']:.4g} mm")
+    so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
+    if so:
+        table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")
+    table.add_row("strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ")
+    table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
+    stable = "stable" if report["stable"] else "[red]unstable[/]"
+    material = "stable" if report["material_stable"] else "[red]outside its window[/]"
+    table.add_row("equilibrium / material", f"{stable} / {material}")
+    mesh, model = report["discretisation_error"], report["model_error"]
+    error = "unknown" if mesh is None else f"{mesh:.1e} by the mesh, {model:.1e} by the model"
+    table.add_row("estimated error", error)
+    times = report["timings_s"]
+    table.add_row(
+        "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
+    )
+    console.print(table)
+    if report.get("gradient"):
+        gradients = Table("input (SI)", "derivative")
+        for name, value in report["gradient"].items():
+            gradients.add_row(name, f"{value:.6g}")
+        console.print(gradients)
+
+
+def _print_curve(curve: "Sweep") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(markup=False)  # which would swallow the units in brackets
+    names = ("force [N]", "oil [kPa]", "largest displacement [mm]", "smallest gap [mm]")
+    table = Table(*names, "status")
+    for row in curve.rows():
+        table.add_row(
+            f"{row['force_N']:.4g}",
+            f"{1e-3 * row['oil_pressure_Pa']:.4g}",
+            f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
+            f"{1e3 * row['min_gap_m']:.4g}",
+            row["status"] if row["stable"] else f"{row['status']}, unstable",
+        )
+    console.print(table)
+    contact = curve.first_contact
+    if contact is None:
+        console.print("The inner face does not reach the wall.")
+    else:
+        console.print(
+            f"First wall contact at {contact['force_N']:.4g} N "
+            f"({1e-3 * contact['oil_pressure_Pa']:.4g} kPa), {contact['angle_deg']:.3g} deg."
+        )

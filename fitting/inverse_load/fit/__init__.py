@@ -1,0 +1,1 @@
+"""Least squares for loads: model, covariance, number of contacts, posterior."""

@@ -1,0 +1,308 @@
+"""Which loads explain a frame: how many contacts, which of two modes, which taxels lie.
+
+Every contact beyond the first has a price in chi2, and so has every taxel that is left out.
+The cheapest explanation wins, as with an information criterion; others than one contact are
+only tried where it leaves more than noise.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
+from fitting.inverse_load.fit.model import at_rest
+from fitting.inverse_load.search.nearest import APART, NodeSearch
+from fitting.inverse_load.search.pairs import PairSearch
+
+SUSPECT = 2e-3
+"""Chance of chi2 below which other explanations are tried."""
+_PLAUSIBLE = 0.05  # chance of chi2 above which no further contact is sought
+_OUTLIER = 4.5  # residual in standard deviations of a taxel that is left out
+_MOST_OUTLIERS = 0.2  # share of the taxels
+_TRIMMED_FITS = 3
+
+
+class Mode(NamedTuple):
+    """A second explanation of a frame by one contact.
+
+    Attributes:
+        chi2: of the fit.
+        parameters: of the contact.
+        information: J^T W J.
+    """
+
+    chi2: float
+    parameters: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+@dataclass
+class Selection:
+    """Finds the best explanation of frames that something touches.
+
+    Args:
+        fitter: least squares on the skin.
+        nodes: coarse search for one contact.
+        price: chi2 that a further contact must gain.
+        most_contacts: to tell apart.
+    """
+
+    fitter: LoadFitter
+    nodes: NodeSearch
+    price: float
+    most_contacts: int
+
+    def __post_init__(self) -> None:
+        self._pairs: PairSearch | None = None
+        self.last: Explanations | None = None
+        """Live: what explained the last frame that was touched; the next one begins there."""
+
+    @property
+    def pairs(self) -> PairSearch:
+        """The search for several contacts, made when first needed."""
+        if self._pairs is None:
+            self._pairs = PairSearch(self.fitter.skin, self.fitter.table, self.nodes)
+        return self._pairs
+
+    def explain(
+        self, y: NDArray[np.float64], weight: NDArray[np.float64]
+    ) -> tuple[Explanations, list[Mode | None]]:
+        """The best explanation of every frame, and its second mode where there is one.
+
+        Args:
+            y: readings [frame, taxel] [counts].
+            weight: inverse variances, zero where a taxel is not used [frame, taxel].
+        """
+        first, second = self.nodes.nearest(y, weight)
+        best = self._single(y, weight, first)
+        others = self._second_modes(y, weight, second, best)
+        doubtful = self._chance(best) < SUSPECT
+        frames = np.flatnonzero(doubtful | self._hinted(y, best))
+        if frames.size:
+            self._more_contacts(y, weight, frames, best)
+            self._fewer_contacts(y, weight, best)
+            self._or_pulled(y, weight, frames, best)
+            bad = frames[self._chance(best)[frames] < SUSPECT / 10]
+            if bad.size:
+                self._without_outliers(y, weight, bad, best)
+        if self.fitter.live:
+            self.last = best if np.isfinite(best.chi2[0]) else None
+        return best, others
+
+    def _single(self, y: Any, weight: Any, node: Any) -> Explanations:
+        """One contact, from the nearest nodes or, live, from the last frame if nearer."""
+        last = self.last
+        if last is not None and last.contacts[0] == 1:
+            before = (weight * (y - last.so) ** 2).sum()
+            table = (weight * (y - self.fitter.table.nodes[node]) ** 2).sum()
+            if before < table:
+                return self.fitter.fit(y, weight, self._predicted(y, weight), last.state, 1)
+        start = self.nodes.near(y, weight, node)
+        return self.fitter.fit(y, weight, start, self.fitter.table.start(node), 1)
+
+    def _predicted(self, y: Any, weight: Any) -> NDArray[np.float64]:
+        """Live: parameters from the last frame's by its own derivatives."""
+        assert self.last is not None
+        count = int(self.last.contacts[0])
+        width = self.fitter.per_contact * count
+        jacobian = np.where(weight > 0, self.last.jacobian[0, :width], 0.0)
+        weighted = jacobian * weight
+        information = weighted @ jacobian.T + 1e-12 * np.diag((weighted * jacobian).sum(1))
+        residual = np.where(weight > 0, y - self.last.so, 0.0)[0]
+        step = np.linalg.lstsq(information, weighted @ residual)[0]
+        return self.fitter.inside(self.last.parameters[:, :width] + step, count)
+
+    def _chance(self, best: Explanations) -> NDArray[np.float64]:
+        return best.chance(self.fitter.per_contact)
+
+    def _second_modes(
+        self, y: Any, weight: Any, second: Any, best: Explanations
+    ) -> list[Mode | None]:
+        others: list[Mode | None] = [None] * len(y)
+        frames = np.flatnonzero(second >= 0)
+        if not frames.size:
+            return others
+        node = second[frames]
+        start = self.nodes.near(y[frames], weight[frames], node)
+        state = self.fitter.table.start(node)
+        found = self.fitter.fit(y[frames], weight[frames], start, state, 1)
+        for k, i in enumerate(frames):
+            apart = abs(found.parameters[k, 0] - best.parameters[i, 0]) > APART
+            if not (apart and np.isfinite(found.chi2[k])):
+                continue
+            if found.chi2[k] < best.chi2[i]:
+                others[i] = _mode(best, int(i))
+                best.replace(frames[k : k + 1], found, np.array([k]))
+            else:
+                others[i] = _mode(found, k)
+        return others
+
+    def _hinted(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+        """Frames whose residuals hold the pattern of one more contact (a score test)."""
+        if self.most_contacts < 2:
+            return np.zeros(len(y), bool)
+        pattern = self.fitter.table.signatures
+        residual = np.where(best.weight > 0, y - best.so, 0.0)
+        along = np.maximum((best.weight * residual) @ pattern.T, 0.0)
+        size = best.weight @ (pattern**2).T
+        gain = (along**2 / np.maximum(size, 1e-300)).max(1)
+        return np.asarray(gain > self.price / 2)
+
+    # --- more contacts ----------------------------------------------------------------
+
+    def _more_contacts(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
+        if self.last is not None and self.last.contacts[0] > 1:
+            frames = self._as_before(y, weight, frames, best)
+        for count in range(2, self.most_contacts + 1):
+            enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
+            frames = frames[enough]
+            starts = [self.pairs.starts(y[i], weight[i], best, i, count) for i in frames]
+            at = np.repeat(frames, [len(s) for s in starts])
+            if not at.size:
+                return
+            parameters = np.array([row[0] for s in starts for row in s])
+            state = self.fitter.table.start(np.array([row[1] for s in starts for row in s]))
+            found = self.fitter.fit(y[at], weight[at], parameters, state, count)
+            found.score += (count - 1) * self.price
+            improved = self._take_better(best, at, found)
+            frames = improved[self._chance(best)[improved] < _PLAUSIBLE]
+
+    def _as_before(
+        self, y: Any, weight: Any, frames: Any, best: Explanations
+    ) -> NDArray[np.intp]:
+        """Live: try as many contacts as before, where they were; what is left to explain."""
+        assert self.last is not None
+        count = int(self.last.contacts[0])
+        start = self._predicted(y, weight)
+        found = self.fitter.fit(y, weight, start, self.last.state, count)
+        found.score += (count - 1) * self.price
+        improved = self._take_better(best, frames, found)
+        return frames if not improved.size else improved[self._chance(best) < SUSPECT]
+
+    def _take_better(
+        self, best: Explanations, frames: Any, found: Explanations
+    ) -> NDArray[np.intp]:
+        """Keep the cheapest of several fits a frame; return the frames that changed."""
+        rows = np.flatnonzero(found.score < best.score[frames])
+        rows = rows[np.argsort(-found.score[rows], kind="stable")]  # the cheapest comes last
+        best.replace(frames[rows], found, rows)
+        return np.unique(frames[rows])
+
+    def _fewer_contacts(self, y: Any, weight: Any, best: Explanations) -> None:
+        """Take contacts out again that the fit leaves without a force to speak of."""
+        for count in range(self.most_contacts, 1, -1):
+            frames = np.flatnonzero(best.contacts == count)
+            force = best.parameters[frames, count : 2 * count]
+            curvature = np.diagonal(best.information[frames], axis1=1, axis2=2)
+            weakest = (force**2 * curvature[:, count : 2 * count]).argmin(1)
+            # Were it alone, it would lower chi2 by about this much.
+            gain = (force**2 * curvature[:, count : 2 * count]).min(1)
+            rows = np.flatnonzero(gain < self.price)
+            if not rows.size:
+                continue
+            frames, kept = frames[rows], np.ones((len(rows), count), bool)
+            kept[np.arange(len(rows)), weakest[rows]] = False
+            columns = best.parameters[frames, : count * self.fitter.per_contact]
+            start = columns.reshape(len(rows), -1, count).transpose(0, 2, 1)[kept]
+            start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
+            start = start.reshape(len(rows), -1)
+            state = best.rows(frames).state
+            found = self.fitter.fit(y[frames], weight[frames], start, state, count - 1)
+            found.score += (count - 2) * self.price
+            self._take_better(best, frames, found)
+
+    # --- pulls ------------------------------------------------------------------------
+
+    def pulled(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> Explanations:
+        """The best explanation of every frame by one force that pulls outwards."""
+        table = self.fitter.table
+        change = np.where(weight > 0, y - table.rest, 0.0)
+        along = -(weight * change) @ table.signatures.T
+        size = np.maximum(weight @ (table.signatures**2).T, 1e-300)
+        angle = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
+        frame = np.arange(len(y))
+        force = -np.maximum(along[frame, angle] / size[frame, angle], 0.0)
+        start = np.stack([table.angles[angle], force], 1)
+        rest = at_rest(self.fitter.skin, len(y))
+        return self.fitter.fit(y, weight, start, rest, 1, pull=True)
+
+    def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
+        """A pull may look like several contacts around it; it costs as much as two."""
+        doubtful = (best.contacts[frames] > 1) | (self._chance(best)[frames] < SUSPECT)
+        frames = frames[doubtful]
+        if frames.size:
+            found = self.pulled(y[frames], weight[frames])
+            found.score += self.price
+            self._take_better(best, frames, found)
+
+    # --- faulty taxels ----------------------------------------------------------------
+
+    def _without_outliers(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
+        """Fit frames without the taxels that stand out, each counted against the fit."""
+        y, weight = y[frames], weight[frames]
+        most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
+        node, trimmed = self._least_trimmed(y, weight, most)
+        start = np.stack([self.nodes.angle[node], self.nodes.force[node]], 1)
+        states = self.fitter.table.start(node)
+        for _ in range(_TRIMMED_FITS):
+            found = self.fitter.fit(y, trimmed, start, states, 1)
+            trimmed = _inliers(y, weight, found.so)
+            start = np.where(np.isfinite(found.chi2)[:, None], found.parameters[:, :2], start)
+        self._settle(frames, weight, best, found, most)
+        # Then from several contacts, less the taxels that stand out from them.
+        for count in range(2, self.most_contacts + 1):
+            suspect = self._chance(best)[frames] < SUSPECT / 10
+            rows = np.flatnonzero((best.contacts[frames] == count) & suspect)
+            if not rows.size:
+                continue
+            width = self.fitter.per_contact * count
+            for _ in range(2):
+                so = best.so[frames[rows]]
+                start = best.parameters[frames[rows]][:, :width]
+                node = self.nodes.nearest_to(start[:, 0], start[:, count])
+                states, kept = (
+                    self.fitter.table.start(node),
+                    _inliers(y[rows], weight[rows], so),
+                )
+                found = self.fitter.fit(y[rows], kept, start, states, count)
+                found.score += (count - 1) * self.price
+                self._settle(frames[rows], weight[rows], best, found, most[rows])
+
+    def _least_trimmed(self, y: Any, weight: Any, most: Any) -> tuple[Any, Any]:
+        """Nodes that explain all but the worst taxels best, and weights without those."""
+        trimmed, node = weight.copy(), np.zeros(len(y), int)
+        values = self.fitter.table.nodes
+        for k in range(len(y)):
+            squares = weight[k] * (y[k] - values) ** 2
+            squares[:, weight[k] <= 0] = np.inf
+            squares[~self.nodes.known] = np.inf
+            keep = int((weight[k] > 0).sum() - most[k])
+            node[k] = np.partition(squares, keep - 1)[:, :keep].sum(1).argmin()
+            own = squares[node[k]]
+            trimmed[k, own > np.partition(own, keep - 1)[keep - 1]] = 0.0
+        return node, trimmed
+
+    def _settle(
+        self, frames: Any, weight: Any, best: Explanations, found: Explanations, most: Any
+    ) -> None:
+        left_out = (weight > 0).sum(1) - found.used()
+        found.score += left_out * _OUTLIER**2
+        rows = np.flatnonzero((left_out <= most) & (found.score < best.score[frames]))
+        best.replace(frames[rows], found, rows)
+
+
+def _mode(explanations: Explanations, i: int) -> Mode:
+    return Mode(
+        float(explanations.chi2[i]),
+        explanations.parameters[i].copy(),
+        explanations.information[i].copy(),
+    )
+
+
+def _inliers(y: Any, weight: Any, so: Any) -> NDArray[np.float64]:
+    """Weights without the taxels that stand out from a model."""
+    residual = np.abs(np.where(np.isfinite(so), y - so, np.inf))
+    limit = np.where(weight > 0, _OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
+    return np.where(residual < limit, weight, 0.0)

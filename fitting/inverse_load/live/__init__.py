@@ -1,0 +1,1 @@
+"""Loads from a port as they happen."""

@@ -1,0 +1,74 @@
+"""What a person sees of a live estimate: the pad, its readings and where it is pressed."""
+
+import sys
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.report.text import in_words
+from suas_jax.acquisition.terminal import LiveTerminal
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from fitting.inverse_load.live.stream import LiveFrame
+
+_WIDTH = 61  # characters of the pad's picture
+_WINDOW = 2.0  # rates are means over this time [s]
+_REFRESH = 0.1  # between two pictures [s]
+
+
+class LoadView(LiveTerminal):
+    """Messages on stderr; on a terminal also a picture that moves.
+
+    Args:
+        estimator: names the skin.
+        title: the port.
+        show: whether a picture is wanted; without a terminal there is none.
+    """
+
+    def __init__(self, estimator: LoadEstimator, title: str, *, show: bool) -> None:
+        super().__init__(show and sys.stderr.isatty(), _REFRESH)
+        self._edge = float(estimator.skin.geometry.half_angle[0])
+        self._title = title
+        self._times: deque[float] = deque()
+
+    def update(self, frame: "LiveFrame") -> None:
+        """Show a frame, a few times a second."""
+        now = time.monotonic()
+        self._times.append(now)
+        while now - self._times[0] > _WINDOW:
+            self._times.popleft()
+        if self.due():
+            self.draw(self._table(frame))
+
+    def _table(self, frame: "LiveFrame") -> "Table":
+        from rich.table import Table
+
+        estimate = frame.estimate
+        table = Table(show_header=False, box=None, title=self._title, title_justify="left")
+        table.add_row("pad", picture([c.angle for c in estimate.contacts], self._edge))
+        for contact in estimate.contacts:
+            table.add_row("load", in_words(contact))
+        if not np.isnan(estimate.oil_pressure):
+            table.add_row("oil", f"{1e-3 * estimate.oil_pressure:.2f} kPa")
+        table.add_row("status", estimate.status)
+        span = max(self._times[-1] - self._times[0], 1e-9)
+        rate = (len(self._times) - 1) / span
+        table.add_row("rate", f"{rate:.1f} per second, {frame.dropped} dropped")
+        table.add_row("latency", f"{1e3 * estimate.latency:.1f} ms")
+        return table
+
+
+def picture(angles: list[float], edge: float) -> str:
+    """The pad from edge to edge as a line of characters, a mark at each contact."""
+    line = ["─"] * _WIDTH
+    line[0], line[-1], line[_WIDTH // 2] = "├", "┤", "┼"
+    for angle in angles:
+        place = round((angle / edge + 1) / 2 * (_WIDTH - 1))
+        line[min(max(place, 0), _WIDTH - 1)] = "▼"
+    degrees = f"{np.rad2deg(edge):.0f}°"
+    return f"-{degrees} {''.join(line)} +{degrees}"

@@ -1,0 +1,1 @@
+"""Estimated loads as JSON, text and figures."""

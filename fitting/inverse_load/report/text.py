@@ -1,0 +1,88 @@
+"""What an estimate looks like: one JSON object a frame, or a table for a person."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.report.estimate import STATUS, Contact, LoadEstimate
+
+
+def contact_json(contact: Contact) -> dict[str, Any]:
+    """One contact: degrees and newtons; covariance of (angle, force[, direction]), SI."""
+    entry: dict[str, Any] = {
+        "angle_deg": float(np.rad2deg(contact.angle)),
+        "force_N": contact.force,
+    }
+    if contact.direction is not None:
+        entry["direction_deg"] = float(np.rad2deg(contact.direction))
+    known = contact.covariance is not None
+    entry["covariance"] = contact.covariance.tolist() if known else None  # type: ignore[union-attr]
+    if contact.systematic is not None:
+        entry["systematic_covariance"] = contact.systematic.tolist()
+    if contact.arc_position is not None:
+        entry["arc_position_m"] = contact.arc_position
+    return entry
+
+
+def frame_json(
+    time: float,
+    seq: int | None,
+    estimate: LoadEstimate,
+    filtered: Sequence[Contact] | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """A frame as `suas invert --json` prints it, the contract's keys first."""
+    line: dict[str, Any] = {
+        "t_s": time,
+        "contact": estimate.contact,
+        "loads": [contact_json(contact) for contact in estimate.contacts],
+        "oil_pressure_Pa": estimate.oil_pressure,
+        "wall_contact": estimate.wall_contact,
+        "chi2_per_dof": estimate.chi2_per_dof,
+        "latency_s": estimate.latency,
+        "status": estimate.status,
+        "seq": seq,
+        "left_out": list(estimate.left_out),
+    }
+    if estimate.alternatives:
+        line["alternatives"] = [contact_json(contact) for contact in estimate.alternatives]
+    if filtered is not None:
+        line["filtered"] = [contact_json(contact) for contact in filtered]
+    return line | more
+
+
+def in_words(contact: Contact) -> str:
+    """A contact with its standard deviations."""
+    if contact.covariance is None:
+        return f"{np.rad2deg(contact.angle):.1f}°, {contact.force:.2f} N (no error known)"
+    sigma = np.sqrt(np.diag(contact.covariance))
+    text = (
+        f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma[0]):.2f}°, "
+        f"{contact.force:.3f} ± {sigma[1]:.3f} N"
+    )
+    if contact.direction is not None:
+        text += (
+            f", {np.rad2deg(contact.direction):.1f} ± {np.rad2deg(sigma[2]):.1f}° off radial"
+        )
+    return text
+
+
+def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) -> None:
+    """Print what a person wants to see of a log: a line a frame, then the statuses."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(markup=False)  # which would swallow the units in brackets
+    table = Table("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")
+    for t, e in zip(time.tolist(), estimates, strict=True):
+        loads = "\n".join(in_words(contact) for contact in e.contacts) or "–"
+        pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"
+        table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status)
+    console.print(table)
+    names = [e.status for e in estimates]
+    for status in sorted(set(names), key=names.count, reverse=True):
+        console.print(
+            f"{names.count(status)} x {status}: {STATUS.get(status, '')}", highlight=False
+        )

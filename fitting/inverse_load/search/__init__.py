@@ -1,0 +1,1 @@
+"""Where a fit of loads begins: a table of solved states."""

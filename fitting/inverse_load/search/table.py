@@ -1,0 +1,210 @@
+"""A table of solved states of one radial contact: where every search for loads begins.
+
+Angles are even over the skin, forces geometric up to the one at which the membrane would
+touch the wall, angle by angle. The table is made once a skin, in batches, and kept in the
+user's cache folder under a hash of everything it depends on.
+"""
+
+import functools
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.model import at_rest, read_program
+from suas_jax.config import SkinSpec, continuous_inputs, structure
+from suas_jax.equilibrium.equilibrium import State
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.forward import Skin
+
+LANES = 128
+"""Lanes of the compiled programs that work through tables and logs."""
+_VERSION = 1
+_FORCES = 24
+_LOWEST = 1 / 200  # smallest force of the table in terms of the largest
+_PROBES = 16  # angles at which the largest force is sought
+_GAP_LEFT = 0.02  # smallest gap in the table in terms of the film's
+
+
+@dataclass(frozen=True)
+class LoadTable:
+    """States under one radial contact, and at rest.
+
+    Attributes:
+        angles: of the contact [angle, rad].
+        forces: of the contact [angle, force] [N], ascending.
+        so: readings [angle, force, taxel]; NaN where no state was found.
+        rest: readings at rest [taxel].
+        q: unknowns of the states [angle, force, dof, station].
+        pressure: of the oil [angle, force] [Pa].
+    """
+
+    angles: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    so: NDArray[np.float64]
+    rest: NDArray[np.float64]
+    q: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+
+    @property
+    def nodes(self) -> NDArray[np.float64]:
+        """Readings node by node [angle*force, taxel]."""
+        return self.so.reshape(-1, self.so.shape[-1])
+
+    @property
+    def signatures(self) -> NDArray[np.float64]:
+        """Change of readings per newton of a light contact [angle, taxel]."""
+        return (self.so[:, 0] - self.rest) / self.forces[:, :1]
+
+    @property
+    def steps(self) -> tuple[float, float]:
+        """Between neighbouring nodes: angle [rad], logarithm of the force."""
+        ratio = self.forces[0, 1] / self.forces[0, 0]
+        return float(self.angles[1] - self.angles[0]), float(np.log(ratio))
+
+    @functools.cached_property
+    def taylor(self) -> NDArray[np.float64]:
+        """Readings about every node [angle*force, term, taxel].
+
+        Terms: value, slopes by angle and by log force (in `steps`), then the second
+        derivatives angle-angle, angle-force, force-force. Forces are per angle; the
+        reference to neighbours at the same force is made by the slope along the force.
+        """
+        _, step = self.steps
+        shift = np.log(self.forces[:, 0])
+        drift = np.gradient(shift)[:, None, None] / step  # nodes by which rows are displaced
+        by_f = np.gradient(self.so, axis=1)
+        ff = np.gradient(by_f, axis=1)
+        along = np.gradient(self.so, axis=0)  # at the same node number
+        by_a = along - drift * by_f
+        af = np.gradient(by_a, axis=1)
+        aa = np.gradient(by_a, axis=0) - drift * af
+        terms = np.stack([self.so, by_a, by_f, aa, af, ff], 2)
+        return np.nan_to_num(terms.reshape(-1, 6, self.so.shape[-1]))
+
+    def largest_force(self, angle: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Force at which the membrane almost touches the wall [N]."""
+        return np.interp(angle, self.angles, self.forces[:, -1])
+
+    def start(self, node: NDArray[np.intp]) -> State:
+        """States of some nodes, a lane each."""
+        q = self.q.reshape(-1, *self.q.shape[2:])[node]
+        ones = np.ones(len(node))
+        pressure = self.pressure.reshape(-1)[node]
+        return State(np.moveaxis(q, 0, -1), pressure, ones)  # type: ignore[arg-type]
+
+
+def edge_margin(skin: Skin) -> float:
+    """Angle from a clamp within which no contact is sought [rad]: two thicknesses."""
+    geometry = skin.geometry
+    return float(2 * geometry.thickness[0] / geometry.mid_radius[0])
+
+
+def table_of(
+    spec: SkinSpec, skin: Skin, progress: Callable[[str], None] = lambda text: None
+) -> LoadTable:
+    """The table of a skin, from the cache where it is there.
+
+    A cache that can't be read or written costs time, never a result.
+    """
+    folder = platformdirs.user_cache_path("suas_jax") / "tables"
+    file = folder / f"{_hash(spec, skin)}.npz"
+    try:
+        with np.load(file) as data:
+            return LoadTable(**{key: data[key] for key in LoadTable.__dataclass_fields__})
+    except Exception:
+        progress("building the table of solved states")
+    table = build_table(skin)
+    _keep(table, file)
+    return table
+
+
+def _keep(table: LoadTable, file: Path) -> None:
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
+        with os.fdopen(descriptor, "wb") as stream:
+            np.savez(stream, **{k: getattr(table, k) for k in table.__dataclass_fields__})
+        Path(name).replace(file)
+    except OSError:
+        pass
+
+
+def _hash(spec: SkinSpec, skin: Skin) -> str:
+    content = {
+        "version": _VERSION,
+        "elements": skin.elements,
+        "structure": [str(item) for item in structure(spec)],
+        "inputs": {k: float(v) for k, v in continuous_inputs(spec).items()},
+        "electrodes": repr(spec.electrodes),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def build_table(skin: Skin) -> LoadTable:
+    """Solve all states of the table."""
+    edge = float(skin.geometry.half_angle[0]) - edge_margin(skin)
+    count = 2 * round(np.rad2deg(edge)) + 1
+    angles = np.linspace(-edge, edge, max(count, 31))
+    probes = np.linspace(-edge, edge, _PROBES)
+    cap = np.exp(np.interp(angles, probes, np.log(_largest_forces(skin, probes))))
+    ladder = np.geomspace(_LOWEST, 1.0, _FORCES)
+    forces = cap[:, None] * ladder
+    grid = np.repeat(angles[:, None], _FORCES, 1)
+    columns: list[tuple[np.ndarray, ...]] = []
+    state: State | None = None
+    for k in range(_FORCES):  # each force continues the one before
+        found = _solve(skin, grid[:, k], forces[:, k], state)
+        state = found[2]
+        failed = found[3] != 0
+        readings = np.where(failed[:, None], np.nan, found[0].T)
+        q = np.moveaxis(np.asarray(state.q), -1, 0)
+        columns.append((readings, q, np.asarray(state.pressure)))
+    so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
+    rest = _solve(skin, np.zeros(1), np.zeros(1), None)[0][:, 0]
+    return LoadTable(angles, forces, so, rest, q, pressure)
+
+
+def _largest_forces(skin: Skin, angles: np.ndarray) -> np.ndarray:
+    """Forces that leave little of the gap, or the last ones that have a state [N]."""
+    wanted = _GAP_LEFT * float(skin.geometry.oil_gap[0])
+    low, high = np.full(len(angles), 1e-3), np.full(len(angles), np.inf)
+    force = low.copy()
+    for _ in range(60):
+        _, gap, _, result = _solve(skin, angles, force, None)
+        fits = (result == 0) & (gap > wanted)
+        low, high = np.where(fits, force, low), np.where(fits, high, force)
+        open_ = np.isinf(high)
+        force = np.where(open_, 2 * low, np.sqrt(low * np.where(open_, 1.0, high)))
+        if not open_.any() and (high < 1.05 * low).all():
+            break
+        if low.max() > 1e9:
+            break
+    return low
+
+
+def _solve(
+    skin: Skin, angle: np.ndarray, force: np.ndarray, start: State | None
+) -> tuple[np.ndarray, np.ndarray, State, np.ndarray]:
+    """Readings, smallest gap, states and results of any number of single loads."""
+    parts = []
+    for begin in range(0, len(angle), LANES):
+        index = np.minimum(np.arange(begin, begin + LANES), len(angle) - 1)
+        if start is None:
+            state = at_rest(skin, LANES)
+        else:
+            state = jax.tree.map(lambda x, i=index: x[..., i], start)
+        loads = jnp.asarray(angle[index]), jnp.asarray(force[index])
+        parts.append(COMPILED.run(read_program, skin, *loads, state))
+    joined = jax.tree.map(lambda *x: jnp.concatenate(x, -1)[..., : len(angle)], *parts)
+    so, gap, state, result = joined
+    return np.asarray(so), np.asarray(gap), state, np.asarray(result)

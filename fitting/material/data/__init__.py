@@ -1,0 +1,1 @@
+"""Files of test machines read into measurements in SI units."""

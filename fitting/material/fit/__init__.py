@@ -1,0 +1,1 @@
+"""The fit of a law to measurements, and its posterior."""

@@ -1,0 +1,199 @@
+"""A fitted law: its constants, what it predicts, how sure that is, and what rivals it."""
+
+import dataclasses
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+
+from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.fit.experiments import Homogeneous, mode_factors, padded
+from fitting.material.fit.problem import Problem
+from fitting.statistics.diagnostics import Misfit, information_criteria
+from fitting.statistics.identifiability import Uncertainty
+from fitting.statistics.least_squares import Minima
+from fitting.statistics.parameters import AbstractFamily
+from fitting.statistics.residuals import readings
+from suas_jax.constitutive import AbstractLaw, stable_range
+
+_DISTINCT = 0.02
+
+
+@dataclasses.dataclass(frozen=True)
+class Band:
+    """Predicted stress of a mode with its uncertainty.
+
+    Attributes:
+        stretch: λ, shape [n].
+        nominal: nominal stress [Pa], shape [n].
+        half_width: half width of the interval [Pa], shape [n].
+    """
+
+    stretch: np.ndarray
+    nominal: np.ndarray
+    half_width: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class MaterialFit:
+    """A fitted law.
+
+    Attributes:
+        sets: the data that were fitted.
+        problem: its residuals; a posterior samples `problem.residuals.log_likelihood`.
+        constants: fitted constants in SI units, in the order of `family.names`.
+        minima: what the starts found.
+        uncertainty: covariance and identifiability.
+        misfit: whether what remains is noise.
+        starts: number of starts.
+        remarks: warnings for a person.
+        bounded: constants that stopped at a bound.
+    """
+
+    sets: tuple[Dataset, ...]
+    problem: Problem
+    constants: np.ndarray
+    minima: Minima
+    uncertainty: Uncertainty
+    misfit: Misfit
+    starts: int
+    remarks: tuple[str, ...]
+    bounded: tuple[str, ...] = ()
+
+    @property
+    def family(self) -> AbstractFamily:
+        """The law's family."""
+        return self.problem.residuals.family
+
+    @property
+    def law(self) -> AbstractLaw:
+        """The fitted law."""
+        return self.family.law(jnp.asarray(self.constants))
+
+    @functools.cached_property
+    def cost(self) -> float:
+        """½ Σ r² at the constants."""
+        _, r = readings(self.problem.residuals, jnp.asarray(self.constants))
+        return 0.5 * float(jnp.sum(r**2))
+
+    @property
+    def status(self) -> str:
+        """How the search ended, one word."""
+        if not self.minima.converged[0]:
+            return "not_converged"
+        return "converged" if self.minima.agreeing > 1 else "single_minimum"
+
+    @property
+    def criteria(self) -> tuple[float, float]:
+        """AICc and BIC."""
+        count = int(self.problem.residuals.used.sum())
+        known = self.problem.kind == "noise"
+        return information_criteria(2.0 * self.cost, count, self.family.size, known_noise=known)
+
+    def predict(self, mode: str, stretch: np.ndarray, level: float = 0.95) -> Band:
+        """Predict a mode, measured or not, with the uncertainty of the constants.
+
+        Args:
+            mode: "uniaxial", "equibiaxial" or "pure_shear".
+            stretch: λ > 0, shape [n].
+            level: probability that the interval covers the law's mean stress.
+        """
+        e1, e2, c1, c2 = mode_factors(PATHS[mode], stretch)
+        test = Homogeneous(*(padded(x) for x in (e1, e2, c1 / stretch, c2 / stretch)))
+        value, slope = _prediction(self.family, test, jnp.asarray(self.constants))
+        half = self.uncertainty.spread_of(np.asarray(slope)) * self.uncertainty.quantile(level)
+        count = len(stretch)
+        return Band(np.asarray(stretch), np.asarray(value)[:count], half[:count])
+
+    def intervals(self, level: float) -> np.ndarray:
+        """Intervals of the constants, SI units, shape [2, p]."""
+        half = self.uncertainty.quantile(level) * self.uncertainty.standard_errors
+        return np.stack([self.constants - half, self.constants + half])
+
+    def shear_modulus(self, level: float = 0.95) -> tuple[float, float, float]:
+        """Small-strain shear modulus [Pa] with the ends of its interval.
+
+        It is often known where the constants that add up to it are not.
+        """
+        value, slope = _modulus(self.family, jnp.asarray(self.constants))
+        half = float(self.uncertainty.spread_of(np.asarray(slope)))
+        half *= self.uncertainty.quantile(level)
+        return float(value), float(value) - half, float(value) + half
+
+    @functools.cached_property
+    def stable(self) -> dict[str, tuple[float, float]]:
+        """Stretches around one in which the law is stable, by mode."""
+        found = {}
+        for mode, path in PATHS.items():
+            low, high = stable_range(self.law, path)
+            found[mode] = (float(low), float(high))
+        return found
+
+    def misfits(self) -> list[np.ndarray]:
+        """Predicted less measured readings of each data set [Pa]."""
+        residuals = self.problem.residuals
+        predicted, _ = readings(residuals, jnp.asarray(self.constants))
+        difference = np.asarray(predicted - residuals.value)
+        return [difference[place] for place in self.problem.places]
+
+    @functools.cached_property
+    def rivals(self) -> list[np.ndarray]:
+        """Constants of other minima that fit as well within the noise.
+
+        As well: cost below the best by the 95 % region of the F distribution. Other: the
+        stress predicted in some mode differs by more than 2 %.
+        """
+        dof, p = self.uncertainty.dof, self.family.size
+        if dof <= 0:
+            return []
+        if self.problem.kind == "noise":
+            allowed = self.cost + 0.5 * float(stats.chi2.ppf(0.95, p))
+        else:
+            allowed = self.cost * (1.0 + p / dof * float(stats.f.ppf(0.95, p, dof)))
+        residuals = self.problem.residuals
+        seen = [self._fingerprint(self.constants)]
+        others: list[np.ndarray] = []
+        for theta, cost, good in zip(
+            self.minima.theta, self.minima.cost, self.minima.converged, strict=True
+        ):
+            if not good or cost > allowed:
+                continue
+            found = np.asarray(self.family.constants(jnp.asarray(theta), residuals.scales))
+            print_ = self._fingerprint(found)
+            if all(_apart(print_, other) > _DISTINCT for other in seen):
+                seen.append(print_)
+                others.append(self.family.ordered(found))
+        return others
+
+    def _fingerprint(self, constants: np.ndarray) -> np.ndarray:
+        """Stresses of the three modes at a few stretches of the data's range."""
+        h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
+        parts = []
+        for path in PATHS.values():
+            e1, e2, c1, c2 = mode_factors(path, np.exp(h))
+            parts.append(np.stack([e1, e2, c1, c2]))
+        test = Homogeneous(*(padded(x) for x in np.concatenate(parts, axis=1)))
+        value, _ = _prediction(self.family, test, jnp.asarray(constants))
+        return np.asarray(value)[: 3 * len(h)]
+
+
+@eqx.filter_jit
+def _prediction(
+    family: AbstractFamily, test: Homogeneous, constants: jax.Array
+) -> tuple[jax.Array, jax.Array]:
+    def stress(c: jax.Array) -> jax.Array:
+        return test.predict(family.law(c))
+
+    return stress(constants), jax.jacfwd(stress)(constants)
+
+
+@eqx.filter_jit
+def _modulus(family: AbstractFamily, constants: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return jax.value_and_grad(lambda c: family.law(c).shear_modulus)(constants)
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.max(np.abs(a - b) / np.maximum(np.abs(a), 1e-300)))

@@ -1,0 +1,1 @@
+"""The laws that can be fitted, and their parameters."""

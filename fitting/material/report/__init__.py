@@ -1,0 +1,1 @@
+"""A material fit as JSON, text and figures."""

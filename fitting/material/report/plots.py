@@ -1,0 +1,124 @@
+"""Figure of a material fit: data, law and 95 % band by mode, and the residuals."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.fit.result import MaterialFit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_LABELS = {
+    "nominal": "nominal stress",
+    "cauchy": "Cauchy stress",
+    "second_pk": "second Piola-Kirchhoff stress",
+    "shear": "shear stress",
+    "difference": "Cauchy stress difference",
+    "pressure": "pressure",
+}
+_POINTS = 120
+
+
+def plot_material(fit: MaterialFit, file: Path | None = None) -> Figure:
+    """Draw every mode's data with the fitted law, its band, and relative residuals.
+
+    Modes that were not measured are drawn too: there the band says how little is known.
+
+    Args:
+        fit: what to draw.
+        file: where to write the figure; its ending chooses the format.
+    """
+    modes = list(dict.fromkeys(data.mode for data in fit.sets))
+    modes += [mode for mode in PATHS if mode not in modes]
+    figure = Figure(figsize=(3.6 * len(modes), 6.0), layout="constrained")
+    axes = figure.subplots(2, len(modes), height_ratios=(3, 1), squeeze=False)
+    misfits = fit.misfits()
+    for (upper, lower), mode in zip(axes.T, modes, strict=True):
+        members = [
+            (data, error)
+            for data, error in zip(fit.sets, misfits, strict=True)
+            if data.mode == mode
+        ]
+        _draw_mode(fit, mode, members, upper, lower)
+    figure.suptitle(f"{fit.family.title}, {fit.problem.kind} residuals: {fit.status}")
+    if file is not None:
+        figure.savefig(file, dpi=150)
+    return figure
+
+
+def _draw_mode(
+    fit: MaterialFit,
+    mode: str,
+    members: list[tuple[Dataset, np.ndarray]],
+    upper: "Axes",
+    lower: "Axes",
+) -> None:
+    nominal = all(data.measure == "nominal" for data, _ in members)
+    if mode in PATHS and nominal:
+        _draw_band(fit, mode, [data for data, _ in members], upper)
+    for number, (data, error) in enumerate(members):
+        colour = f"C{number}"
+        x = data.stretch_2 if mode == "biaxial_difference" else data.coordinate
+        if mode == "skin":
+            _draw_skin(data, error, upper, lower, colour)
+            continue
+        unit, name = (1e3, "kPa") if data.measure == "pressure" else (1e6, "MPa")
+        upper.plot(x, data.value / unit, "o", ms=3.5, mfc="none", color=colour, label="data")
+        if not (mode in PATHS and nominal):
+            upper.plot(x, (data.value + error) / unit, "x", ms=3.5, color="k", label="law")
+        size = np.maximum(np.maximum(np.abs(data.value), data.companion), 1e-300)
+        lower.plot(x, 100.0 * error / size, ".", ms=4, color=colour)
+        upper.set_ylabel(f"{_LABELS[data.measure]} [{name}]")
+    upper.set_title(mode.replace("_", " ") + ("" if members else " (not measured)"))
+    labels = {
+        "skin": "force [N]",
+        "simple_shear": "amount of shear",
+        "bulge": "apex height / radius",
+    }
+    labels |= {"biaxial_difference": "second stretch"}
+    lower.set_xlabel(labels.get(mode, "stretch"))
+    lower.set_ylabel("residual [%]")
+    lower.axhline(0.0, color="0.6", lw=0.8)
+    limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
+    lower.set_ylim(-min(1.1 * limit, 100.0) - 0.1, min(1.1 * limit, 100.0) + 0.1)
+    upper.legend(frameon=False, fontsize="small")
+
+
+def _draw_skin(
+    data: Dataset, error: np.ndarray, upper: "Axes", lower: "Axes", colour: str
+) -> None:
+    """Displacement and oil pressure over force, each in its own unit."""
+    channels = ((1, 1e-3, "displacement [mm]", "o"), (2, 1e3, "oil pressure [kPa]", "s"))
+    for channel, unit, name, marker in channels:
+        rows = data.direction == channel
+        x, y = data.coordinate[rows], data.value[rows]
+        if not rows.any():
+            continue
+        fitted = (y + error[rows]) / unit
+        upper.plot(x, y / unit, marker, ms=3.5, mfc="none", color=colour, label=name)
+        upper.plot(x, fitted, "x", ms=3.5, color="k", label=f"law, {name}")
+        size = np.maximum(np.abs(y), data.companion[rows])
+        lower.plot(x, 100.0 * error[rows] / size, marker, ms=3, color=colour)
+
+
+def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -> None:
+    if sets:
+        low = min(float(data.stretch_1.min()) for data in sets)
+        high = max(float(data.stretch_1.max()) for data in sets)
+        stretch = np.linspace(min(low, 1.0), max(high, 1.0), _POINTS)
+    else:
+        largest = float(np.exp(fit.problem.residuals.scales.strain))
+        end = np.sqrt(largest) if mode == "equibiaxial" else largest
+        stretch = np.linspace(1.0, end, _POINTS)
+    band = fit.predict(mode, stretch)
+    middle, half = band.nominal / 1e6, band.half_width / 1e6
+    axes.plot(stretch, middle, "k-", lw=1.2, label="law")
+    axes.fill_between(stretch, middle - half, middle + half, color="0.8", label="95 %")
+    axes.set_ylabel("nominal stress [MPa]")
+    if not sets:
+        top = 1.5 * float(np.max(np.abs(middle)))
+        axes.set_ylim(min(0.0, -0.3 * top), 1.5 * top)

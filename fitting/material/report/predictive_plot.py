@@ -1,0 +1,152 @@
+"""What a posterior predicts: bands of the law, and of readings with their noise, over data.
+
+A band of readings should hold 95 % of the data. Where it does not, law or noise are wrong;
+where the band of the law alone is wide, the data say little.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from matplotlib.figure import Figure
+
+from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.fit.experiments import (
+    AbstractExperiment,
+    Homogeneous,
+    mode_factors,
+    padded,
+)
+from fitting.material.fit.posterior import MaterialPosterior
+from fitting.statistics.parameters import AbstractFamily
+from fitting.statistics.residuals import Residuals
+from suas_jax.runtime.compiled import COMPILED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_DRAWS, _REPEATS = 64, 32
+_GRID = 60
+_ENDS = (2.5, 97.5)
+# Tests with a single curve; the states of others are no line.
+_SCATTERED = frozenset(["biaxial", "biaxial_difference"])
+
+
+def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figure:
+    """Draw the posterior's predictions over the data, and of modes that were not measured.
+
+    Args:
+        found: the samples.
+        file: where to write the figure; its ending chooses the format.
+
+    Returns:
+        One panel a test (two for a skin: displacement and oil pressure), with the 95 % band
+        of the law (dark) and of single readings (light).
+    """
+    theta = found.posterior.draws(_DRAWS)
+    constants = jnp.asarray(found.constants(theta))
+    residuals = found.fit.problem.residuals
+    law = np.asarray(COMPILED.run(_readings, residuals, constants, once=True))
+    readings = np.tile(law, (_REPEATS, 1)) + _noise(found, np.tile(theta, (_REPEATS, 1)))
+    panels = [
+        (data, place, channel)
+        for data, place in zip(found.fit.sets, found.fit.problem.places, strict=True)
+        for channel in (np.unique(data.direction) if data.mode == "skin" else (0,))
+    ]
+    measured = {data.mode for data, _, _ in panels}
+    # A skin stretches by percents: other modes at those stretches are a straight line.
+    others = [] if measured == {"skin"} else [m for m in PATHS if m not in measured]
+    columns = len(panels) + len(others)
+    figure = Figure(figsize=(3.8 * columns, 3.6), layout="constrained")
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for ax, (data, place, channel) in zip(axes, panels, strict=False):
+        rows = data.direction == channel if channel else np.ones(data.size, dtype=bool)
+        _draw_test(ax, data.select(rows), law[:, place[rows]], readings[:, place[rows]])
+    for ax, mode in zip(axes[len(panels) :], others, strict=True):
+        _draw_mode(
+            ax, found.fit.family, mode, float(np.asarray(residuals.scales.strain)), constants
+        )
+    noise = "known" if found.noise_known else "inferred"
+    figure.suptitle(f"{found.fit.family.title}: 95 % posterior predictive, noise {noise}")
+    if file is not None:
+        figure.savefig(file, dpi=150)
+    return figure
+
+
+@eqx.filter_jit
+def _readings(residuals: Residuals, constants: Float[Array, "draw p"]) -> Array:
+    return jax.vmap(residuals.predict)(constants)
+
+
+@eqx.filter_jit
+def _stresses(
+    family: AbstractFamily, test: AbstractExperiment, constants: Float[Array, "draw p"]
+) -> Array:
+    return jax.vmap(lambda c: test.predict(family.law(c)))(constants)
+
+
+def _noise(found: MaterialPosterior, theta: np.ndarray) -> np.ndarray:
+    """Noise of single readings as the posterior has it, shape [draw, n]."""
+    inverse = np.asarray(found.fit.problem.residuals.inverse_scale)
+    scale = np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
+    level = np.ones(len(theta)) if found.noise_known else np.exp(theta[:, -1])
+    random = np.random.default_rng(0).standard_normal((len(theta), len(scale)))
+    return level[:, None] * scale * random
+
+
+def _draw_test(ax: "Axes", data: Dataset, law: np.ndarray, readings: np.ndarray) -> None:
+    unit, name = _unit(data)
+    x = data.stretch_2 if data.mode == "biaxial_difference" else data.coordinate
+    low, high = np.percentile(readings, _ENDS, axis=0) / unit
+    inner = np.percentile(law, _ENDS, axis=0) / unit
+    if data.mode in _SCATTERED:
+        ax.vlines(x, low, high, color="0.8", lw=3.0, label="readings")
+        ax.vlines(x, *inner, color="0.5", lw=3.0, label="law")
+    else:
+        order = np.argsort(x, kind="stable")
+        ax.fill_between(x[order], low[order], high[order], color="0.85", label="readings")
+        ax.fill_between(x[order], *inner[:, order], color="0.55", label="law")
+    ax.plot(x, data.value / unit, "o", ms=3.5, mfc="none", label="data")
+    ax.set(title=data.mode.replace("_", " "), xlabel=_abscissa(data.mode), ylabel=name)
+    ax.legend(frameon=False, fontsize="small")
+
+
+def _draw_mode(
+    ax: "Axes",
+    family: AbstractFamily,
+    mode: str,
+    strain: float,
+    constants: Float[Array, "draw p"],
+) -> None:
+    end = np.exp(0.5 * strain if mode == "equibiaxial" else strain)
+    stretch = np.linspace(1.0, end, _GRID)
+    e1, e2, c1, c2 = mode_factors(PATHS[mode], stretch)
+    test = Homogeneous(*(padded(v) for v in (e1, e2, c1 / stretch, c2 / stretch)))
+    stress = np.asarray(COMPILED.run(_stresses, family, test, constants, once=True))
+    low, middle, high = np.percentile(stress[:, :_GRID], [2.5, 50.0, 97.5], axis=0) / 1e6
+    ax.fill_between(stretch, low, high, color="0.55", label="law")
+    # A mode that the data leave open fills the panel instead of flattening the rest.
+    top = 2.0 * float(np.max(np.abs(middle)))
+    ax.set_ylim(max(float(low.min()), -top), min(float(high.max()), top) or 1.0)
+    ax.set(title=f"{mode.replace('_', ' ')} (not measured)", xlabel="stretch")
+    ax.set_ylabel("nominal stress [MPa]")
+
+
+def _unit(data: Dataset) -> tuple[float, str]:
+    if data.mode == "skin" and data.direction[0] == 1:
+        return 1e-3, "displacement [mm]"
+    if data.mode == "skin" or data.measure == "pressure":
+        return 1e3, "pressure [kPa]"
+    names = {"cauchy": "Cauchy stress", "second_pk": "second Piola-Kirchhoff stress"}
+    names |= {"difference": "Cauchy stress difference", "shear": "shear stress"}
+    return 1e6, f"{names.get(data.measure, 'nominal stress')} [MPa]"
+
+
+def _abscissa(mode: str) -> str:
+    known: dict[str, str] = {"skin": "force [N]", "simple_shear": "amount of shear"}
+    known |= {"bulge": "apex height / radius", "biaxial_difference": "second stretch"}
+    return known.get(mode, "stretch")

@@ -1,0 +1,193 @@
+"""What a material fit reports: the JSON of `suas fit material`, with what to doubt in it."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fitting.material.data.measurements import ALL_STATES, PATHS
+from fitting.material.fit.result import MaterialFit
+from fitting.statistics.residuals import relative_scale
+
+_EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
+_UNKNOWN = 0.3
+
+
+def report_of(fit: MaterialFit) -> dict[str, Any]:
+    """The JSON of `suas fit material`.
+
+    Args:
+        fit: what it tells of.
+    """
+    family, judged = fit.family, fit.uncertainty
+    aicc, bic = fit.criteria
+    stable = fit.stable
+    unknown_modes, extrapolated = _extrapolations(fit)
+    report: dict[str, Any] = {
+        "law": family.law_name,
+        "parameters": family.tree(map(float, fit.constants)),
+        "units": family.tree(family.units),
+        "standard_errors": family.tree(map(float, judged.standard_errors)),
+        "covariance": judged.covariance.tolist(),
+        "covariance_order": list(family.names),
+        "correlation": judged.correlation.tolist(),
+        "intervals": {
+            name: family.tree(fit.intervals(level).T.tolist())
+            for name, level in (("68", 0.6827), ("95", 0.95))
+        },
+        "shear_modulus_Pa": dict(
+            zip(("value", "low95", "high95"), fit.shear_modulus(), strict=True)
+        ),
+        "modes": _modes(fit),
+        "residual": {
+            "kind": fit.problem.kind,
+            "cost": fit.cost,
+            "noise": judged.noise,
+            "model_error": fit.problem.model_error,
+            "floor_Pa": {
+                data.file: floor
+                for data, floor in zip(fit.sets, fit.problem.floors, strict=True)
+            },
+        },
+        "aicc": aicc,
+        "bic": bic,
+        "condition_number": judged.condition_number,
+        "singular_values": judged.singular_values.tolist(),
+        "unidentifiable": [*judged.unidentifiable, *_rivals(fit), *unknown_modes],
+        "stable_range": {mode: list(ends) for mode, ends in stable.items()},
+        "misfit": fit.misfit.report,
+        "starts": fit.starts,
+        "starts_converged": int(fit.minima.converged.sum()),
+        "starts_agreeing": fit.minima.agreeing,
+        "warnings": [*fit.remarks, *_doubts(fit, stable), *extrapolated],
+        "status": fit.status,
+    }
+    if family.law_name == "ogden":
+        report["convention"] = "mu/alpha"
+        report["terms"] = family.size // 2
+    if fit.bounded:
+        report["at_bounds"] = list(fit.bounded)
+    return report
+
+
+def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
+    by_mode: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for data, error, floor in zip(fit.sets, fit.misfits(), fit.problem.floors, strict=True):
+        size = relative_scale(data.value, data.companion, floor)
+        size = np.where(size > 0.0, size, np.max(size) or 1.0)
+        by_mode.setdefault(data.mode, []).append((error, error / size))
+    report: dict[str, dict[str, Any]] = {
+        mode: {
+            "rms_MPa": 1e-6 * _rms(np.concatenate([e for e, _ in parts])),
+            "relative_rms": _rms(np.concatenate([r for _, r in parts])),
+            "n": sum(len(e) for e, _ in parts),
+        }
+        for mode, parts in by_mode.items()
+    }
+    if "skin" in report:
+        del report["skin"]["rms_MPa"]
+        channels = [
+            (data.direction, error)
+            for data, error in zip(fit.sets, fit.misfits(), strict=True)
+            if data.mode == "skin"
+        ]
+        for channel, key in ((1, "rms_m"), (2, "rms_Pa")):
+            errors = np.concatenate([e[d == channel] for d, e in channels])
+            if errors.size:
+                report["skin"][key] = _rms(errors)
+    return report
+
+
+def _rivals(fit: MaterialFit) -> list[str]:
+    others = fit.rivals
+    if not others:
+        return []
+    everything = np.stack([fit.constants, *others])
+    parts = [
+        f"{name} from {low:.4g} to {high:.4g} {unit}".rstrip(" 1")
+        for name, unit, low, high in zip(
+            fit.family.names,
+            fit.family.units,
+            everything.min(axis=0),
+            everything.max(axis=0),
+            strict=True,
+        )
+    ]
+    return [
+        f"{len(others) + 1} different minima fit as well within the noise: " + ", ".join(parts)
+    ]
+
+
+def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list[str]:
+    doubts = []
+    if fit.status == "not_converged":
+        doubts.append(
+            "no start reached a minimum: constants may improve; use fewer terms, more "
+            "--starts, or more data"
+        )
+    elif fit.status == "single_minimum":
+        doubts.append("only one start reached the lowest minimum: use more --starts")
+    if fit.misfit.words:
+        doubts.append(fit.misfit.words)
+    for data in fit.sets:
+        if data.mode not in stable:
+            continue
+        low, high = stable[data.mode]
+        first, last = data.stretch_1.min(), data.stretch_1.max()
+        if first < low or last > high:
+            doubts.append(
+                f"{data.mode}: the law is stable for stretches from {low:.3f} to "
+                f"{high:.3f}, the data in {data.file} reach from {first:.3f} to {last:.3f}"
+            )
+    return doubts
+
+
+def _extrapolations(fit: MaterialFit) -> tuple[list[str], list[str]]:
+    """Modes that the data leave open, and a warning about all that were not measured.
+
+    The prediction of a mode is as uncertain as its 95 % band, or as far as other
+    minima that fit as well predict it, whichever is more.
+    """
+    modes = {data.mode for data in fit.sets}
+    measured = modes & set(PATHS)
+    if modes & _EQUIBIAXIAL_TESTS:
+        measured.add("equibiaxial")
+    missing = [mode for mode in PATHS if mode not in measured]
+    if not missing or modes & ALL_STATES:
+        return [], []
+    largest = float(np.exp(np.asarray(fit.problem.residuals.scales.strain)))
+    ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
+    parts, unknown = [], []
+    for mode in missing:
+        stretch = np.linspace(1.0, ends[mode], 9)[1:]
+        band = fit.predict(mode, stretch)
+        half = band.half_width
+        for other in fit.rivals:
+            half = np.maximum(half, np.abs(_nominal(fit, mode, stretch, other) - band.nominal))
+        ratio = float(np.max(half / np.maximum(np.abs(band.nominal), 1e-300)))
+        amount = f"+-{100.0 * ratio:.2g} %" if ratio < 10.0 else "no useful accuracy"
+        parts.append(f"{mode} to {amount} up to a stretch of {ends[mode]:.2f}")
+        if not ratio < _UNKNOWN:
+            unknown.append(
+                f"{mode} stress: not measured, and known to {amount} only (95 %, up to "
+                f"a stretch of {ends[mode]:.2f})"
+            )
+    advice = "measure it" if unknown else "the band assumes that the law itself is right"
+    warning = (
+        f"only {', '.join(sorted(modes))} was measured, other modes are extrapolated: "
+        f"{', '.join(parts)}; {advice}"
+    )
+    return unknown, [warning]
+
+
+def _nominal(
+    fit: MaterialFit, mode: str, stretch: np.ndarray, constants: np.ndarray
+) -> np.ndarray:
+    """Nominal stress of a mode for other constants of the law [Pa]."""
+    changed = dataclasses.replace(fit, constants=constants)
+    return changed.predict(mode, stretch).nominal
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,133 @@
+"""A material fit for people: tables with units, warnings, and the [material] table."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from fitting.material.fit.result import MaterialFit
+from suas_jax.config.quantities import format_quantity
+
+
+def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
+    """Print what was found.
+
+    Args:
+        report: the JSON of `suas fit material`.
+        fit: the fit it came from.
+    """
+    console = Console(highlight=False)
+    colour = "green" if fit.status == "converged" else "yellow"
+    console.print(
+        f"[{colour}]{fit.status}[/] {fit.family.title}: {report['starts_agreeing']} of the "
+        f"best {len(fit.minima.cost)} of {fit.starts} starts agree"
+    )
+    table = Table("constant", "value", "standard error", "95 % interval")
+    low, high = fit.intervals(0.95)
+    errors = fit.uncertainty.standard_errors
+    for i, (name, unit) in enumerate(zip(fit.family.names, fit.family.units, strict=True)):
+        numbers = (fit.constants[i], errors[i], low[i], high[i])
+        value, error, first, last = (_text(number, unit) for number in numbers)
+        table.add_row(name, value, error, f"{first} to {last}")
+    modulus, first, last = (_text(x, "Pa") for x in fit.shear_modulus())
+    table.add_row("shear modulus", modulus, "", f"{first} to {last}")
+    console.print(table)
+    table = Table("mode", "points", "RMS", "relative RMS", "stable for stretches")
+    for mode in {**report["modes"], **report["stable_range"]}:
+        row = report["modes"].get(mode)
+        window = report["stable_range"].get(mode)
+        table.add_row(
+            mode,
+            str(row["n"]) if row else "not measured",
+            format_quantity(1e6 * row["rms_MPa"], "stress") if row and "rms_MPa" in row else "",
+            f"{100.0 * row['relative_rms']:.3g} %" if row else "",
+            f"{window[0]:.3f} to {window[1]:.3f}" if window else "",
+        )
+    console.print(table)
+    if "candidates" in report:
+        table = Table("law", "constants", "AICc", "BIC", "free combinations", "status")
+        for row in report["candidates"]:
+            chosen = "[bold]" if row["title"] == fit.family.title else ""
+            table.add_row(
+                chosen + row["title"],
+                str(row["constants"]),
+                f"{row['aicc']:.2f}",
+                f"{row['bic']:.2f}",
+                str(row["unidentifiable"]),
+                row["status"],
+            )
+        console.print(table)
+    else:
+        console.print(f"AICc {report['aicc']:.2f}, BIC {report['bic']:.2f}", end=", ")
+    kind = report["residual"]["kind"]
+    floor = f", floor {100 * 0.01:.0f} % of each file's median" if kind == "relative" else ""
+    console.print(f"residuals {kind}{floor}, condition number {report['condition_number']:.3g}")
+    if "posterior" in report:
+        _print_posterior(console, report["posterior"], fit)
+    for text in report["unidentifiable"]:
+        console.print(f"[yellow]not determined:[/] {escape(text)}")
+    for text in report["warnings"]:
+        console.print(f"[yellow]warning:[/] {escape(text)}")
+    console.print("\n" + material_table(fit), markup=False)
+
+
+def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialFit) -> None:
+    """Quantiles of the samples, what was assumed, and whether to trust them."""
+    colour = "green" if posterior["converged"] else "yellow"
+    console.print(f"\n[{colour}]posterior[/] {posterior['message']}")
+    if "parameters" not in posterior:
+        return
+    table = Table("constant", "median", "68 % interval", "95 % interval")
+
+    def flat(tree: dict[str, Any]) -> list[Any]:
+        """Values by constant, in the order of the family."""
+        found = []
+        for name in fit.family.names:
+            key, _, index = name.partition(".")
+            found.append(tree[key][int(index)] if index else tree[key])
+        return found
+
+    columns = (posterior["parameters"], *posterior["intervals"].values())
+    rows = zip(fit.family.names, fit.family.units, *map(flat, columns), strict=True)
+    for name, unit, middle, *ends in rows:
+        shown = [f"{_text(low, unit)} to {_text(high, unit)}" for low, high in ends]
+        table.add_row(name, _text(middle, unit), *shown)
+    modulus = {key: _text(value, "Pa") for key, value in posterior["shear_modulus_Pa"].items()}
+    table.add_row(
+        "shear modulus",
+        modulus["median"],
+        f"{modulus['low68']} to {modulus['high68']}",
+        f"{modulus['low95']} to {modulus['high95']}",
+    )
+    if "noise" in posterior:
+        noise = posterior["noise"]
+        ends = [f"{low:.3g} to {high:.3g}" for low, high in (noise["68"], noise["95"])]
+        table.add_row("noise (of residuals)", f"{noise['median']:.3g}", *ends)
+    console.print(table)
+    for name, prior in posterior["priors"].items():
+        console.print(f"prior of {name}: {prior}", highlight=False, markup=False)
+    for text in posterior["warnings"]:
+        console.print(f"[yellow]warning:[/] {escape(text)}")
+    for text in posterior["prior_dominated"]:
+        console.print(f"[yellow]prior, not data:[/] {text}")
+    console.print(posterior["agreement"]["message"])
+
+
+def material_table(fit: MaterialFit) -> str:
+    """The fitted law as the [material] table of a skin file."""
+    lines = ["[material]", f'law = "{fit.family.law_name}"']
+    values = [
+        f'"{value / 1e6:.10g} MPa"' if unit == "Pa" else f"{value:.10g}"
+        for value, unit in zip(fit.constants, fit.family.units, strict=True)
+    ]
+    for key, value in fit.family.tree(values).items():
+        shown = "[" + ", ".join(value) + "]" if isinstance(value, list) else value
+        lines.append(f"{key} = {shown}")
+    if fit.family.law_name == "ogden":
+        lines.append('convention = "mu/alpha"')
+    return "\n".join(lines)
+
+
+def _text(value: float, unit: str) -> str:
+    return format_quantity(value, "stress") if unit == "Pa" else f"{value:.5g}"

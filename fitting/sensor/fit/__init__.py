@@ -1,0 +1,1 @@
+"""Least squares for a sensor calibration, its priors, checks and posterior."""

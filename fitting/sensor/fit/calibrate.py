@@ -1,0 +1,322 @@
+"""Calibrate a skin's electrical constants, and its material's, from logs with known inputs.
+
+SO = (C_stray + eps0 eps A <1/d>) / lsb: at rest only permittivity over gap shows; a known
+displacement changes d by a known amount and tells the gap itself; a second fluid of known
+permittivity tells gap times scale. What the logs at hand determine is read from the
+derivatives of the readings; a constant that they leave open keeps the value of the skin
+file within a stated tolerance (a prior), and the report says so.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.sensor.fit.checks import (
+    disagreement_warning,
+    drift_warning,
+    masked_taxels,
+    noise_warning,
+    refuse_strangers,
+)
+from fitting.sensor.fit.constants import (
+    DEFAULT,
+    GAP,
+    PATHS,
+    PERMITTIVITY,
+    SensorFamily,
+    is_gap,
+    is_material,
+    named,
+    single_gaps,
+)
+from fitting.sensor.fit.priors import findings, needed_priors, what_logs_tell
+from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
+from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.fit.search import Found, robust, search
+from fitting.sensor.logs.data import NoCalibration, SensorData
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.logs.readings import gathered, measured_noise
+from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
+from fitting.statistics.diagnostics import misfit
+from fitting.statistics.identifiability import Uncertainty, uncertainty
+from suas_jax.acquisition.baseline import Baseline
+
+_ROUNDS = 8
+_SAME = 1e-7
+# Readings are left out where the membrane would touch the wall in a gap smaller by this.
+_NEAR_CONTACT = 0.85
+_FIELD_ROUNDS = 2
+
+
+def fit_sensor(
+    data: SensorData,
+    fit: Sequence[str] = DEFAULT,
+    *,
+    priors: Mapping[str, tuple[float, float]] | None = None,
+    baseline: Baseline | None = None,
+    offsets: bool = False,
+    air: str = "skin",
+    gaps: str = "global",
+    like: SensorFit | None = None,
+    model: str = "auto",
+    field: bool = False,
+    progress: Callable[[str], None] = lambda text: None,
+) -> SensorFit:
+    """Find the constants that follow the logs best, and say how far they can be known.
+
+    Args:
+        data: the logs.
+        fit: names of the constants: permittivity, gap, scale, stray, layers, material.C1 ...
+        priors: mean and standard deviation by name, SI, that are always used.
+        baseline: counts at rest, which fix an offset of every taxel.
+        offsets: give every taxel an offset of its own.
+        air: how air in the gap answers: "skin" (as the skin file says), "trapped" or
+            "vented".
+        gaps: whether all taxels share one gap ("global"), those of a module ("module"), or
+            each has its own ("taxel").
+        model: "shell", "solid" (the shell with the solid's correction), or "auto": the
+            solid, unless the logs say that `suas simulate` made them, which has the shell.
+        field: take capacitances from the electrostatic field instead of the formula.
+        like: a calibration of the same known states, whose shapes are used again.
+        progress: called with what is being done.
+
+    Raises:
+        ValueError: an argument is not allowed.
+        NoCalibration: the logs don't follow the skin's model at all.
+    """
+    parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
+    if not parts:
+        raise ValueError("--fit: name at least one constant")
+    parts, gap_of = single_gaps(data.spec, parts, gaps)
+    family = SensorFamily(parts)
+    given = _given(data, family, priors or {})
+    if field and (gap_of is not None or any(map(is_material, family.names))):
+        raise ValueError("--field: with one gap for all taxels, and without the material")
+    readings, loads, permittivity = gathered(data, baseline, offsets)
+    solver = ShapeSolver(
+        data, loads, permittivity, family, gap_of, air=air, model=model, progress=progress
+    )
+    stated = [solver.stated(name) for name in family.names]
+    start = np.array(
+        [
+            value if value is not None else part.size if part.positive else 0.0
+            for part, value in zip(parts, stated, strict=True)
+        ]
+    )
+    shapes = solver.at(start) if like is None else solver.again(like.shapes, like.loads, start)
+    problem = SensorProblem(shapes.model, readings, given)
+    problem, touching = _away_from_the_wall(problem, start)
+    progress("fitting")
+    problem, found = robust(problem, start)
+    if field:
+        progress("solving the electrostatic field")
+        for _ in range(_FIELD_ROUNDS):
+            exact = problem.model.with_field(jnp.asarray(found.constants))
+            problem, found = robust(problem.replace(model=exact), found.constants)
+    settled = _settled(problem, found, shapes, touching, solver, stated, progress)
+    problem, found, shapes, touching, steady = settled
+    warnings = [*data.warnings, *solver.warnings]
+    if not steady:
+        warnings.append(
+            f"the shapes still change after {_ROUNDS} rounds: the constants that move the "
+            "membrane are far from the skin file's; put better values into it"
+        )
+    drifts = drift_warning(problem, found.constants)
+    if drifts:
+        warnings.append(drifts)
+        drifting = dataclasses.replace(problem.readings, drifting=True)
+        problem, found = robust(problem.replace(readings=drifting), found.constants)
+    warnings += refuse_strangers(problem, found.constants, data)
+    problem, found, noise = _with_measured_noise(problem, found)
+    return _judged(data, problem, found, shapes, loads, noise, touching, steady, warnings)
+
+
+def _given(
+    data: SensorData, family: SensorFamily, priors: Mapping[str, tuple[float, float]]
+) -> dict[str, Prior]:
+    found = {}
+    for name, (mean, sd) in priors.items():
+        own = named(data.spec, name).name if name not in family.names else name
+        if own not in family.names:
+            if own == GAP and any(map(is_gap, family.names)):
+                raise ValueError("--prior gap: name each one, such as oil_gap.0")
+            raise ValueError(
+                f"--prior {name}: it is not fitted; name it in --fit (fitted are "
+                f"{', '.join(family.names)})"
+            )
+        found[own] = Prior(mean, sd, "given with --prior")
+    return found
+
+
+def _away_from_the_wall(
+    problem: SensorProblem, constants: np.ndarray
+) -> tuple[SensorProblem, np.ndarray]:
+    """Leave out readings of taxels that the membrane touches, or nearly."""
+    near, model = constants.copy(), problem.model
+    own = [i for i, name in enumerate(problem.family.names) if is_gap(name)]
+    near[own] *= _NEAR_CONTACT
+    if not own:
+        gap = model.inputs[PATHS[GAP]] * _NEAR_CONTACT
+        model = dataclasses.replace(model, inputs=model.inputs | {PATHS[GAP]: gap})
+    so = problem.replace(model=model).predicted(near)
+    readings = problem.readings
+    touching = ~np.isfinite(so) & np.isfinite(readings.so)
+    present = np.isfinite(readings.so) & ~touching
+    if not present.any():
+        raise NoCalibration(
+            "the membrane touches the wall in every frame: check the units of the known "
+            "displacements or forces, and the skin's oil gap"
+        )
+    readings = dataclasses.replace(readings, present=present, used=present)
+    return problem.replace(readings=readings), touching
+
+
+def _settled(
+    problem: SensorProblem,
+    found: Found,
+    shapes: Shapes,
+    touching: np.ndarray,
+    solver: ShapeSolver,
+    stated: Sequence[float | None],
+    progress: Callable[[str], None],
+) -> tuple[SensorProblem, Found, Shapes, np.ndarray, bool]:
+    """Add the priors that are needed; solve shapes again until no constant moves them.
+
+    Returns:
+        The problem, its minimum, the shapes, which readings the wall takes, and whether
+        nothing changes any more.
+    """
+    moving = list(solver.moving)
+    for _ in range(_ROUNDS):
+        at = np.asarray(problem.model.at)[moving]
+        moved = moving and not np.allclose(found.constants[moving], at, rtol=_SAME)
+        needed = needed_priors(problem, found.constants, stated)
+        if not moved and not needed:
+            return problem, found, shapes, touching, True
+        problem = problem.replace(priors={**problem.priors, **needed})
+        start = found.constants
+        if moved:
+            shapes = solver.at(start)
+            field = problem.model.factor
+            problem = problem.replace(model=dataclasses.replace(shapes.model, factor=field))
+            progress("fitting")
+            problem, touching = _away_from_the_wall(problem, start)
+            problem, found = robust(problem, start)
+        else:
+            found = search(problem, start)
+    return problem, found, shapes, touching, False
+
+
+def _with_measured_noise(
+    problem: SensorProblem, found: Found
+) -> tuple[SensorProblem, Found, np.ndarray]:
+    """Measure the noise in the residuals, log by log, and fit with it."""
+    here = problem.readings
+    errors = problem.standardised(found.constants) * here.sigma
+    noise = measured_noise(here, errors, problem.family.size)
+    sigma = np.where(here.log >= 0, noise[:, here.log], here.sigma)
+    problem = problem.replace(readings=dataclasses.replace(here, sigma=sigma))
+    return problem, search(problem, found.constants), noise
+
+
+def _judged(
+    data: SensorData,
+    problem: SensorProblem,
+    found: Found,
+    shapes: Shapes,
+    loads: KnownLoads,
+    noise: np.ndarray,
+    touching: np.ndarray,
+    steady: bool,
+    warnings: list[str],
+) -> SensorFit:
+    constants, family, here = found.constants, problem.family, problem.readings
+    r = problem.standardised(constants)
+    paths = [
+        row[used & (here.log == k)]
+        for k in range(here.logs)
+        for row, used in zip(r, here.used, strict=True)
+    ]
+    typical = float(np.sqrt(np.mean((here.so / here.sigma)[here.used] ** 2)))
+    judged_misfit = misfit(
+        [path for path in paths if len(path)],
+        family.size,
+        known_noise=False,
+        exact=1e-4 * typical,
+    )
+    judged = uncertainty(
+        problem.residuals(),  # type: ignore[arg-type]
+        constants,
+        known_noise=True,
+        inflation=judged_misfit.inflation,
+    )
+    sizes = problem.relative_sizes(constants)
+    alone = bounds_of(problem.information(constants) / judged_misfit.inflation**2) * sizes
+    held = tuple(family.names[i] for i in found.held)
+    for name in held:
+        warnings.append(f"{name} stopped at zero: the logs would have it negative")
+    if judged_misfit.words:
+        words = judged_misfit.words.replace(
+            "the law does not follow the data", "the model does not follow the counts"
+        ).replace("along the tests", "along the logs")
+        hint = "; --field takes capacitances from the field instead of the formula"
+        warnings.append(words + (hint if problem.model.factor is None else ""))
+    warnings += [disagreement_warning(problem, constants), noise_warning(noise, data)]
+    offsets, drift = _taken_out(problem, constants)
+    return SensorFit(
+        data=data,
+        problem=problem,
+        shapes=shapes,
+        loads=loads,
+        constants=constants,
+        converged=steady and bool(found.minima.converged[0]),
+        cost=float(found.minima.cost[0]),
+        held=held,
+        uncertainty=judged,
+        alone=alone,
+        ratio=_ratio(problem, constants, judged),
+        misfit=judged_misfit,
+        noise=noise,
+        masked=(*data.masked, *masked_taxels(problem, touching, data)),
+        outliers=int((here.present & ~here.used).sum()),
+        offsets=offsets,
+        drift=drift,
+        findings=tuple(findings(problem, constants, judged_misfit.inflation)),
+        tells=tuple(what_logs_tell(problem, constants, judged_misfit.inflation, data)),
+        warnings=tuple(dict.fromkeys(filter(None, warnings))),
+    )
+
+
+def _ratio(
+    problem: SensorProblem, constants: np.ndarray, judged: Uncertainty
+) -> tuple[float, float] | None:
+    """Permittivity over gap with its standard error; None with several gaps."""
+    names = problem.family.names
+    if PERMITTIVITY not in names or problem.model.gap_of is not None:
+        return None
+    i = names.index(PERMITTIVITY)
+    gradient = np.zeros(len(names))
+    gap = float(problem.model.inputs[PATHS[GAP]])
+    if GAP in names:
+        j = names.index(GAP)
+        gap = constants[j]
+        gradient[j] = -constants[i] / gap**2
+    gradient[i] = 1 / gap
+    error = float(np.sqrt(gradient @ judged.covariance @ gradient))
+    return float(constants[i] / gap), error
+
+
+def _taken_out(
+    problem: SensorProblem, constants: np.ndarray
+) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Offsets with standard errors [2, taxel], and drifts [taxel, log]."""
+    here = problem.readings
+    if not here.extras:
+        return None, None
+    found, errors = here.taken_out(here.so - problem.predicted(constants))
+    silent = ~here.used.any(1)
+    found[silent], errors[silent] = np.nan, np.nan
+    offsets = np.stack([found[:, 0], errors[:, 0]]) if here.offsets else None
+    return offsets, found[:, -here.logs :] if here.drifting else None

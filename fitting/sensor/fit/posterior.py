@@ -1,0 +1,91 @@
+"""The posterior of a calibration, sampled: its log-probability, its start, its summary."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.sensor.fit.result import SensorFit
+from fitting.statistics.chain import Posterior
+from fitting.statistics.laplace import Gaussian
+from fitting.statistics.posterior import Settings, sample
+
+_QUANTILES = (2.5, 15.865, 50.0, 84.135, 97.5)
+
+
+def sample_sensor(
+    fit: SensorFit,
+    settings: Settings | None = None,
+    progress: Callable[[int, int, float], None] = lambda step, steps, tau: None,
+) -> tuple[Posterior, dict[str, Any]]:
+    """Sample the constants of a calibration around its minimum.
+
+    The noise is what the residuals showed, the priors are those of the fit: they are
+    residuals like the readings, Gaussian in the constants. Priors on parameters without one
+    are flat in theta, which is flat in the logarithm of a positive constant.
+
+    Args:
+        fit: the calibration.
+        settings: of the sampler.
+        progress: see `posterior.sample`.
+
+    Returns:
+        The chain in theta, and its summary: the key "posterior" of the report.
+
+    Raises:
+        ValueError: settings are not allowed, or a chain file belongs to something else.
+        PosteriorError: no possible point was found.
+    """
+    family, residuals = fit.family, fit.residuals
+    theta = family.unconstrained(jnp.asarray(fit.constants))
+    slope = np.asarray(jax.jacfwd(family.constants)(theta))
+    inverse = np.linalg.inv(slope)
+    spread = inverse @ fit.uncertainty.covariance @ inverse.T
+    centre = np.array(theta)
+    for name in fit.held:
+        # Into what is possible, by one standard error.
+        along = spread[:, family.names.index(name)]
+        centre += along / np.sqrt(along[family.names.index(name)])
+    start = Gaussian(centre, spread)
+    widening = fit.misfit.inflation
+
+    def one(theta: jax.Array) -> jax.Array:
+        possible = jnp.all(family.constants(theta) >= jnp.asarray(family.floors))
+        value = residuals.log_likelihood(theta) / widening**2
+        return jnp.where(possible, value, -jnp.inf)
+
+    leaves = [np.asarray(x) for x in jax.tree.leaves(residuals)]
+    key = b"".join(x.tobytes() for x in leaves) + repr(family).encode()
+    # Differences across a floor are infinite.
+    with np.errstate(invalid="ignore"):
+        chain = sample(jax.vmap(one), start, family.names, settings, key=key, progress=progress)
+    constants = np.asarray(jax.vmap(family.constants)(jnp.asarray(chain.samples)))
+    low95, low, middle, high, high95 = np.percentile(constants, _QUANTILES, axis=0)
+
+    def by_name(values: np.ndarray) -> dict[str, Any]:
+        return dict(zip(family.names, values.tolist(), strict=True))
+
+    covariance = np.atleast_2d(np.cov(constants.T))
+    return chain, {
+        "parameters": by_name(middle),
+        "mean": by_name(constants.mean(axis=0)),
+        "standard_deviations": by_name(np.sqrt(np.diagonal(covariance))),
+        "covariance": covariance.tolist(),
+        "covariance_order": list(family.names),
+        "intervals": {
+            "68": by_name(np.stack([low, high], axis=1)),
+            "95": by_name(np.stack([low95, high95], axis=1)),
+        },
+        "agreement": chain.agreement,
+        "steps": chain.steps,
+        "walkers": chain.chain.shape[1],
+        "burn_in": chain.burn_in,
+        "autocorrelation_time": by_name(chain.tau),
+        "effective_samples": float(np.min(chain.effective_samples)),
+        "acceptance": chain.acceptance,
+        "converged": chain.converged,
+        "status": "converged" if chain.converged else "not_converged",
+        "message": chain.message,
+    }

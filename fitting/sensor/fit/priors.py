@@ -1,0 +1,200 @@
+"""Priors for what the logs leave open, and what the logs tell without them.
+
+A constant whose standard error would exceed a share of its size is left open by the data:
+it keeps the value of the skin file within a stated tolerance, and the report says so.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fitting.sensor.fit.constants import (
+    GAP,
+    LAYERS,
+    PERMITTIVITY,
+    SCALE,
+    STRAY,
+    Constant,
+    is_gap,
+    is_material,
+)
+from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
+from fitting.sensor.logs.data import SensorData
+
+OPEN = 0.05
+"""Share of its size up to which a standard error leaves a constant known."""
+# Tolerance of what a skin file says, where nothing else does: standard deviations relative
+# to natural sizes.
+TOLERANCE = {PERMITTIVITY: 0.1, GAP: 0.05, SCALE: 0.01, STRAY: 0.1, LAYERS: 0.1}
+_MATERIAL_TOLERANCE = 0.1
+# What gets a prior first.
+_LEAST_KNOWN = (LAYERS, STRAY, SCALE)
+# Constants that are linked to one with a prior are no better known than it.
+_LINKED = 2.0
+_FIXED = 1e6
+
+
+def is_static(problem: SensorProblem) -> bool:
+    """Whether all readings that are used are of one state in one fluid."""
+    here = problem.readings
+    return len(np.unique(here.state[here.used.any(0)])) == 1
+
+
+def prior_of(part: Constant, stated: float | None, reason: str) -> Prior:
+    """The prior of a constant that the data leave open.
+
+    Args:
+        part: the constant.
+        stated: what the skin file says, SI; None where it says nothing.
+        reason: why it is needed.
+    """
+    mean = stated if stated is not None else (part.size if part.positive else 0.0)
+    share = TOLERANCE.get(part.name.split(".")[0], _MATERIAL_TOLERANCE)
+    return Prior(mean, share * part.size, reason)
+
+
+def needed_priors(
+    problem: SensorProblem, constants: np.ndarray, stated: Sequence[float | None]
+) -> dict[str, Prior]:
+    """Priors that the data ask for beside those that there are.
+
+    Args:
+        problem: what is fitted to what.
+        constants: where, SI [p].
+        stated: what the skin file says of each.
+    """
+    names = problem.family.names
+    information = problem.information(constants)
+    sizes = problem.relative_sizes(constants)
+    for name, prior in problem.priors.items():
+        i = names.index(name)
+        information[i, i] += (sizes[i] / prior.sd) ** 2
+    static = is_static(problem)
+    needed: dict[str, Prior] = {}
+    for i in _order(names):
+        all_ = {**problem.priors, **needed}
+        if names[i] in all_:
+            continue
+        shares = [prior.sd / sizes[names.index(name)] for name, prior in all_.items()]
+        limit = max([OPEN, *(_LINKED * share for share in shares)])
+        reason = ""
+        if bounds_of(information)[i] > limit:
+            reason = "the logs leave it open"
+        elif is_gap(names[i]) and static and not any(map(is_gap, all_)):
+            # Under a load the pattern would tell, but only as far as the model is exact.
+            reason = "one static state in one fluid determines permittivity over gap only"
+        if reason:
+            needed[names[i]] = prior_of(problem.family.parts[i], stated[i], reason)
+            information[i, i] += (sizes[i] / needed[names[i]].sd) ** 2
+    return needed
+
+
+def _order(names: tuple[str, ...]) -> list[int]:
+    """Constants, the one that gets a prior first leading."""
+    material = [name for name in names if is_material(name)][::-1]
+    last = [*filter(is_gap, names), PERMITTIVITY]
+    return [names.index(n) for n in (*_LEAST_KNOWN, *material, *last) if n in names]
+
+
+def findings(problem: SensorProblem, constants: np.ndarray, inflation: float) -> list[str]:
+    """What the data don't determine, in words.
+
+    Args:
+        problem: what is fitted to what.
+        constants: fitted, SI [p].
+        inflation: factor on standard errors.
+    """
+    names = problem.family.names
+    information = problem.information(constants) / inflation**2
+    alone = bounds_of(information)
+    open_ = {name for name, error in zip(names, alone, strict=True) if not error < OPEN}
+    open_ |= {name for name, prior in problem.priors.items() if not prior.given}
+    pair = {name for name in names if name == PERMITTIVITY or is_gap(name)}
+    found = []
+    if (
+        PERMITTIVITY in pair
+        and any(map(is_gap, open_))
+        and _only_the_ratio(problem, information, constants, pair)
+    ):
+        others = sorted(open_ - pair)
+        why = "one static state in one fluid: " if is_static(problem) else ""
+        found.append(
+            f"{why}only the ratio {PERMITTIVITY}/{GAP} is determined"
+            + (f" (with {', '.join(others)} as assumed)" if others else "")
+            + "; vary a known displacement or load, or add a log in a fluid of known "
+            "permittivity (air), to tell them apart"
+        )
+        open_ -= pair
+    values, vectors = np.linalg.eigh(information)
+    for name in sorted(open_):
+        i = names.index(name)
+        weak = vectors[:, np.argmax(np.abs(vectors[i]) / np.sqrt(np.abs(values) + 1e-30))]
+        partners = [
+            other
+            for other, share in zip(names, weak, strict=True)
+            if other != name and abs(share) > 0.1
+        ]
+        trade = f"; it trades against {', '.join(partners)}" if partners else ""
+        found.append(f"{name} is not determined{trade}")
+    return found
+
+
+def _only_the_ratio(
+    problem: SensorProblem, information: np.ndarray, constants: np.ndarray, pair: set[str]
+) -> bool:
+    """Whether the permittivity is known where gaps are, and open where they are.
+
+    All other constants are as the skin file says.
+    """
+    if is_static(problem):
+        return True
+    names = problem.family.names
+    sizes = problem.relative_sizes(constants)
+    held = information.copy()
+    for name in set(names) - pair:
+        i = names.index(name)
+        held[i, i] += (sizes[i] / prior_of(problem.family.parts[i], None, "").sd) ** 2
+    permittivity = names.index(PERMITTIVITY)
+    alone = bounds_of(held)[permittivity]
+    for name in pair - {PERMITTIVITY}:
+        held[names.index(name), names.index(name)] += _FIXED**2
+    return bool(bounds_of(held)[permittivity] < OPEN and not alone < OPEN)
+
+
+def what_logs_tell(
+    problem: SensorProblem, constants: np.ndarray, inflation: float, data: SensorData
+) -> list[dict[str, Any]]:
+    """Standard errors that each log and each fluid would give alone, without priors.
+
+    Args:
+        problem: what is fitted to what.
+        constants: fitted, SI [p].
+        inflation: factor on standard errors.
+        data: names the logs.
+    """
+    here = problem.readings
+    rows: list[tuple[str, np.ndarray]] = []
+    if len(data.files) > 1:
+        rows += [(file.path, here.log == k) for k, file in enumerate(data.files)]
+    known = np.isfinite(np.asarray(problem.model.permittivity))[here.state]
+    if known.any() and not known.all():
+        rows += [("oil alone", ~known), ("known fluid alone", known)]
+    rows.append(("all", np.ones(len(here.state), bool)))
+    sizes = problem.relative_sizes(constants)
+    found = []
+    for name, frames in rows:
+        errors = bounds_of(problem.information(constants, frames)) * inflation
+        told = [
+            float(error * size) if error < OPEN else None
+            for error, size in zip(errors, sizes, strict=True)
+        ]
+        found.append(
+            {
+                "logs": name,
+                "frames": int((here.used.any(0) & frames).sum()),
+                "states": len(np.unique(here.state[frames])),
+                "standard_errors": dict(zip(problem.family.names, told, strict=True)),
+            }
+        )
+    return found

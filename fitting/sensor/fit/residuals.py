@@ -1,0 +1,193 @@
+"""The misfit of a skin's model to the counts of all logs, and what it says of the constants."""
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from fitting.sensor.fit.constants import SensorFamily
+from fitting.sensor.fit.model import SensorModel
+from fitting.sensor.logs.readings import Readings
+from fitting.statistics.residuals import AbstractResiduals, sensitivity
+
+# Of a constant that is held at its floor: standard deviation relative to its size.
+_HELD = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Prior:
+    """What is assumed of a constant.
+
+    Attributes:
+        mean: SI.
+        sd: standard deviation, SI.
+        reason: why it was needed.
+    """
+
+    mean: float
+    sd: float
+    reason: str
+
+    @property
+    def given(self) -> bool:
+        """Whether the user gave it."""
+        return self.reason.startswith("given")
+
+
+class SensorResiduals(AbstractResiduals):
+    """Misfit of the model to the counts of all logs, priors included.
+
+    Attributes:
+        model: the counts.
+        state: which state a frame is in [frame].
+        value: readings, taxel after taxel, then the means of the priors [n].
+        inverse_scale: 1 / standard deviation [n]; zero for what is not used.
+        basis: orthonormal columns, in units of the noise, of what is taken out of every
+            taxel's readings [taxel, frame, column].
+        family: the constants.
+    """
+
+    model: SensorModel
+    state: Int[Array, " frame"]
+    value: Float[Array, " n"]
+    inverse_scale: Float[Array, " n"]
+    basis: Float[Array, "taxel frame column"]
+
+    @property
+    def family(self) -> SensorFamily:
+        """The constants."""
+        return self.model.family
+
+    def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Readings for constants in SI units, and the constants themselves."""
+        so = self.model.so(constants)[:, self.state]
+        return jnp.concatenate([so.reshape(-1), constants])
+
+    def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Residuals for constants in SI units."""
+        used = self.inverse_scale > 0.0
+        misfit = jnp.where(used, self.predict(constants) - self.value, 0.0)
+        r = misfit * self.inverse_scale
+        if self.basis.shape[-1] == 0:
+            return r
+        taxels, frames, _ = self.basis.shape
+        data = r[: taxels * frames].reshape(taxels, frames)
+        along = jnp.einsum("tfk,tf->tk", self.basis, data)
+        data = data - jnp.einsum("tfk,tk->tf", self.basis, along)
+        return jnp.concatenate([data.reshape(-1), r[taxels * frames :]])
+
+    def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Residuals for dimensionless parameters."""
+        return self.of_constants(self.family.constants(theta))
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorProblem:
+    """What is fitted to what.
+
+    Attributes:
+        model: the counts as a function of the constants.
+        readings: what was read, and which of it is used.
+        priors: by name of the constant.
+    """
+
+    model: SensorModel
+    readings: Readings
+    priors: Mapping[str, Prior]
+
+    @property
+    def family(self) -> SensorFamily:
+        """The constants."""
+        return self.model.family
+
+    def replace(self, **changes: object) -> "SensorProblem":
+        """The same with other readings, priors or model."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+    def using(self, used: np.ndarray) -> "SensorProblem":
+        """The same with other readings used [taxel, frame]."""
+        return self.replace(readings=dataclasses.replace(self.readings, used=used))
+
+    def residuals(
+        self, weight: np.ndarray | float = 1.0, held: tuple[int, ...] = ()
+    ) -> SensorResiduals:
+        """The misfit in units of the noise.
+
+        Args:
+            weight: of each reading beside its noise [taxel, frame].
+            held: positions of constants that are kept at their floors.
+        """
+        here = self.readings
+        inverse = np.where(here.used, np.sqrt(weight) / here.sigma, 0.0)
+        means, sds = np.zeros(self.family.size), np.zeros(self.family.size)
+        for name, prior in self.priors.items():
+            i = self.family.names.index(name)
+            means[i], sds[i] = prior.mean, 1 / prior.sd
+        for i in held:
+            part = self.family.parts[i]
+            means[i], sds[i] = part.floor, 1 / (_HELD * part.size)
+        value = np.concatenate([np.nan_to_num(here.so).reshape(-1), means])
+        return SensorResiduals(
+            model=self.model,
+            state=jnp.asarray(here.state),
+            value=jnp.asarray(value),
+            inverse_scale=jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
+            basis=jnp.asarray(here.basis(here.sigma / np.sqrt(np.where(here.used, weight, 1)))),
+        )
+
+    def predicted(self, constants: np.ndarray) -> np.ndarray:
+        """Counts without offsets and drift [taxel, frame]."""
+        return np.asarray(self.model.so(jnp.asarray(constants)))[:, self.readings.state]
+
+    def standardised(
+        self, constants: np.ndarray, weight: np.ndarray | float = 1.0
+    ) -> np.ndarray:
+        """Predicted less measured counts of all readings present, in units of the noise.
+
+        Offsets and drift are those of the readings that are used, so that outliers among
+        the others stand out; zero where nothing is present [taxel, frame].
+        """
+        here = self.readings
+        errors = np.where(here.present, here.so - self.predicted(constants), 0.0)
+        if here.extras:
+            found, _ = here.taken_out(errors, weight)
+            errors = errors - np.einsum("tk,fk->tf", found, here.columns())
+        return np.where(here.present, -errors / here.sigma, 0.0)
+
+    def relative_sizes(self, constants: np.ndarray) -> np.ndarray:
+        """What a constant's error is compared with: its value, or its natural size [p]."""
+        return np.where(self.family.positive, np.abs(constants), self.family.sizes)
+
+    def information(
+        self, constants: np.ndarray, frames: np.ndarray | None = None
+    ) -> np.ndarray:
+        """JᵀJ of the readings alone, in relative sizes [p, p].
+
+        Args:
+            constants: where, SI [p].
+            frames: which frames; all of them by default.
+        """
+        _, jacobian = sensitivity(self.residuals(), jnp.asarray(constants))  # type: ignore[arg-type]
+        shape = self.readings.so.shape
+        rows = np.asarray(jacobian)[: self.readings.so.size].reshape(*shape, -1)
+        rows = rows * self.relative_sizes(constants)
+        if frames is not None:
+            rows = rows[:, frames]
+        return np.asarray(np.einsum("tfi,tfj->ij", rows, rows))
+
+
+def bounds_of(information: np.ndarray) -> np.ndarray:
+    """Cramer-Rao bounds, infinite along null directions [p].
+
+    Args:
+        information: the Fisher information, in relative sizes [p, p].
+    """
+    values, vectors = np.linalg.eigh(information)
+    largest = max(float(values[-1]), 1e-300)
+    null = values < 1e-14 * largest
+    safe = np.where(null, 1.0, np.maximum(values, 1e-300))
+    variance = (vectors**2) @ np.where(null, 0.0, 1 / safe)
+    reached = (vectors**2) @ null.astype(float)
+    return np.where(reached > 1e-10, np.inf, np.sqrt(variance))

@@ -1,0 +1,128 @@
+"""Least squares for a calibration: from starts, robust against outliers, above the floors."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.sensor.fit.residuals import SensorProblem
+from fitting.sensor.logs.data import NoCalibration
+from fitting.statistics.least_squares import Minima, minimise
+
+_LANES = 2
+_SPREAD = 0.05
+# Shapes are linear in what moves the membrane: a step is no longer than this in theta.
+_LARGEST_MOVE = 0.3
+_OUTLIER = 5.0
+_HUBER = 1.5
+_HUBER_ROUNDS = 2
+_ROUNDS = 8
+# Share of a taxel's readings that may be outliers before the taxel is given up, and of
+# taxels that may be, before it is the model that is wrong.
+_BAD_TAXEL = 0.5
+_BAD_SKIN = 0.3
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """The constants that follow the readings best.
+
+    Attributes:
+        constants: SI [p].
+        minima: what the starts found.
+        held: positions of constants that stopped at their floors.
+    """
+
+    constants: np.ndarray
+    minima: Minima
+    held: tuple[int, ...]
+
+
+def search(
+    problem: SensorProblem, start: np.ndarray, weight: np.ndarray | float = 1.0
+) -> Found:
+    """Minimise the misfit.
+
+    A constant that would fall below its floor is held there, and the others follow.
+
+    Args:
+        problem: what is fitted to what.
+        start: constants to start from, SI [p].
+        weight: of each reading beside its noise [taxel, frame].
+
+    Raises:
+        NoCalibration: no constants give finite counts.
+    """
+    family = problem.family
+    held: tuple[int, ...] = ()
+    start = np.maximum(start, family.floors)
+    random = np.random.default_rng(0)
+    spread = _SPREAD * random.standard_normal((_LANES, family.size))
+    spread[0] = 0.0
+    while True:
+        centre = np.asarray(family.unconstrained(jnp.asarray(start)))
+        spread[:, list(held)] = 0.0
+        minima = minimise(problem.residuals(weight, held), centre + spread, lanes=_LANES)
+        if not np.isfinite(minima.cost[0]):
+            raise NoCalibration(
+                "no constants give finite counts: check the skin file, the units of the known "
+                "inputs, and that the log belongs to this skin"
+            )
+        found = minima.theta[0].copy()
+        moving = list(problem.model.moving)
+        here = np.asarray(family.unconstrained(problem.model.at))[moving]
+        found[moving] = here + np.clip(found[moving] - here, -_LARGEST_MOVE, _LARGEST_MOVE)
+        constants = np.array(family.constants(jnp.asarray(found)))
+        constants[list(held)] = family.floors[list(held)]
+        below = (family.floors - constants) / family.sizes
+        lowest = int(np.argmax(below))
+        if not below[lowest] > 0.0:
+            return Found(constants, minima, held)
+        held = (*held, lowest)
+        start = np.maximum(start, family.floors)
+        start[lowest] = family.floors[lowest]
+
+
+def robust(problem: SensorProblem, start: np.ndarray) -> tuple[SensorProblem, Found]:
+    """Fit with little weight on outliers, then without them.
+
+    Args:
+        problem: all that is present is used at first.
+        start: constants, SI [p].
+
+    Returns:
+        The problem without the outliers, and its minimum.
+    """
+    present = problem.readings.present
+    problem = problem.using(present)
+    weight: np.ndarray | float = 1.0
+    constants = start
+    for _ in range(_HUBER_ROUNDS):
+        constants = search(problem, constants, weight).constants
+        r = problem.standardised(constants, weight)
+        weight = np.minimum(1.0, _HUBER * _spread(r[present]) / np.maximum(np.abs(r), 1e-12))
+    found = search(problem, constants, weight)
+    for trial in range(_ROUNDS):
+        used = _kept(problem.standardised(found.constants, weight), present)
+        if trial and np.array_equal(used, problem.readings.used):
+            break
+        problem, weight = problem.using(used), 1.0
+        found = search(problem, found.constants)
+    return problem, found
+
+
+def _kept(r: np.ndarray, present: np.ndarray) -> np.ndarray:
+    """Readings that are no outliers [taxel, frame]."""
+    outlying = present & (np.abs(r) > _OUTLIER * max(_spread(r[present]), 1.0))
+    share = outlying.sum(1) / np.maximum(present.sum(1), 1)
+    # A taxel that mostly disagrees while others agree is broken; where most do, it is the
+    # model that is wrong, and nothing is left out.
+    bad = share > _BAD_TAXEL
+    if bad.sum() > _BAD_SKIN * np.sum(present.any(1)):
+        return present
+    return np.asarray(present & ~outlying & ~bad[:, None])
+
+
+def _spread(r: np.ndarray) -> float:
+    """Standard deviation of what is no outlier."""
+    return max(1.4826 * float(np.median(np.abs(r))), 1e-3)

@@ -1,0 +1,1 @@
+"""Logs of an experiment with known inputs."""

@@ -1,0 +1,213 @@
+"""Logs of an experiment with known inputs, ready to be compared with the model.
+
+Readings that carry no information are taken out and listed with the reason: stuck and
+saturated taxels, repeated frames, frames without known inputs.
+"""
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fitting.sensor.logs.gap_fluid import fluid_name
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.logs.log import AlignedLog, read_aligned
+from fitting.sensor.logs.taxel_faults import Masked
+from suas_jax.config import SkinSpec
+
+
+class NoCalibration(ValueError):  # noqa: N818
+    """The logs don't belong to the skin, or nothing can be told from them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LogFile:
+    """Where readings came from.
+
+    Attributes:
+        path: as given.
+        sha256: of the file's bytes.
+        frames: how many are used.
+        fluids: what filled the gap.
+        inputs: the second file with its hash, or None.
+    """
+
+    path: str
+    sha256: str
+    frames: int
+    fluids: tuple[str, ...]
+    inputs: tuple[str, str] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorData:
+    """Readings of all logs.
+
+    Attributes:
+        spec: the skin.
+        so: raw counts [taxel, frame]; NaN where missing or masked.
+        time: since the first frame of its log [frame, s].
+        log: which log a frame is from [frame].
+        state: which known state a frame is in [frame].
+        loads: the distinct known states.
+        permittivity: of the fluid, state by state; NaN where it is the oil [state].
+        files: where the readings came from.
+        masked: what was left out.
+        warnings: what a person should know.
+        simulated: whether `suas simulate` made all of them, which has the shell's shapes.
+    """
+
+    spec: SkinSpec
+    so: np.ndarray
+    time: np.ndarray
+    log: np.ndarray
+    state: np.ndarray
+    loads: KnownLoads
+    permittivity: np.ndarray
+    files: tuple[LogFile, ...]
+    masked: tuple[Masked, ...]
+    warnings: tuple[str, ...]
+    simulated: bool = False
+
+    @property
+    def paths(self) -> str:
+        """Names of the logs."""
+        return ", ".join(file.path for file in self.files)
+
+    @property
+    def loaded(self) -> np.ndarray:
+        """States in which something moves the membrane [state]."""
+        force = np.nan_to_num(self.loads.force) != 0
+        moved = np.nan_to_num(self.loads.displacement) != 0
+        return np.asarray((force | moved).any(0))
+
+
+def load_sensor_data(
+    spec: SkinSpec,
+    logs: Sequence[Path],
+    inputs: Sequence[Path] = (),
+    fluids: Sequence[str] = (),
+    *,
+    joint: bool = False,
+) -> SensorData:
+    """Read the logs of an experiment.
+
+    Args:
+        spec: the skin that they were taken with.
+        logs: SO logs.
+        inputs: files of known inputs: one for each log, or one for all.
+        fluids: likewise, what filled the gap.
+        joint: the material is to be found, too: of a load whose force and displacement are
+            both known the force is used, else the displacement.
+
+    Raises:
+        ValueError: a file can't be used; names file, column, value and what is allowed.
+        OSError: it can't be read.
+    """
+    if spec.electrodes is None:
+        raise ValueError("the skin has no [electrodes]: there is nothing to calibrate")
+    if not logs:
+        raise ValueError("no log: name at least one")
+    for option, given in (("--inputs", inputs), ("--fluid", fluids)):
+        if len(given) not in (0, 1, len(logs)):
+            raise ValueError(
+                f"{option}: given {len(given)} times for {len(logs)} logs; once for all logs, "
+                "or once for each"
+            )
+
+    def of(given: Sequence, i: int) -> object:
+        return None if not given else given[i if len(given) > 1 else 0]
+
+    parts = [
+        read_aligned(spec, path, of(inputs, i), of(fluids, i))  # type: ignore[arg-type]
+        for i, path in enumerate(logs)
+    ]
+    return _joined(spec, parts, joint)
+
+
+def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorData:
+    count = max([1, *(1 + load for p in parts for load, _ in p.known.values)])
+    frames = [len(p.time) for p in parts]
+    table = np.zeros((4, count, sum(frames)))
+    table[2:] = np.nan
+    inner = np.zeros(count, bool)
+    begin = 0
+    warnings = [w for p in parts for w in p.warnings]
+    for p, n in zip(parts, frames, strict=True):
+        for (load, quantity), values in p.known.values.items():
+            here = slice(begin, begin + n)
+            if quantity in ("angle", "direction"):
+                table[0 if quantity == "angle" else 1, load, here] = np.nan_to_num(values)
+            elif quantity == "force":
+                table[2, load, here] = values
+            else:
+                table[3, load, here] = values
+                inner[load] |= quantity == "inner_displacement"
+        for load in range(count):
+            moved = {"displacement", "inner_displacement"} & {
+                q for k, q in p.known.values if k == load
+            }
+            if moved and (load, "force") in p.known.values:
+                warnings.append(
+                    f"{p.path}: load {load} has force and displacement: the "
+                    + (
+                        "force is used, which tells the material"
+                        if joint
+                        else "displacement is used, which needs no material"
+                    )
+                )
+        begin += n
+    both = np.isfinite(table[2]) & np.isfinite(table[3])
+    table[3 if joint else 2][both] = np.nan
+    neither = np.isnan(table[2]) & np.isnan(table[3])
+    table[2][neither] = 0.0
+    kinds = {
+        (load, q)
+        for p in parts
+        for load, q in p.known.values
+        if q in ("displacement", "inner_displacement")
+    }
+    for load in range(count):
+        if {(load, "displacement"), (load, "inner_displacement")} <= kinds:
+            raise ValueError(
+                f"load {load}: displacements of the mid-surface and of the inner face are "
+                "mixed; give one kind in all logs"
+            )
+    permittivity = np.concatenate([p.permittivity for p in parts])
+    rows = np.concatenate([table.reshape(4 * count, -1), permittivity[None]]).T
+    # NaN is no value that rows could be told apart by; it stands for "not this kind".
+    _, first, state = np.unique(
+        np.nan_to_num(rows, nan=1e300), axis=0, return_index=True, return_inverse=True
+    )
+    angle, turn, force, displacement = table[..., first]
+    masked = [m for p in parts for m in p.masked]
+    log = np.repeat(np.arange(len(parts)), frames)
+    files = tuple(
+        LogFile(
+            str(p.path),
+            _sha256(p.path),
+            len(p.time),
+            tuple(sorted({fluid_name(x) for x in p.permittivity})),
+            None if p.inputs is None else (str(p.inputs), _sha256(p.inputs)),
+        )
+        for p in parts
+    )
+    return SensorData(
+        spec,
+        np.concatenate([p.so for p in parts], axis=1),
+        np.concatenate([p.time for p in parts]),
+        log,
+        state.reshape(-1),
+        KnownLoads(angle, turn, force, displacement, inner),
+        permittivity[first],
+        files,
+        tuple(masked),
+        tuple(warnings),
+        all(p.simulated for p in parts),
+    )
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,220 @@
+"""One log of an experiment, checked against the skin and aligned with its taxels."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fitting.sensor.logs.gap_fluid import permittivities
+from fitting.sensor.logs.known_inputs import FLUID, Known, from_columns, from_file, from_header
+from fitting.sensor.logs.known_limits import check_known
+from fitting.sensor.logs.taxel_faults import Masked, without_faults
+from suas_jax.acquisition.integrity import Flags
+from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
+from suas_jax.config import SkinSpec, format_quantity, parse_quantity
+from suas_jax.sensing.taxels import taxel_names
+
+_SAME_SCALE = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class AlignedLog:
+    """One log, aligned with the skin's taxels.
+
+    Attributes:
+        path: of the log.
+        so: raw counts [taxel, frame]; NaN where missing or left out.
+        time: since the first frame [frame, s].
+        known: loads and displacements [frame].
+        permittivity: of the fluid; NaN where it is the oil [frame].
+        masked: what was left out.
+        warnings: what a person should know.
+        inputs: second file of known inputs, or None.
+        simulated: whether `suas simulate` made it.
+    """
+
+    path: Path
+    so: np.ndarray
+    time: np.ndarray
+    known: Known
+    permittivity: np.ndarray
+    masked: list[Masked]
+    warnings: list[str]
+    inputs: Path | None
+    simulated: bool
+
+
+def read_aligned(
+    spec: SkinSpec, path: Path, inputs: Path | None, fluid: str | None
+) -> AlignedLog:
+    """Read a log and what is known of its frames.
+
+    Args:
+        spec: the skin that it was taken with.
+        path: the log.
+        inputs: a second file of known inputs, joined on time.
+        fluid: what filled the gap, if the log doesn't say.
+
+    Raises:
+        ValueError: the log can't be used; names file, column, value and what is allowed.
+        OSError: a file can't be read.
+    """
+    for file in (path, inputs):
+        if file is not None and not file.exists():
+            raise FileNotFoundError(f"{file}: no such file")
+    log = read_log(path)
+    _check_header(spec, log)
+    taxels = _place(spec, log)
+    frames = group_frames(_without_repeats(log))
+    if not len(frames):
+        raise ValueError(f"{path}: the log is empty: it has no frames")
+    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    so = np.full((len(modules), len(frames)), np.nan)
+    for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):
+        row = np.flatnonzero(frames.modules == m)
+        if row.size and taxels[m] >= k:
+            so[i] = frames.so[:, row[0], k - 1]
+    clock = "t_device_s" if np.isfinite(frames.t_device).all() else "t_host_s"
+    time = frames.t_device if clock == "t_device_s" else frames.t_host
+    if not np.isfinite(time).all():
+        raise ValueError(f"{path}: both clocks have missing values: frames can't be placed")
+    warnings = [f"{path}: {note}" for note in log.notes]
+    known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
+    permittivity = permittivities(known.fluid, fluid, len(time), str(path))
+    for (load, quantity), values in known.values.items():
+        if quantity in ("force", "displacement", "inner_displacement"):
+            kept &= np.isfinite(values)
+            # At rest a load needs no place.
+            placed = known.values.get((load, "angle"), np.zeros(1))
+            kept &= np.isfinite(placed) | (values == 0)
+    if not kept.any():
+        raise ValueError(f"{path}: no frame has known inputs: every row misses one")
+    if not kept.all():
+        warnings.append(f"{path}: {int((~kept).sum())} frames without known inputs left out")
+    known = Known({k: v[kept] for k, v in known.values.items()}, None, known.names)
+    check_known(spec, known, str(path))
+    if not known.values:
+        warnings.append(
+            f"{path}: no known loads or displacements (columns such as load_0_force_N): the "
+            "skin is taken to be at rest"
+            + (f"; not understood: {', '.join(others)}" if (others := _strangers(log)) else "")
+        )
+    so, time, permittivity = so[:, kept], time[kept], permittivity[kept]
+    masked: list[Masked] = []
+    so = without_faults(so, log, modules, numbers, masked)
+    return AlignedLog(
+        path,
+        so,
+        time - time[0],
+        known,
+        permittivity,
+        masked,
+        warnings,
+        inputs,
+        "simulated" in log.header,
+    )
+
+
+def _strangers(log: SoLog) -> list[str]:
+    """Columns that are neither known inputs nor flags of the logger."""
+    own = {*Flags._fields, FLUID}
+    return [name for name in log.flags if name.strip().lower() not in own]
+
+
+def _check_header(spec: SkinSpec, log: SoLog) -> None:
+    """Refuse a log whose own header says that its counts are something else."""
+    assert spec.electrodes is not None
+    scale = log.header.get("scale", "").strip()
+    if scale:
+        try:
+            lsb = parse_quantity(scale, "capacitance")
+        except ValueError as error:
+            raise ValueError(f'{log.path}, header scale "{scale}": {error}') from None
+        own = spec.electrodes.lsb
+        if abs(lsb / own - 1) > _SAME_SCALE:
+            raise ValueError(
+                f"{log.path}, header scale: one count is {format_quantity(lsb, 'capacitance')} "
+                f"in this log, but electrodes.lsb is {format_quantity(own, 'capacitance')} in "
+                "the skin file: the units are mixed up, or it is another skin; make them agree"
+            )
+    units = log.header.get("units", "")
+    if "so_k" in units and "count" not in units.split("so_k", 1)[1]:
+        raise ValueError(f'{log.path}, header units "{units}": so_k in raw counts is expected')
+
+
+def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
+    """Number of taxels of the skin's modules, after a check that the log has the same."""
+    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    sizes = {
+        m: max(k for n, k in zip(modules, numbers, strict=True) if n == m) for m in modules
+    }
+    if not len(log):
+        raise ValueError(f"{log.path}: the log is empty: it has no rows")
+    strangers = sorted(set(log.module.tolist()) - sizes.keys())
+    if strangers:
+        raise ValueError(
+            f"{log.path}: module {strangers[0]}: the skin has no such module (it has "
+            f"{_listed(sorted(sizes))}): a log of another layout, or the wrong skin file"
+        )
+    columns = log.so.shape[1]
+    if columns != max(sizes[m] for m in sizes):
+        raise ValueError(
+            f"{log.path}: columns so_1 to so_{columns}, but the skin's modules have "
+            f"{max(sizes.values())} taxels: a log of another layout, or the wrong skin file"
+        )
+    for m, size in sizes.items():
+        if np.isfinite(log.so[log.module == m][:, size:]).any():
+            raise ValueError(
+                f"{log.path}: module {m} has counts beyond so_{size}, the skin's module has "
+                f"{size} taxels: a log of another layout, or the wrong skin file"
+            )
+    return sizes
+
+
+def _without_repeats(log: SoLog) -> SoLog:
+    """The log without counts that an earlier row already had."""
+    bad = np.zeros(len(log), bool)
+    for name in ("repeat", "suspect"):
+        flag = log.flags.get(name)
+        if flag is not None and flag.dtype.kind in "iu":
+            bad |= flag.astype(bool)
+    if not bad.any():
+        return log
+    return dataclasses.replace(log, so=np.where(bad[:, None], np.nan, log.so))
+
+
+def _known(
+    log: SoLog,
+    seq: np.ndarray,
+    t_host: np.ndarray,
+    inputs: Path | None,
+    time: np.ndarray,
+    clock: str,
+) -> tuple[Known, np.ndarray]:
+    """Known inputs of every frame, and which frames have them."""
+    where = str(log.path)
+    # A frame's inputs stand in its first row.
+    first = _first_rows(log, seq, t_host)
+    columns = {name: np.asarray(values)[first] for name, values in log.flags.items()}
+    known = from_columns(columns, where)
+    head = from_header(log.header, len(seq), where)
+    known = Known(head.values, head.fluid, head.names).merged(known)
+    covered = np.ones(len(seq), bool)
+    if inputs is not None:
+        more, covered = from_file(inputs, time, clock)
+        known = known.merged(more)
+    return known, covered
+
+
+def _first_rows(log: SoLog, seq: np.ndarray, t_host: np.ndarray) -> np.ndarray:
+    rows, at = [], 0
+    for number, t in zip(seq, t_host, strict=True):
+        while log.seq[at] != number or not (log.t_host[at] == t or np.isnan(t)):
+            at += 1
+        rows.append(at)
+    return np.array(rows, int)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    return ", ".join(map(str, numbers[:6])) + (", ..." if len(numbers) > 6 else "")

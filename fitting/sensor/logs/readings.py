@@ -1,0 +1,191 @@
+"""Readings of all frames with their noise, and what is taken out of every taxel's.
+
+What drifts or is offset taxel by taxel is linear: its best value is subtracted from
+residuals and derivatives alike (a projection), so it costs no unknowns.
+"""
+
+import dataclasses
+
+import numpy as np
+
+from fitting.sensor.logs.data import SensorData
+from fitting.sensor.logs.known_loads import KnownLoads
+from suas_jax.acquisition.baseline import Baseline, rest_of
+from suas_jax.sensing.taxels import taxel_names
+
+ROUNDING = 1.0 / np.sqrt(12.0)
+"""Standard deviation that whole counts have at least."""
+_MANY, _FEW = 50, 10
+
+
+@dataclasses.dataclass(frozen=True)
+class Readings:
+    """Counts, what is known of their noise, and which of them are used.
+
+    Attributes:
+        so: counts [taxel, frame]; NaN where missing.
+        state: which known state a frame is in [frame].
+        log: which log a frame is from, -1 for the baseline [frame].
+        time: since the first frame of its log [frame, s].
+        sigma: standard deviation of the noise [taxel, frame], counts.
+        present: what may be used [taxel, frame].
+        used: what is used [taxel, frame].
+        offsets: whether every taxel has an offset.
+        drifting: whether every taxel drifts steadily in every log.
+        logs: how many logs there are.
+    """
+
+    so: np.ndarray
+    state: np.ndarray
+    log: np.ndarray
+    time: np.ndarray
+    sigma: np.ndarray
+    present: np.ndarray
+    used: np.ndarray
+    offsets: bool
+    drifting: bool
+    logs: int
+
+    @property
+    def extras(self) -> int:
+        """How many numbers are taken out of every taxel's readings."""
+        return int(self.offsets) + int(self.drifting) * self.logs
+
+    def columns(self) -> np.ndarray:
+        """What readings change by for each of these numbers [frame, column]."""
+        found = [np.ones(len(self.time))] if self.offsets else []
+        if self.drifting:
+            found += [np.where(self.log == k, self.time, 0.0) for k in range(self.logs)]
+        return np.stack(found, -1) if found else np.zeros((len(self.time), 0))
+
+    def basis(self, sigma: np.ndarray) -> np.ndarray:
+        """The same, orthonormal in units of the noise [taxel, frame, column]."""
+        stack = self.columns()
+        if not stack.shape[1]:
+            return np.zeros((len(sigma), *stack.shape))
+        size = np.abs(stack).max(0)
+        stack = stack / np.where(size > 0, size, 1.0)
+        weighed = stack * np.where(self.used, 1 / sigma, 0.0)[..., None]
+        u, s, _ = np.linalg.svd(weighed, full_matrices=False)
+        return np.where((s > 1e-9 * s.max(-1, initial=1e-300, keepdims=True))[:, None], u, 0.0)
+
+    def taken_out(
+        self, errors: np.ndarray, weight: np.ndarray | float = 1.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Least-squares offsets and drifts, from the readings that are used.
+
+        Args:
+            errors: measured less predicted counts [taxel, frame].
+            weight: of each reading beside its noise.
+
+        Returns:
+            The numbers and their standard errors, each [taxel, column].
+        """
+        w = np.where(self.used, np.sqrt(weight) / self.sigma, 0.0)
+        stack = self.columns() * w[..., None]
+        inverse = np.linalg.pinv(stack, rcond=1e-9)
+        found = np.einsum("tkf,tf->tk", inverse, np.where(self.used, errors, 0.0) * w)
+        return found, np.sqrt(np.einsum("tkf,tkf->tk", inverse, inverse))
+
+
+def gathered(
+    data: SensorData, baseline: Baseline | None, offsets: bool
+) -> tuple[Readings, KnownLoads, np.ndarray]:
+    """Readings with the noise to start from, the baseline as one more frame.
+
+    Args:
+        data: the logs.
+        baseline: counts at rest, which fix an offset of every taxel.
+        offsets: give every taxel an offset without a baseline, too.
+
+    Returns:
+        The readings, the known states, and the permittivity of the fluid in each.
+
+    Raises:
+        ValueError: the baseline has no taxel of the skin.
+    """
+    so, state, log, time = data.so, data.state, data.log, data.time
+    loads, permittivity = data.loads, data.permittivity
+    start = np.stack([_first_noise(data, so[:, log == k]) for k in range(len(data.files))], 1)
+    sigma = start[:, log]
+    if baseline is not None:
+        rest, spread = _at_rest(data, baseline)
+        so = np.concatenate([so, rest[:, None]], 1)
+        sigma = np.concatenate([sigma, spread[:, None]], 1)
+        state = np.concatenate([state, [loads.states]])
+        log, time = np.concatenate([log, [-1]]), np.concatenate([time, [0.0]])
+        loads = loads.with_rest()
+        permittivity = np.concatenate([permittivity, [np.nan]])
+    present = np.isfinite(so)
+    readings = Readings(
+        so,
+        state,
+        log,
+        time,
+        sigma,
+        present,
+        present,
+        offsets or baseline is not None,
+        False,
+        len(data.files),
+    )
+    return readings, loads, permittivity
+
+
+def _at_rest(data: SensorData, baseline: Baseline) -> tuple[np.ndarray, np.ndarray]:
+    """Mean counts at rest and their standard errors, in the order of the taxels."""
+    modules, numbers = (np.array(x) for x in taxel_names(data.spec.electrodes))  # type: ignore[arg-type]
+    rows = np.unique(modules)
+    empty = np.full((len(rows), int(numbers.max())), np.nan)
+    like = Baseline(rows, empty, empty, 0, {})
+    at = np.searchsorted(rows, modules), numbers - 1
+    rest = rest_of(baseline, like)[at]
+    spread = rest_of(dataclasses.replace(baseline, so=baseline.noise), like)[at]
+    if not np.isfinite(rest).any():
+        raise ValueError("--baseline: has no taxel in common with the skin")
+    spread = np.sqrt(np.nan_to_num(spread, nan=1.0) ** 2 + ROUNDING**2)
+    return rest, spread / np.sqrt(baseline.frames)
+
+
+def _first_noise(data: SensorData, so: np.ndarray) -> np.ndarray:
+    """Noise of every taxel to start from: the skin file's, or what neighbours show."""
+    assert data.spec.electrodes is not None
+    stated = data.spec.electrodes.noise
+    if stated > 0:
+        return np.full(len(so), np.hypot(stated, ROUNDING))
+    second = np.diff(so, 2, axis=1) if so.shape[1] > 2 else np.zeros((len(so), 1))
+    second = second[np.isfinite(second)]
+    spread = 1.4826 * np.median(np.abs(second)) / np.sqrt(6) if second.size else 0.0
+    return np.full(len(so), np.hypot(spread, ROUNDING))
+
+
+def measured_noise(readings: Readings, errors: np.ndarray, constants: int) -> np.ndarray:
+    """Standard deviation of the noise of every taxel in every log [taxel, log], counts.
+
+    Args:
+        readings: what is used.
+        errors: residuals, offsets and drift taken out [taxel, frame], counts.
+        constants: how many constants were fitted.
+    """
+    noise = np.full((len(errors), readings.logs), np.nan)
+    for k in range(readings.logs):
+        here = readings.log == k
+        used, own = readings.used[:, here], errors[:, here]
+        free = used.sum() - constants - readings.extras * np.sum(used.any(1))
+        if free < _FEW:
+            noise[:, k] = readings.sigma[:, here][:, 0]
+            continue
+        together = np.sqrt(np.sum(np.where(used, own, 0.0) ** 2) / free)
+        squares = np.where(used, own, 0.0) ** 2
+        count = used.sum(1) - readings.extras
+        single = np.sqrt(squares.sum(1) / np.maximum(count, 1))
+        # Taxels have the noise of all unless theirs is clearly another.
+        other = (count >= _MANY) & ((single / together < 0.67) | (single / together > 1.5))
+        noise[:, k] = np.maximum(np.where(other, single, together), _smallest(readings))
+    return noise
+
+
+def _smallest(readings: Readings) -> float:
+    so = readings.so[readings.used]
+    whole = np.all(so == np.rint(so))
+    return float(ROUNDING) if whole else 1e-4 * float(np.median(so))

@@ -1,0 +1,1 @@
+"""A sensor calibration as JSON, text, figures and a calibrated skin file."""

@@ -1,0 +1,159 @@
+"""Write a calibrated skin file: the original with new numbers and the record of the fit."""
+
+import hashlib
+import platform
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomlkit
+
+from fitting.sensor.fit.constants import (
+    GAP,
+    LAYERS,
+    PERMITTIVITY,
+    SCALE,
+    STRAY,
+    is_gap,
+    material_unit,
+)
+from fitting.sensor.fit.result import SensorFit
+from suas_jax.config import SkinSpec
+from suas_jax.config.schema_skin import MODULE_TAXELS
+
+_PLACES = {
+    GAP: ("geometry", "oil_gap", "mm", 1e-3),
+    PERMITTIVITY: ("oil", "relative_permittivity", "", 1.0),
+    SCALE: ("electrodes", "lsb", "fF", 1e-15),
+    STRAY: ("electrodes", "stray", "fF", 1e-15),
+}
+
+
+def calibrated_skin(skin: Path, fit: SensorFit) -> str:
+    """Text of a skin file with the calibrated numbers; comments and the rest stay.
+
+    Args:
+        skin: the file that was calibrated.
+        fit: its calibration.
+    """
+    document: Any = tomlkit.parse(skin.read_text("utf-8-sig"))
+    material: dict[str, float] = {}
+    for part, value in zip(fit.family.parts, fit.constants, strict=True):
+        if part.name in _PLACES:
+            table, key, unit, size = _PLACES[part.name]
+            document[table][key] = _text(value / size, unit)
+        elif is_gap(part.name):
+            continue
+        elif part.name == LAYERS:
+            document["electrodes"]["layers"] = _layers(fit.data.spec, float(value))
+        else:
+            material[part.name.removeprefix("material.")] = float(value)
+    if fit.problem.model.gap_of is not None:
+        _set_heights(document, fit)
+    if material:
+        _set_material(document, fit.data.spec, material)
+    document.pop("calibration", None)
+    document.add(tomlkit.nl())
+    document["calibration"] = _record(skin, fit)
+    return str(tomlkit.dumps(document))
+
+
+def _text(value: float, unit: str) -> Any:
+    return f"{value:.12g} {unit}" if unit else float(f"{value:.12g}")
+
+
+def _layers(spec: SkinSpec, total: float) -> list[dict[str, Any]]:
+    """Layers with a given sum of thickness over permittivity [m]."""
+    assert spec.electrodes is not None
+    layers = spec.electrodes.layers
+    now = sum(layer.thickness / layer.relative_permittivity for layer in layers)
+    if total <= 0.0:
+        return []
+    if not layers:
+        return [{"thickness": _text(total / 1e-6, "um"), "relative_permittivity": 1.0}]
+    return [
+        {
+            "thickness": _text(layer.thickness * total / now / 1e-6, "um"),
+            "relative_permittivity": layer.relative_permittivity,
+        }
+        for layer in layers
+    ]
+
+
+def _set_heights(document: Any, fit: SensorFit) -> None:
+    """Write the gaps of single taxels or modules as heights of their electrodes."""
+    assert fit.problem.model.gap_of is not None
+    electrodes = fit.data.spec.electrodes
+    assert electrodes is not None
+    gaps = fit.constants[list(fit.problem.model.gap_of)]
+    heights = [_text((fit.data.spec.geometry.oil_gap - gap) / 1e-3, "mm") for gap in gaps]
+    if electrodes.layout == "list":
+        for taxel, height in zip(document["electrodes"]["taxels"], heights, strict=True):
+            taxel["height"] = height
+        return
+    for i, module in enumerate(document["electrodes"]["modules"]):
+        module["heights"] = heights[MODULE_TAXELS * i : MODULE_TAXELS * (i + 1)]
+
+
+def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> None:
+    """Write material constants; a preset is written out."""
+    table: dict[str, Any] = {"law": spec.material.law}
+
+    def quantity(key: str, value: float) -> Any:
+        changed = values.get(key, value)
+        return _text(changed / 1e6, "MPa") if material_unit(key) == "Pa" else changed
+
+    for key in type(spec.material).model_fields:
+        value = getattr(spec.material, key)
+        if key == "law" or value is None:
+            continue
+        if isinstance(value, tuple):
+            table[key] = [quantity(f"{key}.{i}", v) for i, v in enumerate(value)]
+        else:
+            table[key] = value if isinstance(value, str) else quantity(key, value)
+    document["material"] = table
+
+
+def _record(skin: Path, fit: SensorFit) -> Any:
+    table = tomlkit.table()
+    table.comment("written by suas fit sensor; SI units; no result depends on it")
+    programs = ("suas-jax", "jax", "optimistix", "numpy")
+    table["created"] = datetime.now(UTC).isoformat(timespec="seconds")
+    table["versions"] = ", ".join(
+        [f"{name} {version(name)}" for name in programs]
+        + [f"Python {platform.python_version()}"]
+    )
+    family, judged = fit.family, fit.uncertainty
+    table["parameters"] = list(family.names)
+    table["units"] = list(family.units)
+    table["values"] = list(map(float, fit.constants))
+    table["standard_errors"] = list(map(float, judged.standard_errors))
+    table["covariance"] = [list(map(float, row)) for row in judged.covariance]
+    table["priors"] = [
+        f"{name}: {prior.mean:.6g} +- {prior.sd:.3g} {family.units[family.names.index(name)]}, "
+        f"{prior.reason}"
+        for name, prior in fit.priors.items()
+    ]
+    table["unidentifiable"] = list(fit.findings)
+    if fit.offsets is not None:
+        table["offsets"] = [float(np.round(x, 4)) for x in fit.offsets[0]]
+        table["offset_errors"] = [float(np.round(x, 4)) for x in fit.offsets[1]]
+    table["masked"] = [
+        f"module {m.module}, taxel {m.taxel}: {m.reason}" for m in fit.masked if m.whole
+    ]
+    table["skin"] = _file(str(skin), hashlib.sha256(skin.read_bytes()).hexdigest())
+    logs = tomlkit.array()
+    for file in fit.data.files:
+        logs.append(_file(file.path, file.sha256))
+        if file.inputs is not None:
+            logs.append(_file(*file.inputs))
+    table["logs"] = logs
+    return table
+
+
+def _file(path: str, digest: str) -> Any:
+    row = tomlkit.inline_table()
+    row.update({"path": path, "sha256": digest})
+    return row

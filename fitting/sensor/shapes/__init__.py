@@ -1,0 +1,1 @@
+"""The membrane's shape in every known state of an experiment."""

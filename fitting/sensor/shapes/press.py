@@ -1,0 +1,159 @@
+"""The forward model of many states under known places of loads: meshes, and the response.
+
+A state has its own mesh with a station under each load and others gathered around it, so
+that the shape under the load is as exact as that of `suas solve`; all states share one
+compiled program.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.equilibrium.equilibrium import Problem, State, equilibrium
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.mesh.plan import plan_mesh
+from suas_jax.sensing.gap import PolarFace, polar_face
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LineLoad, LoadPoints
+from suas_jax.skin.oil import AbstractOil
+
+ELEMENTS = 48
+"""Elements of a state's mesh along the whole arc."""
+
+
+class Meshes(eqx.Module):
+    """Stations and load points of every state.
+
+    Attributes:
+        angles: of the stations [station, state].
+        select: element of each load [element, load, state].
+        xi: place of each load in its element [load, state].
+    """
+
+    angles: Float[Array, "station state"]
+    select: Float[Array, "element load state"]
+    xi: Float[Array, "load state"]
+
+    @classmethod
+    def under(
+        cls, angle: np.ndarray, half_angle: float, layer: float, elements: int = ELEMENTS
+    ) -> "Meshes":
+        """Mesh every state with a station at each load.
+
+        Args:
+            angle: of the loads [load, state, rad].
+            half_angle: of the skin [rad].
+            layer: decay length of the boundary layers as an angle [rad].
+            elements: along the whole arc.
+        """
+        distinct, inverse = np.unique(angle, axis=1, return_inverse=True)
+        stations, positions, elements_of = [], [], []
+        for places in distinct.T:
+            numbers = [-half_angle, half_angle, *places]
+            plan = plan_mesh(numbers, [False] * len(places), elements, layer)
+            row = plan.stations @ plan.values
+            element = np.clip(np.searchsorted(row, places + 1e-9) - 1, 0, elements - 1)
+            stations.append(row)
+            elements_of.append(np.eye(elements)[:, element])
+            positions.append((places - row[element]) / (row[element + 1] - row[element]))
+        which = inverse.reshape(-1)
+        return cls(
+            jnp.asarray(np.stack(stations, -1)[:, which]),
+            jnp.asarray(np.stack(elements_of, -1)[..., which]),
+            jnp.asarray(np.stack(positions, -1)[:, which]),
+        )
+
+
+class Press(eqx.Module):
+    """States of one fluid in JAX arrays: everything but the skin and the forces.
+
+    Attributes:
+        meshes: of the states.
+        angle: of the loads [load, state, rad].
+        turn: of the loads [load, state, rad].
+        inner: one where displacements are the inner face's, else zero [load, 1].
+    """
+
+    meshes: Meshes
+    angle: Float[Array, "load state"]
+    turn: Float[Array, "load state"]
+    inner: Float[Array, "load 1"]
+
+    def problem(
+        self, geometry: SkinGeometry, law: AbstractLaw, oil: AbstractOil, force: Array
+    ) -> Problem:
+        """The discrete problem under some forces [load, state, N]."""
+        direction = LineLoad(self.angle, force, self.turn).direction
+        per_width = force * direction / geometry.width
+        points = LoadPoints(self.meshes.select, self.meshes.xi, per_width)
+        shell = Shell.build(geometry, law, self.meshes.angles, points, symmetric=False)
+        return Problem(shell, oil, jnp.zeros(1))
+
+    def take(self, index: np.ndarray) -> "Press":
+        """Some of the states."""
+        meshes, angle, turn = jax.tree.map(
+            lambda x: x[..., index], (self.meshes, self.angle, self.turn)
+        )
+        return Press(meshes, angle, turn, self.inner)
+
+    def displacements(
+        self, mechanics: AbstractMechanics, q: Array
+    ) -> Float[Array, "load state"]:
+        """Of the material points under the loads, along the loads [m]."""
+        rows = []
+        for k in range(self.angle.shape[0]):
+            at = mechanics.at_angle(q, self.angle[k])
+            mid = at.mid_displacement.reshape(2, -1)
+            inner = at.inner_displacement.reshape(2, -1)
+            way = LineLoad(self.angle[k], self.angle[k], self.turn[k]).direction
+            rows.append(jnp.sum(way * jnp.where(self.inner[k] > 0, inner, mid), 0))
+        return jnp.stack(rows)
+
+
+class Response(NamedTuple):
+    """What some forces do; every entry has a state axis.
+
+    Attributes:
+        state: the equilibrium.
+        displacement: under each load, along it [load, state, m].
+        compliance: derivative of the displacements by the forces [of, by, state, m/N].
+        face: the deformed inner face.
+        result: index of the outcome.
+    """
+
+    state: State
+    displacement: Array
+    compliance: Array
+    face: PolarFace
+    result: Array
+
+
+@eqx.filter_jit
+def respond(
+    press: Press,
+    geometry: SkinGeometry,
+    law: AbstractLaw,
+    oil: AbstractOil,
+    force: Array,
+    start: State,
+) -> Response:
+    """Equilibria under given forces, and how displacements change with them."""
+
+    def solve(force: Array) -> tuple[Array, tuple[State, PolarFace, Array]]:
+        problem = press.problem(geometry, law, oil, force)
+        found = equilibrium(problem, start)
+        face = polar_face(problem.mechanics, found.state.q, geometry.inner_radius)
+        moved = press.displacements(problem.mechanics, found.state.q)
+        return moved, (found.state, face, found.result)
+
+    moved, push, (state, face, result) = jax.linearize(solve, force, has_aux=True)
+    loads = force.shape[0]
+    unit = jnp.broadcast_to(jnp.eye(loads)[:, :, None], (loads, *force.shape))
+    compliance = jnp.moveaxis(jax.vmap(push)(unit), 0, 1)
+    return Response(state, moved, compliance, face, result)

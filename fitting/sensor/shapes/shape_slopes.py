@@ -1,0 +1,100 @@
+"""How the membrane's shape under what is known changes with the constants that move it.
+
+With known forces f the shape's derivative is the equilibrium's. Where a displacement u is
+known instead, the force follows the constant c so that u stays: df/dc = -(du/df)^-1 du/dc.
+"""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from fitting.sensor.fit.model import parts_of
+from fitting.sensor.shapes.deformations import Deformed
+from fitting.sensor.shapes.press import Press
+from suas_jax.config import SkinSpec
+from suas_jax.equilibrium.equilibrium import State, equilibrium
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.sensing.gap import polar_face
+from suas_jax.skin.oil import AbstractOil
+
+
+@eqx.filter_jit
+def _slopes(
+    press: Press,
+    force: Array,
+    start: State,
+    wanted: Array,
+    inputs: dict[str, Array],
+    moving: dict[str, Array],
+    spec: SkinSpec,
+    oil: AbstractOil | None,
+) -> tuple[Array, Array]:
+    """Derivatives of edges and radii by each moving constant, what is known kept."""
+
+    def shape(moving: dict[str, Array], force: Array) -> tuple[Array, Array, Array]:
+        geometry, law, answer, _ = parts_of(spec, inputs | moving, oil)
+        problem = press.problem(geometry, law, answer, force)
+        found = equilibrium(problem, start)
+        face = polar_face(problem.mechanics, found.state.q, geometry.inner_radius)
+        moved = press.displacements(problem.mechanics, found.state.q)
+        return moved, face.edges, face.radius
+
+    _, push = jax.linearize(shape, moving, force)
+    still = jax.tree.map(jnp.zeros_like, moving)
+    loads = force.shape[0]
+    unit = jnp.broadcast_to(jnp.eye(loads)[:, :, None], (loads, *force.shape))
+    by_force = jax.vmap(lambda f: push(still, f))(unit)
+    count = len(moving)
+    tangents = {k: jnp.eye(count)[i] for i, k in enumerate(moving)}
+    by_constant = jax.vmap(lambda t: push(t, jnp.zeros_like(force)))(tangents)
+    # Displacements that are known stay: the forces on them follow.
+    compliance = jnp.moveaxis(by_force[0], -1, 0).swapaxes(1, 2)  # [state, of, by]
+    both = wanted.T[:, :, None] * wanted.T[:, None, :]
+    matrix = compliance * both + jnp.eye(loads) * (1 - wanted.T)[:, :, None]
+    change = jnp.moveaxis(by_constant[0], -1, 0) * wanted.T[:, None, :]  # [state, const, of]
+    follow = -jnp.linalg.solve(matrix, change.swapaxes(1, 2))  # [state, by, const]
+    edges = by_constant[1] + jnp.einsum("sfc,fks->cks", follow, by_force[1])
+    radius = by_constant[2] + jnp.einsum("sfc,fpes->cpes", follow, by_force[2])
+    return edges, radius
+
+
+def shape_slopes(
+    shape: Deformed,
+    wanted: np.ndarray,
+    spec: SkinSpec,
+    inputs: Mapping[str, Array],
+    moving: Mapping[str, float],
+    oil: AbstractOil | None,
+) -> tuple[Array, Array]:
+    """How the faces of solved states change with constants that move the membrane.
+
+    Args:
+        shape: the solved states.
+        wanted: one where a displacement is known, zero where a force is [load, state].
+        spec: the skin.
+        inputs: SI values by TOML path.
+        moving: the constants, by TOML path.
+        oil: how the fluid answers, if not as the skin file says.
+
+    Returns:
+        Derivatives of the edges [constant, station, state] and of the radii [constant,
+        power, element, state].
+    """
+    values = {k: jnp.asarray(v, float) for k, v in moving.items()}
+    slopes: tuple[Array, Array] = COMPILED.run(
+        _slopes,
+        shape.press,
+        jnp.asarray(shape.force),
+        shape.state,
+        jnp.asarray(wanted, float),
+        dict(inputs),
+        values,
+        spec,
+        oil,
+        once=True,
+    )
+    return slopes

@@ -1,0 +1,250 @@
+"""The model of a calibration's counts: shapes of the membrane in all known states."""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from fitting.sensor.fit.constants import GAP, PATHS, SensorFamily, is_gap, is_material
+from fitting.sensor.fit.model import SensorModel, parts_of
+from fitting.sensor.logs.data import NoCalibration, SensorData
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
+from fitting.sensor.shapes.shape_slopes import shape_slopes
+from fitting.sensor.shapes.solid_correction import (
+    MOST_PLACES,
+    Correction,
+    corrected,
+    corrections,
+)
+from suas_jax.config import continuous_inputs
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.sensing.gap import PolarFace
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.oil import AbstractOil, CompressibleOil, VentedOil
+
+ATMOSPHERE = 101325.0  # bulk modulus of trapped air, isothermal [Pa]
+MODELS = ("auto", "shell", "solid")
+
+
+@dataclasses.dataclass(frozen=True)
+class Shapes:
+    """The model with the membrane's shapes at some constants.
+
+    Attributes:
+        model: counts as a function of the constants.
+        force: on each load, given or found [load, state, N].
+        displacement: of each load [load, state, m].
+    """
+
+    model: SensorModel
+    force: np.ndarray
+    displacement: np.ndarray
+
+
+class ShapeSolver:
+    """Solves the known states for constants at hand.
+
+    Attributes:
+        inputs: SI values by TOML path as the skin file has them.
+        moving: positions of the constants that move the membrane.
+        warnings: what a person should know of the shapes.
+    """
+
+    def __init__(
+        self,
+        data: SensorData,
+        loads: KnownLoads,
+        permittivity: np.ndarray,
+        family: SensorFamily,
+        gap_of: tuple[int, ...] | None,
+        *,
+        air: str,
+        model: str,
+        progress: Callable[[str], None],
+    ) -> None:
+        """Prepare.
+
+        Raises:
+            ValueError: `air` or `model` is unknown.
+        """
+        if model not in MODELS:
+            raise ValueError(f"--model {model}: unknown; allowed: {', '.join(MODELS)}")
+        self.inputs = {
+            k: jnp.asarray(v, float) for k, v in continuous_inputs(data.spec).items()
+        }
+        self.warnings: list[str] = []
+        self._data, self._loads, self._permittivity = data, loads, permittivity
+        self._family, self._gap_of, self._progress = family, gap_of, progress
+        self._shell = model == "shell" or (model == "auto" and data.simulated)
+        self._air = self._answer_of(air)
+        self._corrections: list[Correction] | None = None
+        compressible = data.spec.oil.model == "compressible" or isinstance(
+            self._air, CompressibleOil
+        )
+        self.moving = tuple(
+            i
+            for i, name in enumerate(family.names)
+            if is_material(name) or (name == GAP and compressible)
+        )
+
+    def stated(self, name: str) -> float | None:
+        """What the skin file says of a constant, SI; None where it says nothing."""
+        own = GAP if is_gap(name) else name
+        value = self.inputs.get(PATHS.get(own, own))
+        return None if value is None else float(value)
+
+    def at(self, constants: np.ndarray) -> Shapes:
+        """Shapes at some constants.
+
+        Raises:
+            NoCalibration: a known state has no equilibrium.
+        """
+        self._progress("deforming the membrane")
+        paths = [PATHS.get(name, name) for name in self._family.names]
+        inputs = self.inputs | {
+            path: jnp.asarray(float(value))
+            for path, value in zip(paths, constants, strict=True)
+        }
+        moving = {paths[i]: float(constants[i]) for i in self.moving}
+        parts = [self._part(*group, inputs, moving) for group in self._fluids()]
+        order = np.argsort(np.concatenate([part.index for part in parts]))
+
+        def joined(pick: Callable[["_Part"], Array | np.ndarray]) -> Array:
+            found = [(jnp.asarray(pick(part)), len(part.index)) for part in parts]
+            wide = [jnp.broadcast_to(x, (*x.shape[:-1], n)) for x, n in found]
+            return jnp.concatenate(wide, -1)[..., order]
+
+        face = PolarFace(
+            joined(lambda p: p.shape.face.edges),
+            joined(lambda p: p.shape.face.radius),
+            joined(lambda p: p.shape.face.folded),
+        )
+        slope = (joined(lambda p: p.slopes[0]), joined(lambda p: p.slopes[1]))
+        model = SensorModel(
+            self.inputs,
+            face,
+            slope if moving else None,
+            jnp.asarray(constants),
+            jnp.asarray(self._permittivity),
+            None,
+            self._data.spec,
+            self._family,
+            self.moving,
+            self._gap_of,
+        )
+        return Shapes(
+            model,
+            np.asarray(joined(lambda p: p.shape.force)),
+            np.asarray(joined(lambda p: p.shape.displacement)),
+        )
+
+    def again(self, shapes: Shapes, loads: KnownLoads, constants: np.ndarray) -> Shapes:
+        """Shapes of an earlier calibration of the same states.
+
+        Raises:
+            ValueError: its states are others, or it moved the membrane.
+        """
+        old, new, model = loads, self._loads, shapes.model
+        names = ("angle", "turn", "force", "displacement")
+        pairs = [(getattr(old, n), getattr(new, n)) for n in names]
+        pairs.append((np.asarray(model.permittivity), self._permittivity))
+        same = model.spec == self._data.spec and not model.moving and not self.moving
+        same &= all(
+            a.shape == b.shape and np.allclose(a, b, rtol=1e-12, atol=1e-15, equal_nan=True)
+            for a, b in pairs
+        )
+        if not same:
+            raise ValueError(
+                "like: a calibration of other states, or one that found the material"
+            )
+        own = dataclasses.replace(
+            model,
+            at=jnp.asarray(constants),
+            factor=None,
+            family=self._family,
+            gap_of=self._gap_of,
+        )
+        return dataclasses.replace(shapes, model=own)
+
+    def _answer_of(self, air: str) -> AbstractOil | None:
+        known = np.isfinite(self._data.permittivity)
+        models: dict[str, AbstractOil | None] = {
+            "skin": None,
+            "trapped": CompressibleOil(jnp.full(1, ATMOSPHERE)),
+            "vented": VentedOil(),
+        }
+        if air not in models:
+            raise ValueError(f"--air {air}: unknown; allowed: {', '.join(models)}")
+        if air == "skin" and (known & self._data.loaded).any():
+            self.warnings.append(
+                "a fluid other than the oil is loaded; it is taken to answer as the skin's "
+                f'oil does ("{self._data.spec.oil.model}"): for air give --air trapped or '
+                "vented"
+            )
+        return models[air]
+
+    def _fluids(self) -> list[tuple[np.ndarray, AbstractOil | None]]:
+        """States that share a model of the fluid's answer."""
+        known = np.isfinite(self._permittivity)
+        if self._air is None or not known.any():
+            return [(np.arange(len(known)), None)]
+        groups = [(np.flatnonzero(known), self._air), (np.flatnonzero(~known), None)]
+        return [(index, oil) for index, oil in groups if index.size]
+
+    def _part(
+        self,
+        index: np.ndarray,
+        oil: AbstractOil | None,
+        inputs: Mapping[str, Array],
+        moving: Mapping[str, float],
+    ) -> "_Part":
+        loads = self._loads.take(index)
+        geometry, law, answer, _ = parts_of(self._data.spec, inputs, oil)
+        try:
+            shape = deform(loads, geometry, law, answer)
+            if oil is None and not self._shell:
+                shape = self._as_solid(shape, loads, geometry, law, answer)
+        except NoDeformation as error:
+            raise NoCalibration(f"{self._data.paths}: {error}") from None
+        slopes = (jnp.zeros(1), jnp.zeros(1))
+        if moving:
+            wanted = np.isfinite(loads.displacement)
+            slopes = shape_slopes(shape, wanted, self._data.spec, inputs, moving, oil)
+        return _Part(index, shape, slopes)
+
+    def _as_solid(
+        self,
+        shape: Deformed,
+        loads: KnownLoads,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        oil: AbstractOil,
+    ) -> Deformed:
+        """Add what the shell leaves out, where the solid tells."""
+        if not np.any(np.nan_to_num(shape.force)):
+            return shape
+        if self._corrections is None:
+            found = corrections(
+                self._data.spec, loads, shape, geometry, law, oil, self._progress
+            )
+            self._corrections = found or []
+            if not found:
+                self.warnings.append(
+                    "shapes are the shell's, exact to about 2e-3 of a displacement: the solid "
+                    f"corrects single loads at up to {MOST_PLACES} places"
+                )
+        if not self._corrections:
+            return shape
+        return corrected(shape, loads, self._corrections, geometry, law, oil)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    """States that share a fluid's answer."""
+
+    index: np.ndarray
+    shape: Deformed
+    slopes: tuple[Array, Array]

@@ -1,0 +1,1 @@
+"""Estimation that knows no physics: least squares, bounds, posteriors, diagnostics."""

@@ -1,0 +1,132 @@
+"""Least squares with hard bounds on the constants. The only file that imports jaxopt.
+
+Bounds are on the constants themselves (pascals, exponents), which is where a person puts
+them; there the cost is minimised by jaxopt's trust-region reflective least squares, in
+units of each constant's natural size. Sign conditions that the law itself has stay.
+"""
+
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.statistics.least_squares import CONVERGED, Minima
+from fitting.statistics.residuals import Residuals, sensitivity
+
+if TYPE_CHECKING:
+    from fitting.statistics.parameters import AbstractFamily
+
+_AT_BOUND = 1e-6
+
+
+def minimise_in_box(
+    residuals: Residuals,
+    constants: np.ndarray,
+    others: np.ndarray,
+    bounds: Mapping[str, tuple[float, float]],
+) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
+    """Minimise ½ Σ r² with some constants kept between bounds.
+
+    Args:
+        residuals: the misfit.
+        constants: the free minimum, SI units; its signs are kept.
+        others: further starting points θ, shape [k, p].
+        bounds: lowest and highest value by constant, SI units.
+
+    Returns:
+        Constants, what the starts in the box found, and which constants are at a bound.
+
+    Raises:
+        ValueError: a bound names no constant of the law, or excludes every allowed value.
+    """
+    family = residuals.family
+    points = [constants] + [
+        family.ordered(np.asarray(family.constants(jnp.asarray(theta), residuals.scales)))
+        for theta in others
+    ]
+    found = []
+    for point in points:
+        low, high = _box(family, point, bounds)
+        found.append((*_solve(residuals, point, low, high), low, high))
+    found.sort(key=lambda run: run[1])
+    best, _, _, low, high = found[0]
+    reach = _AT_BOUND * np.maximum(np.abs(best), 1e-12)
+    stuck = (best - low <= reach) | (high - best <= reach)
+    names = tuple(name for name, at in zip(family.names, stuck, strict=True) if at)
+    return (
+        best,
+        Minima(
+            np.stack(
+                [
+                    np.asarray(family.unconstrained(jnp.asarray(run[0]), residuals.scales))
+                    for run in found
+                ]
+            ),
+            np.array([run[1] for run in found]),
+            np.array([run[2] <= CONVERGED for run in found]),
+            np.array([run[2] for run in found]),
+        ),
+        names,
+    )
+
+
+def _box(
+    family: "AbstractFamily", point: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of every constant: the user's, and the signs of the law's conditions."""
+    for name in bounds:
+        if name not in family.names:
+            raise ValueError(
+                f"--bound {name}: {family.title} has no such constant; allowed: "
+                f"{', '.join(family.names)}"
+            )
+    low, high = family.signs(point, bounds)
+    for i, name in enumerate(family.names):
+        if name in bounds:
+            low[i], high[i] = max(low[i], bounds[name][0]), min(high[i], bounds[name][1])
+        if not low[i] < high[i]:
+            raise ValueError(
+                f"--bound {name}={bounds[name][0]:g}:{bounds[name][1]:g}: no value in it is "
+                f"allowed by the law's sign conditions"
+            )
+    return low, high
+
+
+def _solve(
+    residuals: Residuals, point: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, float, float]:
+    """Constants, cost, and the relative decrease that a step inside the box promises."""
+    with warnings.catch_warnings():
+        # The library announces on import that it is no longer developed.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        import jaxopt
+    size = np.maximum(np.abs(point), 1e-6 * np.max(np.abs(point)))
+    size = np.where(np.isfinite(high - low), np.maximum(size, 1e-3 * (high - low)), size)
+
+    def scaled(q: jnp.ndarray) -> jnp.ndarray:
+        r = residuals.of_constants(q * size)
+        return jnp.where(jnp.isfinite(r), r, 1e6)
+
+    margin = np.where(np.isfinite(high - low), 1e-3 * (high - low), 1e-3 * size)
+    start = np.clip(point, low + margin, high - margin) / size
+    solver = jaxopt.ScipyBoundedLeastSquares(
+        fun=scaled,
+        method="trf",
+        options={"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 4000},
+    )
+    q = np.asarray(solver.run(jnp.asarray(start), (low / size, high / size)).params)
+    constants = np.clip(q * size, low, high)
+    r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
+    cost = 0.5 * float(r @ r)
+    # At a bound only a step back into the box counts.
+    slope = (J * size).T @ r
+    reach = _AT_BOUND * np.maximum(np.abs(constants), 1e-12)
+    free = ~((constants - low <= reach) & (slope > 0.0)) & ~(
+        (high - constants <= reach) & (slope < 0.0)
+    )
+    u, s, _ = np.linalg.svd((J * size)[:, free], full_matrices=False)
+    along = np.abs(u.T @ r)
+    decrease = np.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
+    return constants, cost, float(np.sum(decrease)) / cost if cost > 0.0 else 0.0

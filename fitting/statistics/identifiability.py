@@ -1,0 +1,193 @@
+"""What the data determine, what they don't, and how sure the constants are.
+
+With r(c) the residuals and J = ∂r/∂c, the covariance of the constants is s² (JᵀJ)⁻¹, s the
+standard deviation of the residuals. It is computed from the singular values of J D, where
+D holds a natural size for each constant: its own magnitude, or the change that alters
+every reading by its own size, whichever is larger. A singular direction is a combination
+of constants; where s over its singular value exceeds one half, the data leave this
+combination free to change by half of that natural size: it is unidentifiable.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from scipy import stats
+
+from fitting.statistics.residuals import Residuals, sensitivity
+
+# No stress-strain test is repeatable to better than this: residuals smaller than it (of
+# exact, made-up data) don't make a constant known.
+SMALLEST_NOISE = 1e-4
+_FREE = 0.5
+_MOST_FREE = 1e4  # natural sizes: "any amount"
+_RANK = 1e-10
+_LARGEST = 1e100
+
+
+@dataclasses.dataclass(frozen=True)
+class Uncertainty:
+    """Uncertainty of fitted constants.
+
+    Attributes:
+        noise: standard deviation of the residuals, one where the noise is known.
+        dof: degrees of freedom, readings less constants.
+        inflation: factor on the standard errors for a misfit that is not noise.
+        covariance: of the constants, SI units, inflation included, shape [p, p].
+        root: R with R Rᵀ the covariance. Where some constants are free by any amount,
+            what the data do know of their combinations is lost to rounding in the
+            covariance, not in R; shape [p, p].
+        correlation: of the constants, shape [p, p].
+        singular_values: of the scaled sensitivity matrix, largest first, shape [p].
+        sizes: natural size of each constant, shape [p].
+        unidentifiable: combinations that the data don't determine, in words.
+    """
+
+    noise: float
+    dof: int
+    inflation: float
+    covariance: np.ndarray
+    root: np.ndarray
+    correlation: np.ndarray
+    singular_values: np.ndarray
+    sizes: np.ndarray
+    unidentifiable: tuple[str, ...]
+
+    @property
+    def standard_errors(self) -> np.ndarray:
+        """Standard error of each constant, SI units, shape [p]."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def condition_number(self) -> float:
+        """Largest over smallest singular value of the scaled sensitivity matrix."""
+        smallest = self.singular_values[-1]
+        return float(self.singular_values[0] / smallest) if smallest > 0.0 else np.inf
+
+    def spread_of(self, slope: np.ndarray) -> np.ndarray:
+        """Standard errors of quantities [n] with these derivatives by the constants [n, p]."""
+        return np.asarray(np.linalg.norm(slope @ self.root, axis=-1))
+
+    def quantile(self, level: float) -> float:
+        """Half width of a two-sided interval in standard errors.
+
+        Student's t where the noise is estimated from the residuals.
+        """
+        return float(stats.t.ppf(0.5 + 0.5 * level, max(self.dof, 1)))
+
+
+def uncertainty(
+    residuals: Residuals,
+    constants: np.ndarray,
+    *,
+    known_noise: bool,
+    inflation: float = 1.0,
+    held: Sequence[str] = (),
+) -> Uncertainty:
+    """Judge what the data say about the constants at a minimum.
+
+    Args:
+        residuals: the misfit.
+        constants: fitted constants, SI units.
+        known_noise: the residuals are in units of the known noise.
+        inflation: factor on the standard errors, from `diagnostics.Misfit`.
+        held: constants that stopped at a bound; they are taken as known.
+    """
+    family = residuals.family
+    r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
+    used = residuals.used
+    kept = np.array([name not in held for name in family.names])
+    r, J = r[used], J[used]
+    weighed_value = np.asarray(residuals.value * residuals.inverse_scale)[used]
+    whole = float(np.sqrt(np.sum(weighed_value**2)))
+    columns = np.linalg.norm(J, axis=0)
+    with np.errstate(divide="ignore"):
+        effect = np.where(columns > 0.0, whole / columns, np.abs(constants))
+    sizes = np.maximum(np.abs(constants), effect)
+    # A term that has vanished in all but name would overflow its own variance.
+    sizes = np.clip(np.where(sizes > 0.0, sizes, 1.0), 0.0, _LARGEST)
+    # Null directions are needed, too, where readings are fewer than constants.
+    scaled_rows = (J * sizes)[:, kept]
+    few = len(scaled_rows) < scaled_rows.shape[1]
+    _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
+    s = np.concatenate([s, np.zeros(len(vt) - len(s))])
+    dof = len(r) - int(kept.sum())
+    estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan
+    typical = whole / np.sqrt(max(len(r), 1))
+    noise = 1.0 if known_noise else estimated
+    spread = noise if np.isfinite(noise) else typical
+    # A free direction is only as exact as the derivatives; made longer than it takes to be
+    # called free, it would spill into what the data do know.
+    limit = max(spread / _MOST_FREE, s[0] * 1e-14, 1e-300)
+    root = np.zeros((len(constants), len(constants)))
+    scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
+    root[np.ix_(kept, np.arange(len(s)))] = np.clip(
+        scaled * sizes[kept, None], -_LARGEST, _LARGEST
+    )
+    covariance = np.clip(root @ root.T, -(_LARGEST**2), _LARGEST**2)
+    deviation = np.sqrt(np.diagonal(covariance))
+    floor = max(spread, SMALLEST_NOISE * typical)
+    free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
+    names = tuple(itertools.compress(family.names, kept))
+    units = tuple(itertools.compress(family.units, kept))
+    named = [
+        describe(names, units, vt[i], sizes[kept], floor / max(s[i], limit))
+        for i in range(len(s))
+        if free[i]
+    ]
+    if dof <= 0:
+        named.insert(0, f"everything: {len(r)} readings for {len(constants)} constants")
+    return Uncertainty(
+        noise=noise,
+        dof=dof,
+        inflation=inflation,
+        covariance=covariance,
+        root=root,
+        correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
+        singular_values=s,
+        sizes=sizes,
+        unidentifiable=tuple(named),
+    )
+
+
+def describe(
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    direction: np.ndarray,
+    sizes: np.ndarray,
+    spread: float,
+) -> str:
+    """Name a combination of constants that the data leave free.
+
+    A direction of stresses alone is written in pascals ("C1 - C2" where one may grow at
+    the other's expense); a mixed one in relative changes.
+    """
+    physical = direction * sizes
+    large = np.abs(direction) > 0.1 * np.max(np.abs(direction))
+    taking_part = np.flatnonzero(large)
+    in_pascals = all(units[i] == "Pa" for i in taking_part) and len(taking_part) > 1
+    shown = physical if in_pascals else direction
+    if in_pascals:
+        taking_part = np.flatnonzero(np.abs(shown) > 0.02 * np.max(np.abs(shown)))
+    if len(taking_part) == 1:
+        (only,) = taking_part
+        return f"{names[only]} (free by {_percent(spread)} of {sizes[only]:.3g} {units[only]})"
+    # The largest share is one, the first is positive.
+    largest = np.max(np.abs(shown[taking_part]))
+    ratios = shown / (largest * np.sign(shown[taking_part[0]]))
+    text = ""
+    for i in taking_part:
+        size = abs(ratios[i])
+        factor = "" if abs(size - 1.0) < 5e-3 else f"{size:.2g} "
+        name = names[i] if in_pascals else f"d{names[i]}/{sizes[i]:.3g}"
+        sign = "-" if ratios[i] < 0.0 else "+"
+        text += (
+            f" {sign} {factor}{name}" if text else f"{'-' if sign == '-' else ''}{factor}{name}"
+        )
+    return f"{text} (free by {_percent(spread)})"
+
+
+def _percent(spread: float) -> str:
+    return f"+-{100.0 * spread:.3g} %" if spread < 0.99 * _MOST_FREE else "any amount"

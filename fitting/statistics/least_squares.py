@@ -1,0 +1,175 @@
+"""Nonlinear least squares from many starts at once, with its own check of convergence.
+
+All starts advance together in one `vmap` of Optimistix's Levenberg-Marquardt: a short run
+of all of them, then a long run of the best few. Whether a start has converged is decided
+here and not by the solver's flag: at a minimum no Gauss-Newton step, cut to length one in
+every singular direction of the Jacobian, promises to lower the cost noticeably.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float
+
+from fitting.statistics.residuals import AbstractResiduals, linearised
+from suas_jax.runtime.compiled import COMPILED
+
+# A start has converged when the promised decrease of its cost is below this fraction,
+# or when nothing but rounding is left to fit.
+CONVERGED = 1e-9
+_ROUNDING = 1e-20
+AGREEMENT = 1e-6
+# Starts advance in batches of one size, so that one compiled program does everything.
+LANES = 16
+_STEPS, _PASSES, _PROGRESS = 20, 40, 1e-12
+_IMPOSSIBLE = 1e6
+
+
+class Minima(NamedTuple):
+    """What became of the best starts, best first.
+
+    Attributes:
+        theta: parameters, shape [lanes, p].
+        cost: ½ Σ r², shape [lanes]; infinite where nothing finite was found.
+        converged: whether it is a minimum, shape [lanes].
+        promised: relative decrease that one more step promises, shape [lanes].
+    """
+
+    theta: np.ndarray
+    cost: np.ndarray
+    converged: np.ndarray
+    promised: np.ndarray
+
+    @property
+    def agreeing(self) -> int:
+        """How many converged starts share the lowest cost."""
+        close = self.cost <= self.cost[0] * (1.0 + AGREEMENT) + _ROUNDING
+        return int(np.sum(close & self.converged))
+
+
+def minimise(
+    residuals: AbstractResiduals,
+    starts: Float[np.ndarray, "starts p"],
+    lanes: int = LANES,
+    passes: int = _PASSES,
+) -> Minima:
+    """Minimise ½ Σ r² from many starting points.
+
+    Every start gets one run of Levenberg-Marquardt; the best go on until they have
+    converged or their passes are used up.
+
+    Args:
+        residuals: the misfit.
+        starts: unconstrained parameters to start from; fewer than `lanes` are repeated.
+        lanes: how many advance together, and how many of the best go on.
+        passes: how many more runs the best get at most.
+
+    Returns:
+        The starts that went on, best first. Nothing raises: a start that fails has
+        infinite cost and is not converged.
+    """
+    points = np.asarray(starts, float)
+    filled = np.resize(points, (-(-len(points) // lanes) * lanes, points.shape[1]))
+    once = residuals.costly
+    batches = [
+        COMPILED.run(
+            _advance, residuals, COMPILED.run(_refined, residuals, batch, once=once), once=once
+        )
+        for batch in jnp.asarray(filled).reshape(-1, lanes, points.shape[1])
+    ]
+    theta, cost, promised = (
+        np.concatenate([np.asarray(batch[i]) for batch in batches])[: len(points)]
+        for i in range(3)
+    )
+    order = np.argsort(cost, kind="stable")[:lanes]
+    theta, cost, promised = theta[order], cost[order], promised[order]
+    used = int(residuals.used.sum())
+    for _ in range(passes):
+        if np.all(_is_minimum(cost, promised, used) | ~np.isfinite(cost)):
+            break
+        again = np.resize(theta, (lanes, theta.shape[1]))
+        advanced = COMPILED.run(_advance, residuals, jnp.asarray(again), once=once)
+        moved = [np.asarray(x)[: len(theta)] for x in advanced]
+        better = moved[1] <= cost
+        stuck = not np.any(moved[1] < cost * (1.0 - _PROGRESS))
+        theta = np.where(better[:, None], moved[0], theta)
+        cost, promised = np.where(better, moved[1], cost), np.where(better, moved[2], promised)
+        if stuck:
+            break
+    order = np.argsort(cost, kind="stable")
+    theta, cost, promised = theta[order], cost[order], promised[order]
+    return Minima(theta, cost, _is_minimum(cost, promised, used), promised)
+
+
+def _is_minimum(cost: np.ndarray, promised: np.ndarray, used: int) -> np.ndarray:
+    return np.isfinite(cost) & ((promised <= CONVERGED) | (cost <= used * _ROUNDING))
+
+
+@eqx.filter_jit
+def _advance(
+    residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
+) -> tuple[Array, Array, Array]:
+    """One run of Levenberg-Marquardt on every lane: parameters, cost, promise."""
+    solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
+
+    # Traced once, whoever asks.
+    at = jax.jit(lambda theta: linearised(residuals, theta))
+
+    # The solver linearises and materialises; with the Jacobian as one explicit product
+    # it traces, compiles and runs in half the time. Where the law can't follow a test the
+    # residual is large and flat: the solver stops at anything that is not a number.
+    @jax.custom_jvp
+    def residual(theta: Array) -> Array:
+        value, _ = at(theta)
+        return jnp.where(jnp.isfinite(value), value, _IMPOSSIBLE)
+
+    @residual.defjvp
+    def _(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+        value, jacobian = at(primals[0])
+        finite = jnp.isfinite(value) & jnp.all(jnp.isfinite(jacobian), 1)
+        jacobian = jnp.where(finite[:, None], jacobian, 0.0)
+        return jnp.where(finite, value, _IMPOSSIBLE), jacobian @ tangents[0]
+
+    def run(start: Array) -> tuple[Array, Array, Array]:
+        found = optx.least_squares(
+            lambda theta, _: residual(theta),
+            solver,
+            start,
+            max_steps=_STEPS,
+            throw=False,
+        ).value
+        found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
+        return found, *_judged(*at(found))
+
+    return jax.vmap(run)(starts)
+
+
+def _judged(
+    r: Float[Array, " n"], J: Float[Array, "n p"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Cost, and the relative decrease that a bounded Gauss-Newton step promises."""
+    finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
+    u, s, _ = jnp.linalg.svd(jnp.where(finite, J, 0.0), full_matrices=False)
+    along = jnp.abs(u.T @ jnp.where(finite, r, 0.0))
+    # Decrease of ½|r|²: in full if the step s⁻¹ along is at most one, else up to there.
+    decrease = jnp.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
+    cost = 0.5 * jnp.sum(r * r)
+    promised = jnp.where(cost > 0.0, jnp.sum(decrease) / cost, 0.0)
+    return jnp.where(finite, cost, jnp.inf), jnp.where(finite, promised, jnp.inf)
+
+
+@eqx.filter_jit
+def _refined(
+    residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
+) -> Float[Array, "lanes p"]:
+    """Starts improved by what is linear in them."""
+
+    def improve(start: Array) -> Array:
+        better = residuals.refined(start)
+        return jnp.where(jnp.all(jnp.isfinite(better)), better, start)
+
+    return jax.vmap(improve)(starts)

@@ -1,0 +1,256 @@
+"""Bijections between a law's constants and unconstrained, dimensionless parameters.
+
+A least-squares solver moves in ℝⁿ; a law's constants have units, signs and limits. Each
+family maps θ ∈ ℝⁿ to constants that its law accepts, whatever θ: positive ones are
+exponentials, and constants that only a condition on their sum binds become that sum and
+the rest. Which laws can be asked for by name is in `fitting.material.laws.registry`.
+"""
+
+import abc
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from suas_jax.constitutive import AbstractLaw
+
+
+class Scales(NamedTuple):
+    """What makes a law's constants dimensionless for a given set of data.
+
+    Attributes:
+        stress: a typical modulus [Pa].
+        i1: largest I₁ − 3 in the data.
+        i2: largest I₂ − 3 in the data.
+        strain: largest |log λ| of any direction in the data.
+    """
+
+    stress: ArrayLike
+    i1: ArrayLike
+    i2: ArrayLike
+    strain: ArrayLike
+
+
+class AbstractFamily(abc.ABC):
+    """A law whose constants are to be found. Instances compare by value.
+
+    `names` are TOML paths inside [material], such as "mu.0"; `units` are "Pa" or "1".
+    """
+
+    law_name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of constants."""
+        return len(self.names)
+
+    @property
+    def title(self) -> str:
+        """Name for people, with the number of terms."""
+        return self.law_name
+
+    @abc.abstractmethod
+    def constants(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " p"]:
+        """Constants in SI units from unconstrained parameters."""
+
+    @abc.abstractmethod
+    def unconstrained(
+        self, constants: Float[Array, " p"], scales: Scales
+    ) -> Float[Array, " p"]:
+        """Parameters from constants, the inverse of `constants`."""
+
+    @abc.abstractmethod
+    def law(self, constants: Float[Array, " p"]) -> AbstractLaw:
+        """The law with these constants."""
+
+    @abc.abstractmethod
+    def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Starting points θ, shape [count, p]; the first is a plain guess."""
+
+    @property
+    def prior_deviation(self) -> np.ndarray:
+        """Standard deviations of the normal prior of θ about zero, shape [p].
+
+        Wide: a logarithm within a factor of 400 (95 %), anything else within 20 of its
+        natural sizes.
+        """
+        return np.full(self.size, 10.0)
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """What each θ is, for people."""
+        return self.names
+
+    def refined(
+        self,
+        theta: Float[Array, " p"],
+        columns: Callable[[AbstractLaw], Array],
+        scales: Scales,
+        target: Array,
+    ) -> Float[Array, " p"]:
+        """Improve a start by what is linear in it; by default it stays.
+
+        Args:
+            theta: the start.
+            columns: weighed readings of a law with unit modulus.
+            scales: sizes that make constants dimensionless.
+            target: weighed measurements.
+        """
+        return theta
+
+    def ordered(self, constants: np.ndarray) -> np.ndarray:
+        """Constants in canonical order, where equal laws can be written in several."""
+        return constants
+
+    def signs(
+        self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest constants that the law's own conditions allow, each [p].
+
+        Args:
+            constants: a point that meets them, where a condition leaves a choice.
+            bounds: what else is asked of the constants; it may make that choice.
+        """
+        return np.full(self.size, -np.inf), np.full(self.size, np.inf)
+
+    def tree(self, values: Any) -> dict[str, Any]:
+        """Per-constant values by the keys of [material]."""
+        tree: dict[str, Any] = {}
+        for name, value in zip(self.names, values, strict=True):
+            key, _, index = name.partition(".")
+            if index:
+                tree.setdefault(key, []).append(value)
+            else:
+                tree[key] = value
+        return tree
+
+
+class Constant(NamedTuple):
+    """One constant of a law and the bijection that reaches it.
+
+    Attributes:
+        name: key in [material].
+        kind: "positive", c = s exp(θ); "free", c = s θ; or "above I1", a limit of I₁ − 3
+            that all data stay below, c = i1 (1 + exp(θ)).
+        unit: "Pa" or "1". The size s is the typical modulus for a stress, one otherwise.
+        degree: (i, j) of the invariants it multiplies, which sets its size.
+        start: range of θ to start from.
+    """
+
+    name: str
+    kind: str = "positive"
+    unit: str = "Pa"
+    degree: tuple[int, int] = (0, 0)
+    start: tuple[float, float] = (-1.0, 1.0)
+
+    def size(self, scales: Scales) -> ArrayLike:
+        """Typical size of the constant."""
+        if self.unit != "Pa":
+            return 1.0
+        i, j = self.degree
+        if i + j <= 1:
+            return scales.stress
+        return scales.stress / (scales.i1**i * scales.i2**j) * (scales.i1 + scales.i2)
+
+
+@dataclasses.dataclass(frozen=True)
+class Family(AbstractFamily):
+    """A law whose constants are independent of each other.
+
+    A law of one's own takes part in everything:
+    `Family("mine", (Constant("mu"), Constant("k", "free", "1")), MyLaw)`.
+
+    Attributes:
+        law_name: value of `law` in [material].
+        parts: its constants, in the order of the law's arguments.
+        build: the law's class.
+        modulus_is_sum: the first two constants are bound by C₁ + C₂ > 0; the first
+            parameter is then the logarithm of that sum.
+    """
+
+    law_name: str
+    parts: tuple[Constant, ...]
+    build: Callable[..., AbstractLaw]
+    modulus_is_sum: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Keys in [material]."""
+        return tuple(part.name for part in self.parts)
+
+    @property
+    def units(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Unit of each constant."""
+        return tuple(part.unit for part in self.parts)
+
+    def constants(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " p"]:
+        """Constants in SI units."""
+        values = []
+        for part, t in zip(self.parts, theta, strict=True):
+            if part.kind == "positive":
+                values.append(part.size(scales) * jnp.exp(t))
+            elif part.kind == "free":
+                values.append(part.size(scales) * t)
+            else:
+                values.append(scales.i1 * (1.0 + jnp.exp(t)))
+        if self.modulus_is_sum:
+            values[0] = values[0] - values[1]
+        return jnp.stack(values)
+
+    def unconstrained(
+        self, constants: Float[Array, " p"], scales: Scales
+    ) -> Float[Array, " p"]:
+        """Parameters from constants."""
+        values = list(constants)
+        if self.modulus_is_sum:
+            values[0] = values[0] + values[1]
+        theta = []
+        for part, c in zip(self.parts, values, strict=True):
+            if part.kind == "positive":
+                theta.append(jnp.log(c / part.size(scales)))
+            elif part.kind == "free":
+                theta.append(c / part.size(scales))
+            else:
+                theta.append(jnp.log(c / scales.i1 - 1.0))
+        return jnp.stack(theta)
+
+    def law(self, constants: Float[Array, " p"]) -> AbstractLaw:
+        """The law with these constants."""
+        return self.build(*constants)
+
+    @property
+    def prior_deviation(self) -> np.ndarray:
+        """Logarithms 3, the rest 10."""
+        return np.array([10.0 if part.kind == "free" else 3.0 for part in self.parts])
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """Logarithms are said."""
+        said = []
+        for i, part in enumerate(self.parts):
+            name = part.name
+            if i == 0 and self.modulus_is_sum:
+                name = f"{self.parts[0].name} + {self.parts[1].name}"
+            said.append(name if part.kind == "free" else f"log({name})")
+        return tuple(said)
+
+    def signs(
+        self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Zero and up for positive constants that stand alone."""
+        alone = [part.kind != "free" for part in self.parts]
+        if self.modulus_is_sum:
+            alone[0] = False
+        return np.where(alone, 0.0, -np.inf), np.full(self.size, np.inf)
+
+    def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Uniform in each constant's range of starts; the first from its middle."""
+        low, high = np.array([part.start for part in self.parts]).T
+        starts = rng.uniform(low, high, (count, self.size))
+        starts[0] = 0.5 * (low + high)
+        return starts

@@ -1,0 +1,1 @@
+"""A simulated device that sends frames, with faults on demand."""

@@ -1,0 +1,133 @@
+"""What goes wrong on the way from a device to a host, on demand and repeatably."""
+
+import math
+import random
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from suas_jax.acquisition.frames.reading import Reading
+
+# The device's clock counts microseconds in 32 bits [s].
+_CLOCK_MODULUS = 2**32 * 1e-6
+_ALLOWED = (
+    "corrupt=P, drop=P, duplicate=P (probabilities from 0 to 1), unplug=AT or unplug=AT:FOR, "
+    "clock-wrap=AT (seconds), stuck=MODULE/TAXEL, seed=N"
+)
+
+
+@dataclass(frozen=True)
+class Faults:
+    """What goes wrong, on demand.
+
+    Attributes:
+        corrupt: probability that a byte is changed to another one.
+        drop: probability that a row is not sent.
+        duplicate: probability that a row is sent twice.
+        unplug_at: the port vanishes this long after the start [s]; None: never.
+        unplug_for: and comes back after this long [s].
+        wrap_clock_at: the device's clock starts so that it wraps after this long [s].
+        stuck: taxels (module, taxel from 1) that keep their first count.
+        seed: of all random faults.
+    """
+
+    corrupt: float = 0.0
+    drop: float = 0.0
+    duplicate: float = 0.0
+    unplug_at: float | None = None
+    unplug_for: float = 1.0
+    wrap_clock_at: float | None = None
+    stuck: tuple[tuple[int, int], ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("corrupt", "drop", "duplicate"):
+            value = getattr(self, name)
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"fault {name} = {value}: a probability from 0 to 1")
+
+
+def parse_faults(texts: Iterable[str]) -> Faults:
+    """Faults from the command line, each `NAME=VALUE`.
+
+    Raises:
+        ValueError: naming what is allowed.
+    """
+    values: dict[str, float | int | tuple[tuple[int, int], ...]] = {}
+    stuck: list[tuple[int, int]] = []
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            if name in ("corrupt", "drop", "duplicate"):
+                values[name] = float(value)
+            elif name == "unplug":
+                at, colon, away = value.partition(":")
+                values["unplug_at"] = float(at)
+                if colon:
+                    values["unplug_for"] = float(away)
+            elif name == "clock-wrap":
+                values["wrap_clock_at"] = float(value)
+            elif name == "stuck":
+                module, taxel = value.split("/")
+                stuck.append((int(module), int(taxel)))
+            elif name == "seed":
+                values["seed"] = int(value)
+            else:
+                raise ValueError
+        except ValueError:
+            raise ValueError(f'--fault "{text}": allowed are {_ALLOWED}') from None
+    return Faults(**values, stuck=tuple(stuck))  # type: ignore[arg-type]
+
+
+class Injector:
+    """Applies faults to what a device sends; the same seed gives the same faults."""
+
+    def __init__(self, faults: Faults) -> None:
+        self._faults = faults
+        self._random = random.Random(faults.seed)
+        self._until_damage = self._next_damage()
+        self._stuck: dict[tuple[int, int], int | None] = {}
+
+    def copies(self) -> int:
+        """How often the next row is sent: 0, 1 or 2 times."""
+        faults = self._faults
+        if faults.drop and self._random.random() < faults.drop:
+            return 0
+        if faults.duplicate and self._random.random() < faults.duplicate:
+            return 2
+        return 1
+
+    def distorted(self, reading: Reading) -> Reading:
+        """The reading with its clock shifted and its stuck taxels held."""
+        faults = self._faults
+        if faults.wrap_clock_at is not None:
+            shifted = reading.t_device + _CLOCK_MODULUS - faults.wrap_clock_at
+            reading = reading._replace(t_device=shifted % _CLOCK_MODULUS)
+        if faults.stuck:
+            counts = list(reading.counts)
+            for module, taxel in faults.stuck:
+                if module == reading.module and taxel <= len(counts):
+                    key = (module, taxel)
+                    counts[taxel - 1] = self._stuck.setdefault(key, counts[taxel - 1])
+            reading = reading._replace(counts=tuple(counts))
+        return reading
+
+    def damaged(self, data: bytes) -> bytes:
+        """The next bytes of the stream, some changed."""
+        if self._until_damage >= len(data):
+            self._until_damage -= len(data)
+            return data
+        changed = bytearray(data)
+        while self._until_damage < len(data):
+            changed[self._until_damage] ^= self._random.randrange(1, 256)
+            self._until_damage += 1 + self._next_damage()
+        self._until_damage -= len(data)
+        return bytes(changed)
+
+    def _next_damage(self) -> int:
+        """Bytes until the next one to damage: geometric, one draw per damaged byte."""
+        p = self._faults.corrupt
+        if p == 0.0:
+            return 2**62
+        if p == 1.0:
+            return 0
+        return int(math.log(1.0 - self._random.random()) / math.log1p(-p))

@@ -1,0 +1,103 @@
+"""`suas simulate --live`: play readings as a device on a pseudo-terminal, for a person."""
+
+import json
+import signal
+import threading
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+from suas_jax.acquisition.device.device import Device, log_readings, repeated
+from suas_jax.acquisition.device.faults import Faults
+from suas_jax.acquisition.frames.encode import ENCODERS
+from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.log.log_file import read_log
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How to play.
+
+    Attributes:
+        format_name: frame format, as `suas log --format` takes it, or text-checked.
+        link: symbolic link to the pseudo-terminal.
+        faults: what goes wrong.
+        speed: times faster than the readings' clock.
+        duration: end after this long [s].
+        loop: play over and over.
+        as_json: print the port, and at the end what was played, as JSON lines.
+
+    Raises:
+        ValueError: an unknown format, or a speed that is none.
+    """
+
+    format_name: str = "text"
+    link: Path | None = None
+    faults: Faults = field(default_factory=Faults)
+    speed: float = 1.0
+    duration: float | None = None
+    loop: bool = False
+    as_json: bool = False
+
+    def __post_init__(self) -> None:
+        if self.format_name not in ENCODERS:
+            raise ValueError(
+                f'--format "{self.format_name}": allowed are {", ".join(sorted(ENCODERS))}'
+            )
+        if not 0 < self.speed < float("inf"):
+            raise ValueError(f"--speed {self.speed:g}: a number above zero is needed")
+
+
+def play_log(path: Path, options: LiveOptions) -> None:
+    """Play a log.
+
+    Raises:
+        LogFileError: it is none.
+    """
+    play_live(log_readings(read_log(path)), options)
+
+
+def play_live(readings: Iterable[Reading], options: LiveOptions) -> None:
+    """Wait for a host, then play until the readings end, Ctrl-C or SIGTERM.
+
+    Args:
+        readings: in order of time.
+        options: how to play.
+    """
+    stop = threading.Event()
+
+    def end(_signal: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with Device(options.format_name, options.faults, options.link) as device:
+            name = options.format_name.removesuffix("-checked")
+            if options.as_json:
+                typer.echo(json.dumps({"port": device.port, "format": name}))
+            else:
+                typer.echo(device.port)
+                typer.echo(
+                    f"suas: waiting for a host: suas log {device.port} --format {name} -o "
+                    "LOG.csv; Ctrl-C ends",
+                    err=True,
+                )
+            device.wait_for_host(stop.is_set)
+            played = device.play(
+                repeated(readings) if options.loop else readings,
+                speed=options.speed,
+                duration=options.duration,
+                stopped=stop.is_set,
+            )
+            device.let_host_finish(stop.is_set)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if options.as_json:
+        typer.echo(json.dumps(asdict(played)))
+    else:
+        words = ", ".join(f"{value} {name}" for name, value in asdict(played).items() if value)
+        typer.echo(f"suas: played {words or 'nothing'}", err=True)

@@ -1,0 +1,1 @@
+"""The log of sensor outputs: written append-only, read strictly, converted."""

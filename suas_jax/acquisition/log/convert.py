@@ -1,0 +1,212 @@
+"""SO logs as Parquet and NetCDF files, and back.
+
+A log is recorded as CSV, which a crash can't make unreadable, and converted afterwards.
+Parquet keeps the rows as they are, one column each; NetCDF keeps them as an xarray data set
+with the dimensions row and taxel. Both carry the log's header and convert back to the same
+log. The libraries come with ``pip install "suas-jax[tables]"``.
+"""
+
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from suas_jax.acquisition.log.log_file import (
+    KEY_COLUMNS,
+    LogFileError,
+    LogWriter,
+    SoLog,
+    read_log,
+)
+
+if TYPE_CHECKING:
+    import xarray
+
+_KEY = b"suas-so-log"
+_PREFIX = "log."
+_UNITS = {"t_host": "s", "t_device": "s", "so": "counts"}
+
+
+def convert(source: Path, target: Path, *, overwrite: bool = False) -> SoLog:
+    """Convert a log between CSV, Parquet and NetCDF, as the files' endings say.
+
+    Args:
+        source: .csv, .parquet or .nc.
+        target: likewise.
+        overwrite: replace an existing file.
+
+    Returns:
+        The log.
+
+    Raises:
+        ValueError: an ending is unknown, the source is no log, or a library is missing.
+        OSError: a file can't be read or written.
+    """
+    read = _chosen({".csv": read_log, ".parquet": read_parquet, ".nc": read_netcdf}, source)
+    write = _chosen({".csv": write_csv, ".parquet": write_parquet, ".nc": write_netcdf}, target)
+    if target.exists() and not overwrite:
+        raise FileExistsError(f"{target}: exists; choose another name or give --overwrite")
+    log: SoLog = read(source)
+    write(log, target)
+    return log
+
+
+def _chosen(by_ending: dict[str, Any], file: Path) -> Any:
+    try:
+        return by_ending[file.suffix.lower()]
+    except KeyError:
+        raise ValueError(
+            f'{file}: "{file.suffix}" is no log format; use {", ".join(by_ending)}'
+        ) from None
+
+
+def _library(name: str, what: str) -> ModuleType:
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise ValueError(
+            f'{what} files need {name}, which is not installed: pip install "suas-jax[tables]"'
+        ) from None
+
+
+def columns(log: SoLog) -> dict[str, np.ndarray]:
+    """The columns of a log as the CSV file names them."""
+    keys = dict(zip(KEY_COLUMNS, (log.t_host, log.t_device, log.seq, log.module), strict=True))
+    so = {f"so_{k + 1}": log.so[:, k] for k in range(log.so.shape[1])}
+    return keys | so | dict(log.flags)
+
+
+def from_columns(path: Path, header: dict[str, str], table: dict[str, np.ndarray]) -> SoLog:
+    """A log from its columns.
+
+    Raises:
+        LogFileError: a column that every log has is missing.
+    """
+    names = [f"so_{k}" for k in range(1, sum(n.startswith("so_") for n in table) + 1)]
+    for name in (*KEY_COLUMNS, *(names or ["so_1"])):
+        if name not in table:
+            raise LogFileError(f"{path}: no column {name}: the file is no SO log")
+    known = {*KEY_COLUMNS, *names}
+    return SoLog(
+        path,
+        header,
+        np.asarray(table["t_host_s"], float),
+        np.asarray(table["t_device_s"], float),
+        np.asarray(table["seq"], np.int64),
+        np.asarray(table["module"], np.int64),
+        np.stack([np.asarray(table[name], float) for name in names], 1),
+        {name: x for name, x in table.items() if name not in known},
+    )
+
+
+def write_csv(log: SoLog, path: Path) -> None:
+    """Write a log as CSV, as if it had just been recorded."""
+    flags = {name: values.tolist() for name, values in log.flags.items()}
+    rows = zip(log.t_host, log.t_device, log.seq, log.module, log.so, strict=True)
+    header = log.header
+    with LogWriter(
+        path, header, taxels=log.so.shape[1], flags=tuple(flags), overwrite=True
+    ) as writer:
+        for i, (t_host, t_device, seq, module, so) in enumerate(rows):
+            counts = [None if np.isnan(c) else _shortest(c) for c in so]
+            values = [column[i] for column in flags.values()]
+            writer.write(float(t_host), float(t_device), int(seq), int(module), counts, values)
+
+
+def _shortest(count: float) -> Any:
+    """Counts are whole, unless another hand averaged them."""
+    return int(count) if float(count).is_integer() else repr(float(count))
+
+
+def write_parquet(log: SoLog, path: Path) -> None:
+    """Write a log as Parquet: a column each, missing values as nulls."""
+    arrow, parquet = _library("pyarrow", "Parquet"), _library("pyarrow.parquet", "Parquet")
+    import json
+
+    table = arrow.table(
+        {name: arrow.array(x, from_pandas=True) for name, x in columns(log).items()}
+    )
+    table = table.replace_schema_metadata({_KEY: json.dumps(log.header).encode()})
+    parquet.write_table(table, path)
+
+
+def read_parquet(path: Path) -> SoLog:
+    """Read a log from Parquet.
+
+    Raises:
+        LogFileError: the file is no Parquet file, or no log.
+    """
+    arrow, parquet = _library("pyarrow", "Parquet"), _library("pyarrow.parquet", "Parquet")
+    import json
+
+    try:
+        table = parquet.read_table(path)
+    except arrow.ArrowInvalid as error:
+        raise LogFileError(f"{path}: {error}") from None
+    header = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
+    return from_columns(
+        path, header, {n: table[n].to_numpy(zero_copy_only=False) for n in table.column_names}
+    )
+
+
+def to_xarray(log: SoLog) -> "xarray.Dataset":
+    """A log as a data set with the dimensions row and taxel, units as attributes."""
+    xarray = _library("xarray", "NetCDF")
+    variables: dict[str, Any] = {
+        "t_host": ("row", log.t_host),
+        "t_device": ("row", log.t_device),
+        "seq": ("row", log.seq),
+        "module": ("row", log.module),
+        "so": (("row", "taxel"), log.so),
+    }
+    for name, values in log.flags.items():
+        variables[f"flag_{name}"] = ("row", values)
+    data = xarray.Dataset(
+        variables,
+        coords={"taxel": np.arange(1, log.so.shape[1] + 1)},
+        attrs={_PREFIX + key: value for key, value in log.header.items()},
+    )
+    for name, unit in _UNITS.items():
+        data[name].attrs["units"] = unit
+    return data
+
+
+def write_netcdf(log: SoLog, path: Path) -> None:
+    """Write a log as NetCDF 4."""
+    _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
+    to_xarray(log).to_netcdf(path, engine="h5netcdf")
+
+
+def read_netcdf(path: Path) -> SoLog:
+    """Read a log from NetCDF.
+
+    Raises:
+        LogFileError: the file is no NetCDF file, or no log.
+    """
+    xarray = _library("xarray", "NetCDF")
+    _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: there is no such file")
+    try:
+        data = xarray.load_dataset(path, engine="h5netcdf", decode_times=False)
+    except (OSError, ValueError) as error:
+        raise LogFileError(f"{path}: {error}") from None
+    missing = {"t_host", "t_device", "seq", "module", "so"} - set(data.variables)
+    if missing:
+        raise LogFileError(f"{path}: no variable {', '.join(sorted(missing))}: no SO log")
+    header = {
+        str(key).removeprefix(_PREFIX): str(value)
+        for key, value in data.attrs.items()
+        if str(key).startswith(_PREFIX)
+    }
+    flags = {
+        str(name).removeprefix("flag_"): data[name].values
+        for name in data.variables
+        if str(name).startswith("flag_")
+    }
+    names = ("t_host", "t_device", "seq", "module", "so")
+    t_host, t_device, seq, module, so = (data[name].values for name in names)
+    return SoLog(path, header, t_host, t_device, seq, module, so, flags)

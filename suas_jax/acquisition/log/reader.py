@@ -1,0 +1,279 @@
+"""Read an SO log strictly, whoever wrote it."""
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
+from suas_jax.acquisition.log.format import CONTINUED, KEY_COLUMNS, MAX_COUNT, LogFileError
+
+# Between the fields of a row once quotes are undone: ASCII's unit separator.
+_SEPARATOR = "\x1f"
+# Whole numbers up to here are exact in float64.
+_LARGEST_INTEGER = 2**53
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file begins as a log does: comments, then names with `t_host_s` among them."""
+    with path.open("rb") as file:
+        for line in file:
+            if line.strip() and not line.lstrip(b"\xef\xbb\xbf").startswith(b"#"):
+                return b"t_host_s" in line
+    return False
+
+
+def read_log(path: Path, *, follow: bool = True) -> SoLog:
+    """Read a log, written here or by other hands.
+
+    Tolerated: comment lines and blank lines anywhere, CRLF, a byte order mark, quoted
+    fields, columns in another order, further columns (returned as `flags`), missing values
+    (empty or `nan`) in the counts and times, the line of column names repeated where logs
+    were joined, a last line that was cut off (dropped, with a note).
+
+    Args:
+        path: the log.
+        follow: also read the parts that a rotated log was continued in.
+
+    Raises:
+        LogFileError: naming the file, the line, the column, the value and what is allowed.
+        OSError: the file can't be read.
+    """
+    path = Path(path)
+    part = _Parser(path).parse(path.read_bytes())
+    successor = part.header.pop(CONTINUED, None)
+    if successor is None or not follow:
+        return part
+    if Path(successor).name != successor or successor == path.name:
+        raise LogFileError(f'{path}: continued_in "{successor}": a file beside it is expected')
+    return _joined(part, read_log(path.with_name(successor)))
+
+
+def _joined(a: SoLog, b: SoLog) -> SoLog:
+    width = max(a.so.shape[1], b.so.shape[1])
+
+    def widened(so: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.pad(so, ((0, 0), (0, width - so.shape[1])), constant_values=np.nan)
+
+    return SoLog(
+        a.path,
+        a.header,
+        np.concatenate([a.t_host, b.t_host]),
+        np.concatenate([a.t_device, b.t_device]),
+        np.concatenate([a.seq, b.seq]),
+        np.concatenate([a.module, b.module]),
+        np.concatenate([widened(a.so), widened(b.so)]),
+        {k: np.concatenate([v, b.flags[k]]) for k, v in a.flags.items() if k in b.flags},
+        a.notes + b.notes,
+    )
+
+
+class _Parser:
+    """One reading of one file: keeps what an error message needs."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.notes: list[str] = []
+        self.header: dict[str, str] = {}
+
+    def parse(self, data: bytes) -> SoLog:
+        lines = list(self._lines(data))
+        tail = lines.pop()  # empty, unless the file was cut off
+        names: list[str] | None = None
+        rows: list[str] = []  # with their fields told apart by _SEPARATOR
+        numbers: list[int] = []
+        for number, line in lines:
+            if line.startswith("#"):
+                self._comment(line)
+            elif line.strip():
+                row = self._separated(number, line)
+                if names is None:
+                    names = [name.strip() for name in row.split(_SEPARATOR)]
+                    so = self._check_columns(number, names)
+                elif row.count(_SEPARATOR) != len(names) - 1:
+                    raise self._wrong_length(number, row.split(_SEPARATOR), names)
+                elif not row.lstrip().startswith(names[0]):  # else they are named once more
+                    rows.append(row)
+                    numbers.append(number)
+        if names is None:
+            raise LogFileError(
+                f"{self.path}: no line of column names; a log has the columns "
+                f"{','.join(KEY_COLUMNS)},so_1,..."
+            )
+        if tail[1].strip() and not tail[1].startswith("#"):
+            self._last_line(*tail, names, rows, numbers, so)
+        # One flat list: a list for each row would cost several times more.
+        fields = _SEPARATOR.join(rows).split(_SEPARATOR) if rows else []
+        by_name = {name: fields[k :: len(names)] for k, name in enumerate(names)}
+        known = {*KEY_COLUMNS, *so}
+        counts = [self._floats(numbers, k, by_name[k], 0.0, MAX_COUNT) for k in so]
+        return SoLog(
+            self.path,
+            self.header,
+            self._floats(numbers, "t_host_s", by_name["t_host_s"]),
+            self._floats(numbers, "t_device_s", by_name["t_device_s"]),
+            self._integers(numbers, "seq", by_name["seq"]),
+            self._integers(numbers, "module", by_name["module"]),
+            np.stack(counts, axis=1),
+            {name: _flag(by_name[name]) for name in names if name not in known},
+            tuple(self.notes),
+        )
+
+    def _lines(self, data: bytes) -> Iterator[tuple[int, str]]:
+        # A power cut leaves zero bytes where data was promised to the file system.
+        stripped = data.rstrip(b"\0")
+        if len(stripped) < len(data):
+            self.notes.append(f"{len(data) - len(stripped)} zero bytes at the end left out")
+        raws = re.split(rb"\r\n|\n|\r", stripped)
+        for number, raw in enumerate(raws, start=1):
+            try:
+                text = raw.decode("utf-8-sig" if number == 1 else "utf-8")
+            except UnicodeDecodeError:
+                if number == len(raws):
+                    yield number, "?"  # cut off inside a character
+                    return
+                raise LogFileError(
+                    f"{self.path}, line {number}: not UTF-8 text: {raw[:40]!r}"
+                ) from None
+            if "\0" in text:
+                raise LogFileError(f"{self.path}, line {number}: zero bytes inside the log")
+            yield number, text
+
+    def _separated(self, number: int, line: str) -> str:
+        if '"' not in line:
+            return line.replace(",", _SEPARATOR)
+        try:
+            return _SEPARATOR.join(next(csv.reader([line], strict=True)))
+        except csv.Error as error:
+            raise LogFileError(f"{self.path}, line {number}: {error}") from None
+
+    def _comment(self, line: str) -> None:
+        key, colon, value = line[1:].partition(":")
+        if colon:
+            self.header.setdefault(key.strip(), value.strip())
+
+    def _check_columns(self, number: int, names: list[str]) -> list[str]:
+        where = f"{self.path}, line {number}"
+        if len(set(names)) < len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise LogFileError(f"{where}: columns named twice: {', '.join(twice)}")
+        missing = [name for name in KEY_COLUMNS if name not in names]
+        if missing:
+            raise LogFileError(
+                f"{where}: no column {', '.join(missing)}; a log has the columns "
+                f"{','.join(KEY_COLUMNS)},so_1,... but this line reads "
+                f'"{",".join(names)[:80]}"'
+            )
+        taxels = sorted(int(name[3:]) for name in names if re.fullmatch(r"so_[0-9]+", name))
+        if not taxels or taxels != list(range(1, len(taxels) + 1)):
+            raise LogFileError(
+                f"{where}: the counts must be in columns so_1, so_2, ... without a hole; "
+                f"found {', '.join(f'so_{k}' for k in taxels) or 'none'}"
+            )
+        return [f"so_{k}" for k in taxels]
+
+    def _wrong_length(
+        self, number: int, fields: Sequence[str], names: Sequence[str]
+    ) -> LogFileError:
+        if len(fields) < len(names):
+            what = f"the row ends before column {names[len(fields)]}"
+        else:
+            what = f"the row goes on after the last column, {names[-1]}"
+        return LogFileError(
+            f"{self.path}, line {number}: {what}: {len(fields)} fields for {len(names)} "
+            "columns (a missing value is an empty field)"
+        )
+
+    def _last_line(
+        self,
+        number: int,
+        line: str,
+        names: list[str],
+        rows: list[str],
+        numbers: list[int],
+        so: list[str],
+    ) -> None:
+        """Keep a last line without its line end only if nothing can be missing from it.
+
+        A number that lost digits is at most a tenth of what it was. So a last count between
+        half and twice the module's previous one is whole.
+        """
+        fields = line.split(",")
+        if len(fields) == len(names) and names[-1] in so:
+            module = names.index("module")
+            for earlier in reversed(rows[-FRAME_WINDOW:]):
+                row = earlier.split(_SEPARATOR)
+                if row[module].strip() == fields[module].strip():
+                    last, before = _number(fields[-1]), _number(row[-1])
+                    if 0 < 0.5 * before < last < 2 * before:
+                        rows.append(_SEPARATOR.join(fields))
+                        numbers.append(number)
+                        return
+                    break
+        self.notes.append(f"line {number} is cut off and left out")
+
+    def _floats(
+        self,
+        numbers: list[int],
+        name: str,
+        texts: Sequence[str],
+        low: float = -np.inf,
+        high: float = np.inf,
+    ) -> NDArray[np.float64]:
+        try:
+            if "_" in "".join(texts):
+                raise ValueError
+            values = np.array(list(map(float, texts)))
+        except ValueError:  # missing values, or worse
+            values = np.array([_number(text) for text in texts], float)
+        outside = np.isinf(values) | (values < low) | (values > high)
+        bad = [
+            i
+            for i in np.flatnonzero(outside | np.isnan(values)).tolist()
+            if outside[i] or not _is_missing(texts[i])
+        ]
+        if bad:
+            allowed = "a number" if high == np.inf else f"a count from {low:.0f} to {high:.0f}"
+            raise LogFileError(
+                f'{self.path}, line {numbers[bad[0]]}, column {name}: "{texts[bad[0]]}": '
+                f"expected {allowed}, or nothing where the value is missing"
+            )
+        return values
+
+    def _integers(
+        self, numbers: list[int], name: str, texts: Sequence[str]
+    ) -> NDArray[np.int64]:
+        if all(map(str.isdecimal, texts)) and max(map(len, texts), default=0) < 16:
+            return np.array(list(map(int, texts)), np.int64)
+        values = []
+        for i, text in enumerate(texts):
+            value = _number(text)
+            if not (value.is_integer() and 0 <= value <= _LARGEST_INTEGER):
+                raise LogFileError(
+                    f'{self.path}, line {numbers[i]}, column {name}: "{text}": expected a '
+                    "whole number, zero or more"
+                )
+            values.append(int(value))
+        return np.array(values, np.int64)
+
+
+def _is_missing(text: str) -> bool:
+    return text.strip().lower() in ("", "nan", "na")
+
+
+def _number(text: str) -> float:
+    """NaN where the text is no number; Python's own `1_000` is none in a CSV."""
+    try:
+        return float(text) if "_" not in text else float("nan")
+    except ValueError:
+        return float("nan")
+
+
+def _flag(fields: Sequence[str]) -> NDArray[np.generic]:
+    try:
+        return np.array([int(text) if text.strip() else 0 for text in fields], np.int64)
+    except (ValueError, OverflowError):
+        return np.array([text.strip() for text in fields], np.str_)

@@ -1,0 +1,1 @@
+"""Ports that deliver bytes: serial, network socket, CAN bus."""

@@ -1,0 +1,291 @@
+"""How a state of deformation is presented to a material law.
+
+An isotropic, incompressible law asks for two things: the invariants I₁ − 3 and I₂ − 3,
+and the power sum λ₁^α + λ₂^α + λ₃^α − 3. Each class here answers from the numbers that
+its mechanics has at hand.
+
+Every answer is the *difference from rest*, written without cancellation: it is
+quadratic in the strain, so a strain of 1e-9 gives 1e-18 to full relative accuracy. One
+identity does most of it. With λ₁λ₂λ₃ = 1 and E_i^± = λ_i^±α − 1,
+
+    Σλ_i^α − 3 = E₁⁻ E₂⁻ − E₁⁺ E₁⁻ − E₂⁺ E₂⁻.
+
+No class knows a law, and nothing here perturbs a strain to keep stretches apart.
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from suas_jax.numerics.analytic import (
+    asinh_sqrt_squared,
+    cosh_sqrt_minus_1,
+    exp_minus_1_minus_x,
+)
+from suas_jax.numerics.spectral import trace_function
+
+
+class AbstractDeformation(eqx.Module):
+    """A state of deformation, as an isotropic law sees it.
+
+    Arrays may have any shape; law constants broadcast against their trailing axes.
+    Where a state can change volume its isochoric part is meant, F̄ = J^(−1/3) F.
+    """
+
+    @property
+    @abc.abstractmethod
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """First invariant less its value at rest, Σλ_i² − 3 (Eq. 21)."""
+
+    @property
+    @abc.abstractmethod
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """Second invariant less its value at rest, Σλ_i⁻² − 3 (Eq. 21)."""
+
+    @abc.abstractmethod
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """λ₁^α + λ₂^α + λ₃^α − 3.
+
+        Args:
+            alpha: the exponent, of a shape that broadcasts against the deformation.
+
+        Returns:
+            Array of the broadcast shape.
+        """
+
+
+class FibreStretch(AbstractDeformation):
+    """Plane strain, incompressible, one fibre: stretches (λ, 1/λ, 1).
+
+    The lumped shell's state. In plane strain I₁ = I₂; with e = λ² − 1,
+
+        I₁ − 3 = e²/(1 + e),    Σλ_i^α − 3 = (exp(x) − 1)² exp(−x),  x = α/2 log(1 + e).
+
+    Attributes:
+        green: e = λ² − 1, any shape; twice the Green strain. Must exceed −1.
+    """
+
+    green: Float[Array, "..."]
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """λ² + λ⁻² − 2."""
+        return self.green * self.green / (1.0 + self.green)
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """λ² + λ⁻² − 2, the same as I₁ − 3 in plane strain."""
+        return self.I1_minus_3
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """λ^α + λ^−α − 2."""
+        x = 0.5 * jnp.asarray(alpha) * jnp.log1p(self.green)
+        t = jnp.expm1(x)
+        return t * t * jnp.exp(-x)
+
+
+class PlaneStrain(AbstractDeformation):
+    """Plane strain with a change of area: in-plane stretches λ₁, λ₂ and a third of one.
+
+    The solid's state. Any isotropic law depends on I = F:F and J = det F of the plane;
+    stored are the combinations that vanish at rest and are accurate near it. The energy
+    is differentiated with respect to these two fields:
+
+        m = I − 2J = (λ₁ − λ₂)²,   j = J − 1;   ∂Ψ/∂I = Ψ_m,   ∂Ψ/∂J = Ψ_j − 2Ψ_m.
+
+    With λ₁,₂ = √J exp(±η) and M = α/6 log J the isochoric power sum is
+
+        2 e^M (cosh αη − 1) + (e^M − 1)² (2 e^M + 1) e^(−2M).
+
+    Stretches coincide at m = 0, where η ~ √m; cosh αη is analytic there and computed
+    from η² alone, so derivatives of every order are exact, with no switch of formula.
+
+    Attributes:
+        distortion: m = I − 2J ≥ 0, any shape.
+        dilatation: j = J − 1 > −1, any shape.
+    """
+
+    distortion: Float[Array, "..."]
+    dilatation: Float[Array, "..."]
+
+    @classmethod
+    def from_displacement_gradient(cls, H: Float[Array, "2 2 *batch"]) -> "PlaneStrain":
+        """Build the state from H = F − 1, without loss for small strains.
+
+        Args:
+            H: displacement gradient ∂u_i/∂X_j, shape [2, 2, *batch].
+        """
+        distortion = (H[0, 0] - H[1, 1]) ** 2 + (H[0, 1] + H[1, 0]) ** 2
+        dilatation = H[0, 0] + H[1, 1] + (H[0, 0] * H[1, 1] - H[0, 1] * H[1, 0])
+        return cls(distortion, dilatation)
+
+    @classmethod
+    def from_invariants(cls, I: ArrayLike, J: ArrayLike) -> "PlaneStrain":  # noqa: E741
+        """Build the state from I = F:F and J = det F of the plane, any shape."""
+        return cls(jnp.asarray(I) - 2.0 * jnp.asarray(J), jnp.asarray(J) - 1.0)
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """J^(−2/3) (I + 1) − 3."""
+        third = jnp.log1p(self.dilatation) / 3.0
+        return self.distortion * jnp.exp(-2.0 * third) + _area_change(third)
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """J^(−4/3) (I + J²) − 3."""
+        third = jnp.log1p(self.dilatation) / 3.0
+        return self.distortion * jnp.exp(-4.0 * third) + _area_change(-third)
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """J^(−α/3) (λ₁^α + λ₂^α + 1) − 3."""
+        a = jnp.asarray(alpha)
+        eta_squared = asinh_sqrt_squared(0.25 * self.distortion / (1.0 + self.dilatation))
+        sixth = a / 6.0 * jnp.log1p(self.dilatation)
+        return 2.0 * jnp.exp(sixth) * cosh_sqrt_minus_1(a * a * eta_squared) + _area_change(
+            sixth
+        )
+
+
+class LogStretches(AbstractDeformation):
+    """Incompressible, given by two principal logarithmic strains; the third is −e₁ − e₂.
+
+    Attributes:
+        e1: log λ₁, any shape.
+        e2: log λ₂, any shape.
+    """
+
+    e1: Float[Array, "..."]
+    e2: Float[Array, "..."]
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """Σλ_i² − 3."""
+        return self.power_sum_minus_3(2.0)
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """Σλ_i⁻² − 3."""
+        return self.power_sum_minus_3(-2.0)
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """Σλ_i^α − 3."""
+        x1, x2 = jnp.asarray(alpha) * self.e1, jnp.asarray(alpha) * self.e2
+        u1, u2 = jnp.expm1(-x1), jnp.expm1(-x2)
+        return u1 * u2 - u1 * jnp.expm1(x1) - u2 * jnp.expm1(x2)
+
+
+class PrincipalStretches(AbstractDeformation):
+    """Three principal stretches; only their isochoric part counts.
+
+    Attributes:
+        l1: λ₁ > 0, any shape.
+        l2: λ₂ > 0, any shape.
+        l3: λ₃ > 0, any shape.
+    """
+
+    l1: Float[Array, "..."]
+    l2: Float[Array, "..."]
+    l3: Float[Array, "..."]
+
+    @property
+    def isochoric(self) -> LogStretches:
+        """The state without its change of volume."""
+        e1, e2, e3 = (jnp.log(stretch) for stretch in (self.l1, self.l2, self.l3))
+        return LogStretches((2.0 * e1 - e2 - e3) / 3.0, (2.0 * e2 - e1 - e3) / 3.0)
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """Σλ̄_i² − 3."""
+        return self.isochoric.I1_minus_3
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """Σλ̄_i⁻² − 3."""
+        return self.isochoric.I2_minus_3
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """Σλ̄_i^α − 3."""
+        return self.isochoric.power_sum_minus_3(alpha)
+
+
+class DeformationGradient(AbstractDeformation):
+    """A general three-dimensional state; only its isochoric part counts.
+
+    With C = Fᵀ F = (1 + g) (1 + d), d traceless, and Δ = det(1 + d) = 1 − d:d/2 + det d,
+
+        I₁ − 3 = 3 (Δ^(−1/3) − 1),    I₂ − 3 = 3 (Δ^(−2/3) − 1) − Δ^(−2/3) d:d/2,
+
+    and power sums are trace functions of d. First and second derivatives with respect
+    to F are exact at coincident stretches; a third one is not defined there.
+
+    Attributes:
+        F: deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0.
+    """
+
+    F: Float[Array, "3 3 *batch"]
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "*batch"]:
+        """J^(−2/3) tr C − 3."""
+        _, _, log_delta = self._split()
+        return 3.0 * jnp.expm1(-log_delta / 3.0)
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "*batch"]:
+        """J^(2/3) tr C⁻¹ − 3."""
+        _, second, log_delta = self._split()
+        two_thirds = -2.0 / 3.0 * log_delta
+        return 3.0 * jnp.expm1(two_thirds) + second * jnp.exp(two_thirds)
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """Σλ̄_i^α − 3."""
+        shape = jnp.broadcast_shapes(jnp.shape(alpha), self.F.shape[2:])
+        half = jnp.broadcast_to(0.5 * jnp.asarray(alpha, self.F.dtype), shape)
+        d, _, log_delta = self._split()
+        ones = (1,) * (len(shape) + 2 - d.ndim)
+        d = jnp.broadcast_to(d.reshape(3, 3, *ones, *d.shape[2:]), (3, 3, *shape))
+        # With y the mean of n log(1 + d), Σexp(x_i − y) − 3 = e^−y (Σψ(x_i) − 3ψ(y)):
+        # the parts linear in the strain have been taken out of both sides.
+        y = half * log_delta / 3.0
+        return jnp.exp(-y) * (
+            trace_function(_excess_of_power, (half,), d) - 3.0 * exp_minus_1_minus_x(y)
+        )
+
+    def _split(self) -> tuple[Array, Array, Array]:
+        """Return d, its second invariant −d:d/2, and log Δ."""
+        F = self.F
+        # F − 1 is exact near rest, and C − 1 formed from it keeps small strains.
+        H = F - jnp.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
+        G = H + jnp.swapaxes(H, 0, 1) + jnp.einsum("ki...,kj...->ij...", H, H)
+        third = (G[0, 0] + G[1, 1] + G[2, 2]) / 3.0
+        deviator = G - third * jnp.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
+        d = deviator / (1.0 + third)
+        second = -0.5 * jnp.sum(d * d, axis=(0, 1))
+        change = second + _det(d)
+        # At large strain Δ is a small difference of these, but not of det F and tr C.
+        large = change < -0.5
+        from_det = 2.0 * jnp.log(_det(F)) - 3.0 * jnp.log1p(third)
+        log_delta = jnp.where(large, from_det, jnp.log1p(jnp.where(large, 0.0, change)))
+        return d, second, log_delta
+
+
+def _det(A: Float[Array, "3 3 *batch"]) -> Float[Array, "*batch"]:
+    return (
+        A[0, 0] * (A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1])
+        + A[0, 1] * (A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2])
+        + A[0, 2] * (A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0])
+    )
+
+
+def _area_change(x: Array) -> Array:
+    """2 e^x + e^(−2x) − 3: the power sum of a state with two equal stretches."""
+    t = jnp.expm1(x)
+    return t * t * (2.0 * t + 3.0) * jnp.exp(-2.0 * x)
+
+
+def _excess_of_power(parameters: tuple[Array, ...], a: Array) -> Array:
+    """(1 + a)^n − 1 − n log(1 + a), the part of a power that is quadratic in a."""
+    (n,) = parameters
+    return exp_minus_1_minus_x(n * jnp.log1p(a))

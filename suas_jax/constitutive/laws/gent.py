@@ -1,0 +1,44 @@
+"""The Gent law."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from suas_jax.constitutive.base import AbstractLaw, constant, require_positive
+from suas_jax.constitutive.deformation import AbstractDeformation
+
+
+class Gent(AbstractLaw):
+    """Limited chain extensibility: the stress grows without bound at I₁ − 3 = J_m (Gent 1996).
+
+    Ψ = −μ J_m/2 log(1 − (I₁ − 3)/J_m)
+
+    Neo-Hookean for J_m → ∞. Beyond the locking stretch there is no energy: it is not a
+    number there.
+
+    Example:
+        `Gent(0.4e6, 80.0).shear_modulus`  (0.4 MPa)
+
+    Attributes:
+        mu: shear modulus μ [Pa], shape [*lanes].
+        Jm: J_m, the largest I₁ − 3, shape [*lanes].
+
+    Raises:
+        ValueError: μ or J_m is not positive and finite.
+    """
+
+    mu: Float[Array, "*lanes"]
+    Jm: Float[Array, "*lanes"]
+
+    def __init__(self, mu: ArrayLike, Jm: ArrayLike) -> None:
+        self.mu, self.Jm = constant(mu), constant(Jm)
+        require_positive(self.mu, "Gent law: mu")
+        require_positive(self.Jm, "Gent law: Jm")
+
+    def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
+        """Ψ = −μ J_m/2 log(1 − (I₁ − 3)/J_m) [J/m³]."""
+        return -0.5 * self.mu * self.Jm * jnp.log1p(-deformation.I1_minus_3 / self.Jm)
+
+    @property
+    def shear_modulus(self) -> Float[Array, "*lanes"]:
+        """Small-strain shear modulus μ [Pa]."""
+        return self.mu * jnp.ones_like(self.Jm)

@@ -1,0 +1,37 @@
+"""The neo-Hookean law."""
+
+from jaxtyping import Array, ArrayLike, Float
+
+from suas_jax.constitutive.base import AbstractLaw, constant, require_positive
+from suas_jax.constitutive.deformation import AbstractDeformation
+
+
+class NeoHookean(AbstractLaw):
+    """One constant, the shear modulus.
+
+    Ψ = μ/2 (I₁ − 3)
+
+    Example:
+        `NeoHookean(32.6e6).energy(FibreStretch(0.1))`
+
+    Attributes:
+        mu: shear modulus μ [Pa], shape [*lanes].
+
+    Raises:
+        ValueError: μ is not positive and finite.
+    """
+
+    mu: Float[Array, "*lanes"]
+
+    def __init__(self, mu: ArrayLike) -> None:
+        self.mu = constant(mu)
+        require_positive(self.mu, "neo-Hookean law: mu")
+
+    def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
+        """Ψ = μ/2 (I₁ − 3) [J/m³]."""
+        return 0.5 * self.mu * deformation.I1_minus_3
+
+    @property
+    def shear_modulus(self) -> Float[Array, "*lanes"]:
+        """Small-strain shear modulus μ [Pa]."""
+        return self.mu

@@ -1,0 +1,44 @@
+"""The Yeoh law."""
+
+from jaxtyping import Array, ArrayLike, Float
+
+from suas_jax.constitutive.base import AbstractLaw, constant, require_finite, require_positive
+from suas_jax.constitutive.deformation import AbstractDeformation
+
+
+class Yeoh(AbstractLaw):
+    """A cubic in I₁ − 3: softening, then stiffening at large strain (Yeoh 1993).
+
+    Ψ = C₁ (I₁ − 3) + C₂ (I₁ − 3)² + C₃ (I₁ − 3)³
+
+    Example:
+        `Yeoh(0.2e6, -2e3, 50.0).shear_modulus`  (0.4 MPa)
+
+    Attributes:
+        C1: C₁ [Pa], shape [*lanes].
+        C2: C₂ [Pa], shape [*lanes].
+        C3: C₃ [Pa], shape [*lanes].
+
+    Raises:
+        ValueError: C₁ is not positive and finite, or C₂ or C₃ is not finite.
+    """
+
+    C1: Float[Array, "*lanes"]
+    C2: Float[Array, "*lanes"]
+    C3: Float[Array, "*lanes"]
+
+    def __init__(self, C1: ArrayLike, C2: ArrayLike = 0.0, C3: ArrayLike = 0.0) -> None:
+        self.C1, self.C2, self.C3 = constant(C1), constant(C2), constant(C3)
+        require_positive(self.C1, "Yeoh law: C1")
+        require_finite(self.C2, "Yeoh law: C2")
+        require_finite(self.C3, "Yeoh law: C3")
+
+    def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
+        """Ψ = C₁ (I₁ − 3) + C₂ (I₁ − 3)² + C₃ (I₁ − 3)³ [J/m³]."""
+        i1 = deformation.I1_minus_3
+        return (self.C1 + (self.C2 + self.C3 * i1) * i1) * i1
+
+    @property
+    def shear_modulus(self) -> Float[Array, "*lanes"]:
+        """Small-strain shear modulus 2 C₁ [Pa]."""
+        return 2.0 * self.C1

@@ -1,0 +1,1 @@
+"""Test specimens with closed forms: homogeneous deformations, balloon, tube, diaphragm."""

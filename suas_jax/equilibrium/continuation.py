@@ -1,0 +1,251 @@
+"""Newton's method with adaptive load steps, as an Optimistix root finder.
+
+The load grows from the level of the starting state to full. Every step starts with the
+tangent at the last equilibrium: there the residual is linear in the load level, so the
+first Newton correction is a step along the path, cut to a trusted displacement (the
+radius). Newton then returns to the path; if it does not contract, the step is taken
+again with a smaller radius. All lanes advance independently inside one loop.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import optimistix as optx
+from jaxtyping import Array, Bool, Int, PyTree
+
+from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.mechanics.base import largest
+from suas_jax.numerics.array_types import LaneCounts, Lanes
+from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
+
+
+class SteppingState(NamedTuple):
+    """Where each lane stands.
+
+    Attributes:
+        level: load level of the current trial.
+        base: where this step started: an equilibrium, or a state near the path.
+        base_level: its load level.
+        good: last equilibrium.
+        good_level: its load level.
+        strict: whether every step has to end at an equilibrium, as after a failure.
+        radius: trusted displacement of the next step [m].
+        tried: displacement of this step's first correction [m].
+        correction: size of the last Newton correction [m].
+        inner: Newton corrections taken in this step.
+        total: Newton corrections taken in all.
+        negative: negative eigenvalues of the tangent at the last equilibrium.
+        smallest_pivot: smallest relative pivot met.
+        result: index of the outcome.
+        done: whether the lane has ended.
+    """
+
+    level: Lanes
+    base: BorderedVector
+    base_level: Lanes
+    good: BorderedVector
+    good_level: Lanes
+    strict: Bool[Array, " lane"]
+    radius: Lanes
+    tried: Lanes
+    correction: Lanes
+    inner: LaneCounts
+    total: LaneCounts
+    negative: LaneCounts
+    smallest_pivot: Lanes
+    result: Int[Array, " lane"]
+    done: Bool[Array, " lane"]
+
+
+def _select(keep: Bool[Array, " lane"], a: PyTree, b: PyTree) -> PyTree:
+    return jax.tree.map(lambda x, y: jnp.where(keep, x, y), a, b)
+
+
+class LoadStepping(optx.AbstractRootFinder):
+    """Newton with load steps controlled by displacement.
+
+    `args` of the root-find is a triple: anything the function needs, the levels to reach
+    and to start from, and the length by which displacements are judged. The function is
+    called with the levels at which its residual and its tangent are wanted and returns
+    ``(residual, operator)``; the residual must be affine in the level. (The tangent is
+    not: a dead load has a stiffness of its own, and that of a load still far away would
+    send the first step of a path astray.)
+
+    Attributes:
+        rtol: wanted size of the remaining error relative to the displacement.
+        atol: not used: displacement has no scale of its own at tiny loads.
+        first_radius: displacement trusted in the first step, in units of the length.
+        largest_step: displacement of a step relative to that of the state it starts from.
+        contraction: largest accepted ratio of successive corrections.
+        path_tolerance: accepted error of a state on the way, relative to the step to it.
+        max_inner: Newton corrections before a step is given up.
+        smallest_step: step relative to the load level at which the path counts as ended.
+        max_steps: Newton corrections before the slowest lane is given up.
+        until: accepts a state early (and ends the lane) where it returns true.
+    """
+
+    rtol: float = 1e-12
+    atol: float = 0.0
+    first_radius: float | Array = 4.0
+    largest_step: float | Array = math.inf
+    contraction: float = 5.0
+    path_tolerance: float = 1e-2
+    max_inner: int = 12
+    smallest_step: float = 1e-7
+    max_steps: int = 400
+    until: Callable[[BorderedVector], Array] | None = None
+    norm: Callable[[PyTree], Array] = optx.max_norm
+
+    def init(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        args: PyTree,
+        options: dict[str, Any],
+        f_struct: PyTree,
+        aux_struct: PyTree,
+        tags: frozenset[object],
+    ) -> SteppingState:
+        """Start at the equilibrium `y` of the lower level."""
+        _, (target, start), length = args
+        lane = y.stations.shape[-1:]
+        dtype = y.stations.dtype
+        zeros, counts = jnp.zeros(lane, dtype), jnp.zeros(lane, jnp.int32)
+        level = jnp.broadcast_to(start, lane).astype(dtype)
+        radius = jnp.maximum(self.first_radius * length, largest(y.stations[:2]))
+        return SteppingState(
+            level=jnp.broadcast_to(target, lane).astype(dtype),
+            base=y,
+            base_level=level,
+            good=y,
+            good_level=level,
+            strict=jnp.zeros(lane, bool),
+            radius=jnp.broadcast_to(radius, lane),
+            tried=zeros,
+            correction=zeros,
+            inner=counts,
+            total=counts,
+            negative=counts,
+            smallest_pivot=jnp.full(lane, jnp.inf, dtype),
+            result=counts,
+            done=jnp.zeros(lane, bool),
+        )
+
+    def step(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        args: PyTree,
+        options: dict[str, Any],
+        state: SteppingState,
+        tags: frozenset[object],
+    ) -> tuple[BorderedVector, SteppingState, PyTree]:
+        """One Newton correction, then accept, repeat or retry the load step."""
+        problem, (target, _), length = args
+        first = state.inner == 0
+        tangent_level = jnp.where(first, state.base_level, state.level)
+        residual, operator = fn(y, (problem, (state.level, tangent_level), length))
+        solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
+        size = largest(solved.value.stations[:2])
+        radius = state.radius
+        size_of_state = largest(state.base.stations[:2])
+        relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
+        radius = jnp.minimum(radius, relative)
+        cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
+        cut = jnp.where(size > 0, cut, 1)
+        level = state.base_level + cut * (state.level - state.base_level)
+        level = jnp.where(first & (cut < 1), level, state.level)
+        trial = jax.tree.map(lambda a, b: a - cut * b, y, solved.value)
+        size = cut * size
+
+        # Newton contracts quadratically: e_next ~ size^3 / previous^2.
+        ratio = jnp.where(first, 1.0, size / state.correction)
+        scale = largest(trial.stations[:2])
+        fine = jnp.isfinite(size) & jnp.isfinite(scale)
+        expected = size * jnp.minimum(ratio, 1.0) ** 2
+        settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
+        # At the limit of the arithmetic corrections stop shrinking.
+        stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
+        equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length))
+        # On the way it is enough to be near the path, compared with the step along it:
+        # the next step's first correction starts from the residual that is left. This
+        # saves a quarter of all corrections. Should it lead astray, as it may close to a
+        # limit point, the lane goes back to its last equilibrium and becomes strict.
+        tried = jnp.where(first, size, state.tried)
+        near = ~first & (expected <= self.path_tolerance * tried) & (size <= 0.1 * tried)
+        near = fine & near & ~state.strict & (level != target)
+        inner = state.inner + 1
+        converged = equilibrium | near
+        grows = ~first & (ratio > self.contraction) & (size > 1e-6 * scale)
+        failed = ~converged & (~fine | grows | (inner >= self.max_inner))
+
+        # An equilibrium: make it the new start, and try for the full load.
+        step = jnp.abs(level - state.base_level)
+        easy, hard = inner <= jnp.where(near, 4, 5), inner >= jnp.where(near, 6, 8)
+        grown = jnp.where(easy, 2.0, jnp.where(hard, 0.7, 1.2)) * state.radius
+        reached = level == target
+        if self.until is not None:
+            reached = reached | self.until(trial)
+        # The step failed: forget it and trust a quarter of its first displacement.
+        shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
+        tiny = self.smallest_step * jnp.abs(level)
+        hopeless = failed & (shrunk < 1e-6 * length)
+        stuck = equilibrium & ~reached & (step < tiny)
+
+        live = ~state.done
+        accept, retry = live & converged, live & failed
+        settle = accept & (equilibrium | reached)
+        result = jnp.where(stuck, index_of("limit_point"), state.result)
+        result = jnp.where(hopeless, index_of("no_convergence"), result)
+        new = SteppingState(
+            level=jnp.where(accept | retry, target, level),
+            base=_select(accept, trial, _select(retry, state.good, state.base)),
+            base_level=jnp.where(
+                accept, level, jnp.where(retry, state.good_level, state.base_level)
+            ),
+            good=_select(settle, trial, state.good),
+            good_level=jnp.where(settle, level, state.good_level),
+            strict=state.strict | retry,
+            radius=jnp.where(accept, grown, jnp.where(retry, shrunk, state.radius)),
+            tried=tried,
+            correction=size,
+            inner=jnp.where(accept | retry, 0, inner),
+            total=state.total + 1,
+            negative=jnp.where(accept, solved.stats["negative"], state.negative),
+            smallest_pivot=jnp.minimum(state.smallest_pivot, solved.stats["smallest_pivot"]),
+            result=result,
+            done=(accept & (reached | stuck)) | (live & hopeless),
+        )
+        new = _select(live, new, state)
+        trial = _select(live & ~failed, trial, new.base)
+        return trial, new, operator
+
+    def terminate(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        args: PyTree,
+        options: dict[str, Any],
+        state: SteppingState,
+        tags: frozenset[object],
+    ) -> tuple[Bool[Array, ""], optx.RESULTS]:
+        """Stop when every lane has ended; outcomes are kept per lane in the state."""
+        return jnp.all(state.done), optx.RESULTS.successful  # type: ignore[return-value]
+
+    def postprocess(
+        self,
+        fn: Callable,
+        y: BorderedVector,
+        aux: PyTree,
+        args: PyTree,
+        options: dict[str, Any],
+        state: SteppingState,
+        tags: frozenset[object],
+        result: optx.RESULTS,
+    ) -> tuple[BorderedVector, PyTree, dict[str, Any]]:
+        """Return the last equilibrium of every lane."""
+        return state.good, aux, {}

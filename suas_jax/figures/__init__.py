@@ -1,0 +1,1 @@
+"""Figures and field files of solved scenes."""

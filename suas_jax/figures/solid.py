@@ -1,0 +1,87 @@
+"""Figure of a solved solid: fields over the section, stretch through the thickness."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from suas_jax.figures.section import WALL, arrows
+from suas_jax.mechanics.solid.element import NODES
+from suas_jax.mechanics.solid.fields import nodal_fields
+from suas_jax.mechanics.solid.solid import Solid
+from suas_jax.scene.solve import Solution
+
+# Four small quadrilaterals cover the nine nodes of an element.
+_QUADS = [
+    [NODES.index(node) for node in ((a, b), (a + 1, b), (a + 1, b + 1), (a, b + 1))]
+    for a in range(2)
+    for b in range(2)
+]
+
+
+def plot_solid(solution: Solution) -> Figure:
+    """Draw energy and hoop stretch over the deformed section, and the stretch across it.
+
+    The counterpart of the paper's Fig. 18, resolved through the thickness.
+
+    Args:
+        solution: a solution with the solid model.
+    """
+    solid = solution.problem().mechanics
+    assert isinstance(solid, Solid)
+    fields = nodal_fields(solid, solution.state.q)
+    geometry, report = solution.scene.geometry, solution.report
+    moved = 1e3 * (fields.position + fields.displacement)
+    angle = np.linspace(-geometry.half_angle, geometry.half_angle, 361)
+    normal = np.stack([np.sin(angle), np.cos(angle)])
+    grid = (solid.layout.elements, solid.layout.layers, len(NODES))
+    top = moved.reshape(*grid, 2)[:, -1, [NODES.index((a, 2)) for a in range(3)]].reshape(-1, 2)
+    bearings = np.asarray(solid.angles)[:, 0]
+    spread = np.stack([bearings[:-1], (bearings[1:] + bearings[:-1]) / 2, bearings[1:]], 1)
+
+    figure = Figure(figsize=(15, 4.6), layout="constrained")
+    panels = figure.subplots(1, 3, width_ratios=(2, 2, 1.4))
+    shown = (
+        (1e-3 * fields.energy_density, "strain-energy density [kJ/m³]"),
+        (fields.hoop_stretch, "hoop stretch"),
+    )
+    for axes, (values, label) in zip(panels, shown, strict=False):
+        corners = np.concatenate([moved[:, quad] for quad in _QUADS])
+        means = np.concatenate([values[:, quad].mean(1) for quad in _QUADS])
+        patches = PolyCollection(list(corners), array=means)
+        patches.set_edgecolor("face")
+        # A point load and the clamps' corners are singular: they must not set the scale.
+        patches.set_clim(*np.quantile(means, (0.001, 0.999)))
+        axes.add_collection(patches)
+        for radius in (geometry.inner_radius, geometry.inner_radius + geometry.thickness):
+            axes.plot(*(1e3 * radius * normal), color="0.7", lw=0.8, ls="--")
+        wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
+        axes.fill(*wall, color=WALL, lw=0, zorder=0)  # a membrane beyond it stays visible
+        arrows(axes, solution, top.T, spread.ravel())
+        figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
+        axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+        axes.autoscale_view()
+    _across(panels[2], solution, fields.hoop_stretch.reshape(grid), spread)
+    figure.suptitle(
+        f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
+        f"smallest gap {1e3 * report['min_gap_m']:.3g} mm ({report['status']})"
+    )
+    return figure
+
+
+def _across(axes: Axes, solution: Solution, stretch: np.ndarray, spread: np.ndarray) -> None:
+    """Plot the hoop stretch through the thickness under every line load, or at the crown."""
+    loads = [load["angle_deg"] for load in solution.report["loads"] if "angle_deg" in load]
+    layers = stretch.shape[1]
+    depth = (np.arange(layers)[:, None] + np.array([0, 0.5, 1])) / layers
+    depth = 1e3 * solution.scene.geometry.thickness * depth.ravel()
+    for degrees in loads or [0.0]:
+        near = np.abs(spread[:, [0, 2]] - np.deg2rad(degrees))
+        element, side = np.unravel_index(np.argmin(near), near.shape)
+        nodes = [NODES.index((2 * int(side), b)) for b in range(3)]
+        values = stretch[element][:, nodes].ravel()
+        axes.plot(values, depth, ".-", label=f"{degrees:.4g}°")
+    axes.set(xlabel="hoop stretch", ylabel="distance from the inner face [mm]")
+    axes.locator_params(axis="x", nbins=4)
+    axes.grid(alpha=0.3)
+    axes.legend(title="at angle")

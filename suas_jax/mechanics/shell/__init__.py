@@ -1,0 +1,1 @@
+"""The lumped thin shell in plane strain."""

@@ -1,0 +1,108 @@
+"""Dead loads on the lumped shell's outer face: their work and its derivatives.
+
+A load acts at the rigid-normal point x + (t/2) n of the mid-line x with normal n, which
+turns with the shell: a dead force has a stiffness of its own.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.hermite import hermite
+from suas_jax.numerics.jet import second_order
+from suas_jax.skin.geometry import outward, tangent
+from suas_jax.skin.loads import LoadPoints
+
+# Points up to which their terms are written out one by one.
+_FEW_POINTS = 4
+
+ElementVector = Float[Array, "4 2 element lane"]
+
+
+class Loaded(NamedTuple):
+    """The mid-line under the load points [..., point, lane].
+
+    Attributes:
+        at: shape functions.
+        slope: their derivatives by arc length, per unit of the scaled unknowns [1/m].
+        displacement: of the mid-line [m].
+        r1: its current tangent r'(s).
+        normal: its reference normal.
+    """
+
+    at: Float[Array, "4 point lane"]
+    slope: Float[Array, "4 point lane"]
+    displacement: Float[Array, "2 point lane"]
+    r1: tuple[Array, Array]
+    normal: Float[Array, "2 point lane"]
+
+
+def under(
+    points: LoadPoints,
+    qe: ElementVector,
+    angles: Float[Array, "station #lane"],
+    radius: Lanes,
+) -> Loaded:
+    """Evaluate the mid-line at the load points.
+
+    Args:
+        points: the loads.
+        qe: element unknowns [shape, component].
+        angles: of the stations [rad].
+        radius: of the undeformed mid-line [m].
+    """
+    select = points.select
+    start = jnp.sum(select * angles[:-1, None], 0)
+    span = jnp.sum(select * (angles[1:] - angles[:-1])[:, None], 0)
+    at = jnp.stack(hermite(points.xi))
+    slope = jnp.stack(hermite(points.xi, 1)) / (radius * span)
+    qp = jnp.sum(qe[:, :, :, None] * select, 2)
+    u1 = jnp.sum(slope[:, None] * qp, 0)
+    angle = start + points.xi * span
+    t = tangent(angle)
+    r1 = (t[0] + u1[0], t[1] + u1[1])
+    return Loaded(at, slope, jnp.sum(at[:, None] * qp, 0), r1, outward(angle))
+
+
+def load_work(points: LoadPoints, loaded: Loaded, thickness: Lanes) -> Lanes:
+    """Work of the loads at unit factor, per width [J/m]."""
+    x, y = loaded.r1
+    size = jnp.sqrt(x**2 + y**2)
+    turned = jnp.stack([-y / size, x / size]) - loaded.normal
+    moved = loaded.displacement + thickness / 2 * turned
+    return jnp.sum(points.force * moved, (0, 1))
+
+
+def load_terms(
+    points: LoadPoints, loaded: Loaded, thickness: Lanes
+) -> tuple[ElementVector | float, Float[Array, "4 4 2 2 element lane"] | float]:
+    """First and second derivative of the work by the element unknowns."""
+    fx, fy = points.force
+
+    def projected(x: Array, y: Array) -> Array:
+        return (fy * x - fx * y) / jnp.sqrt(x**2 + y**2)
+
+    jet = second_order(projected, *loaded.r1)
+    half, slope, select = thickness / 2, loaded.slope, points.select
+    gradient = half * jnp.stack([jet.x, jet.y])
+    curvature = half * jnp.stack([jnp.stack([jet.xx, jet.xy]), jnp.stack([jet.xy, jet.yy])])
+    vector = loaded.at[:, None] * points.force + slope[:, None] * gradient
+    count = select.shape[1]
+    if count > _FEW_POINTS:
+        matrix = slope[:, None, None, None] * slope[None, :, None, None] * curvature
+        return (
+            jnp.einsum("ncpl,epl->ncel", vector, select),
+            jnp.einsum("nmcdpl,epl->nmcdel", matrix, select),
+        )
+    # Term by term, the few points of line loads become part of the loop that uses them; a
+    # contraction or a reduction would store zeros for most elements.
+    vectors: ElementVector | float = 0.0
+    matrices: Array | float = 0.0
+    for p in range(count):
+        vectors = vectors + vector[:, :, p, None] * select[:, p]
+        rows, columns = slope[:, None, p], slope[None, :, p]
+        bending = curvature[:, :, p, None] * select[:, p]
+        matrices = matrices + (rows * columns)[:, :, None, None, None] * bending
+    return vectors, matrices

@@ -1,0 +1,138 @@
+"""The lumped shell at the quadrature points of its elements: strains, stress, tangent."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.hermite import hermite
+from suas_jax.numerics.quadrature import gauss_legendre
+
+
+class Tables(NamedTuple):
+    """Constants of one element on the unit interval."""
+
+    xi: np.ndarray  # [gauss]
+    weights: np.ndarray  # [gauss]
+    derivatives: np.ndarray  # [gauss * order, shape], orders 1 and 2
+    force: np.ndarray  # [shape, gauss * order]
+    stiffness: np.ndarray  # [shape * shape, gauss * order * order]
+    area: np.ndarray  # [shape, shape], antisymmetric
+
+
+def derivatives(xi: np.ndarray) -> Float[np.ndarray, "point*order shape"]:
+    """First and second derivatives of the shape functions at local coordinates."""
+    return np.stack([np.stack(hermite(xi, k), 1) for k in (1, 2)], 1).reshape(-1, 4)
+
+
+def element_tables(gauss: int) -> Tables:
+    """Tables for a number of quadrature points."""
+    xi, weights = gauss_legendre(gauss)
+    d = derivatives(xi).reshape(gauss, 2, 4)
+    force = np.einsum("g,gdn->ngd", weights, d).reshape(4, -1)
+    stiffness = np.einsum("g,gdn,gfm->nmgdf", weights, d, d).reshape(16, -1)
+    x, w = gauss_legendre(4)  # exact: products of cubics and their slopes
+    product = np.einsum("g,ng,mg->nm", w, np.stack(hermite(x)), np.stack(hermite(x, 1)))
+    return Tables(xi, weights, d.reshape(-1, 4), force, stiffness, (product.T - product) / 2)
+
+
+def mix(matrix: np.ndarray, x: Array) -> Array:
+    """Apply a constant matrix to the leading axis: one product for all elements and lanes."""
+    flat = jnp.asarray(matrix) @ x.reshape(x.shape[0], -1)
+    return flat.reshape(matrix.shape[0], *x.shape[1:])
+
+
+class Points(NamedTuple):
+    """Kinematics: r' and r'' of the current mid-line r(s), and the two strains."""
+
+    r: tuple[tuple[Array, Array], tuple[Array, Array]]  # [order][component]
+    stretch: Float[Array, "gauss element lane"]  # A = a - 1
+    curvature: Float[Array, "gauss element lane"]  # b = c/a - 1/R
+
+
+class Moments(NamedTuple):
+    """Derivatives of the energy density."""
+
+    first: tuple[Array, Array]  # by A, b
+    second: tuple[Array, Array, Array]  # by AA, Ab, bb
+
+
+def kinematics(
+    d: Float[Array, "gauss order component element lane"],
+    t: Float[Array, "2 gauss element #lane"],
+    n: Float[Array, "2 gauss element #lane"],
+    radius: Lanes,
+    length: Float[Array, "element #lane"],
+) -> Points:
+    """Strains from displacement.
+
+    Args:
+        d: first and second derivative of the displacement by xi.
+        t: reference tangent.
+        n: reference normal.
+        radius: of the reference arc [m].
+        length: of the elements [m].
+    """
+    u1, u2 = d[:, 0] / length, d[:, 1] / length**2
+    x1, y1, x2, y2 = u1[:, 0], u1[:, 1], u2[:, 0], u2[:, 1]
+    along = t[0] * x1 + t[1] * y1
+    stretch = 2 * along + x1**2 + y1**2
+    turning = along / radius - (n[0] * x2 + n[1] * y2) + (x2 * y1 - y2 * x1)
+    curvature = (turning - stretch / radius) / (1 + stretch)
+    r1 = (t[0] + x1, t[1] + y1)
+    r2 = (x2 - n[0] / radius, y2 - n[1] / radius)
+    return Points((r1, r2), stretch, curvature)
+
+
+def point_terms(
+    points: Points, moments: Moments, radius: Lanes, length: Float[Array, "element #lane"]
+) -> tuple[Array, Array]:
+    """Chain rule from (A, b) to r' and r''.
+
+    First to (a, c): b = c/a - 1/R. Then a is quadratic in r' and c = x'' y' - x' y''
+    bilinear, so their derivatives are written out. The powers of the element's length
+    that turn derivatives by xi into derivatives by arc length are applied here, which
+    leaves constant matrices for the sums.
+
+    Returns:
+        Stress [gauss, order, component, ...] and tangent [gauss, order, order,
+        (xx, yy, xy), ...].
+    """
+    inverse = 1 / (1 + points.stretch)
+    ratio = -(points.curvature + 1 / radius) * inverse  # db/da; db/dc = inverse
+    by_a, by_b = moments.first
+    by_aa, by_ab, by_bb = moments.second
+    w_a = by_a + by_b * ratio
+    w_c = by_b * inverse
+    w_aa = by_aa + 2 * by_ab * ratio + by_bb * ratio**2 - 2 * by_b * ratio * inverse
+    w_ac = (by_ab + by_bb * ratio) * inverse - by_b * inverse**2
+    w_cc = by_bb * inverse**2
+    (x1, y1), (x2, y2) = points.r
+    by_stretch = ((2 * x1, 2 * y1), (0.0, 0.0))
+    by_curl = ((-y2, x2), (y1, -x1))
+    power = (1.0, 1 / length)
+
+    def stress(d: int, c: int) -> Array:
+        return power[d] * (w_a * by_stretch[d][c] + w_c * by_curl[d][c])
+
+    def tangent(d: int, f: int, c: int, e: int) -> Array:
+        a, b = by_stretch[f][e], by_curl[f][e]
+        total = by_curl[d][c] * (w_ac * a + w_cc * b)
+        if d == 0:
+            total = total + by_stretch[d][c] * (w_aa * a + w_ac * b)
+        if d == f == 0 and c == e:
+            total = total + 2 * w_a
+        if d != f and c != e:  # c is the cross product of r'' and r'
+            total = total + (-w_c if c == d else w_c)
+        return power[d] * power[f] / length * total
+
+    orders, pairs = ((0, 0), (0, 1), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1))
+    stresses = jnp.stack([stress(*order) for order in orders], 1)
+    tangents = jnp.stack([tangent(*order, *pair) for order in orders for pair in pairs], 1)
+    shape = stresses.shape
+    return (
+        stresses.reshape(shape[0], 2, 2, *shape[2:]),
+        tangents.reshape(shape[0], 2, 2, 3, *shape[2:]),
+    )

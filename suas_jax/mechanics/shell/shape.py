@@ -1,0 +1,161 @@
+"""The deformed lumped shell, recovered from its unknowns: positions, stretches, energy."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.shell.points import mix
+from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.hermite import hermite
+from suas_jax.skin.geometry import outward, tangent
+
+# Stretch given to a fibre of no length left, on the inner side of a fold.
+CRUSHED = 1e-6
+
+
+class MidLine(NamedTuple):
+    """Displacement of the mid-line and its first two derivatives by arc length."""
+
+    angle: Array
+    u: tuple[Array, Array]
+    u1: tuple[Array, Array]
+    u2: tuple[Array, Array]
+
+
+def sampled(
+    qe: Float[Array, "4 2 element lane"],
+    angles: Float[Array, "station #lane"],
+    radius: Lanes,
+    samples: int,
+) -> MidLine:
+    """The mid-line at evenly spaced points of every element.
+
+    Args:
+        qe: element unknowns [shape, component].
+        angles: of the stations [rad].
+        radius: of the undeformed mid-line [m].
+        samples: intervals an element is divided in.
+    """
+    xi = np.linspace(0, 1, samples + 1)
+    start, span = angles[:-1], angles[1:] - angles[:-1]
+    shapes = np.stack([np.stack(hermite(xi, order), 1) for order in range(3)])
+    values = mix(shapes.reshape(-1, 4), qe).reshape(3, samples + 1, *qe.shape[1:])
+    length = radius * span
+    derivatives = [(u[:, 0] / length**k, u[:, 1] / length**k) for k, u in enumerate(values)]
+    return MidLine(start + xi[:, None, None] * span, *derivatives)
+
+
+def at(
+    qe: Float[Array, "4 2 element lane"],
+    angles: Float[Array, "station #lane"],
+    radius: Lanes,
+    angle: Lanes,
+) -> MidLine:
+    """The mid-line at one reference angle per lane; leading axes of length one.
+
+    Args:
+        qe: element unknowns [shape, component].
+        angles: of the stations [rad].
+        radius: of the undeformed mid-line [m].
+        angle: where [rad].
+    """
+    start, end = angles[:-1], angles[1:]
+    count = start.shape[0]
+    inside = jnp.clip(jnp.sum(start <= angle, 0) - 1, 0, count - 1)
+    pick = (jnp.arange(count)[:, None] == inside).astype(start.dtype)
+    first, last = jnp.sum(pick * start, 0), jnp.sum(pick * end, 0)
+    xi = ((angle - first) / (last - first))[None, None]
+    here = jnp.sum(qe * pick, 2)[:, :, None, None]
+    return _interpolated(angle[None, None], xi, here, radius * (last - first))
+
+
+def _interpolated(angle: Array, xi: Array | np.ndarray, qe: Array, length: Array) -> MidLine:
+    derivatives = []
+    for order in range(3):
+        value = jnp.sum(jnp.stack(hermite(xi, order))[:, None] * qe, 0) / length**order
+        derivatives.append((value[0], value[1]))
+    return MidLine(angle, *derivatives)
+
+
+def recovered(
+    line: MidLine, radius: Lanes, thickness: Lanes, energy: Callable[[Array, Array], Array]
+) -> Profile:
+    """The section around a mid-line, its normals staying normal.
+
+    Args:
+        line: the mid-line.
+        radius: of the undeformed mid-line [m].
+        thickness: undeformed [m].
+        energy: strain energy per area of the mid-surface, from the two strains [J/m^2].
+    """
+    t, n = tangent(line.angle), outward(line.angle)
+    x1, y1 = t[0] + line.u1[0], t[1] + line.u1[1]
+    x2, y2 = line.u2[0] - n[0] / radius, line.u2[1] - n[1] / radius
+    along = t[0] * line.u1[0] + t[1] * line.u1[1]
+    stretch = 2 * along + line.u1[0] ** 2 + line.u1[1] ** 2
+    a = 1 + stretch
+    c = x2 * y1 - y2 * x1
+    bending = (
+        along / radius
+        - (n[0] * line.u2[0] + n[1] * line.u2[1])
+        + (line.u2[0] * line.u1[1] - line.u2[1] * line.u1[0])
+    )
+    curvature = (bending - stretch / radius) / a
+    size = jnp.sqrt(a)
+    normal = jnp.stack([-y1, x1]) / size
+
+    def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
+        """Displacement and hoop stretch of the fibre at a reference offset."""
+        m = offset + offset**2 / (2 * radius)
+        # zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane
+        # folded more sharply than its thickness allows has no solution: see CRUSHED.
+        root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
+        zeta = 2 * m / size / (1 + root)
+        moved = jnp.stack(line.u) + zeta * normal - offset * n
+        green = (stretch + 2 * m * curvature) / (1 + offset / radius) ** 2
+        return moved, jnp.sqrt(jnp.maximum(1 + green, CRUSHED**2))
+
+    inner, inner_stretch = face(-thickness / 2)
+    outer, outer_stretch = face(thickness / 2)
+    return Profile(
+        angle=line.angle,
+        mid_displacement=jnp.stack(line.u),
+        inner_displacement=inner,
+        outer_displacement=outer,
+        inner_stretch=inner_stretch,
+        outer_stretch=outer_stretch,
+        energy_density=energy(stretch, curvature) / thickness,
+    )
+
+
+def mirrored(half: StationVector) -> StationVector:
+    """Unknowns of the whole arc from those of the left half of a symmetric one."""
+    # x and the derivative of y by arc length change sign; so do, at the clamp, the
+    # normal but not the tangential slope.
+    signs = np.array([-1.0, 1.0, 1.0, -1.0])[:, None, None]
+    return jnp.concatenate([half, signs * half[:, -2::-1]], 1)
+
+
+def prolonged(
+    q: StationVector,
+    qe: Float[Array, "4 2 element lane"],
+    lengths: Float[Array, "element #lane"],
+) -> StationVector:
+    """The same deformation on a mesh with every element divided in two.
+
+    Args:
+        q: unknowns of the stations.
+        qe: element unknowns [shape, component].
+        lengths: of the elements [m].
+    """
+    v0, s0, v1, s1 = qe
+    middle = jnp.concatenate(
+        [(v0 + v1) / 2 + (s0 - s1) / 8, (1.5 * (v1 - v0) - (s0 + s1) / 4) / lengths]
+    )
+    pairs = jnp.stack([q[:, :-1], middle], 2)
+    woven = pairs.reshape(4, -1, q.shape[-1])
+    return jnp.concatenate([woven, q[:, -1:]], 1)

@@ -1,0 +1,365 @@
+"""The lumped thin shell: plane strain, incompressible, normals stay normal.
+
+With mid-surface stretch l and current curvature k, incompressibility gives the thickness
+change in closed form: a fibre at reference offset Z from a mid-surface of radius R has
+the squared stretch ::
+
+    lambda^2 = (a + 2 m c / a) / (1 + Z/R)^2,     m = Z + Z^2 / (2 R)
+
+with a = |r'|^2 = l^2 and c = x'' y' - x' y'' = k l^3 of the mid-line r(s), so that the
+strain energy per length is a function of a and c alone. Strains are measured from rest,
+A = a - 1 and b = c/a - 1/R, without cancellation.
+
+Interpolation is cubic Hermite in the Cartesian displacement over exact reference
+geometry: the undeformed state is stress-free to the last digit.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import FibreStretch
+from suas_jax.mechanics.base import (
+    AbstractMechanics,
+    Assembly,
+    Displacements,
+    Profile,
+    largest,
+)
+from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
+from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, under
+from suas_jax.mechanics.shell.omitted import (
+    INDENTATION,
+    Resultants,
+    omitted_energy,
+    sample_points,
+)
+from suas_jax.mechanics.shell.points import (
+    Moments,
+    Points,
+    derivatives,
+    element_tables,
+    kinematics,
+    mix,
+    point_terms,
+)
+from suas_jax.mechanics.shell.shape import at, mirrored, prolonged, recovered, sampled
+from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.numerics.hermite import hermite
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.geometry import SkinGeometry, outward, tangent
+from suas_jax.skin.loads import LoadPoints
+
+
+class Shell(AbstractMechanics):
+    """Discretised lumped shell, optionally the left half of a symmetric one.
+
+    The unknowns of a station are the displacement (x, y) and its derivative by arc
+    length, in Cartesian components except at the two ends, where they are tangential and
+    normal so that a clamp is a mask: position and normal fixed, stretch free.
+
+    Attributes:
+        law: the membrane's material.
+        mid_radius: radius of the undeformed mid-surface [m].
+        thickness: [m].
+        angles: of the stations from the symmetry axis [rad].
+        points: the line loads as points on the outer face, per width [N/m].
+        film_volume: see the base class.
+        symmetric: whether the last station is the crown of a symmetric arch.
+        gauss: quadrature points along an element.
+        layers: quadrature points through the thickness.
+    """
+
+    law: AbstractLaw
+    mid_radius: Lanes
+    thickness: Lanes
+    angles: Float[Array, "station #lane"]
+    points: LoadPoints
+    film_volume: Lanes
+    symmetric: bool = eqx.field(static=True)
+    gauss: int = eqx.field(static=True, default=3)
+    layers: int = eqx.field(static=True, default=3)
+
+    @classmethod
+    def build(
+        cls,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        angles: Float[Array, "station #lane"],
+        points: LoadPoints,
+        *,
+        symmetric: bool,
+    ) -> "Shell":
+        """Discretise a skin.
+
+        Args:
+            geometry: dimensions, with a lane axis.
+            law: material, its constants with a lane axis.
+            angles: stations from clamp to clamp, or from clamp to crown.
+            points: loads on those elements.
+            symmetric: whether the last station is the crown of a symmetric arch.
+        """
+        return cls(
+            law=law,
+            mid_radius=geometry.mid_radius,
+            thickness=geometry.thickness,
+            angles=angles,
+            points=points,
+            film_volume=geometry.film_area / (2 if symmetric else 1),
+            symmetric=symmetric,
+        )
+
+    @property
+    def length_scale(self) -> Lanes:
+        """The thickness [m]."""
+        return self.thickness
+
+    @property
+    def clamp_reach(self) -> Lanes:
+        """Zero: the shell's stretches are bounded [rad]."""
+        return jnp.zeros_like(self.thickness)
+
+    @property
+    def lengths(self) -> Float[Array, "element #lane"]:
+        """Reference lengths of the elements along the mid-surface [m]."""
+        return self.mid_radius * (self.angles[1:] - self.angles[:-1])
+
+    def rest(self) -> StationVector:
+        """Zero displacement."""
+        return jnp.zeros((4, *self.angles.shape), self.angles.dtype)
+
+    def _free(self) -> np.ndarray:
+        """Mask of the unknowns that may move [dof, station, 1]."""
+        free = np.ones((4, self.angles.shape[0], 1))
+        clamp, crown = [[0.0], [0.0], [1.0], [0.0]], [[0.0], [1.0], [1.0], [0.0]]
+        free[:, 0] = clamp
+        free[:, -1] = crown if self.symmetric else clamp
+        return free
+
+    def unknowns(self) -> int:
+        """Free displacements and slopes."""
+        return int(self._free().sum())
+
+    def _ends(self) -> EndMatrices:
+        return turn_matrices(tangent(jnp.stack([self.angles[0], self.angles[-1]])))
+
+    def _scale(self) -> Float[Array, "4 1 element #lane"]:
+        """Factors that turn element unknowns into values and slopes by xi."""
+        one = jnp.ones_like(self.lengths)
+        return jnp.stack([one, self.lengths, one, self.lengths])[:, None]
+
+    def _gather(self, q: StationVector) -> Float[Array, "4 2 element lane"]:
+        """Element unknowns [shape, component]; slopes times the element's length."""
+        q = turn_vector(self._ends(), q)
+        pairs = jnp.stack([q[:, :-1], q[:, 1:]])
+        return pairs.reshape(4, 2, *pairs.shape[2:]) * self._scale()
+
+    def _scatter(self, f: Float[Array, "4 2 element lane"]) -> StationVector:
+        """Sum element vectors into stations: the transpose of `_gather`, masked."""
+        left, right = (f * self._scale()).reshape(2, 4, *f.shape[2:])
+        free = self._free()[:, [0, -1]]
+        return turn_vector(jnp.swapaxes(self._ends(), 0, 1) * free[:, None], _sum(left, right))
+
+    def _reference(self, xi: np.ndarray) -> tuple[Array, Array, Array]:
+        """Reference angle, tangent and normal at local coordinates [xi, element, lane]."""
+        start, span = self.angles[:-1], self.angles[1:] - self.angles[:-1]
+        angle = start + xi[:, None, None] * span
+        return angle, tangent(angle), outward(angle)
+
+    def _points(
+        self, xi: np.ndarray, d: Float[Array, "point*order component element lane"]
+    ) -> Points:
+        """Kinematics at local coordinates from displacement derivatives by xi there."""
+        _, t, n = self._reference(xi)
+        d = d.reshape(len(xi), 2, *d.shape[1:])
+        return kinematics(d, t, n, self.mid_radius, self.lengths)
+
+    def _layers(self) -> tuple[Array, Array, Array]:
+        """Fibres through the thickness.
+
+        With b = c/a - 1/R a fibre has lambda^2 - 1 = (A + m b) / (1 + Z/R)^2.
+
+        Returns:
+            Weight [m], lever m [m], and (1 + Z/R)^2; each [layer, 1, 1, lane].
+        """
+        points, weights = gauss_legendre(self.layers, -0.5, 0.5)
+        offset = jnp.asarray(points)[:, None, None, None] * self.thickness
+        shell = 1 + offset / self.mid_radius
+        weight = jnp.asarray(weights)[:, None, None, None] * self.thickness * shell
+        return weight, 2 * offset + offset**2 / self.mid_radius, shell**2
+
+    def energy_density(self, stretch: Array, curvature: Array) -> Array:
+        """Strain energy per area of the mid-surface, integrated over the thickness [J/m^2].
+
+        Args:
+            stretch: A = |r'|^2 - 1.
+            curvature: b = c / |r'|^2 - 1/R [1/m].
+        """
+        weight, lever, square = self._layers()
+        energy = self.law.energy(FibreStretch((stretch + lever * curvature) / square))
+        return jnp.sum(weight * energy, 0)
+
+    def _moments(self, stretch: Array, curvature: Array) -> Moments:
+        """Derivatives of the energy density by A and b.
+
+        A fibre depends on one number, linear in both strains: two derivatives of the law
+        are all it takes. The sum over the layers is a reduction on purpose: the compiler
+        keeps its result instead of computing the law again for each of its uses.
+        """
+        weight, lever, square = self._layers()
+
+        def energy(green: Array) -> Array:
+            return self.law.energy(FibreStretch(green))
+
+        def slope(green: Array) -> Array:
+            return jax.jvp(energy, (green,), (jnp.ones_like(green),))[1]
+
+        green = (stretch + lever * curvature) / square
+        first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))
+        first, second = first / square, second / square**2
+
+        def moment(power: Array, derivative: Array) -> Array:
+            return jnp.sum(power * derivative, 0)
+
+        ones, squares = weight * lever, weight * lever**2
+        return Moments(
+            (moment(weight, first), moment(ones, first)),
+            (moment(weight, second), moment(ones, second), moment(squares, second)),
+        )
+
+    def strain_energy(self, q: StationVector) -> Lanes:
+        """Strain energy per width [J/m]."""
+        tables = element_tables(self.gauss)
+        points = self._points(tables.xi, mix(tables.derivatives, self._gather(q)))
+        density = self.energy_density(points.stretch, points.curvature)
+        weights = tables.weights[:, None, None] * self.lengths
+        return jnp.sum(weights * density, (0, 1))
+
+    def _volume(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
+        """Enclosed volume less rest, and its gradient by the element unknowns.
+
+        The area under the mid-line is a quadratic form; the area under the inner face
+        differs from it by the membrane's own lower half, which incompressibility keeps.
+
+        Args:
+            qe: element unknowns.
+            product: the antisymmetric area matrix times them.
+        """
+        x, w = gauss_legendre(4)
+        _, _, n = self._reference(x)
+        shapes = np.stack(hermite(x), 1) * w[:, None]
+        linear = jnp.einsum("gn,cgel->ncel", shapes, n) * self.lengths
+        quadratic = product[:, ::-1] * np.array([1.0, -1.0])[:, None, None]
+        return jnp.sum(qe * (linear + quadratic / 2), (0, 1, 2)), linear + quadratic
+
+    def omitted_energy(self, q: StationVector) -> Lanes:
+        """Energy of transverse shear and of clamps that hold a face; see `shell_omitted`."""
+        xi = sample_points()
+        points = self._points(xi, mix(derivatives(xi), self._gather(q)))
+        by_stretch, by_curvature = self._moments(points.stretch, points.curvature).first
+        size = jnp.sqrt(1 + points.stretch)
+        at = Resultants(2 * size * by_stretch, size * by_curvature)
+        return omitted_energy(at, self.lengths, self.thickness, self.law.shear_modulus)
+
+    def omitted_gradient(self, q: StationVector) -> StationVector:
+        """Derivative of the omitted energy by the unknowns that are free; see the base."""
+        return jax.grad(lambda q: jnp.sum(self.omitted_energy(q)))(q) * self._free()
+
+    @property
+    def indentation(self) -> Lanes:
+        """What a line load's own field adds; see the base class."""
+        return -INDENTATION / self.law.shear_modulus
+
+    def volume_change(self, q: StationVector) -> Lanes:
+        """Enclosed volume less its value at rest, per width [m^2]."""
+        qe = self._gather(q)
+        return self._volume(qe, mix(element_tables(self.gauss).area, qe))[0]
+
+    def work(self, q: StationVector) -> Lanes:
+        """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
+        return load_work(self.points, self._loaded(self._gather(q)), self.thickness)
+
+    def _loaded(self, qe: Array) -> Loaded:
+        return under(self.points, qe, self.angles, self.mid_radius)
+
+    def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
+        """Residual, tangent and border at a trial state; see the base class."""
+        tables = element_tables(self.gauss)
+        qe = self._gather(q)
+        rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
+        points = self._points(tables.xi, rows[:-4])
+        moments = self._moments(points.stretch, points.curvature)
+        stress, tangents = point_terms(points, moments, self.mid_radius, self.lengths)
+        internal = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
+        stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
+        stiffness = _full(stiffness.reshape(4, 4, *stiffness.shape[1:]))
+        volume, gradient = self._volume(qe, rows[-4:])
+        load, load_stiffness = load_terms(self.points, self._loaded(qe), self.thickness)
+        load = jnp.broadcast_to(load, qe.shape)
+        rotation = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        coupling = np.einsum("nm,ce->nmce", tables.area, rotation)[..., None, None]
+        diagonal, upper = self._blocks(
+            stiffness - pressure * coupling - factor * load_stiffness
+        )
+        return Assembly(
+            self._scatter(internal - pressure * gradient - factor * load),
+            BlockTridiagonal(diagonal, upper),
+            self._scatter(gradient),
+            self._scatter(load),
+            volume,
+        )
+
+    def _blocks(self, k: Float[Array, "4 4 2 2 element lane"]) -> tuple[Diagonal, OffDiagonal]:
+        """Element stiffness [shape, shape, component, component] to station blocks."""
+        scale = self._scale()[..., None, None, :, :][:, 0]
+        k = k * (scale[:, None] * scale[None])
+        # [end, end, 4, 4]
+        k = k.reshape(2, 2, 2, 2, *k.shape[2:]).transpose(0, 2, 1, 4, 3, 5, 6, 7)
+        k = k.reshape(2, 2, 4, 4, *k.shape[6:])
+        diagonal = _sum(k[0, 0], k[1, 1])
+        return turn_blocks(diagonal, k[0, 1], self._ends(), self._free()[:, [0, -1]])
+
+    def profile(self, q: StationVector, samples: int) -> Profile:
+        """The deformed section at evenly spaced points; see the base class."""
+        line = sampled(self._gather(q), self.angles, self.mid_radius, samples)
+        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+
+    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
+        """How the section moves at a reference angle; see the base class."""
+        line = at(self._gather(q), self.angles, self.mid_radius, angle)
+        shape = recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        return Displacements(shape.mid_displacement, shape.inner_displacement)
+
+    def mirrored(self, q: StationVector) -> StationVector:
+        """Unknowns of the whole arc; see the base class."""
+        return mirrored(q)
+
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        """The same deformation on elements half as long; see the base class."""
+        return prolonged(q, self._gather(q), self.lengths)
+
+    @property
+    def error_share(self) -> float:
+        """Order four; the finer solution's own error is a sixteenth."""
+        return 16 / 15
+
+    def displacement_size(self, q: StationVector) -> Lanes:
+        """Largest component of a station's displacement [m]."""
+        return largest(q[:2])
+
+
+def _full(k: Float[Array, "4 4 3 element lane"]) -> Float[Array, "4 4 2 2 element lane"]:
+    """Component blocks of a symmetric element matrix from (xx, yy, xy)."""
+    xx, yy, xy = k[:, :, 0], k[:, :, 1], k[:, :, 2]
+    full = jnp.stack([xx, xy, jnp.swapaxes(xy, 0, 1), yy], 2)
+    return full.reshape(4, 4, 2, 2, *k.shape[3:])
+
+
+def _sum(left: Array, right: Array) -> Array:
+    """Sum what elements give to their left and their right stations."""
+    rest = [(0, 0)] * (left.ndim - 2)
+    return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])

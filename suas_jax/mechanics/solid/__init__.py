@@ -1,0 +1,1 @@
+"""The plane-strain finite-element model of the membrane."""

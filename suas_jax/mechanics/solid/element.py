@@ -1,0 +1,96 @@
+"""The Q9/P1 element: biquadratic displacement, linear discontinuous pressure.
+
+Local coordinates (xi, eta) run over [-1, 1]^2, xi along the arc and eta outwards. Nodes are
+ordered left, right, middle, centre: those shared with neighbouring elements along the arc
+first, those inside the column of elements next, the node inside the element last. The pair
+satisfies the inf-sup condition; piecewise constant pressure would lock.
+"""
+
+from typing import NamedTuple, TypeVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.quadrature import gauss_legendre
+
+Values = TypeVar("Values", np.ndarray, Array)
+
+# (position along the arc, position through the thickness) of each node, 0 to 2.
+NODES = ((0, 0), (0, 1), (0, 2), (2, 0), (2, 1), (2, 2), (1, 0), (1, 2), (1, 1))
+PRESSURES = 3  # modes 1, xi, eta
+
+
+def quadratic(x: Values, derivative: int = 0) -> list[Values]:
+    """Lagrange polynomials for nodes at -1, 0 and 1, or their derivatives.
+
+    Args:
+        x: local coordinates.
+        derivative: order of differentiation, 0 or 1.
+    """
+    if derivative:
+        return [x - 0.5, -2 * x, x + 0.5]
+    return [x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2]
+
+
+def mixed(table: Float[np.ndarray, "row column"], x: Array) -> Array:
+    """Apply a constant matrix to the leading axis: one product for all elements."""
+    flat = jnp.asarray(table) @ x.reshape(table.shape[1], -1)
+    return flat.reshape(table.shape[0], *x.shape[1:])
+
+
+def gradients(
+    xi: Float[np.ndarray, " point"], eta: Float[np.ndarray, " point"]
+) -> Float[np.ndarray, "point 2 9"]:
+    """Derivatives of the shape functions by (xi, eta)."""
+    n, m = quadratic(xi), quadratic(eta)
+    dn, dm = quadratic(xi, 1), quadratic(eta, 1)
+    along = np.stack([dn[a] * m[b] for a, b in NODES], -1)
+    across = np.stack([n[a] * dm[b] for a, b in NODES], -1)
+    return np.stack([along, across], 1)
+
+
+def modes(
+    xi: Float[np.ndarray, " point"], eta: Float[np.ndarray, " point"]
+) -> Float[np.ndarray, "point 3"]:
+    """Pressure modes at points."""
+    return np.stack([np.ones_like(xi), xi, eta], -1)
+
+
+class Tables(NamedTuple):
+    """Constants of one element at its 3 x 3 quadrature points."""
+
+    weights: np.ndarray  # [gauss]
+    gradient: np.ndarray  # [gauss, 2, node]
+    modes: np.ndarray  # [gauss, mode]
+    force: np.ndarray  # [node, gauss * 2]
+    coupling: np.ndarray  # [node * mode, gauss * 2]
+    stiffness: np.ndarray  # [node * node, gauss * 2 * 2]
+
+
+def _tables() -> Tables:
+    points, weights = gauss_legendre(3, -1.0, 1.0)
+    xi, eta = (x.ravel() for x in np.meshgrid(points, points, indexing="ij"))
+    d, psi = gradients(xi, eta), modes(xi, eta)
+    return Tables(
+        np.outer(weights, weights).ravel(),
+        d,
+        psi,
+        np.einsum("qdn->nqd", d).reshape(9, -1),
+        np.einsum("qdn,qa->naqd", d, psi).reshape(27, -1),
+        np.einsum("qdn,qfm->nmqdf", d, d).reshape(81, -1),
+    )
+
+
+TABLES = _tables()
+
+
+def _edge_area() -> Float[np.ndarray, "3 3"]:
+    """Matrix A with x^T A y = 1/2 integral of (y dx - x dy) along a quadratic edge."""
+    x, w = gauss_legendre(3, -1.0, 1.0)
+    n, d = np.stack(quadratic(x)), np.stack(quadratic(x, 1))
+    product = np.einsum("g,ag,bg->ab", w, d, n)
+    return (product - product.T) / 2
+
+
+EDGE_AREA = _edge_area()  # nodes in the order left, middle, right

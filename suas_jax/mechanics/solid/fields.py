@@ -1,0 +1,81 @@
+"""Fields of a deformed solid at the nodes of its elements, for figures and files."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from suas_jax.constitutive.deformation import PlaneStrain
+from suas_jax.mechanics.solid.element import NODES, modes
+from suas_jax.mechanics.solid.shape import displacement_gradient
+from suas_jax.mechanics.solid.solid import Solid
+from suas_jax.numerics.array_types import StationVector
+
+
+class Fields(NamedTuple):
+    """Values at the nine nodes of every element, elements along the arc first.
+
+    Neighbours don't share nodes here: strains and pressures jump between elements.
+
+    Attributes:
+        position: reference position [m].
+        displacement: [m].
+        pressure: Lagrange multiplier of incompressibility; where the law's energy is that
+            of the isochoric deformation, the mean Cauchy stress [Pa].
+        energy_density: strain energy per volume [J/m^3].
+        hoop_stretch: of the fibre that lies along the arc at rest.
+        radial_stretch: of the fibre across the thickness.
+        dilatation: J - 1, whose moments over an element vanish.
+    """
+
+    position: Float[np.ndarray, "element 9 2"]
+    displacement: Float[np.ndarray, "element 9 2"]
+    pressure: Float[np.ndarray, "element 9"]
+    energy_density: Float[np.ndarray, "element 9"]
+    hoop_stretch: Float[np.ndarray, "element 9"]
+    radial_stretch: Float[np.ndarray, "element 9"]
+    dilatation: Float[np.ndarray, "element 9"]
+
+
+def nodal_fields(solid: Solid, q: StationVector) -> Fields:
+    """Evaluate the first lane of a state at the nodes of every element.
+
+    Args:
+        solid: the membrane.
+        q: its unknowns.
+    """
+    layout = solid.layout
+    u, p = layout.gather(q)
+    x = layout.corners(solid.stations, solid.middles)
+    local = np.array(NODES, float) - 1
+    xi, eta = (jnp.asarray(local)[:, i, None, None] for i in range(2))
+    gradient, _ = displacement_gradient(xi, eta, u, x)
+    state = PlaneStrain.from_displacement_gradient(gradient)
+    # Node positions lie on circles: the normal is the direction of the position.
+    place = jnp.swapaxes(x, 0, 1)
+    normal = jnp.swapaxes(place / jnp.sqrt(jnp.sum(place**2, 0)), 1, 2)
+    tangent = jnp.stack([normal[1], -normal[0]])
+
+    def stretch(fibre: jnp.ndarray) -> jnp.ndarray:
+        return jnp.sqrt(jnp.sum((fibre + jnp.sum(gradient * fibre[None], 1)) ** 2, 0))
+
+    table = modes(local[:, 0], local[:, 1])
+    pressure = jnp.einsum("na,ajel->jnel", table, p)
+
+    def scalar(values: jnp.ndarray) -> np.ndarray:
+        return np.asarray(values)[..., 0].transpose(2, 0, 1).reshape(-1, len(NODES))
+
+    def vector(values: jnp.ndarray) -> np.ndarray:
+        components = np.asarray(values)[..., 0].transpose(3, 2, 0, 1)
+        return components.reshape(-1, len(NODES), 2)
+
+    return Fields(
+        vector(x),
+        vector(u),
+        scalar(pressure),
+        scalar(solid.law.energy(state)),
+        scalar(stretch(tangent)),
+        scalar(stretch(normal)),
+        scalar(state.dilatation),
+    )

@@ -1,0 +1,162 @@
+"""The solid at the quadrature points of its elements: kinematics, stress, tangent.
+
+The energy at a point is a function of two numbers, m = F:F - 2J = (l1 - l2)^2 and
+j = J - 1, both without cancellation near rest, and with the pressure p of the element::
+
+    P = 2 Psi_m D + (Psi_j + p) cof F,      D = F - cof F,   dm = 2 D:dF,   dj = cof F:dF
+
+Multiplied with the inverse of the geometry's map and the quadrature weight, stress and
+tangent act on derivatives by the local coordinates: what is left are sums with constant
+coefficients over points and nodes, one matrix product for all elements.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import PlaneStrain
+from suas_jax.mechanics.solid.element import TABLES, mixed
+from suas_jax.numerics.jet import second_order
+
+PointField = Float[Array, "gauss layer element lane"]
+Tensor = tuple[tuple[Array, Array], tuple[Array, Array]]
+
+
+class Grid(eqx.Module):
+    """Reference geometry at the quadrature points.
+
+    Attributes:
+        inverse: derivatives of (xi, eta) by (X, Y), [D][d].
+        volume: quadrature weights times the area that a unit of (xi, eta) covers [m^2].
+    """
+
+    inverse: tuple[tuple[PointField, PointField], tuple[PointField, PointField]]
+    volume: PointField
+
+    @classmethod
+    def of(cls, nodes: Float[Array, "9 2 layer element lane"]) -> "Grid":
+        """Map of every element from the positions of its nodes."""
+        (xx, xy), (yx, yy) = local_derivatives(nodes)
+        area = xx * yy - xy * yx
+        weights = jnp.asarray(TABLES.weights)[:, None, None, None]
+        return cls(((yy / area, -xy / area), (-yx / area, xx / area)), weights * area)
+
+
+def local_derivatives(
+    u: Float[Array, "9 2 layer element lane"],
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Derivatives of a nodal field by (xi, eta) at the quadrature points, [d][component]."""
+    h = mixed(TABLES.gradient.reshape(-1, 9), u).reshape(-1, 2, *u.shape[1:])
+    return (h[:, 0, 0], h[:, 0, 1]), (h[:, 1, 0], h[:, 1, 1])
+
+
+class Kinematics(NamedTuple):
+    """Strain measures and the tensors that their variations contract with.
+
+    Attributes:
+        distortion: m.
+        dilatation: j.
+        deviator: D, pulled back to local coordinates [component][d].
+        cofactor: cof F, pulled back.
+    """
+
+    distortion: PointField
+    dilatation: PointField
+    deviator: Tensor
+    cofactor: Tensor
+
+
+def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinematics:
+    """Strain measures of a displacement field.
+
+    Args:
+        grid: reference geometry.
+        u: displacements of the elements' nodes.
+    """
+    g, d = grid.inverse, local_derivatives(u)
+    (xx, xy), (yx, yy) = (
+        tuple(g[D][0] * d[0][c] + g[D][1] * d[1][c] for D in range(2)) for c in range(2)
+    )
+    state = PlaneStrain.from_displacement_gradient(
+        jnp.stack([jnp.stack([xx, xy]), jnp.stack([yx, yy])])
+    )
+    stretch, shear = xx - yy, xy + yx
+    deviator = ((stretch, shear), (shear, -stretch))
+    cofactor = ((1 + yy, -yx), (-xy, 1 + xx))
+
+    def pulled(a: Tensor) -> Tensor:
+        (aa, ab), (ba, bb) = (
+            [a[c][0] * g[0][k] + a[c][1] * g[1][k] for k in range(2)] for c in range(2)
+        )
+        return (aa, ab), (ba, bb)
+
+    return Kinematics(state.distortion, state.dilatation, pulled(deviator), pulled(cofactor))
+
+
+class PointTerms(NamedTuple):
+    """What the elements' vectors and matrices are summed from, weights included.
+
+    Attributes:
+        stress: pulled back, [gauss, d, component, ...].
+        cofactor: pulled back, the same shape.
+        tangent: [gauss, d, d', (xx, yy, xy), ...].
+        constraint: (J - 1) dV.
+    """
+
+    stress: Array
+    cofactor: Array
+    tangent: Array
+    constraint: PointField
+
+
+def point_terms(
+    law: AbstractLaw, grid: Grid, k: Kinematics, pressure: PointField
+) -> PointTerms:
+    """Stress and tangent at the quadrature points.
+
+    Args:
+        law: the material.
+        grid: reference geometry.
+        k: kinematics there.
+        pressure: p, the Lagrange multiplier of J = 1.
+    """
+
+    def energy(distortion: Array, dilatation: Array) -> Array:
+        return law.energy(PlaneStrain(distortion, dilatation))
+
+    w = second_order(energy, k.distortion, k.dilatation)
+    g, volume = grid.inverse, grid.volume
+    shear, bulk = 2 * w.x, w.y + pressure
+    mm, mj, jj = 4 * volume * w.xx, 2 * volume * w.xy, volume * w.yy
+    d, c = k.deviator, k.cofactor
+    # Second variation of m: 2 (dF:dF - 2 det dF); of j: 2 det dF.
+    metric = [
+        [shear * volume * (g[0][a] * g[0][b] + g[1][a] * g[1][b]) for b in range(2)]
+        for a in range(2)
+    ]
+    area = (bulk - shear) * volume * (g[0][0] * g[1][1] - g[0][1] * g[1][0])
+
+    def stress(a: int, i: int) -> Array:
+        return volume * (shear * d[i][a] + bulk * c[i][a])
+
+    def tangent(a: int, b: int, i: int, j: int) -> Array:
+        by_deviator = mm * d[j][b] + mj * c[j][b]
+        by_cofactor = mj * d[j][b] + jj * c[j][b]
+        total = d[i][a] * by_deviator + c[i][a] * by_cofactor
+        if i == j:
+            total = total + metric[a][b]
+        elif a != b:
+            total = total + (area if a == i else -area)
+        return total
+
+    both = [(a, b) for a in range(2) for b in range(2)]
+    pairs = ((0, 0), (1, 1), (0, 1))
+    return PointTerms(
+        jnp.stack([stress(a, i) for a, i in both], 1),
+        jnp.stack([volume * c[i][a] for a, i in both], 1),
+        jnp.stack([tangent(a, b, i, j) for a, b in both for i, j in pairs], 1),
+        volume * k.dilatation,
+    )

@@ -1,0 +1,307 @@
+"""The solid: total-Lagrangian finite elements in plane strain, exactly incompressible.
+
+The potential is stationary in the displacements u and the pressure p::
+
+    Pi(u, p) = integral of Psi(F) + p (J - 1) dV - (oil pressure) dV_enclosed - load work
+
+Biquadratic displacement and linear discontinuous pressure (Q9/P1) on a structured mesh,
+clamped edge to clamped edge and inner to outer face. The oil's pressure follows the inner
+face; loads are dead forces on the outer one.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import PlaneStrain
+from suas_jax.mechanics.base import (
+    AbstractMechanics,
+    Assembly,
+    Displacements,
+    Profile,
+    largest,
+)
+from suas_jax.mechanics.solid.element import EDGE_AREA, NODES, TABLES, mixed, quadratic
+from suas_jax.mechanics.solid.layout import Layout, NodeValues
+from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
+from suas_jax.mechanics.solid.shape import (
+    coarsened,
+    displacements,
+    face_stretch,
+    mirrored,
+    section,
+)
+from suas_jax.mechanics.solid.tangent import ElementTangent
+from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.skin.geometry import SkinGeometry, outward
+from suas_jax.skin.loads import LoadPoints
+
+# Penalty on an element's change of volume in shear moduli; see `ElementTangent`.
+_PENALTY = 10.0
+
+
+class Solid(AbstractMechanics):
+    """Discretised continuum, optionally the left half of a symmetric one.
+
+    Attributes:
+        law: the membrane's material.
+        thickness: [m].
+        angles: of the stations from the symmetry axis [rad].
+        stations: positions of the stations' nodes, inner face first [m].
+        middles: positions of the nodes half-way between stations [m].
+        grid: geometry at the quadrature points.
+        load: load vector at unit factor, per width [N/m].
+        film_volume: see the base class.
+        layers: elements through the thickness.
+        symmetric: whether the last station is the crown of a symmetric arch.
+    """
+
+    law: AbstractLaw
+    thickness: Lanes
+    angles: Float[Array, "station #lane"]
+    stations: Float[Array, "2 node station lane"]
+    middles: Float[Array, "2 node element lane"]
+    grid: Grid
+    load: StationVector
+    film_volume: Lanes
+    layers: int = eqx.field(static=True)
+    symmetric: bool = eqx.field(static=True)
+
+    @classmethod
+    def build(
+        cls,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        angles: Float[Array, "station #lane"],
+        points: LoadPoints,
+        *,
+        layers: int,
+        symmetric: bool,
+    ) -> "Solid":
+        """Discretise a skin.
+
+        Args:
+            geometry: dimensions, with a lane axis.
+            law: material, its constants with a lane axis.
+            angles: stations from clamp to clamp, or from clamp to crown.
+            points: loads on those elements.
+            layers: elements through the thickness.
+            symmetric: whether the last station is the crown of a symmetric arch.
+        """
+        layout = Layout(angles.shape[0] - 1, layers)
+        across = np.linspace(0, 1, layout.nodes)[:, None, None]
+        radius = geometry.inner_radius + across * geometry.thickness
+        stations = radius * outward(angles)[:, None]
+        middles = radius * outward((angles[1:] + angles[:-1]) / 2)[:, None]
+        return cls(
+            law=law,
+            thickness=geometry.thickness,
+            angles=angles,
+            stations=stations,
+            middles=middles,
+            grid=Grid.of(layout.corners(stations, middles)),
+            load=_load_vector(layout, points, _free(layout, symmetric)),
+            film_volume=geometry.film_area / (2 if symmetric else 1),
+            layers=layers,
+            symmetric=symmetric,
+        )
+
+    @property
+    def layout(self) -> Layout:
+        """Where the unknowns are stored."""
+        return Layout(self.angles.shape[0] - 1, self.layers)
+
+    @property
+    def length_scale(self) -> Lanes:
+        """The thickness [m]."""
+        return self.thickness
+
+    @property
+    def clamp_reach(self) -> Lanes:
+        """One and a half thicknesses: the corner of clamp and face is singular [rad]."""
+        return 1.5 * self.thickness / jnp.sqrt(jnp.sum(self.stations[:, 0, 0] ** 2, 0))
+
+    @property
+    def _ends(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+        return _free(self.layout, self.symmetric)
+
+    def _mask(self) -> Float[np.ndarray, "dof station 1"]:
+        return self.layout.mask(self._ends)
+
+    def rest(self) -> StationVector:
+        """Zero displacement and pressure."""
+        shape = (self.layout.size, *self.angles.shape)
+        return jnp.zeros(shape, self.angles.dtype)
+
+    def unknowns(self) -> int:
+        """Free displacements, and the pressures."""
+        inside = (self.layout.size - self.layout.dof) * self.layout.elements
+        return int(self._mask().sum()) + inside
+
+    def _energy(self, k: Kinematics) -> Array:
+        return self.law.energy(PlaneStrain(k.distortion, k.dilatation))
+
+    def strain_energy(self, q: StationVector) -> Lanes:
+        """Strain energy per width [J/m]."""
+        u, _ = self.layout.gather(q)
+        k = kinematics(self.grid, u)
+        return jnp.sum(self.grid.volume * self._energy(k), (0, 1, 2))
+
+    def dilatation(self, q: StationVector) -> Float[Array, "3 layer element lane"]:
+        """Moments of J - 1 over every element with 1, xi and eta, relative to its area."""
+        u, _ = self.layout.gather(q)
+        change = self.grid.volume * kinematics(self.grid, u).dilatation
+        return _moments(change) / jnp.sum(self.grid.volume, 0)
+
+    def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
+        """The mixed potential, pressures included; see the base class."""
+        u, p = self.layout.gather(q)
+        change = self.grid.volume * kinematics(self.grid, u).dilatation
+        constraint = jnp.sum(p * _moments(change), (0, 1, 2))
+        return super().potential(q, pressure, factor) + constraint
+
+    def _inner(self, u: NodeValues) -> Float[Array, "3 2 element lane"]:
+        """Displacements of the inner face's nodes: left, middle, right."""
+        return jnp.stack([u[NODES.index((a, 0))][:, 0] for a in range(3)])
+
+    def _volume(self, u: NodeValues) -> tuple[Lanes, Float[Array, "3 2 element lane"]]:
+        """Enclosed volume less rest, and its gradient by the inner face's nodes."""
+        at_rest = jnp.stack(
+            [self.stations[:, 0, :-1], self.middles[:, 0], self.stations[:, 0, 1:]]
+        )
+        moved = self._inner(u)
+
+        def turned(x: Array) -> Array:
+            along = jnp.einsum("ab,bel->ael", EDGE_AREA, x[:, 1])
+            upward = jnp.einsum("ba,bel->ael", EDGE_AREA, x[:, 0])
+            return jnp.stack([along, upward], 1)
+
+        rest, more = turned(at_rest), turned(moved)
+        return jnp.sum(moved * (rest + more / 2), (0, 1, 2)), rest + more
+
+    def volume_change(self, q: StationVector) -> Lanes:
+        """Enclosed volume less its value at rest, per width [m^2]."""
+        u, _ = self.layout.gather(q)
+        return self._volume(u)[0]
+
+    def work(self, q: StationVector) -> Lanes:
+        """Work of the loads on the outer face [J/m]."""
+        return jnp.sum(self.load * q, (0, 1))
+
+    def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
+        """Residual, tangent and border at a trial state; see the base class."""
+        u, p = self.layout.gather(q)
+        at_points = mixed(TABLES.modes, p)
+        terms = point_terms(self.law, self.grid, kinematics(self.grid, u), at_points)
+        tail = u.shape[2:]
+        internal = mixed(TABLES.force, _paired(terms.stress)).reshape(9, 2, *tail)
+        tangent = terms.tangent.reshape(-1, 3, *tail)
+        stiffness = mixed(TABLES.stiffness, tangent).reshape(9, 9, 3, *tail)
+        coupling = mixed(TABLES.coupling, _paired(terms.cofactor))
+        constraint = coupling.reshape(9, 3, 2, *tail)
+        volume, face = self._volume(u)
+        stiffness = stiffness - pressure * _FOLLOWER[:, :, :, : self.layers]
+        gradient = self.layout.on_face(face, 0)
+        mask, none = self._mask(), jnp.zeros_like(p)
+        border = self.layout.scatter(gradient, none, mask)
+        residual = self.layout.scatter(internal, _moments(terms.constraint), mask)
+        modulus = self.law.shear_modulus / jnp.sum(self.grid.volume, 0)
+        return Assembly(
+            residual - pressure * border - factor * self.load,
+            ElementTangent(stiffness, constraint, _PENALTY * modulus, self._ends, self.layout),
+            border,
+            self.load,
+            volume,
+        )
+
+    def displacement_size(self, q: StationVector) -> Lanes:
+        """Largest component of a station's displacement [m]."""
+        return largest(q[: self.layout.dof])
+
+    def _inner_stretch(self, q: StationVector) -> Float[Array, "3 element lane"]:
+        """Hoop stretch of the inner face at its nodes."""
+        at_stations, between = self.layout.lines(q)
+        stations = self.stations[:, 0] + at_stations[:, 0]
+        middles = self.middles[:, 0] + between[:, 0]
+        radius = jnp.sqrt(jnp.sum(self.stations[:, 0, 0] ** 2, 0))
+        return face_stretch(self.angles, stations, middles, radius)
+
+    def profile(self, q: StationVector, samples: int) -> Profile:
+        """The deformed section at evenly spaced points; see the base class."""
+        u, _ = self.layout.gather(q)
+        xi = jnp.linspace(-1, 1, samples + 1)[:, None, None]
+        start, end = self.angles[:-1], self.angles[1:]
+        angle = start + (xi + 1) / 2 * (end - start)
+        nodes = self.layout.corners(self.stations, self.middles)
+        return section(angle, xi, u, nodes, self._inner_stretch(q), self.law)
+
+    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
+        """How the section moves at a reference angle; see the base class."""
+        u, _ = self.layout.gather(q)
+        start, end = self.angles[:-1], self.angles[1:]
+        inside = jnp.clip(jnp.sum(start <= angle, 0) - 1, 0, self.layout.elements - 1)
+
+        def pick(x: Array) -> Array:
+            index = jnp.broadcast_to(inside, x.shape[-1:])
+            index = index.reshape((1,) * (x.ndim - 1) + (-1,))
+            return jnp.take_along_axis(x, index, -2)
+
+        first, last = pick(start)[0], pick(end)[0]
+        xi = 2 * (angle - first) / (last - first) - 1
+        return displacements(xi[None, None], pick(u))
+
+    def mirrored(self, q: StationVector) -> StationVector:
+        """Unknowns of the whole arc; see the base class."""
+        return mirrored(self.layout, q)
+
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        """The same deformation on the coarser mesh; see the base class."""
+        return coarsened(self.layout, q)
+
+    @property
+    def error_share(self) -> float:
+        """The coarser mesh is compared, at a rate of convergence of 1.6.
+
+        Point loads limit the rate to two, the corners of clamp and face to little over one.
+        """
+        return 0.5
+
+
+def _free(layout: Layout, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+    """Displacements of the end stations that may move: none, at the crown those in y."""
+    clamp = (False,) * layout.dof
+    return clamp, (False, True) * layout.nodes if symmetric else clamp
+
+
+def _follower() -> Float[np.ndarray, "9 9 3 layer 1 1"]:
+    """Second derivative of the enclosed volume, in the innermost of many layers."""
+    matrix = np.zeros((9, 9, 3, 64, 1, 1))
+    for a in range(3):
+        for b in range(3):
+            matrix[NODES.index((a, 0)), NODES.index((b, 0)), 2, 0] = EDGE_AREA[a, b]
+    return matrix
+
+
+_FOLLOWER = _follower()
+
+
+def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
+    """Integrals with the pressure modes."""
+    return mixed(TABLES.modes.T, change)
+
+
+def _paired(x: Float[Array, "gauss 4 *rest"]) -> Float[Array, "gauss*2 2 *rest"]:
+    """Quadrature point and local direction first, component next."""
+    return x.reshape(-1, 2, *x.shape[2:])
+
+
+def _load_vector(
+    layout: Layout, points: LoadPoints, ends: tuple[tuple[bool, ...], tuple[bool, ...]]
+) -> StationVector:
+    """Nodal forces of the load points on the outer face."""
+    shapes = jnp.stack(quadratic(2 * points.xi - 1))
+    force = jnp.einsum("apl,cpl,epl->acel", shapes, points.force, points.select)
+    u = layout.on_face(force, 2)
+    return layout.scatter(u, jnp.zeros((3, *u.shape[2:])), layout.mask(ends))

@@ -1,0 +1,328 @@
+"""The solid's tangent: condensed element by element and column by column, then swept.
+
+An element couples nine nodes and three pressures. The displacement u of its centre and its
+two linear pressures q are coupled to each other by an invertible matrix B, and stand alone
+otherwise::
+
+    [ k   B^T ] [u]        u = B^-1 (g - V x),     q = B^-T (f - k u - K x)
+    [ B    0  ] [q]
+
+so both follow from the other nodes' displacements x exactly: incompressibility asks for no
+penalty. Each such pair brings two positive and two negative eigenvalues, whatever the
+material does. The constant pressures go next, with the displacements half-way between
+stations, a column of elements at a time: a saddle point with as many negative eigenvalues
+as constraints while the material holds. Every one of them that is missing or in excess
+belongs to the membrane and is counted.
+"""
+
+import functools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.mechanics.solid.layout import Layout
+from suas_jax.numerics.array_types import StationVector
+from suas_jax.numerics.block_sweep import (
+    factorise,
+    improved,
+    solve,
+    symmetric_inverse,
+    transposed,
+)
+from suas_jax.numerics.block_tridiagonal import AbstractTangent, Sweep
+
+_CENTRE = 8
+# First and last of the element's nodes on the left, on the right and in the middle, and by
+# how many displacements those of the next layer lie further on.
+_GROUPS = {"left": (0, 3, 4), "right": (3, 6, 4), "middle": (6, 8, 2)}
+
+
+class _Element(NamedTuple):
+    """Condensed elements; node axes count the eight outer nodes.
+
+    Attributes:
+        stiffness: [node, component, node, component, layer, element, lane].
+        mean: coupling of the displacements to the constant pressure.
+        follow: W, the centre's displacement that a displacement of the other nodes enforces.
+        coupling: of the centre to the others [2, node, component, ...].
+        centre: k, the centre's own stiffness.
+        inverse: B^-1 [component, mode, ...].
+    """
+
+    stiffness: Array
+    mean: Array
+    follow: Array
+    coupling: Array
+    centre: Array
+    inverse: Array
+
+
+class _Columns(NamedTuple):
+    """Condensed columns of elements, matrix by matrix [element, lane, row, column]."""
+
+    inverse: Array
+    carried: Array
+    pivots: Array
+
+
+class ElementTangent(AbstractTangent):
+    """The tangent as element matrices.
+
+    Attributes:
+        stiffness: blocks (xx, yy, xy) of the nine nodes' matrix.
+        constraint: derivative of the pressures' equations by the displacements.
+        penalty: factor [Pa/m^2] on the square of an element's change of volume, which the
+            constraint makes zero: it changes no solution and keeps pivots away from zero.
+        free: which displacements of the two end stations may move [dof, end].
+        layout: numbers of elements.
+    """
+
+    stiffness: Float[Array, "9 9 3 layer element lane"]
+    constraint: Float[Array, "9 3 2 layer element lane"]
+    penalty: Float[Array, "layer element #lane"]
+    free: tuple[tuple[bool, ...], tuple[bool, ...]] = eqx.field(static=True)
+    layout: Layout = eqx.field(static=True)
+
+    @property
+    def structure(self) -> jax.ShapeDtypeStruct:
+        """Shape and type of the vectors it acts on."""
+        shape = (self.layout.size, self.layout.elements + 1, self.stiffness.shape[-1])
+        return jax.ShapeDtypeStruct(shape, self.stiffness.dtype)
+
+    def mask(self) -> Float[np.ndarray, "dof station 1"]:
+        """One where a station's displacement may move, zero where it is held."""
+        return self.layout.mask(self.free)
+
+    def mv(self, x: StationVector) -> StationVector:
+        """Matrix times vector; held and unused places are multiplied by one."""
+        mask, dof = self.mask(), self.layout.dof
+        u, p = self.layout.gather(jnp.concatenate([x[:dof] * mask, x[dof:]]))
+        xx, yy, xy = (self.stiffness[:, :, i] for i in range(3))
+        along = jnp.einsum("nm...,m...->n...", xx, u[:, 0])
+        along = along + jnp.einsum("nm...,m...->n...", xy, u[:, 1])
+        upward = jnp.einsum("nm...,m...->n...", yy, u[:, 1])
+        upward = upward + jnp.einsum("mn...,m...->n...", xy, u[:, 0])
+        force = jnp.stack([along, upward], 1)
+        force = force + jnp.einsum("nac...,a...->nc...", self.constraint, p)
+        change = jnp.einsum("nac...,nc...->a...", self.constraint, u)
+        y = self.layout.scatter(force, change, mask)
+        unused = jnp.zeros_like(x).at[:dof].set(x[:dof] * (1 - mask))
+        return y + unused.at[dof:, -1].set(x[dof:, -1])
+
+    def solve(self, right: Float[Array, "dof right station lane"]) -> Sweep:
+        """Condense, sweep along the arc, recover; see the module."""
+        layout, mask = self.layout, self.mask()
+        element = self._condensed()
+        columns, diagonal, upper = self._columns(element)
+        factors = factorise(diagonal, upper)
+
+        lanes = max(right.shape[-1], self.stiffness.shape[-1])
+        right = jnp.broadcast_to(right, (*right.shape[:-1], lanes))
+        count = right.shape[1]
+        stations, inside = right[: layout.dof] * mask[:, None], right[layout.dof :, :, :-1]
+        middle = inside[: layout.dof].reshape(-1, 2, *inside.shape[1:])
+        pressure = inside[layout.dof :].reshape(3, layout.layers, *inside.shape[1:])
+        force = jnp.moveaxis(middle[1::2], 0, 2)  # at the centres [2, right, layer, ...]
+        pressure = jnp.moveaxis(pressure, 1, 2)
+        fixed = _dot(element.inverse[:, :, None], pressure[1:])
+        held = force - _dot(element.centre[:, :, None], fixed)
+        change = (
+            sum(
+                element.coupling[i][:, :, None] * fixed[i]
+                + element.follow[i][:, :, None] * held[i]
+                for i in range(2)
+            )
+            - (self.penalty * element.mean)[:, :, None] * pressure[0]
+        )
+        lines = {
+            name: _placed(change[first:last].reshape(-1, *change.shape[2:]), step)
+            for name, (first, last, step) in _GROUPS.items()
+        }
+        free = middle[::2].reshape(-1, *middle.shape[2:]) - lines["middle"]
+        own = _batched(jnp.concatenate([free, jnp.moveaxis(pressure[0], 1, 0)]))
+        kept = columns.inverse @ own
+        back = transposed(columns.carried) @ own
+        sides = jnp.concatenate([lines["left"], lines["right"]])
+        sides = _batched(sides) + back
+        dof = layout.dof
+        rest = jnp.moveaxis(stations, (2, 3), (0, 1))
+        rest = rest - jnp.pad(sides[:, :, :dof], [(0, 1), (0, 0), (0, 0), (0, 0)])
+        rest = rest - jnp.pad(sides[:, :, dof:], [(1, 0), (0, 0), (0, 0), (0, 0)])
+        held_rows = jnp.moveaxis(right[:dof] * (1 - mask[:, None]), (2, 3), (0, 1))
+        rest = rest * jnp.moveaxis(mask, (1, 2), (0, 1))[..., None] + held_rows
+
+        x = solve(factors, rest)
+        moved = x * jnp.moveaxis(mask, (1, 2), (0, 1))[..., None]
+        both = jnp.concatenate([moved[:-1], moved[1:]], 2)
+        found = jnp.moveaxis(kept - columns.carried @ both, (0, 1), (2, 3))
+        both = jnp.moveaxis(both, (0, 1), (2, 3))
+        free, mean = found[: 2 * layout.layers + 2], found[2 * layout.layers + 2 :]
+        outer = jnp.concatenate(
+            [_taken(both[:dof], 3, 4), _taken(both[dof:], 3, 4), _taken(free, 2, 2)]
+        )  # [node, component, right, layer, ...]
+        centre = fixed - jnp.stack(
+            [jnp.sum(w[:, :, None] * outer, (0, 1)) for w in element.follow]
+        )
+        left_over = force - _dot(element.centre[:, :, None], centre)
+        left_over = left_over - jnp.stack(
+            [jnp.sum(c[:, :, None] * outer, (0, 1)) for c in element.coupling]
+        )
+        linear = _dot(jnp.swapaxes(element.inverse, 0, 1)[:, :, None], left_over)
+        pressure = jnp.concatenate([jnp.moveaxis(mean, 1, 0)[None], linear])
+        pressure = jnp.moveaxis(pressure, 2, 1).reshape(-1, count, *inside.shape[2:])
+        even = free.reshape(-1, 2, *free.shape[1:])
+        odd = jnp.moveaxis(centre, 2, 0)
+        woven = jnp.stack([even[:-1], odd], 1).reshape(-1, *even.shape[1:])
+        woven = jnp.concatenate([woven, even[-1:]])
+        inside = jnp.concatenate([woven.reshape(-1, *free.shape[1:]), pressure])
+        inside = jnp.concatenate([inside, right[dof:, :, -1:]], 2)
+        solution = jnp.concatenate([jnp.moveaxis(x, (0, 1), (2, 3)), inside])
+
+        negative = _count(columns.pivots, (0, 2)) - layout.layers * layout.elements
+        outer_pivots = factors.pivots.reshape(factors.pivots.shape[0], 2, lanes, dof)
+        negative = negative + _count(outer_pivots, (0, 1, 3))
+        negative = negative + _count(factors.middle_pivots, (1,))
+        scale = jnp.max(jnp.abs(jnp.diagonal(diagonal, axis1=-2, axis2=-1)), (0, 2))
+        smallest = jnp.minimum(
+            jnp.min(jnp.abs(outer_pivots), (0, 1, 3), initial=jnp.inf),
+            jnp.min(jnp.abs(factors.middle_pivots), 1),
+        )
+        return Sweep(solution, negative, smallest / scale)
+
+    def _condensed(self) -> _Element:
+        """Eliminate the centres and the linear pressures."""
+        k, v = self.stiffness, self.constraint
+        xx, yy, xy = (k[:, :, i] for i in range(3))
+        own = k[_CENTRE, _CENTRE]
+        centre = jnp.stack([jnp.stack([own[0], own[2]]), jnp.stack([own[2], own[1]])])
+        coupling = jnp.stack(
+            [
+                jnp.stack([xx[_CENTRE, :8], xy[_CENTRE, :8]], 1),
+                jnp.stack([xy[:8, _CENTRE], yy[:8, _CENTRE]], 1),
+            ]
+        )
+        (a, b), (c, d) = ([v[_CENTRE, mode, i] for i in range(2)] for mode in (1, 2))
+        inverse = jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / (a * d - b * c)
+        linear = jnp.moveaxis(v[:8, 1:], 1, 0)
+        follow = jnp.stack(
+            [inverse[i, 0] * linear[0] + inverse[i, 1] * linear[1] for i in (0, 1)]
+        )
+        half = coupling - 0.5 * jnp.stack(
+            [centre[i, 0] * follow[0] + centre[i, 1] * follow[1] for i in (0, 1)]
+        )
+        mean = v[:8, 0]
+        weighted = self.penalty * mean
+
+        def block(i: int, j: int, outer: Array) -> Array:
+            total = outer[:8, :8] + weighted[:, None, i] * mean[None, :, j]
+            for e in range(2):
+                total = total - follow[e, :, None, i] * half[e, None, :, j]
+                total = total - half[e, :, None, i] * follow[e, None, :, j]
+            return total
+
+        stiffness = [
+            [block(0, 0, xx), block(0, 1, xy)],
+            [block(1, 0, jnp.swapaxes(xy, 0, 1)), block(1, 1, yy)],
+        ]
+        full = jnp.stack([jnp.stack(row, 2) for row in stiffness], 1)
+        return _Element(full, mean, follow, coupling, centre, inverse)
+
+    def _columns(self, element: _Element) -> tuple[_Columns, Array, Array]:
+        """Eliminate what is left inside the columns; blocks of the stations."""
+        k, mean, dof = element.stiffness, element.mean, self.layout.dof
+        tail = k.shape[4:]
+
+        def block(row: str, column: str) -> Array:
+            (r0, r1, rs), (c0, c1, cs) = _GROUPS[row], _GROUPS[column]
+            part = k[r0:r1, :, c0:c1].reshape(2 * (r1 - r0), 2 * (c1 - c0), *tail)
+            return _placed_twice(part, rs, cs)
+
+        def pressure(row: str) -> Array:
+            first, last, step = _GROUPS[row]
+            part = mean[first:last].reshape(2 * (last - first), 1, *tail)
+            return _placed_twice(part, step, 1)
+
+        sides = ("left", "right")
+        couple = pressure("middle")
+        zero = jnp.zeros((couple.shape[1], *couple.shape[1:]), couple.dtype)
+        own = jnp.concatenate(
+            [
+                jnp.concatenate([block("middle", "middle"), couple], 1),
+                jnp.concatenate([jnp.swapaxes(couple, 0, 1), zero], 1),
+            ]
+        )
+        across = jnp.concatenate(
+            [
+                jnp.concatenate([block("middle", side) for side in sides], 1),
+                jnp.concatenate([jnp.swapaxes(pressure(side), 0, 1) for side in sides], 1),
+            ]
+        )
+        own = _batched(own)
+        inverse, pivots = symmetric_inverse(own)
+        inverse = improved(inverse, own)
+        across = _batched(across)
+        carried = inverse @ across
+        removed = transposed(across) @ carried
+        left = _batched(block("left", "left")) - removed[..., :dof, :dof]
+        upper = _batched(block("left", "right")) - removed[..., :dof, dof:]
+        right = _batched(block("right", "right")) - removed[..., dof:, dof:]
+        ends = [(0, 0)] * 3
+        diagonal = jnp.pad(left, [(0, 1), *ends]) + jnp.pad(right, [(1, 0), *ends])
+        mask = self.mask()[:, :, 0].T[:, None]
+        rows, columns = mask[..., :, None], mask[..., None, :]
+        diagonal = diagonal * (rows * columns) + np.eye(dof) * (1 - rows)
+        upper = upper * (rows[:-1] * columns[1:])
+        return _Columns(inverse, carried, pivots), diagonal, upper
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Sum over the two entries of the second axis of a and the first of b."""
+    return a[:, 0] * b[0] + a[:, 1] * b[1]
+
+
+def _count(pivots: Array, axes: tuple[int, ...]) -> Array:
+    return jnp.sum(pivots < 0, axes, dtype=jnp.int32)
+
+
+def _batched(x: Array) -> Array:
+    """[row, column, element, lane] to [element, lane, row, column]."""
+    return jnp.moveaxis(x, (2, 3), (0, 1))
+
+
+def _placed(x: Array, step: int) -> Array:
+    """Sum layers' vectors [row, right, layer, ...], each `step` rows further on."""
+    layers = x.shape[2]
+    rest = [(0, 0)] * (x.ndim - 2)
+    return functools.reduce(
+        jnp.add,
+        [
+            jnp.pad(x[:, :, j], [(step * j, step * (layers - 1 - j)), *rest])
+            for j in range(layers)
+        ],
+    )
+
+
+def _placed_twice(x: Array, down: int, along: int) -> Array:
+    """Sum layers' matrices [row, column, layer, ...], each further down and along."""
+    layers = x.shape[2]
+    rest = [(0, 0)] * (x.ndim - 3)
+
+    def room(step: int, j: int) -> tuple[int, int]:
+        return step * j, step * (layers - 1 - j)
+
+    return functools.reduce(
+        jnp.add,
+        [jnp.pad(x[:, :, j], [room(down, j), room(along, j), *rest]) for j in range(layers)],
+    )
+
+
+def _taken(line: Array, nodes: int, step: int) -> Array:
+    """Nodes of every layer from a line of them: [node, component, right, layer, ...]."""
+    layers = (line.shape[0] - 2 * nodes) // step + 1
+    parts = [line[step * j : step * j + 2 * nodes] for j in range(layers)]
+    x = jnp.stack(parts, 2)
+    return x.reshape(nodes, 2, *x.shape[1:])

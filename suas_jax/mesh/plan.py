@@ -1,0 +1,263 @@
+"""Where the stations go along the arc, and which element carries which load.
+
+Solutions have boundary layers at clamps and loads, where the membrane's bending stiffness
+meets its tension: stations gather there. A plan is made once from plain numbers. It states
+every station as a fixed combination of the *breakpoints* (clamps, load points, ends of
+loaded arcs), so stations move smoothly with the inputs and derivatives by a load's angle
+are those of the same discrete problem.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.mesh.grading import Density, distinct, rounded, stations_between
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LineLoad, LoadPoints
+
+_LOAD_GAUSS = 4  # points per element under a spread load; exact for cubic displacement
+
+
+class MeshPlan(eqx.Module):
+    """A mesh as arrays of plain numbers; its shapes alone decide what is compiled.
+
+    Breakpoints are ordered: left clamp, right clamp, then those of each load in turn.
+
+    Attributes:
+        stations: weights of the breakpoints in each station's angle [station, breakpoint].
+        select: element of each load point [element, point].
+        position: weights of the breakpoints in each load point's angle [point, breakpoint].
+        share: share of its load that a point carries, for line loads [point].
+        span: weights of the breakpoints in the arc that a point stands for [point,
+            breakpoint], zero for line loads.
+        load: which load a point belongs to [load, point], one or zero.
+        values: the breakpoints when the plan was made [rad].
+        mirror: whether the loads are their own mirror image.
+        symmetric: whether the plan covers the left half of a symmetric skin.
+        layers: elements through the thickness; none for the lumped shell.
+    """
+
+    stations: np.ndarray
+    select: np.ndarray
+    position: np.ndarray
+    share: np.ndarray
+    span: np.ndarray
+    load: np.ndarray
+    values: np.ndarray
+    mirror: bool = eqx.field(static=True, default=False)
+    symmetric: bool = eqx.field(static=True, default=False)
+    layers: int = eqx.field(static=True, default=0)
+
+    @property
+    def elements(self) -> int:
+        """Number of elements."""
+        return self.stations.shape[0] - 1
+
+    @property
+    def model(self) -> str:
+        """The mechanics it is for."""
+        return "solid" if self.layers else "shell"
+
+    def half(self) -> "MeshPlan":
+        """The left half of a plan whose stations and loads are symmetric."""
+        n = self.elements // 2
+        element = np.argmax(self.select, 0)
+        crown = np.isclose(self.position @ self.values, 0, atol=1e-12)
+        keep = (element < n) | (crown & (element == n))
+        shared = crown[keep] & (self.share[keep] > 0)
+        element = np.minimum(element[keep], n - 1)
+        return MeshPlan(
+            self.stations[: n + 1],
+            np.eye(n)[:, element],
+            self.position[keep],
+            np.where(shared, self.share[keep] / 2, self.share[keep]),
+            self.span[keep],
+            self.load[:, keep],
+            self.values,
+            mirror=True,
+            symmetric=True,
+            layers=self.layers,
+        )
+
+    def refined(self, elements: int | None = None) -> "MeshPlan":
+        """Elements of a plan of the whole arc divided in two.
+
+        Args:
+            elements: how many there shall be; the last one stays whole if they are odd.
+        """
+        whole = 2 * self.elements - (elements or 2 * self.elements)
+        divided = self.stations[: self.elements + 1 - whole]
+        stations = np.empty((2 * len(divided) - 1, self.stations.shape[1]))
+        stations[::2] = divided
+        stations[1::2] = (divided[1:] + divided[:-1]) / 2
+        stations = np.concatenate([stations, self.stations[self.elements + 1 - whole :]])
+        return self._on(stations, self.layers)
+
+    def comparison(self) -> "MeshPlan":
+        """The mesh that the error is estimated with.
+
+        Finer for the shell, whose solution costs little, coarser for the solid.
+        """
+        if not self.layers:
+            return self.refined()
+        pairs = self.elements // 2 * 2
+        stations = np.concatenate([self.stations[: pairs + 1 : 2], self.stations[pairs + 1 :]])
+        return self._on(stations, self.layers // 2 if self.layers % 2 == 0 else self.layers)
+
+    def _on(self, stations: np.ndarray, layers: int) -> "MeshPlan":
+        """The same loads on other elements."""
+        spread = (self.span != 0).any(1) @ self.load.T > 0
+        plan = _with_loads(stations, self.values, spread.tolist(), self.mirror)
+        return dataclasses.replace(plan, layers=layers)
+
+
+def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
+    """Angles of clamps and loads, in the order of the plan's weights [rad]."""
+    angles = [-geometry.half_angle, geometry.half_angle]
+    for load in loads:
+        angles += load.breakpoints(geometry)
+    return jnp.stack(jnp.broadcast_arrays(*angles))
+
+
+def plan_mesh(
+    numbers: Sequence[float],
+    spread: Sequence[bool],
+    elements: int,
+    layer: float,
+    *,
+    symmetric: bool = False,
+    local: tuple[float, float] | None = None,
+) -> MeshPlan:
+    """Place stations: one at each breakpoint, graded towards the layers.
+
+    Args:
+        numbers: values of the breakpoints [rad], in the order of `breakpoints`.
+        spread: for each load, whether it has an arc (two breakpoints) or not (one).
+        elements: along the whole arc.
+        layer: decay length of the boundary layers as an angle [rad].
+        symmetric: whether the loads are symmetric; stations then are, too, when the
+            number of elements is even.
+        local: in a continuum, decay length of what breakpoints cause in their
+            neighbourhood besides, and the smallest length of elements [rad].
+    """
+    density = Density((rounded(layer),))
+    if local is not None:
+        density = Density((*density.decays, rounded(local[0])), rounded(local[1]))
+    values = np.asarray(numbers, float)
+    identity = np.eye(len(values))
+    clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
+    inner = list(identity[2:])
+    mirrored = symmetric and elements % 2 == 0
+    if mirrored:
+        inner = [w for w in inner if w @ values < -1e-12]
+        ends, count = [clamps[0], *inner, crown], elements // 2
+    else:
+        ends, count = [clamps[0], *inner, clamps[1]], elements
+    kept = distinct(ends, values, count)
+    stations = stations_between(kept, values, count, density)
+    if mirrored:
+        swap = _mirror(values)
+        stations = np.concatenate([stations, stations[-2::-1][:, swap]])
+    return _with_loads(stations, values, spread, symmetric)
+
+
+def _mirror(values: np.ndarray) -> np.ndarray:
+    """For each breakpoint the index of the one at the opposite angle."""
+    return np.array([int(np.argmin(np.abs(values + v))) for v in values])
+
+
+def _with_loads(
+    stations: np.ndarray, values: np.ndarray, spread: Sequence[bool], mirror: bool
+) -> MeshPlan:
+    """Put every load on elements: as one point, or as quadrature points of its arc."""
+    angles = stations @ values
+    elements = len(angles) - 1
+    select, position, share, span, owner = [], [], [], [], []
+
+    def add(element: int, where: np.ndarray, part: float, arc: np.ndarray, k: int) -> None:
+        select.append(element)
+        position.append(where)
+        share.append(part)
+        span.append(arc)
+        owner.append(k)
+
+    identity, none = np.eye(len(values)), np.zeros(len(values))
+    at = 2
+    for k, has_arc in enumerate(spread):
+        if not has_arc:
+            where, value = identity[at], values[at]
+            near = int(np.argmin(np.abs(angles - value)))
+            on_station = abs(angles[near] - value) < 1e-12
+            if on_station and np.array_equal(stations[near], where):
+                add(near, where, 1.0, none, k)  # the station moves with the load
+            elif on_station and 0 < near < elements:
+                # The station belongs to another load: a one-sided derivative by this
+                # one's angle would be biased, so either element takes half.
+                add(near - 1, where, 0.5, none, k)
+                add(near, where, 0.5, none, k)
+            else:
+                inside = int(np.clip(np.searchsorted(angles, value) - 1, 0, elements - 1))
+                add(inside, where, 1.0, none, k)
+            at += 1
+            continue
+        left, right = identity[at], identity[at + 1]
+        points, weights = gauss_legendre(_LOAD_GAUSS)
+        for e in range(elements):
+            a = left if angles[e] <= left @ values + 1e-12 else stations[e]
+            b = right if angles[e + 1] >= right @ values - 1e-12 else stations[e + 1]
+            if (b - a) @ values <= 1e-12:
+                continue
+            for x, w in zip(points, weights, strict=True):
+                add(e, (1 - x) * a + x * b, 0.0, w * (b - a), k)
+        at += 2
+    n = len(select)
+    return MeshPlan(
+        stations,
+        np.eye(elements)[:, select] if n else np.zeros((elements, 0)),
+        np.array(position).reshape(n, len(values)),
+        np.array(share),
+        np.array(span).reshape(n, len(values)),
+        np.eye(len(spread))[:, owner] if n else np.zeros((len(spread), 0)),
+        values,
+        mirror=mirror,
+    )
+
+
+def load_points(
+    plan: MeshPlan, geometry: SkinGeometry, loads: Sequence[LineLoad]
+) -> tuple[Float[Array, "station lane"], LoadPoints]:
+    """Stations and load points of a plan for the inputs at hand.
+
+    Args:
+        plan: the mesh.
+        geometry: dimensions, with a lane axis.
+        loads: line loads, in the order of the plan.
+    """
+    values = breakpoints(geometry, loads)
+    angles = jnp.asarray(plan.stations) @ values
+    if not loads or plan.select.shape[1] == 0:
+        empty = jnp.zeros((plan.select.shape[0], 0, 1))
+        return angles, LoadPoints(empty, jnp.zeros((0, 1)), jnp.zeros((2, 0, 1)))
+    where = jnp.asarray(plan.position) @ values
+    element = jnp.asarray(plan.select)[:, :, None]
+    start = jnp.sum(element * angles[:-1, None], 0)
+    end = jnp.sum(element * angles[1:, None], 0)
+    widths: list[Lanes] = []
+    for load in loads:
+        ends = load.breakpoints(geometry)
+        widths.append(ends[1] - ends[0] if load.spread is not None else jnp.ones_like(ends[0]))
+    of_load = jnp.asarray(plan.load)
+    per_width = jnp.stack(
+        jnp.broadcast_arrays(*(load.force * load.direction / geometry.width for load in loads)),
+        1,
+    )  # [2, load, lane]
+    force = jnp.einsum("kp,ckl->cpl", of_load, per_width)
+    arc = jnp.einsum("kp,kl->pl", of_load, jnp.stack(jnp.broadcast_arrays(*widths)))
+    part = plan.share[:, None] + (plan.span @ values) / arc
+    return angles, LoadPoints(element, (where - start) / (end - start), force * part)

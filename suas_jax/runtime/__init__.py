@@ -1,0 +1,1 @@
+"""Settings of the JAX runtime, and compiled programs kept between runs."""

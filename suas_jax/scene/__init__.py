@@ -1,0 +1,1 @@
+"""A scene from its configuration to solved, reported and differentiated results."""

@@ -1,0 +1,99 @@
+"""Derivatives of any reported quantity by every continuous input of a scene."""
+
+import re
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from suas_jax.config import continuous_inputs
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.mesh.plan import MeshPlan
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import build_problem
+from suas_jax.scene.observables import observe
+from suas_jax.scene.solve import Inputs, Solution, Structure
+
+
+class UnknownQuantityError(ValueError):
+    """The quantity to differentiate is no real number of the report."""
+
+
+def quantities(report: Any, prefix: str = "") -> list[str]:
+    """Paths of the quantities in a report that can be differentiated."""
+    if isinstance(report, dict):
+        items = [(str(key), value) for key, value in report.items()]
+    elif isinstance(report, list):
+        items = [(str(i), value) for i, value in enumerate(report)]
+    else:
+        smooth = eqx.is_array(report) and jnp.issubdtype(report.dtype, jnp.floating)
+        if smooth and report.ndim == 2:  # a column over the taxels
+            table, _, name = prefix.removesuffix(".").rpartition(".")
+            return [f"{table}.{i}.{name}" for i in range(report.shape[0])]
+        return [prefix.removesuffix(".")] if smooth else []
+    return [name for key, value in items for name in quantities(value, f"{prefix}{key}.")]
+
+
+def _pick(report: Any, path: str) -> Array:
+    for key in path.split("."):
+        if isinstance(report, dict) and key.isdigit():  # a table of columns over the taxels
+            report = {name: column[int(key)] for name, column in report.items()}
+        else:
+            report = report[int(key)] if isinstance(report, list) else report[key]
+    return report
+
+
+def _observed(scene: Structure, plan: MeshPlan, state: State, inputs: Inputs) -> dict[str, Any]:
+    problem = build_problem(scene.scene, plan, inputs)
+    return observe(scene.scene, problem, differentiable(problem, state), inputs)
+
+
+@eqx.filter_jit
+def _program(
+    scene: Structure, path: str, plan: MeshPlan, state: State, inputs: Inputs
+) -> dict[str, Array]:
+    def quantity(inputs: Inputs) -> Array:
+        return _pick(_observed(scene, plan, state, inputs), path)[0]
+
+    return jax.grad(quantity)(inputs)
+
+
+def gradient(solution: Solution, path: str) -> dict[str, float]:
+    """Differentiate one reported quantity by every continuous input.
+
+    Costs one linear solve with the tangent at the equilibrium, whatever the number of
+    inputs. Stations move with clamps and loads, as they do when the scene is solved again.
+
+    Args:
+        solution: a converged solution.
+        path: of the quantity in the report, such as ``oil_pressure_Pa`` or
+            ``loads.0.displacement_m``.
+
+    Returns:
+        Derivatives by TOML path, in SI units; angles per radian.
+
+    Raises:
+        UnknownQuantityError: the path is not a differentiable quantity of the report.
+    """
+    scene = Structure(solution.scene)
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
+    shapes = eqx.filter_eval_shape(_observed, scene, solution.plan, solution.state, inputs)
+    shapes = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), eqx.filter(shapes, _is_shape))
+    allowed = quantities(shapes)
+    taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
+    if path not in allowed:
+        raise UnknownQuantityError(
+            f'"{path}" is not a quantity that can be differentiated; use one of '
+            + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
+            + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
+        )
+    arguments = (scene, path, solution.plan, solution.state, inputs)
+    found = COMPILED.run(_program, *arguments, once=True)
+    return {name: float(value) for name, value in found.items()}
+
+
+def _is_shape(x: Any) -> bool:
+    return isinstance(x, jax.ShapeDtypeStruct)

@@ -1,0 +1,132 @@
+"""What a solve reports: named quantities in SI units, ready for JSON."""
+
+import math
+from typing import Any
+
+import jax
+import numpy as np
+
+from suas_jax.config import SceneSpec
+from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.scene.observables import taxel_rows
+
+_ORDER = (
+    "model",
+    "status",
+    "message",
+    "rtol_met",
+    "loads",
+    "oil_pressure_Pa",
+    "ambient_pressure_Pa",
+    "absolute_oil_pressure_Pa",
+    "max_displacement_m",
+    "min_gap_m",
+    "min_gap_angle_deg",
+    "wall_contact",
+    "strain_energy_J",
+    "stretch_min",
+    "stretch_max",
+    "stable",
+    "material_stable",
+    "volume_residual",
+    "error_estimate",
+    "discretisation_error",
+    "model_error",
+    "iterations",
+    "unknowns",
+    "taxels",
+)
+
+
+def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
+    """Arrays to Python numbers, one row of them where they have many."""
+
+    def number(x: Any) -> Any:
+        if not isinstance(x, (jax.Array, np.ndarray)):
+            return x
+        return np.asarray(x).reshape(-1)[row].item()
+
+    columns = tree.get("taxels", {})
+    others = {name: x for name, x in tree.items() if name != "taxels"}
+    numbers: dict[str, Any] = jax.tree.map(number, others)
+    if columns:
+        count = columns["so"].shape[-2]
+        rows = {name: np.asarray(x).reshape(-1, count)[row] for name, x in columns.items()}
+        numbers["taxels"] = {name: x.tolist() for name, x in rows.items()}
+    return numbers
+
+
+def report_of(
+    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any]
+) -> dict[str, Any]:
+    """The report of one state, in the order of the contract."""
+    kinds = [{"kind": load.kind} for load in scene.loads]
+    loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
+    taxels = taxel_rows(scene, observed.pop("taxels", {}))
+    report = {
+        **_header(scene, observed | {"loads": loads}, outcome, taxels),
+        "iterations": outcome["iterations"],
+        "unknowns": outcome["unknowns"],
+        "taxels": taxels,
+    }
+    return {key: report[key] for key in _ORDER if key in report}
+
+
+def _header(
+    scene: SceneSpec,
+    report: dict[str, Any],
+    outcome: dict[str, Any],
+    taxels: list[dict[str, Any]],
+) -> dict[str, Any]:
+    """Status, message and error estimate, ahead of the observables."""
+    status = NAMES[outcome["result"]]
+    mesh_error, model_error = report.pop("discretisation_error"), report.pop("model_error")
+    error = mesh_error + model_error
+    known = bool(np.isfinite(error)) and status == "converged"
+    message = [advice(status)]
+    if status != "converged" and scene.solve.oil_pressure is None:
+        message.append(f"It carries {outcome['level']:.4g} of the load.")
+    if status == "converged":
+        message.append(outcome["reason"])
+        message += _remarks(scene, report, error if known else None)
+        message += _blind(taxels)
+    return {
+        "model": outcome["model"],
+        "status": status,
+        "message": " ".join(filter(None, message)),
+        "rtol_met": known and error <= scene.solve.rtol,
+        **report,
+        "error_estimate": error if known else None,
+        "discretisation_error": mesh_error if known else None,
+        "model_error": model_error if known else None,
+    }
+
+
+def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
+    """What a user should know about a converged state."""
+    remarks = []
+    if error is None:
+        remarks.append("The error could not be estimated.")
+    elif error > scene.solve.rtol:
+        remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
+    if report["wall_contact"]:
+        remarks.append(
+            "The inner face has reached the rigid wall: contact is not modelled, the state "
+            "is not valid."
+        )
+    if not report["stable"]:
+        remarks.append("The equilibrium is unstable: a real membrane leaves it.")
+    if not report["material_stable"]:
+        remarks.append("The material leaves its stability window (see the stretches).")
+    return remarks
+
+
+def _blind(taxels: list[dict[str, Any]]) -> list[str]:
+    """Which taxels have no reading, where there are such."""
+    blind = sum(not math.isfinite(taxel["so"]) for taxel in taxels)
+    if not blind:
+        return []
+    return [
+        f"{blind} of {len(taxels)} taxels touch the membrane: they have no capacitance, a "
+        "real converter saturates."
+    ]

@@ -1,0 +1,273 @@
+"""Load-displacement curves: one continuation through many loads."""
+
+import csv
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from suas_jax.config import (
+    LineLoadSpec,
+    SceneSpec,
+    continuous_inputs,
+    with_inputs,
+    with_solve,
+)
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import path
+from suas_jax.mesh.plan import MeshPlan
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.report import plain, report_of
+from suas_jax.scene.resolution import Resolution, first_of_sweep, forced
+from suas_jax.scene.solve import (
+    Inputs,
+    Structure,
+    assess,
+    is_symmetric,
+    whole,
+    working_plan,
+)
+
+# Width of the bracket of the first wall contact, relative to the load there.
+_CONTACT_TOLERANCE = 1e-7
+# Points up to which a curve takes less time to follow than to compile for speed.
+_FEW = 40
+# Observables of a point that go into the table.
+_COLUMNS = (
+    "oil_pressure_Pa",
+    "max_displacement_m",
+    "min_gap_m",
+    "min_gap_angle_deg",
+    "wall_contact",
+    "strain_energy_J",
+    "stretch_min",
+    "stretch_max",
+    "stable",
+    "status",
+)
+
+
+def _total_force(report: dict[str, Any]) -> float:
+    lines = [load for load in report["loads"] if load["kind"] == "line"]
+    return sum(abs(load["force_N"]) for load in lines)
+
+
+class SweepError(ValueError):
+    """The sweep can't be made of this scene; the message says why and what to do."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sweep:
+    """A load-displacement curve.
+
+    Attributes:
+        points: one report per load, as `suas solve --json` prints them.
+        first_contact: load at which the inner face first reaches the rigid wall, or None.
+        scene: what was swept.
+    """
+
+    points: list[dict[str, Any]]
+    first_contact: dict[str, float] | None
+    scene: SceneSpec
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The curve as a table: total force, each load's entries, the main observables."""
+        rows = []
+        for point in self.points:
+            row = {"force_N": _total_force(point)}
+            for i, load in enumerate(point["loads"]):
+                row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
+            rows.append(row | {key: point[key] for key in _COLUMNS})
+        return rows
+
+    def write_csv(self, path: Path) -> None:
+        """Write the table; column names carry the SI units."""
+        rows = self.rows()
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(rows[0]))
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+@eqx.filter_jit
+def _program(
+    scene: Structure,
+    plan: MeshPlan,
+    half: MeshPlan,
+    other_plan: MeshPlan,
+    inputs: Inputs,
+    levels: Array,
+    start: State | None,
+) -> tuple[dict[str, Any], State, dict[str, Any]]:
+    problem = build_problem(scene.scene, half, inputs)
+    found = path(problem, levels, start)
+
+    def one(state: State) -> dict[str, Any]:
+        return assess(scene.scene, plan, other_plan, whole(problem, state, half), inputs)
+
+    reports = jax.lax.map(one, found.state)
+    outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
+    unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
+    outcome["unknowns"] = jnp.full_like(found.result, unknowns)
+    return reports, found.state, outcome
+
+
+def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
+    """Scale the line loads through given total forces, their pattern kept.
+
+    Args:
+        scene: the scene; its loads give the pattern.
+        forces: sums of the loads' magnitudes, in the order to visit [N].
+
+    Raises:
+        SweepError: the scene has no line load to scale, or forces aren't finite and >= 0.
+    """
+    lines = {
+        f"load.{i}.force": load.force
+        for i, load in enumerate(scene.loads)
+        if isinstance(load, LineLoadSpec)
+    }
+    total = sum(abs(force) for force in lines.values())
+    if total == 0:
+        raise SweepError("there is no line load with a force to scale; add [[load]] with force")
+    values = _checked(forces, "--force")
+    top = float(values.max()) or total
+    scaled = with_inputs(scene, {key: f * top / total for key, f in lines.items()})
+    scaled = with_solve(scaled, oil_pressure=None)
+    return _sweep(scaled, values / top)
+
+
+def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
+    """Scale all loads so that the oil goes through given pressures.
+
+    Args:
+        scene: the scene; its loads give the pattern.
+        pressures: of the oil above ambient, all of one sign, in the order to visit [Pa].
+
+    Raises:
+        SweepError: the oil is vented, no load is there to scale, or signs differ.
+    """
+    values = np.asarray(pressures, float)
+    sign = -1.0 if (values < 0).any() else 1.0
+    values = sign * _checked(sign * values, "--oil-pressure")
+    largest = values[np.argmax(np.abs(values))]
+    if largest == 0:
+        raise SweepError("--oil-pressure: at least one pressure must differ from zero")
+    wanted = with_solve(scene, oil_pressure=float(largest))
+    return _sweep(wanted, values)
+
+
+def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
+    array = np.asarray(values, float)
+    if array.size == 0 or not np.all(np.isfinite(array)) or (array < 0).any():
+        raise SweepError(f"{option}: finite values of one sign are needed, got {array}")
+    return array
+
+
+def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
+    model, wanted, rtol = scene.solve.model, forced(scene), scene.solve.rtol
+    size = wanted or first_of_sweep(scene, "shell" if model == "auto" else model)
+    while True:
+        curve = _Curve(scene, size)
+        points = curve.points(levels)
+        worst, of_model = (
+            max((p[key] for p in points if p[key] is not None), default=0.0)
+            for key in ("error_estimate", "model_error")
+        )
+        if model == "auto" and not wanted and not size.layers and of_model > rtol:
+            size = first_of_sweep(scene, "solid")
+            continue
+        finer = size.finer()
+        if wanted or worst <= max(rtol, 1.1 * of_model) or finer is None:
+            return Sweep(points, curve.first_contact(levels, points), scene)
+        size = finer
+
+
+class _Curve:
+    """One mesh of a scene and the states found on it."""
+
+    def __init__(self, scene: SceneSpec, size: Resolution) -> None:
+        self.scene, self.size, self.plan = scene, size, plan_for(scene, *size)
+        self.half = working_plan(self.plan, is_symmetric(self.plan))
+        self.other = self.plan.comparison()
+        self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+        self.states: State | None = None
+
+    def points(self, levels: np.ndarray, start: State | None = None) -> list[dict[str, Any]]:
+        """Reports at the given levels; a level of zero is the undeformed state."""
+        if start is None:
+            start = self._rest()
+        pressures = self.scene.solve.oil_pressure is not None
+        visit = levels[levels != 0] if pressures else levels
+        arguments = (self.plan, self.half, self.other, self.inputs, jnp.asarray(visit))
+        known = None if pressures and start.factor[0] == 0 else start
+        once = len(visit) <= _FEW
+        found = COMPILED.run(_program, Structure(self.scene), *arguments, known, once=once)
+        reports, self.states, outcomes = found
+        rows = [
+            report_of(
+                self.scene,
+                plain(reports, i),
+                plain(outcomes, i) | {"model": self.plan.model, "reason": ""},
+            )
+            for i in range(len(visit))
+        ]
+        if len(visit) < len(levels):
+            rest = self._rest_report(rows[0])
+            rows_left = iter(rows)
+            rows = [rest if level == 0 else next(rows_left) for level in levels]
+        return rows
+
+    def _rest(self) -> State:
+        problem = build_problem(self.scene, self.half, self.inputs)
+        zero = jnp.zeros(1)
+        return State(problem.mechanics.rest(), zero, zero)
+
+    def _rest_report(self, like: dict[str, Any]) -> dict[str, Any]:
+        """The report of the undeformed state, which no pressure control can reach."""
+        loads_off = with_solve(self.scene, oil_pressure=None)
+        curve = _Curve(loads_off, self.size)
+        return curve.points(np.zeros(1))[0]
+
+    def first_contact(
+        self, levels: np.ndarray, points: list[dict[str, Any]]
+    ) -> dict[str, float] | None:
+        """Close in on the load at which the smallest gap vanishes."""
+        gaps = [p["min_gap_m"] for p in points]
+        hits = [i for i, p in enumerate(points) if p["status"] == "converged" and gaps[i] <= 0]
+        if not hits:
+            return None
+        after = hits[0]
+        if after == 0:
+            return _contact_of(points[0])
+        low, high = float(levels[after - 1]), float(levels[after])
+        best = points[after]
+        start = None
+        count = int(np.count_nonzero(levels)) if self.scene.solve.oil_pressure else len(levels)
+        while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
+            inner = np.linspace(low, high, count + 2)[1:-1]
+            rows = self.points(inner, start)
+            inside = [row["min_gap_m"] <= 0 for row in rows]
+            k = inside.index(True) if any(inside) else len(rows)
+            states = self.states
+            if k < len(rows):
+                high, best = float(inner[k]), rows[k]
+            if k > 0 and states is not None:
+                low = float(inner[k - 1])
+                start = jax.tree.map(lambda x, k=k: x[k - 1], states)
+        return _contact_of(best)
+
+
+def _contact_of(report: dict[str, Any]) -> dict[str, float]:
+    return {
+        "force_N": _total_force(report),
+        "oil_pressure_Pa": report["oil_pressure_Pa"],
+        "angle_deg": report["min_gap_angle_deg"],
+    }

@@ -1,0 +1,1 @@
+"""From gaps to sensor outputs: taxels, capacitance, electrodes, converter."""

@@ -1,0 +1,117 @@
+"""From a deformed membrane to what its electrodes read: gap, capacitance, sensor output."""
+
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from suas_jax.config import SkinSpec
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.sensing.capacitance import FORMULAS, AbstractCapacitance
+from suas_jax.sensing.gap import PolarFace, gap_at, polar_face
+from suas_jax.sensing.taxels import Taxels, heights_of, taxels_of
+from suas_jax.skin.geometry import SkinGeometry
+
+
+class Readings(NamedTuple):
+    """What the taxels read.
+
+    Attributes:
+        gap: along the ray through a taxel's centre [m].
+        capacitance: stray included [F]; NaN where `touching`.
+        so: continuous sensor output, C / lsb [counts]: no noise, rounding or saturation.
+        touching: whether the membrane reaches the wall somewhere over the footprint, or
+            folds over: no capacitance can be told there.
+    """
+
+    gap: Float[Array, "taxel lane"]
+    capacitance: Float[Array, "taxel lane"]
+    so: Float[Array, "taxel lane"]
+    touching: Bool[Array, "taxel lane"]
+
+
+class Electrodes(eqx.Module):
+    """Taxels on the wall under a film of oil, and the scale of their converter.
+
+    Permittivity, stray, layers and lsb may also be given taxel by taxel [taxel, lane].
+
+    Attributes:
+        taxels: where they are.
+        geometry: of the skin.
+        permittivity: relative, of the oil.
+        stray: capacitance in parallel with each taxel [F].
+        layers: sum of thickness over relative permittivity of further dielectrics [m].
+        lsb: capacitance of one count [F].
+        formula: capacitance per area.
+        height: of the electrodes above the wall, towards the membrane [m].
+    """
+
+    taxels: Taxels
+    geometry: SkinGeometry
+    permittivity: Lanes
+    stray: Lanes
+    layers: Lanes
+    lsb: Lanes
+    formula: AbstractCapacitance
+    height: Float[Array, "taxel #lane"] | float = 0.0
+
+    def read(self, mechanics: AbstractMechanics, q: StationVector) -> Readings:
+        """Readings of a deformed membrane.
+
+        C = C_stray + A <c(d)> with the capacitance per area c averaged over the
+        electrode's disc, and SO = C / lsb (Eqs. 1 and 2 of the paper without noise).
+
+        Args:
+            mechanics: the membrane on the whole arc.
+            q: its unknowns.
+        """
+        return self.read_face(polar_face(mechanics, q, self.geometry.inner_radius))
+
+    def read_face(self, face: PolarFace) -> Readings:
+        """Readings under a deformed inner face; see `read`."""
+        taxels, wall = self.taxels, self.geometry.wall_radius
+        # Ray after ray, not all in one array: a reduction over them would cost the
+        # compiled program several times what the look-ups do.
+        gaps = [gap_at(face, angle, wall) - self.height for angle in taxels.rays(wall)]
+        clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
+        # Untouched taxels keep their derivatives whatever happens to the others: the
+        # formula never sees a gap that it has no value for.
+        density = taxels.average(
+            self.formula.per_area(
+                jnp.where(clear, gap, 1.0), wall, self.permittivity, self.layers
+            )
+            for gap in gaps
+        )
+        capacitance = jnp.where(clear, self.stray + taxels.area * density, jnp.nan)
+        centre = gaps[len(gaps) // 2]
+        return Readings(centre, capacitance, capacitance / self.lsb, ~clear)
+
+
+def electrodes_of(
+    spec: SkinSpec, numbers: Mapping[str, Any], geometry: SkinGeometry
+) -> Electrodes | None:
+    """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed."""
+    if spec.electrodes is None:
+        return None
+
+    def value(path: str) -> Array:
+        return jnp.asarray(numbers[path], float)[..., None]
+
+    def reduced(i: int) -> Array:
+        path = f"electrodes.layers.{i}."
+        return value(path + "thickness") / value(path + "relative_permittivity")
+
+    return Electrodes(
+        taxels_of(spec.electrodes, numbers, geometry.wall_radius),
+        geometry,
+        value("oil.relative_permittivity"),
+        value("electrodes.stray"),
+        sum((reduced(i) for i in range(len(spec.electrodes.layers))), jnp.zeros(1)),
+        value("electrodes.lsb"),
+        FORMULAS[spec.electrodes.capacitance],
+        heights_of(spec.electrodes, numbers),
+    )

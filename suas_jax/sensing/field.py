@@ -1,0 +1,201 @@
+"""The electric field in the deformed oil film: what the formulas leave out, in numbers.
+
+Laplace's equation for the potential between wall and membrane on a structured mesh of the
+film's section, r = r_w + eta d(phi), stations along the arc as everywhere in the project:
+linear in phi, a polynomial across the film (of fifth degree unless told otherwise). The
+stations' unknowns form a block-tridiagonal system for the same solver as the membrane's.
+
+The membrane is grounded and the electrode at one volt. The wall around it is either a
+*guard* at the same potential, as converters drive their shields, or *bare*, where the field
+follows the wall. Guarded, fields don't vary along the axis and the section tells the
+capacitance of a round electrode exactly; its edge (fringe) field belongs to the guard.
+Bare, the section tells that of a strip, and what the field beyond its edges adds.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
+from suas_jax.sensing.electrodes import Electrodes
+from suas_jax.sensing.gap import PolarFace, gap_at, polar_face
+
+_DEGREE = 5
+_ELEMENTS = 720
+
+
+class Film(NamedTuple):
+    """The section of the film between two angles.
+
+    Attributes:
+        angle: of the stations [rad].
+        gap: between wall and inner face there, linear in between [m].
+        wall_radius: [m].
+    """
+
+    angle: Float[Array, "station #lane"]
+    gap: Float[Array, "station lane"]
+    wall_radius: Lanes
+
+
+def wall_charge(
+    film: Film,
+    driven: Bool[Array, "station #lane"] | Bool[np.ndarray, " station"],
+    degree: int = _DEGREE,
+) -> Float[Array, "station lane"]:
+    """Charge on the wall's stations over permittivity and volt, per unit of width.
+
+    The consistent nodal charges, whose weighted sums converge twice as fast as the field.
+
+    Args:
+        film: the section.
+        driven: stations at one volt; the others' potential is free (a bare wall).
+        degree: of the polynomial across the film. An electrode's edge on a bare wall is a
+            singularity: it wants 12 or more.
+
+    Returns:
+        Charge divided by eps0 eps_r, dimensionless; zero on a bare wall.
+    """
+    driven = jnp.reshape(jnp.asarray(driven), (film.angle.shape[0], -1))
+    # The last node across the film is the membrane's, at zero.
+    blocks = _stiffness(film, degree)
+    free = blocks[:, :, :-1, :-1]
+    diagonal = _sum(free[0, 0], free[1, 1])
+    upper = free[0, 1]
+    wall = np.zeros((degree, 1, 1))
+    wall[0] = 1.0
+    shape = (degree, film.angle.shape[0], max(driven.shape[-1], film.gap.shape[-1]))
+    held = jnp.broadcast_to(jnp.asarray(wall) * driven, shape)
+    loose = 1 - held
+    whole = BlockTridiagonal(diagonal, upper)
+    inner = diagonal * loose[:, None] * loose[None] + np.eye(degree)[:, :, None, None] * held
+    between = upper * loose[:, None, :-1] * loose[None, :, 1:]
+    right = held - loose * whole.mv(held)
+    potential = BlockTridiagonal(inner, between).solve(right[:, None]).solution[:, 0]
+    return (whole.mv(potential) * held)[0]
+
+
+def field_capacitance(
+    electrodes: Electrodes,
+    mechanics: AbstractMechanics,
+    q: StationVector,
+    elements: int = _ELEMENTS,
+) -> Float[Array, "taxel lane"]:
+    """Capacitance of every taxel, guarded, from the field instead of a formula [F].
+
+    Takes some milliseconds where the formulas take microseconds; stray capacitance is
+    added as there. NaN for all taxels where the membrane touches the wall or folds.
+
+    Args:
+        electrodes: taxels, geometry and permittivity.
+        mechanics: the membrane on the whole arc.
+        q: its unknowns.
+        elements: of the film along the arc.
+    """
+    face = polar_face(mechanics, q, electrodes.geometry.inner_radius)
+    return field_capacitance_under(electrodes, face, elements)
+
+
+def field_capacitance_under(
+    electrodes: Electrodes, face: PolarFace, elements: int = _ELEMENTS
+) -> Float[Array, "taxel lane"]:
+    """Capacitance of every taxel under a deformed inner face; see `field_capacitance`."""
+    geometry, taxels = electrodes.geometry, electrodes.taxels
+    wall = geometry.wall_radius
+    angle = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
+    gap = gap_at(face, angle, wall)
+    clear = jnp.all(gap > 0, 0)
+    film = Film(angle, jnp.where(clear, gap, 1.0), wall)
+    charge = wall_charge(film, np.ones(elements + 1, bool))
+    if electrodes.layers.ndim > 1:
+        raise ValueError("the field model takes the same layers for all taxels")
+    # Thin layers in series: they divide each station's voltage with the film.
+    width = wall * jnp.diff(angle, axis=0)
+    width = (jnp.pad(width, [(0, 1), (0, 0)]) + jnp.pad(width, [(1, 0), (0, 0)])) / 2
+    charge = charge / (1 + electrodes.layers * electrodes.permittivity * charge / width)
+    weights = chords(angle[:, 0], taxels.angle[:, 0], taxels.diameter[:, 0] / wall[0])
+    sum_ = jnp.einsum("ts,sl->tl", weights, charge) * taxels.diameter
+    permittivity = VACUUM_PERMITTIVITY * electrodes.permittivity
+    return jnp.where(clear, electrodes.stray + permittivity * sum_, jnp.nan)
+
+
+def chords(
+    angle: Float[Array, " station"],
+    centre: Float[Array, " taxel"],
+    diameter: Float[Array, " taxel"],
+) -> Float[Array, "taxel station"]:
+    """Chords of discs at the stations over their diameters, projected on linear elements.
+
+    A chord has a vertical tangent at the disc's edge: plain values at the stations would
+    miss some of its area. Each is the mean over the station's two elements, weighed by its
+    shape function, in closed form.
+
+    Args:
+        angle: of the stations, evenly spaced [rad].
+        centre: of the discs [rad].
+        diameter: of the discs, as an angle [rad].
+    """
+    step = angle[1] - angle[0]
+
+    def twice(x: Array) -> Array:
+        """Second antiderivative of sqrt(1 - x^2) on [-1, 1], continued beyond."""
+        inside = jnp.clip(x, -1.0, 1.0)
+        root = jnp.sqrt(jnp.maximum(1 - inside**2, 0.0))
+        value = (inside * jnp.arcsin(inside) + root - root**3 / 3) / 2
+        slope = (inside * root + jnp.arcsin(inside)) / 2
+        return value + slope * (x - inside)
+
+    half = diameter[:, None] / 2
+    x, h = (angle - centre[:, None]) / half, step / half
+    return (twice(x + h) - 2 * twice(x) + twice(x - h)) / h**2
+
+
+def _stiffness(film: Film, degree: int) -> Float[Array, "2 2 node node element lane"]:
+    """Element matrices of the energy integral of |grad u|^2 over the film."""
+    eta, eta_weights = gauss_legendre(degree + 2)
+    shape, slope = _radial(eta, degree)  # [node, point]
+    span = film.angle[1:] - film.angle[:-1]
+    rise = (film.gap[1:] - film.gap[:-1]) / span
+    total = jnp.zeros(())
+    for xi, weight in zip(*gauss_legendre(2), strict=True):
+        gap = (1 - xi) * film.gap[:-1] + xi * film.gap[1:]
+        side = np.array([1 - xi, xi])
+        for k, eta_weight in enumerate(eta_weights):
+            radius = film.wall_radius + eta[k] * gap
+            # u = sum over sides and nodes; derivatives by r, and by phi at constant r.
+            across = side[:, None] * slope[:, k]
+            along = np.array([-1.0, 1.0])[:, None] * shape[:, k]
+            by_r = across[..., None, None] / gap
+            by_phi = along[..., None, None] / span - across[..., None, None] * (
+                eta[k] * rise / gap
+            )
+            area = weight * eta_weight * span * gap
+            total = total + area * (
+                radius * _outer(by_r, by_r) + _outer(by_phi, by_phi) / radius
+            )
+    return total
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return a[:, None, :, None] * b[None, :, None, :]
+
+
+def _radial(eta: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lagrange polynomials across the film and their derivatives [node, point]."""
+    nodes = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
+    coefficients = np.linalg.inv(np.vander(nodes, increasing=True))
+    powers = np.vander(eta, degree + 1, increasing=True)
+    slopes = np.zeros_like(powers)
+    slopes[:, 1:] = powers[:, :-1] * np.arange(1, degree + 1)
+    return (powers @ coefficients).T, (slopes @ coefficients).T
+
+
+def _sum(left: Array, right: Array) -> Array:
+    rest = [(0, 0)] * (left.ndim - 2)
+    return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])

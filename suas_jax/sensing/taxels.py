@@ -1,0 +1,157 @@
+"""Where the taxels are: round electrodes on the wall, one by one or in triangles.
+
+Positions are polar angle and axial coordinate; on the unrolled wall an angle phi is the
+length r_w phi. A triangular module carries ten taxels in rows of 1, 2, 3 and 4, a pitch
+apart; its single taxel points along +axial and a row runs towards +angle until the module
+is turned (positive from +angle towards +axial).
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.config import ElectrodesSpec
+from suas_jax.config.schema_skin import MODULE_TAXELS
+from suas_jax.numerics.array_types import Lanes
+
+PAPER_NUMBERING = (1, 2, 3, 4, 10, 5, 6, 7, 8, 9)
+"""Numbers of a module's places along its rows; the centroid's is 10, as in the paper."""
+
+PLACE_CHANNELS = (9, 8, 11, 7, 3, 0, 5, 4, 2, 1)
+"""Converter channel of each place on an iCub's triangle; of its twelve channels 6 and 10 are
+thermal pads, which lie under no taxel and are no counts of a log."""
+
+# Measured on the paper's cases against 41 rays: 3e-5 of the capacitance for 4 mm electrodes,
+# 1e-4 for 16 mm.
+_FOOTPRINT_RAYS = 5
+
+
+def module_places() -> Float[np.ndarray, "place 2"]:
+    """Places of a module's ten taxels about their centroid, in pitches.
+
+    Row by row from the single taxel, each row towards +angle: components along +angle and
+    +axial of a module that is not turned. Times 6.533 mm they are the positions measured
+    on an iCub's triangle (`tests/data/roboskin_triangle_10taxel_layout.csv`) to 3 um.
+    """
+    height = np.sqrt(3) / 2
+    return np.array(
+        [(place - row / 2, (2 - row) * height) for row in range(4) for place in range(row + 1)]
+    )
+
+
+class Taxels(eqx.Module):
+    """Round electrodes on the wall.
+
+    Attributes:
+        angle: of the centres, from the symmetry axis [rad].
+        axial: of the centres, from mid-width [m].
+        diameter: [m].
+        module: which module a taxel belongs to, from 0.
+        number: of the taxel in its module, from 1.
+    """
+
+    angle: Float[Array, "taxel #lane"]
+    axial: Float[Array, "taxel #lane"]
+    diameter: Float[Array, "taxel #lane"]
+    module: tuple[int, ...] = eqx.field(static=True)
+    number: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def area(self) -> Float[Array, "taxel #lane"]:
+        """Of the electrodes [m^2]."""
+        return jnp.pi / 4 * self.diameter**2
+
+    def rays(self, wall_radius: Lanes) -> Float[Array, "ray taxel #lane"]:
+        """Polar angles at which the gap is taken to average over a footprint [rad].
+
+        The disc's chords weigh the points along the arc by sqrt(1 - x^2): Gauss-Chebyshev
+        quadrature of the second kind, exact for polynomials of degree 9 in x.
+        """
+        k = np.arange(1, _FOOTPRINT_RAYS + 1)
+        x = -np.cos(k * np.pi / (_FOOTPRINT_RAYS + 1))
+        half = self.diameter / (2 * wall_radius)
+        return self.angle + x[:, None, None] * half
+
+    def average(self, values: Iterable[Float[Array, "taxel lane"]]) -> Array:
+        """Mean over the footprints [taxel, lane] of values on the rays, ray by ray."""
+        k = np.arange(1, _FOOTPRINT_RAYS + 1)
+        n = _FOOTPRINT_RAYS + 1
+        weights = 2 / n * np.sin(k * np.pi / n) ** 2
+        return sum(w * v for w, v in zip(weights, values, strict=True))
+
+
+def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Module (from 0) and number in it (from 1) of every taxel, in their order."""
+    sizes = [len(electrodes.taxels)]
+    if electrodes.layout == "roboskin":
+        sizes = [MODULE_TAXELS] * len(electrodes.modules)
+    modules = tuple(m for m, size in enumerate(sizes) for _ in range(size))
+    return modules, tuple(k for size in sizes for k in range(1, size + 1))
+
+
+def taxels_of(
+    electrodes: ElectrodesSpec, numbers: Mapping[str, Any], wall_radius: Lanes
+) -> Taxels:
+    """Taxels of [electrodes], ordered by module and number.
+
+    Args:
+        electrodes: says which layout; its numbers are not used.
+        numbers: SI values by TOML path.
+        wall_radius: of the wall [m].
+    """
+
+    def column(table: str, count: int, key: str) -> Array:
+        paths = (f"electrodes.{table}.{i}.{key}" for i in range(count))
+        return jnp.stack([jnp.asarray(numbers[path], float) for path in paths])[..., None]
+
+    names = taxel_names(electrodes)
+    if electrodes.layout == "list":
+        count = len(electrodes.taxels)
+        angle, axial, diameter = (
+            column("taxels", count, key) for key in ("angle", "axial", "diameter")
+        )
+        return Taxels(angle, axial, diameter, *names)
+    modules = electrodes.modules
+    angle, axial, rotation, pitch, diameter = (
+        column("modules", len(modules), key)
+        for key in ("angle", "axial", "rotation", "pitch", "diameter")
+    )
+    order = np.stack([_places_by_number(m.numbering) for m in modules])
+    x, y = np.moveaxis(module_places()[order], -1, 0)[..., None]  # [module, taxel, 1]
+    x, y = x * pitch[:, None], y * pitch[:, None]
+    cos, sin = jnp.cos(rotation)[:, None], jnp.sin(rotation)[:, None]
+    angle = angle[:, None] + (x * cos - y * sin) / wall_radius
+    axial = axial[:, None] + x * sin + y * cos
+    diameter = jnp.broadcast_to(diameter[:, None], axial.shape)
+
+    def flat(x: Array) -> Array:
+        return x.reshape(-1, x.shape[-1])
+
+    return Taxels(flat(angle), flat(axial), flat(diameter), *names)
+
+
+def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
+    """Heights of the electrodes above the wall [taxel, 1] [m]; 0 where all lie on it."""
+    if electrodes.layout == "list":
+        if not any("height" in taxel.model_fields_set for taxel in electrodes.taxels):
+            return 0.0
+        paths = [f"electrodes.taxels.{i}.height" for i in range(len(electrodes.taxels))]
+    else:
+        if not any(module.heights for module in electrodes.modules):
+            return 0.0
+        paths = [
+            f"electrodes.modules.{i}.heights.{k}" if module.heights else ""
+            for i, module in enumerate(electrodes.modules)
+            for k in range(MODULE_TAXELS)
+        ]
+    values = [jnp.asarray(numbers[path] if path else 0.0, float) for path in paths]
+    return jnp.stack(values)[..., None]
+
+
+def _places_by_number(numbering: str | Sequence[int]) -> np.ndarray:
+    """Place of each number, from number 1 on."""
+    return np.argsort(PAPER_NUMBERING if isinstance(numbering, str) else numbering)

@@ -1,0 +1,1 @@
+"""A skin's readings without hardware: load paths and the pattern at rest."""

@@ -1,0 +1,1 @@
+"""The skin itself: dimensions, oil, and the loads that act on it."""
