@@ -28,7 +28,7 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         solution: what to draw.
         file: where to write the figure; its ending chooses the format.
     """
-    if solution.plan.layers:
+    if solution.plan.model == "solid":
         from suas_jax.figures.solid import plot_solid
 
         return written(plot_solid(solution), file)
@@ -75,11 +75,11 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
 def arrows(axes: "Axes", solution: Solution, outer: np.ndarray, angle: np.ndarray) -> None:
     """Draw every line load as an arrow that ends at the outer face."""
     from suas_jax.config import continuous_inputs
-    from suas_jax.scene.build import all_numbers, line_loads_of
+    from suas_jax.scene.parts import scene_parts
 
-    numbers = all_numbers(solution.scene, continuous_inputs(solution.scene))
+    parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
     length = 0.18 * np.ptp(outer[0])
-    for load in line_loads_of(solution.scene, numbers):
+    for load in parts.lines:
         at = outer[:, int(np.argmin(np.abs(angle - float(load.angle[0]))))]
         push = np.asarray(load.direction)[:, 0] * np.sign(float(load.force[0]))
         axes.annotate(
