@@ -1,7 +1,6 @@
 """`suas fit material`. JAX is imported inside the command."""
 
 import contextlib
-import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,7 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from fitting.cli.solve import NO_SOLUTION, bad_input, finite
+from fitting.cli.solve import NO_SOLUTION, bad_input
+from fitting.json_text import json_text
 
 
 def register(app: typer.Typer) -> None:
@@ -104,8 +104,8 @@ def material(
         sizes = _sizes(specimen)
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
-        from fitting.material.data.datasets import load_dataset
-        from fitting.material.data.measurements import mode_named
+        from fitting.material.experiments.datasets import load_dataset
+        from fitting.material.experiments.measurements import mode_named
 
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
@@ -161,7 +161,7 @@ def material(
 
                 plot_material(fit, plot)
     if as_json:
-        typer.echo(json.dumps(finite(report), allow_nan=False))
+        typer.echo(json_text(report))
     elif fit is not None:
         from fitting.material.report.text import print_report
 

@@ -31,7 +31,7 @@ def materials(
     2 bad input.
     """
     with bad_input():
-        from fitting.material.fit.many import calibrate_all, connect, load_jobs
+        from fitting.material.many import calibrate_all, connect, load_jobs
 
         wanted = load_jobs(jobs)
         client = connect(scheduler, workers)

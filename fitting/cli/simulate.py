@@ -133,8 +133,8 @@ def simulate(
         from suas_jax.runtime.settings import configure
 
         configure()
-        from suas_jax import simulate as play
         from suas_jax.sensing.taxels import taxel_names
+        from suas_jax.simulation import load_path as play
 
         path = None if scene.suffix.lower() == ".toml" else play.load_path(scene)
         spec = load_scene(scene) if path is None else path.scene

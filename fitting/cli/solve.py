@@ -5,13 +5,14 @@ start at once.
 """
 
 import contextlib
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from fitting.json_text import json_text
 
 if TYPE_CHECKING:
     from suas_jax.config import SceneSpec
@@ -73,7 +74,7 @@ def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
 
 def _check_figure(file: Path | None) -> None:
     if file is not None:
-        from suas_jax.figures.section import check_figure_file
+        from suas_jax.figures.style import check_figure_file
 
         check_figure_file(file)
 
@@ -144,7 +145,7 @@ def solve(
 
                 write_vtu(solution, vtu)
     if as_json:
-        typer.echo(json.dumps(finite(report), allow_nan=False))
+        typer.echo(json_text(report))
     else:
         _print_report(report)
     if not solution.converged:
@@ -194,12 +195,12 @@ def sweep(
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
-                from suas_jax.figures.section import plot_sweep
+                from suas_jax.figures.curve import plot_sweep
 
                 plot_sweep(curve, plot)
     if as_json:
         result = {"points": curve.points, "first_contact": curve.first_contact}
-        typer.echo(json.dumps(finite(result), allow_nan=False))
+        typer.echo(json_text(result))
     else:
         _print_curve(curve)
     if any(point["status"] != "converged" for point in curve.points):
@@ -220,17 +221,6 @@ def _range(option: str, text: str | None) -> list[float]:
     if n == 1:
         return [start]
     return [start + (stop - start) * i / (n - 1) for i in range(n)]
-
-
-def finite(tree: Any) -> Any:
-    """JSON has no NaN or infinity: they become null."""
-    if isinstance(tree, dict):
-        return {key: finite(value) for key, value in tree.items()}
-    if isinstance(tree, list):
-        return [finite(value) for value in tree]
-    if isinstance(tree, float) and (tree != tree or tree in (float("inf"), -float("inf"))):
-        return None
-    return tree
 
 
 def _print_report(report: dict[str, Any]) -> None:

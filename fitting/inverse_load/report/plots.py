@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fitting.inverse_load.report.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 
 _BAND = 1.96  # standard deviations of the 95 % interval
 

@@ -20,7 +20,7 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.model import at_rest, read_program
+from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED

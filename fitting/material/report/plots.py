@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.result import MaterialFit
 
 if TYPE_CHECKING:

@@ -14,16 +14,16 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from fitting.material.data.measurements import PATHS, Dataset
-from fitting.material.fit.experiments import (
+from fitting.material.experiments.homogeneous import (
     AbstractExperiment,
     Homogeneous,
     mode_factors,
     padded,
 )
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.posterior import MaterialPosterior
+from fitting.material.fit.residuals import Residuals
 from fitting.statistics.parameters import AbstractFamily
-from fitting.statistics.residuals import Residuals
 from suas_jax.runtime.compiled import COMPILED
 
 if TYPE_CHECKING:

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor.fit.constants import (
+from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
+from fitting.sensor.logs.data import SensorData
+from fitting.sensor.model.constants import (
     GAP,
     LAYERS,
     PERMITTIVITY,
@@ -19,8 +21,6 @@ from fitting.sensor.fit.constants import (
     is_gap,
     is_material,
 )
-from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
-from fitting.sensor.logs.data import SensorData
 
 OPEN = 0.05
 """Share of its size up to which a standard error leaves a constant known."""

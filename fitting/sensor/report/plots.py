@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from fitting.sensor.fit.model import parts_of
 from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.counts import parts_of
 from fitting.statistics.chain import Posterior
 from suas_jax.sensing.taxels import taxel_names
 
@@ -39,7 +39,7 @@ def plot_sensor(
     _draw_corner(fit, right, posterior)
     figure.suptitle(f"Sensor calibration: {fit.status}")
     if file is not None:
-        from suas_jax.figures.section import check_figure_file
+        from suas_jax.figures.style import check_figure_file
 
         check_figure_file(file)
         figure.savefig(file, dpi=150)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.experiments.measurements import PATHS, Dataset
 
 _SHORTEST_BRANCH = 3
 _LEAST_SPAN = 0.05
