@@ -19,7 +19,7 @@ LAYERS = {
         ["simulation", "figures"],
     ],
     "fitting": [
-        ["json_text"],
+        ["json_text", "column_units"],
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],

@@ -1,13 +1,12 @@
 """`suas fit material`. JAX is imported inside the command."""
 
-import contextlib
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from fitting.cli.progress import fitting_spinner
 from fitting.cli.solve import NO_SOLUTION, bad_input
 from fitting.json_text import json_text
 
@@ -112,7 +111,7 @@ def material(
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
         ]
-        with _progress() as show:
+        with fitting_spinner() as show:
             report, fit = _fit(
                 sets,
                 law,
@@ -205,21 +204,6 @@ def _fit(
 
 def _on_skin(sets: list[Any]) -> bool:
     return any(data.mode == "skin" for data in sets)
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """Show what is being done on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("reading", total=None)
-        yield lambda text: progress.update(task, description=f"fitting {text}")
 
 
 def _pair(

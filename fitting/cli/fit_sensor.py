@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from fitting.cli.fit_material import _progress
+from fitting.cli.progress import fitting_spinner
 from fitting.cli.solve import bad_input
 from fitting.json_text import json_text
 
@@ -122,7 +122,7 @@ def sensor(
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
 
-        with _progress() as show:
+        with fitting_spinner() as show:
             spec = load_skin(skin)
             names = [name.strip() for name in fit.split(",") if name.strip()]
             if joint:

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.progress import bar
 from fitting.cli.solve import BAD_INPUT, bad_input
 from fitting.json_text import json_text
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
+    from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.posterior import Mode
     from fitting.inverse_load.readings import LogReadings
 
@@ -160,7 +161,8 @@ def _offline(
     for note in readings.notes:
         _say(f"{log}: {note}")
     modes = None if posterior is None else _modes(estimator, readings, posterior)
-    estimates = _with_bar(estimator, readings.so, readings.stuck)
+    with bar("estimating loads", len(readings.so)) as advance:
+        estimates = estimator.estimate(readings.so, readings.stuck, advance)
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter
@@ -206,15 +208,3 @@ def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "li
         return frame_posterior(estimator, readings.so[i], readings.stuck[i], progress=_say)
     except ValueError as error:
         raise ValueError(f"--posterior {seq}: {error}") from None
-
-
-def _with_bar(estimator: "LoadEstimator", so: Any, stuck: Any) -> "list[LoadEstimate]":
-    """Estimate, with a progress bar on a terminal."""
-    if not sys.stderr.isatty():
-        return estimator.estimate(so, stuck)
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("estimating loads", total=len(so))
-        return estimator.estimate(so, stuck, lambda done: progress.update(task, completed=done))

@@ -5,13 +5,13 @@ start at once.
 """
 
 import contextlib
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 
 if TYPE_CHECKING:
@@ -44,21 +44,6 @@ def bad_input() -> Iterator[None]:
     except (ValueError, OSError) as error:
         typer.echo(f"suas: {error}", err=True)
         raise typer.Exit(BAD_INPUT) from None
-
-
-@contextlib.contextmanager
-def _working(what: str) -> Iterator[None]:
-    """Show a spinner with the elapsed time on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        progress.add_task(what, total=None)
-        yield
 
 
 def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
@@ -119,7 +104,7 @@ def solve(
         _check_figure(pad)
         if pad is not None and spec.electrodes is None:
             _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
-        with _working("solving"):
+        with spinner("solving"):
             from suas_jax.runtime.settings import configure
 
             configure()
@@ -185,7 +170,7 @@ def sweep(
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
         values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
-        with _working("sweeping"):
+        with spinner("sweeping"):
             from suas_jax.runtime.settings import configure
 
             configure()

@@ -91,10 +91,6 @@ class LoadTable:
         terms = np.stack([self.so, by_a, by_f, aa, af, ff], 2)
         return np.nan_to_num(terms.reshape(-1, 6, self.so.shape[-1]))
 
-    def largest_force(self, angle: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Force at which the membrane almost touches the wall [N]."""
-        return np.interp(angle, self.angles, self.forces[:, -1])
-
     def start(self, node: NDArray[np.intp]) -> State:
         """States of some nodes, a lane each."""
         q = self.q.reshape(-1, *self.q.shape[2:])[node]

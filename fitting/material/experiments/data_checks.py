@@ -19,7 +19,6 @@ _STIFF_AND_LONG = 60e6
 _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
 _JUMP = 6.0
-_KGF_PER_CM2 = 98066.5
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,7 +17,7 @@ from fitting.sensor.model.constants import (
     PERMITTIVITY,
     SCALE,
     STRAY,
-    Constant,
+    SensorConstant,
     is_gap,
     is_material,
 )
@@ -41,7 +41,7 @@ def is_static(problem: SensorProblem) -> bool:
     return len(np.unique(here.state[here.used.any(0)])) == 1
 
 
-def prior_of(part: Constant, stated: float | None, reason: str) -> Prior:
+def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
     """The prior of a constant that the data leave open.
 
     Args:
