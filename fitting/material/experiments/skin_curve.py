@@ -24,6 +24,7 @@ from suas_jax.config import (
 )
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, State, equilibrium
+from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import plan_for, problem_of
@@ -72,7 +73,7 @@ class SkinCurve(AbstractExperiment):
 
     def read(self, problem: Problem, found: Equilibrium) -> Float[Array, " n"]:
         """Readings of solved states; NaN where there is no equilibrium."""
-        shape = problem.mechanics.at_angle(found.state.q, self.angle)
+        shape = section_of(problem.mechanics).at_angle(found.state.q, self.angle)
         moved = jnp.sum(shape.mid_displacement[:, 0, 0] * self.direction, 0)
         both = jnp.stack([moved, found.state.pressure])
         both = jnp.where(found.result == 0, both, jnp.nan)
