@@ -21,7 +21,8 @@ from suas_jax.config.fields import (
 from suas_jax.config.quantities import to_si
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_material import MaterialSpec
-from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
+from suas_jax.config.schema_oil import AnyOilSpec
+from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
 
 DIRECTIONS = ("radial", "vertical")
 
@@ -168,7 +169,7 @@ class SkinSpec(Spec):
 
     geometry: GeometrySpec
     material: MaterialSpec
-    oil: OilSpec
+    oil: AnyOilSpec
     electrodes: ElectrodesSpec | None = None
     calibration: CalibrationSpec | None = None
 

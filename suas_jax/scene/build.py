@@ -21,16 +21,7 @@ from suas_jax.config import (
     continuous_inputs,
     structure,
 )
-from suas_jax.constitutive import (
-    AbstractLaw,
-    ArrudaBoyce,
-    Gent,
-    MooneyRivlin,
-    NeoHookean,
-    Ogden,
-    Polynomial,
-    Yeoh,
-)
+from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.shell.shell import Shell
@@ -38,16 +29,9 @@ from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.mesh.plan import MeshPlan, load_points, plan_mesh
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
-from suas_jax.skin.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
+from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.registry import build_oil
 
-_LAWS: dict[str, type[AbstractLaw]] = {
-    "neo-hookean": NeoHookean,
-    "mooney-rivlin": MooneyRivlin,
-    "yeoh": Yeoh,
-    "gent": Gent,
-    "arruda-boyce": ArrudaBoyce,
-    "polynomial": Polynomial,
-}
 # Decay length of what a load or clamp does to the section around it, in thicknesses.
 _LOCAL_FIELD = 0.25
 # Length of the shortest elements relative to their height.
@@ -71,22 +55,12 @@ def geometry_of(numbers: Mapping[str, Any]) -> SkinGeometry:
 
 def law_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
     """Material law from [material], its constants with a lane axis."""
-    material = scene.material
-    if material.law == "ogden":
-        count = range(len(material.mu))
-        mu = jnp.stack([_lane(numbers[f"material.mu.{i}"]) for i in count])
-        alpha = jnp.stack([_lane(numbers[f"material.alpha.{i}"]) for i in count])
-        return Ogden.from_convention(mu, alpha, material.convention)
-    # The other laws' arguments are the keys of their tables.
-    keys = [key for key in type(material).model_fields if key != "law"]
-    return _LAWS[material.law](**{key: _lane(numbers[f"material.{key}"]) for key in keys})
+    return build_law(scene.material, lambda path: _lane(numbers[f"material.{path}"]))
 
 
 def oil_of(scene: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
     """Oil model from [oil]."""
-    if scene.oil.model == "compressible":
-        return CompressibleOil(_lane(numbers["oil.bulk_modulus"]))
-    return {"incompressible": IncompressibleOil, "vented": VentedOil}[scene.oil.model]()
+    return build_oil(scene.oil, lambda key: _lane(numbers[f"oil.{key}"]))
 
 
 def line_loads_of(scene: SceneSpec, numbers: Mapping[str, Any]) -> list[LineLoad]:
@@ -215,7 +189,7 @@ def layer_angle(scene: SceneSpec) -> float:
     else:
         forces = [abs(s.force) for s in scene.loads if isinstance(s, LineLoadSpec)]
         pressures = [abs(s.pressure) for s in scene.loads if not isinstance(s, LineLoadSpec)]
-        trapped = scene.oil.model != "vented"
+        trapped = scene.oil.trapped
         tension = (3 * sum(forces) / g.width if trapped else 0.0) + sum(pressures) * radius
     if tension <= 0:
         return 1.0
