@@ -14,6 +14,7 @@ import pytest
 
 from suas_jax.config import (
     ArrudaBoyceSpec,
+    CarrollSpec,
     GentSpec,
     LawSpec,
     MooneyRivlinSpec,
@@ -63,6 +64,11 @@ class Case(NamedTuple):
 
 
 CASES = {
+    "carroll": Case(
+        CarrollSpec(A=0.15e6, B=40.0, C=95e3),
+        2 * 0.15e6 + 216 * 40.0 + 95e3 / 3**0.5,
+        lambda x, i1, i2: 2 * (0.15e6 + 4 * 40.0 * i1**3) * x**2 - 95e3 / i2**0.5 * x**-2,
+    ),
     "neo-hookean": Case(NeoHookeanSpec(mu=4.2e5), 4.2e5, lambda x, i1, i2: 4.2e5 * x**2),
     "mooney-rivlin": Case(
         MooneyRivlinSpec(C1=20.7e6, C2=-4.4e6, C3=77e3),
