@@ -10,6 +10,7 @@ import pytest
 
 from suas_jax.config import (
     OILS,
+    AeratedOilSpec,
     CompressibleOilSpec,
     IncompressibleOilSpec,
     OilSpec,
@@ -33,6 +34,10 @@ class Case(NamedTuple):
 
 
 CASES = {
+    "aerated": Case(
+        AeratedOilSpec(air_fraction=0.02, ambient_pressure=1.3e5, bulk_modulus=1.5e9),
+        lambda p: 0.98 * np.exp(-p / 1.5e9) + 0.02 * 1.3e5 / (1.3e5 + p),
+    ),
     "incompressible": Case(IncompressibleOilSpec(), lambda p: np.ones_like(p)),
     "compressible": Case(
         CompressibleOilSpec(bulk_modulus=1.5e9), lambda p: 1 + np.expm1(-p / 1.5e9)
