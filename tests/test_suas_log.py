@@ -20,8 +20,8 @@ import pytest
 
 from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.device.faults import Faults, parse_faults
-from suas_jax.acquisition.frames.encode import ENCODERS
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 
 ROOT = Path(__file__).parent.parent
@@ -266,9 +266,8 @@ def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
 def test_the_logger_imports_no_jax():
     program = (
         "import sys, fitting.cli.app\n"
-        "import suas_jax.acquisition.view, suas_jax.acquisition.frames.text\n"
-        "import suas_jax.acquisition.frames.cobs, suas_jax.acquisition.frames.roboskin\n"
-        "import suas_jax.acquisition.frames.formats, suas_jax.acquisition.log.record\n"
+        "import suas_jax.acquisition.view, suas_jax.acquisition.frames.registry\n"
+        "import suas_jax.acquisition.log.record\n"
         "import suas_jax.config\n"
         "print([m for m in sys.modules if m.split('.')[0] in ('jax', 'equinox', 'scipy')])"
     )

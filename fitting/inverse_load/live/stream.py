@@ -200,7 +200,7 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     from datetime import UTC, datetime
 
     from fitting.inverse_load.live.view import LoadView
-    from suas_jax.acquisition.frames.formats import decoder, open_source
+    from suas_jax.acquisition.frames.registry import decoder, open_source
     from suas_jax.acquisition.log.log_file import LogWriter, log_header
     from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
     from suas_jax.acquisition.signals import ended_by_signal
