@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.material.export import CardError, card
+from fitting.material.report.cards import CardError, card
 from suas_jax.config import (
     ArrudaBoyceSpec,
     GentSpec,

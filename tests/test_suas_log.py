@@ -246,7 +246,7 @@ def test_a_busy_port_is_named(tmp_path):
     [
         (["/dev/ttyNOPE", "--format", "text"], ["/dev/ttyNOPE", "no such port"]),
         (["/etc/hosts", "--format", "text"], ["not a serial port"]),
-        (["/dev/null", "--format", "morse"], ["morse", "text, cobs, roboskin"]),
+        (["/dev/null", "--format", "morse"], ["morse", "cobs, roboskin, text"]),
         (["socket://127.0.0.1:9", "--format", "text"], ["can't connect"]),
         (["0000:0000:X", "--format", "text"], ["no such USB device"]),
     ],

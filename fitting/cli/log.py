@@ -14,6 +14,8 @@ from suas_jax.runtime.registry import model_names
 if TYPE_CHECKING:
     from suas_jax.acquisition.log.log_file import SoLog
 
+FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
+
 
 def register(app: typer.Typer) -> None:
     """Add this module's commands to the program."""
@@ -35,7 +37,7 @@ def log(
         typer.Option(
             "--format",
             metavar="NAME",
-            help=f"Frame format: {', '.join(model_names('suas_jax.acquisition.frames.formats'))}.",
+            help=f"Frame format: {', '.join(FORMAT_NAMES)}.",
         ),
     ],
     baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,

@@ -13,17 +13,15 @@ from suas_jax.config.load import load_scene, load_skin, scene_from_dict
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
-from suas_jax.config.schema_material import LAWS, MaterialSpec
-from suas_jax.config.schema_oil import OILS
-from suas_jax.config.schema_scene import (
+from suas_jax.config.schema_load import (
     EnvironmentSpec,
     LineLoadSpec,
     LoadSpec,
     PressureLoadSpec,
-    SceneSpec,
-    SkinSpec,
-    SolveSpec,
 )
+from suas_jax.config.schema_material import LAWS, MaterialSpec
+from suas_jax.config.schema_oil import OILS
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     GeometrySpec,
@@ -31,6 +29,7 @@ from suas_jax.config.schema_skin import (
     ModuleSpec,
     TaxelSpec,
 )
+from suas_jax.config.schema_solve import SolveSpec
 
 __all__ = [
     "LAWS",
