@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import bar
 from fitting.cli.solve import NO_SOLUTION, bad_input
 
@@ -73,7 +74,7 @@ def simulate(
         typer.Option(
             "--format",
             metavar="NAME",
-            help="Live: text, text-checked, cobs, roboskin.",
+            help=f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.",
         ),
     ] = "text",
     port: Annotated[

@@ -63,7 +63,7 @@ def decay_angle(scene: SceneSpec) -> float:
     else:
         forces = [abs(s.force) for s in scene.loads if isinstance(s, LineLoadSpec)]
         pressures = [abs(s.pressure) for s in scene.loads if not isinstance(s, LineLoadSpec)]
-        trapped = scene.oil.model != "vented"
+        trapped = scene.oil.trapped
         tension = (3 * sum(forces) / g.width if trapped else 0.0) + sum(pressures) * radius
     if tension <= 0:
         return 1.0
