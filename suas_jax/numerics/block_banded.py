@@ -60,7 +60,7 @@ class BlockBanded(AbstractTangent):
     Attributes:
         bands: block o of station i couples the equations of station i + o to the unknowns
             of station i, so that the four blocks of a station are one column of the lower
-            triangle; blocks beyond the last station are ignored.
+            triangle; blocks beyond the last station are ignored (but must be finite).
         free: which unknowns are free, station by station; the equations of the others are
             replaced by those of the identity. All are free if None.
     """
