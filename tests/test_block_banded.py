@@ -241,3 +241,10 @@ def test_a_singular_system_gives_no_finite_solution() -> None:
     sweep, _ = solved(BlockBanded(bands), jnp.ones((1, 1, 5, 1)))
     assert not np.any(np.isfinite(sweep.solution))
     assert float(sweep.smallest_pivot[0]) == 0
+
+
+def test_the_program_calls_no_library() -> None:
+    # Compiled programs that call LAPACK can't be kept between runs.
+    bands = jax.ShapeDtypeStruct((1, 6, REACH + 1, 50, 50), float)
+    right = jax.ShapeDtypeStruct((50, 2, 6, 1), float)
+    assert "custom_call" not in solved.lower(BlockBanded(bands), right).as_text()
