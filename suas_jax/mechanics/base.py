@@ -6,7 +6,8 @@ Everything is per unit width along the axis until results are reported.
 """
 
 import abc
-from typing import NamedTuple
+import dataclasses
+from typing import NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
+from suas_jax.skin.wall import Wall
 
 
 class Assembly(NamedTuple):
@@ -70,16 +72,36 @@ class Displacements(NamedTuple):
     inner_displacement: Array
 
 
+class ContactState(NamedTuple):
+    """The inner face at the points where it may touch the wall [point, element, lane].
+
+    Attributes:
+        angle: reference angle [rad].
+        polar_angle: current polar angle [rad].
+        gap: to the rigid wall [m].
+        pressure: of the wall on the face, per area of the undeformed face [Pa].
+        area: of the undeformed face that a point stands for, per width [m].
+    """
+
+    angle: Array
+    polar_angle: Array
+    gap: Array
+    pressure: Array
+    area: Array
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
     Attributes:
         law: the membrane's material.
         film_volume: volume of the undeformed oil film per width [m^2].
+        wall: what holds the inner face; None where the membrane passes through it.
     """
 
     law: eqx.AbstractVar[AbstractLaw]
     film_volume: eqx.AbstractVar[Lanes]
+    wall: eqx.AbstractVar[Wall | None]
 
     @property
     @abc.abstractmethod
@@ -122,6 +144,19 @@ class AbstractMechanics(eqx.Module):
         """Work of the line loads at unit factor, per width [J/m]."""
 
     @abc.abstractmethod
+    def contact_energy(self, q: StationVector) -> Lanes:
+        """Energy of contact with the wall per width [J/m]; zero without a wall."""
+
+    @abc.abstractmethod
+    def contact(self, q: StationVector, wall: Wall) -> ContactState:
+        """The inner face against a wall, which needn't be the mechanics' own.
+
+        Args:
+            q: unknowns.
+            wall: where it is, and how it answers.
+        """
+
+    @abc.abstractmethod
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of displacement, the measure of convergence [m]."""
 
@@ -159,6 +194,10 @@ class AbstractMechanics(eqx.Module):
     def error_share(self) -> float:
         """Error of a solution relative to its difference to that on the comparison mesh."""
 
+    def with_wall(self, wall: Wall | None) -> Self:
+        """The same membrane held by another wall, or by none."""
+        return dataclasses.replace(self, wall=wall)
+
     def omitted_gradient(self, q: StationVector) -> StationVector | None:
         """Derivative, by the free unknowns, of the energy that the model leaves out [N/m].
 
@@ -183,7 +222,8 @@ class AbstractMechanics(eqx.Module):
 
         Its gradient by q is the residual of `assemble`, its Hessian the tangent.
         """
-        return self.strain_energy(q) - pressure * self.volume_change(q) - factor * self.work(q)
+        stored = self.strain_energy(q) + self.contact_energy(q)
+        return stored - pressure * self.volume_change(q) - factor * self.work(q)
 
 
 def largest(values: Float[Array, "*axes lane"]) -> Lanes:
