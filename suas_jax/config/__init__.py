@@ -34,6 +34,7 @@ from suas_jax.config.schema_skin import (
     TaxelSpec,
 )
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import SoftLayerSpec, WallSpec
 
 __all__ = [
     "ArrudaBoyceSpec",
@@ -56,8 +57,10 @@ __all__ = [
     "Problem",
     "SceneSpec",
     "SkinSpec",
+    "SoftLayerSpec",
     "SolveSpec",
     "TaxelSpec",
+    "WallSpec",
     "YeohSpec",
     "continuous_inputs",
     "format_quantity",

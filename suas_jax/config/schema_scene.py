@@ -13,6 +13,7 @@ from suas_jax.config.schema_load import EnvironmentSpec, LoadSpec
 from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import WallSpec
 
 
 class SkinSpec(Spec):
@@ -23,6 +24,7 @@ class SkinSpec(Spec):
         material: the membrane's law and constants.
         oil: how the oil answers.
         electrodes: what is sensed; None for nothing.
+        wall: what holds the membrane.
         calibration: where fitted numbers come from; None in a file written by hand.
     """
 
@@ -30,6 +32,7 @@ class SkinSpec(Spec):
     material: MaterialSpec
     oil: OilSpec
     electrodes: ElectrodesSpec | None = None
+    wall: WallSpec = WallSpec()
     calibration: CalibrationSpec | None = None
 
     @model_validator(mode="after")

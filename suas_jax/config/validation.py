@@ -15,12 +15,14 @@ from suas_jax.config.schema_load import LOADS, EnvironmentSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import WallSpec
 
 TABLES: dict[str, tuple[type[Spec], ...]] = {
     "geometry": (GeometrySpec,),
     "material": tuple(LAWS.values()),
     "oil": (OilSpec,),
     "electrodes": (ElectrodesSpec,),
+    "wall": (WallSpec,),
     "calibration": (CalibrationSpec,),
     "load": tuple(LOADS.values()),
     "environment": (EnvironmentSpec,),

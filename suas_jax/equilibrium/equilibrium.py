@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from suas_jax.equilibrium.balance import Problem, State, residual
 from suas_jax.equilibrium.continuation import LoadStepping
@@ -30,6 +30,8 @@ from suas_jax.skin.wall import Wall
 # made of them stay in cache. Measured: with 32 elements, chunks of 64 lanes took a third of
 # the time per lane that chunks of 128 took.
 _CHUNK = 8192
+# How far a path without a wall goes beyond it, relative to its radius.
+_BEYOND = 1e-4
 
 
 class Equilibrium(NamedTuple):
@@ -73,10 +75,10 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     return from_rest_to_pressure(problem, rest, wanted, careful)
 
 
-def touches(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> Bool[Array, " lane"]:
-    """Whether a state reaches a wall, which needn't be the mechanics' own."""
+def smallest_gap(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> Lanes:
+    """Smallest gap to a wall, which needn't be the mechanics' own [m]."""
     gap = mechanics.contact(q, wall).gap
-    return jnp.any(gap < wall.law.touch, tuple(range(gap.ndim - 1)))
+    return jnp.min(gap, tuple(range(gap.ndim - 1)))
 
 
 def _solve_on_demand(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
@@ -89,7 +91,7 @@ def _solve_on_demand(problem: Problem, start: State | None, stepping: LoadSteppi
     found = _solve_lanes(free, start, stepping)
     if wall is None:
         return found
-    held = touches(free.mechanics, found.y.stations, wall)
+    held = smallest_gap(free.mechanics, found.y.stations, wall) < 0
 
     def solve(found: Found) -> Found:
         with_wall = _solve_lanes(problem, start, stepping)
@@ -216,7 +218,10 @@ def differentiable(problem: Problem, state: State) -> State:
 
 
 def path(
-    problem: Problem, levels: Float[Array, " point"], start: State | None = None
+    problem: Problem,
+    levels: Float[Array, " point"],
+    start: State | None = None,
+    end: Wall | None = None,
 ) -> Equilibrium:
     """Equilibria along a path of loads, each continued from the one before.
 
@@ -225,6 +230,8 @@ def path(
         levels: factors on the loads or, where the problem has a wanted oil pressure, oil
             pressures [Pa], of one sign, in the order to visit.
         start: equilibrium to start from; at rest where not given.
+        end: a wall at which a membrane that no wall holds has gone too far: the first
+            state beyond it is the last, and is repeated.
 
     Returns:
         Equilibria with a leading axis over the points. After a failure the last state is
@@ -233,24 +240,32 @@ def path(
     stepping = LoadStepping()
     pressures = problem.oil_pressure is not None
 
-    def visit(carry: tuple[State, Array], level: Array) -> tuple[Any, Equilibrium]:
-        state, failed = carry
+    def visit(carry: tuple[State, Array, Array], level: Array) -> tuple[Any, Equilibrium]:
+        state, failed, beyond = carry
+        finished = (failed != 0) | beyond
         level = jnp.broadcast_to(level, state.factor.shape)
         if pressures:
             careful = dataclasses.replace(stepping, largest_step=1.0)
             y = BorderedVector(state.q, state.factor)
             given = jnp.array(True)
-            root = follow(problem, y, state.pressure, level, careful, given, near=True)
+            root = follow(
+                problem, y, state.pressure, level, careful, given, near=True, finished=finished
+            )
             found = _outcome(problem, root)
             found = found._replace(state=found.state._replace(pressure=found.level))
         else:
             border = state.pressure if problem.oil.trapped else None
             y = BorderedVector(state.q, border)
-            root = follow(problem, y, state.factor, level, stepping, near=True)
+            root = follow(
+                problem, y, state.factor, level, stepping, near=True, finished=finished
+            )
             found = _outcome(problem, root)
         result = jnp.where(failed != 0, failed, found.result)
         state = jax.tree.map(lambda a, b: jnp.where(failed != 0, a, b), state, found.state)
-        return (state, result), found._replace(state=state, result=result)
+        if end is not None:
+            gap = smallest_gap(problem.mechanics, state.q, end)
+            beyond = beyond | (gap < -_BEYOND * end.radius)
+        return (state, result, beyond), found._replace(state=state, result=result)
 
     rest = problem.mechanics.rest()
     zero = jnp.zeros(rest.shape[-1:], rest.dtype)
@@ -260,4 +275,4 @@ def path(
         start, result = first.state, first.result
     elif start is None:
         start = State(rest, zero, zero)
-    return jax.lax.scan(visit, (start, result), levels)[1]
+    return jax.lax.scan(visit, (start, result, jnp.zeros_like(result, bool)), levels)[1]

@@ -103,6 +103,7 @@ def follow(
         finished: lanes that stay where they are.
     """
     if problem.mechanics.wall is None:
+        stepping = dataclasses.replace(stepping, finished=finished)
         return step_to(problem, y, start, target, stepping, pressure_given)
     factors = np.array(((1.0,) if near else ()) + _STIFFENING)
     attempt = np.array(((True,) if near else ()) + (False,) * len(_STIFFENING))

@@ -78,7 +78,7 @@ class ContactState(NamedTuple):
     Attributes:
         angle: reference angle [rad].
         polar_angle: current polar angle [rad].
-        gap: to the rigid wall [m].
+        gap: to the wall's surface, negative inside it [m].
         pressure: of the wall on the face, per area of the undeformed face [Pa].
         area: of the undeformed face that a point stands for, per width [m].
     """

@@ -31,17 +31,12 @@ _LAYER_ONSET = 1e-3
 class AbstractPressureGap(eqx.Module):
     """A law between the contact pressure and the gap to the wall."""
 
-    @property
-    @abc.abstractmethod
-    def touch(self) -> Lanes:
-        """Gap below which the wall pushes back [m]."""
-
     @abc.abstractmethod
     def energy(self, gap: Array) -> Array:
-        """Energy per area of the undeformed inner face [J/m^2], zero above `touch`.
+        """Energy per area of the undeformed inner face [J/m^2], zero while the gap is open.
 
         Args:
-            gap: distance from the rigid wall, lanes last [m].
+            gap: distance from the wall's surface, negative inside it, lanes last [m].
         """
 
     @abc.abstractmethod
@@ -83,11 +78,6 @@ class RigidLimit(AbstractPressureGap):
         stiffness = _RIGID * modulus / thickness
         return cls(stiffness, _ONSET * modulus / stiffness)
 
-    @property
-    def touch(self) -> Lanes:
-        """Zero [m]."""
-        return jnp.zeros_like(self.onset)
-
     def energy(self, gap: Array) -> Array:
         """Cubic in the penetration, then quadratic; see the base class."""
         return _spring(-gap, self.stiffness, self.onset)
@@ -98,10 +88,14 @@ class RigidLimit(AbstractPressureGap):
 
 
 class SoftLayer(AbstractPressureGap):
-    """A soft layer on the rigid wall, such as a fabric, whose pores the oil fills.
+    """A soft layer over the rigid wall, such as a fabric, whose pores the oil fills.
 
-    The membrane reaches it where the gap equals its thickness h; from there
-    ``p_c = E (h - gap) / h``, until the rigid wall beneath takes over.
+    The gap is measured from its free surface, so it takes no room from the oil film. With
+    the indentation d = -gap and its thickness h::
+
+        p_c = E d / h
+
+    until the rigid wall beneath takes over at d = h.
 
     Attributes:
         thickness: h [m].
@@ -113,16 +107,11 @@ class SoftLayer(AbstractPressureGap):
     stiffness: Lanes
     beneath: RigidLimit
 
-    @property
-    def touch(self) -> Lanes:
-        """The layer's thickness [m]."""
-        return self.thickness
-
     def energy(self, gap: Array) -> Array:
         """That of the layer and of the wall beneath; see the base class."""
         onset = _LAYER_ONSET * self.thickness
-        layer = _spring(self.thickness - gap, self.stiffness / self.thickness, onset)
-        return layer + self.beneath.energy(gap)
+        layer = _spring(-gap, self.stiffness / self.thickness, onset)
+        return layer + self.beneath.energy(gap + self.thickness)
 
     def softened(self, factor: Array) -> "SoftLayer":
         """Layer and wall less stiff; see the base class."""
@@ -135,7 +124,7 @@ class Wall(eqx.Module):
     """A cylinder around the axis, and its law of contact.
 
     Attributes:
-        radius: of the rigid surface [m].
+        radius: of its surface, a soft layer's where there is one [m].
         law: pressure over gap.
     """
 
@@ -164,7 +153,7 @@ class Wall(eqx.Module):
         return Wall(self.radius, self.law.softened(factor))
 
     def gap(self, position: Float[Array, "component *point"]) -> Float[Array, "*point"]:
-        """Distance of points from the rigid surface, negative inside it [m].
+        """Distance of points from the surface, negative inside it [m].
 
         Args:
             position: x and y first; coordinates along the axis don't matter.
