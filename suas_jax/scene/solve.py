@@ -48,12 +48,14 @@ class Attempt(NamedTuple):
         state: the equilibrium on the whole arc.
         outcome: how it was found.
         plan: its mesh.
+        wall: whether the wall was there.
     """
 
     report: dict[str, Any]
     state: State
     outcome: dict[str, Any]
     plan: AbstractPlan
+    wall: bool = False
 
     @property
     def converged(self) -> bool:
@@ -69,6 +71,11 @@ class Attempt(NamedTuple):
     def model_error(self) -> float:
         """Estimated error by the model."""
         return float(np.ravel(self.report["model_error"])[0])
+
+    @property
+    def at_the_wall(self) -> bool:
+        """Whether the inner face reaches the wall, or has passed it."""
+        return bool(np.ravel(self.report["wall_contact"])[0])
 
     def model_too_coarse(self, rtol: float) -> bool:
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
@@ -89,12 +96,14 @@ class Solution:
         state: the equilibrium on the whole arc.
         plan: its mesh.
         scene: what was solved.
+        wall: whether the wall was there.
     """
 
     report: dict[str, Any]
     state: State
     plan: AbstractPlan
     scene: SceneSpec
+    wall: bool = False
 
     @property
     def converged(self) -> bool:
@@ -103,7 +112,8 @@ class Solution:
 
     def problem(self) -> Problem:
         """The discrete problem on the whole arc."""
-        return build_problem(self.scene, self.plan, continuous_inputs(self.scene))
+        inputs = continuous_inputs(self.scene)
+        return build_problem(self.scene, self.plan, inputs, wall=self.wall)
 
 
 def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
@@ -112,16 +122,21 @@ def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
 
 
 def assess(
-    parts: SceneParts, plan: AbstractPlan, other_plan: AbstractPlan, state: State
+    parts: SceneParts,
+    plan: AbstractPlan,
+    other_plan: AbstractPlan,
+    state: State,
+    *,
+    wall: bool = False,
 ) -> dict[str, Any]:
     """Observe a state on `plan` and check it on the comparison mesh `other_plan`.
 
     One assembly there, on the whole membrane, answers two questions: whether the state is
     stable, sway included, and how far it is from the exact solution.
     """
-    problem = problem_of(parts, plan)
+    problem = problem_of(parts, plan, wall=wall)
     report = observe(parts, problem, state)
-    other = problem_of(parts, other_plan)
+    other = problem_of(parts, other_plan, wall=wall)
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
     report["stable"] = check.stable
@@ -139,13 +154,14 @@ def _program(
     reduced: AbstractPlan,
     other_plan: AbstractPlan,
     inputs: Inputs,
+    wall: bool,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     """Solve on `reduced`, then assess on the whole membrane."""
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced)
+    problem = problem_of(parts, reduced, wall=wall)
     found = equilibrium(problem)
     state = whole(problem, found.state, reduced)
-    report = assess(parts, plan, other_plan, state)
+    report = assess(parts, plan, other_plan, state, wall=wall)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -202,7 +218,7 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
-    return Solution(report, found.state, found.plan, scene)
+    return Solution(report, found.state, found.plan, scene, found.wall)
 
 
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
@@ -220,7 +236,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
         return shell, "Lumped shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol):
         return shell, _shell_chosen(shell, rtol)
-    solid = _attempt(scene, "solid", None, once=once)
+    solid = _attempt(scene, "solid", None, once=once, wall=shell.wall)
     if not solid.converged:
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
     return solid, (
@@ -236,8 +252,14 @@ def _shell_chosen(shell: Attempt, rtol: float) -> str:
     )
 
 
-def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -> Attempt:
-    """Solve with one model, on the mesh given or on finer ones until `rtol` is met."""
+def _attempt(
+    scene: SceneSpec, name: str, given: Counts | None, *, once: bool, wall: bool = False
+) -> Attempt:
+    """Solve with one model, on the mesh given or on finer ones until `rtol` is met.
+
+    The wall is left out until the membrane reaches it: a state without it whose gap is open
+    is one with it, and most scenes need no program that knows contact.
+    """
     model, rtol = MODELS[name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     # Tolerance, model and mesh decide which programs run, not what they are.
@@ -251,8 +273,11 @@ def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
             return Attempt(report, state, outcome, plan)
         arguments = (static, plan, plan.reduced(), plan.comparison(), inputs)
-        report, state, outcome = COMPILED.run(_program, *arguments, once=once)
-        found = Attempt(report, state, outcome, plan)
+        report, state, outcome = COMPILED.run(_program, *arguments, wall, once=once)
+        found = Attempt(report, state, outcome, plan, wall)
+        if found.at_the_wall and scene.wall.contact and not wall:
+            wall = True
+            continue
         # Where another model is tried next, a finer mesh of this one is wasted.
         other_next = scene.solve.model == "auto" and name == "shell"
         other_next = other_next and found.model_too_coarse(rtol)
