@@ -48,19 +48,19 @@ def _pick(report: Any, path: str) -> Array:
 
 
 def _observed(
-    scene: Structure, plan: AbstractPlan, wall: bool, state: State, inputs: Inputs
+    scene: Structure, plan: AbstractPlan, state: State, inputs: Inputs
 ) -> dict[str, Any]:
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, plan, wall=wall)
+    problem = problem_of(parts, plan, wall=scene.wall)
     return observe(parts, problem, differentiable(problem, state))
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure, path: str, plan: AbstractPlan, wall: bool, state: State, inputs: Inputs
+    scene: Structure, path: str, plan: AbstractPlan, state: State, inputs: Inputs
 ) -> dict[str, Array]:
     def quantity(inputs: Inputs) -> Array:
-        return _pick(_observed(scene, plan, wall, state, inputs), path)[0]
+        return _pick(_observed(scene, plan, state, inputs), path)[0]
 
     return jax.grad(quantity)(inputs)
 
@@ -84,9 +84,9 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     Raises:
         UnknownQuantityError: the path is not a differentiable quantity of the report.
     """
-    scene = Structure(solution.scene)
+    scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
-    known = (solution.plan, solution.wall, solution.state, inputs)
+    known = (solution.plan, solution.state, inputs)
     shapes = eqx.filter_eval_shape(_observed, scene, *known)
     shapes = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), eqx.filter(shapes, _is_shape))
     allowed = quantities(shapes)

@@ -33,11 +33,17 @@ _MODEL_SHARE = 0.9
 
 
 class Structure(Keyed):
-    """A scene compared by what decides the compiled program: all but its numbers."""
+    """A scene compared by what decides the compiled program: all but its numbers.
 
-    def __init__(self, scene: SceneSpec) -> None:
+    Args:
+        scene: the scene.
+        wall: whether the wall is there, see `problem_of`.
+    """
+
+    def __init__(self, scene: SceneSpec, *, wall: bool = False) -> None:
         self.scene = scene
-        self.key = structure(scene)
+        self.wall = wall
+        self.key = (structure(scene), wall)
 
 
 class Attempt(NamedTuple):
@@ -154,14 +160,13 @@ def _program(
     reduced: AbstractPlan,
     other_plan: AbstractPlan,
     inputs: Inputs,
-    wall: bool,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     """Solve on `reduced`, then assess on the whole membrane."""
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced, wall=wall)
+    problem = problem_of(parts, reduced, wall=scene.wall)
     found = equilibrium(problem)
     state = whole(problem, found.state, reduced)
-    report = assess(parts, plan, other_plan, state, wall=wall)
+    report = assess(parts, plan, other_plan, state, wall=scene.wall)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -236,8 +241,11 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
         return shell, "Lumped shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol):
         return shell, _shell_chosen(shell, rtol)
-    solid = _attempt(scene, "solid", None, once=once, wall=shell.wall)
+    at_the_wall = shell.at_the_wall and scene.wall.contact
+    solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall)
     if not solid.converged:
+        if at_the_wall and not shell.wall:
+            shell = _attempt(scene, "shell", None, once=once, wall=True)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
     return solid, (
         f"Solid chosen: the lumped shell's model error, estimated as "
@@ -263,24 +271,24 @@ def _attempt(
     model, rtol = MODELS[name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     # Tolerance, model and mesh decide which programs run, not what they are.
-    static = Structure(with_solve(scene, model="auto", rtol=None, elements=None, mesh=None))
+    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
     counts = given or model.first(scene)
     while True:
-        plan = plan_for(scene, name, counts)
+        plan, static = plan_for(scene, name, counts), Structure(pattern, wall=wall)
         if unloaded(scene):
             report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
             return Attempt(report, state, outcome, plan)
         arguments = (static, plan, plan.reduced(), plan.comparison(), inputs)
-        report, state, outcome = COMPILED.run(_program, *arguments, wall, once=once)
+        report, state, outcome = COMPILED.run(_program, *arguments, once=once)
         found = Attempt(report, state, outcome, plan, wall)
-        if found.at_the_wall and scene.wall.contact and not wall:
+        # Where another model is tried next, a finer mesh of this one is wasted.
+        other_next = scene.solve.model == "auto" and name == "shell" and not given
+        other_next = other_next and found.converged and found.model_too_coarse(rtol)
+        if found.at_the_wall and scene.wall.contact and not (wall or other_next):
             wall = True
             continue
-        # Where another model is tried next, a finer mesh of this one is wasted.
-        other_next = scene.solve.model == "auto" and name == "shell"
-        other_next = other_next and found.model_too_coarse(rtol)
         finer = model.finer(counts)
         if given or finer is None or other_next or not found.mesh_too_coarse(rtol):
             return found

@@ -99,14 +99,14 @@ def _program(
     inputs: Inputs,
     levels: Array,
     start: State | None,
-    wall: bool,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced, wall=wall)
-    found = path(problem, levels, start, end=None if wall else parts.skin.wall)
+    problem = problem_of(parts, reduced, wall=scene.wall)
+    found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(parts, plan, other_plan, whole(problem, state, reduced), wall=wall)
+        state = whole(problem, state, reduced)
+        return assess(parts, plan, other_plan, state, wall=scene.wall)
 
     reports = jax.lax.map(one, found.state)
     outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
@@ -230,9 +230,8 @@ class _Curve:
         pressures = self.scene.solve.oil_pressure is not None
         known = start if start is not None or pressures else self._rest()
         arguments = (self.plan, self.reduced, self.other, self.inputs, jnp.asarray(levels))
-        found = COMPILED.run(
-            _program, Structure(self.scene), *arguments, known, wall, once=len(levels) <= _FEW
-        )
+        static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
+        found = COMPILED.run(_program, static, *arguments, known, once=once)
         reports, states, outcomes = found
         rows = [
             report_of(
