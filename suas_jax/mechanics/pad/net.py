@@ -1,0 +1,275 @@
+"""The control net: from a station vector to element coefficients, and back into bands.
+
+Stations run along one direction of the pad, the *long* one (the direction of elimination);
+a station's unknowns are those of the control values *across* it, three each: tangential,
+normal and axial in the frame of their column. Element arrays are in Bernstein form,
+``[component, 4, 4, element, element]``, long direction first, components Cartesian.
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import StationVector
+from suas_jax.numerics.bspline import SplineAxis, bernstein
+from suas_jax.numerics.quadrature import gauss_legendre
+
+BANDWIDTH = 3
+
+ElementVector = Float[Array, "3 4 4 long across"]
+ElementMatrix = Float[Array, "4 4 4 4 3 3 long across"]
+
+
+@dataclasses.dataclass(frozen=True)
+class NetTopology:
+    """What is static about a control net.
+
+    Attributes:
+        arc: splines along the arc; mirrored at the crown of half a pad.
+        axial: splines along the axis; mirrored at the middle, and where ends may slide.
+    """
+
+    arc: SplineAxis
+    axial: SplineAxis
+
+    @property
+    def along_arc(self) -> bool:
+        """Whether the arc is the long direction."""
+        return self.arc.stations >= self.axial.stations
+
+    @property
+    def long(self) -> SplineAxis:
+        """Splines along the stations."""
+        return self.arc if self.along_arc else self.axial
+
+    @property
+    def across(self) -> SplineAxis:
+        """Splines across them."""
+        return self.axial if self.along_arc else self.arc
+
+    def ordered(self, arc: object, axial: object) -> tuple:
+        """Two things in the order long, across."""
+        return (arc, axial) if self.along_arc else (axial, arc)
+
+    @functools.cached_property
+    def free(self) -> Float[np.ndarray, "dof station"]:
+        """Mask of the unknowns that may move.
+
+        Next to a clamp the normal component stays zero, which keeps the normal; on a mirror
+        plane the component across it does.
+        """
+        free = np.ones((self.arc.stations, self.axial.stations, 3))
+        for end, index in ((self.arc.left, 0), (self.arc.right, -1)):
+            free[index, :, 1 if end == "open" else 0] = 0
+        for end, index in ((self.axial.left, 0), (self.axial.right, -1)):
+            free[:, index, 1 if end == "open" else 2] = 0
+        if self.along_arc:
+            return np.moveaxis(free, 0, -1).reshape(-1, self.arc.stations)
+        return np.moveaxis(free, 1, -1).reshape(-1, self.axial.stations)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tables:
+    """Constants of one element on the unit square.
+
+    Attributes:
+        xi: Gauss points on the unit interval.
+        weights: their weights on the square [gauss, gauss].
+        values: of the Bernstein polynomials by kind of derivative [kind * gauss * gauss, 16].
+        products: weighed products of them by pair of kinds [256, pair * gauss * gauss].
+    """
+
+    xi: np.ndarray
+    weights: np.ndarray
+    values: np.ndarray
+    products: np.ndarray
+
+
+@functools.cache
+def tables(
+    gauss: int, kinds: tuple[tuple[int, int], ...], pairs: tuple[tuple[int, int], ...]
+) -> Tables:
+    """Tables for a number of quadrature points.
+
+    Args:
+        gauss: points in each direction.
+        kinds: orders of differentiation (long, across).
+        pairs: pairs of kinds.
+    """
+    xi, w = gauss_legendre(gauss)
+    shapes = [np.stack(bernstein(xi, order), 1) for order in range(3)]
+    square = np.outer(w, w)
+    values = np.stack([np.einsum("ga,hb->ghab", shapes[k], shapes[m]) for k, m in kinds])
+    left = values[[k for k, _ in pairs]] * square[:, :, None, None]
+    right = values[[m for _, m in pairs]]
+    products = np.einsum("pghab,pghcd->abcdpgh", left, right)
+    count = len(kinds) * gauss**2
+    return Tables(xi, square, values.reshape(count, 16), products.reshape(256, -1))
+
+
+class Net:
+    """A control net with its breakpoints: the linear maps between its descriptions.
+
+    Attributes:
+        topology: what is static.
+        frames: unit vectors (tangential, normal, axial) of the arc's columns.
+    """
+
+    def __init__(self, topology: NetTopology, angles: Array, axial: Array) -> None:
+        """Prepare the maps.
+
+        Args:
+            topology: what is static.
+            angles: breakpoints along the arc [rad].
+            axial: breakpoints along the axis [m].
+        """
+        self.topology = topology
+        arc, axis = topology.arc, topology.axial
+        at = arc.abscissae(angles)
+        sine, cosine, zero = jnp.sin(at), jnp.cos(at), jnp.zeros_like(at)
+        one = zero + 1
+        self.frames = jnp.stack(
+            [
+                jnp.stack([cosine, -sine, zero]),
+                jnp.stack([sine, cosine, zero]),
+                jnp.stack([zero, zero, one]),
+            ]
+        )  # [local, Cartesian, column]
+        odd_arc, odd_axial = (-1, 1, 1), (1, 1, -1)
+        by_arc = _by_component(lambda p: arc.extraction(angles, p), odd_arc)
+        by_axial = _by_component(lambda p: axis.extraction(axial, p), odd_axial)
+        self.extraction = topology.ordered(by_arc, by_axial)
+        by_arc = _by_component(lambda p: arc.matrix(angles, p), odd_arc)
+        by_axial = _by_component(lambda p: axis.matrix(axial, p), odd_axial)
+        self.matrix = topology.ordered(by_arc, by_axial)
+
+    def cartesian(self, q: Float[Array, "dof station"]) -> Float[Array, "3 station across"]:
+        """Control values in Cartesian components."""
+        q = q.reshape(self.topology.across.stations, 3, -1)
+        if self.topology.along_arc:
+            return jnp.einsum("kls,lcs->csk", q, self.frames)
+        return jnp.einsum("kls,lck->csk", q, self.frames)
+
+    def local(self, x: Float[Array, "3 station across"]) -> Float[Array, "dof station"]:
+        """Forces on control values in local components, zero where they are held."""
+        if self.topology.along_arc:
+            q = jnp.einsum("csk,lcs->kls", x, self.frames)
+        else:
+            q = jnp.einsum("csk,lck->kls", x, self.frames)
+        return q.reshape(-1, q.shape[-1]) * self.topology.free
+
+    def gather(self, q: Float[Array, "dof station"]) -> ElementVector:
+        """Bernstein coefficients of the displacement."""
+        return jnp.einsum(
+            "caes,csk,cbfk->cabef", self.matrix[0], self.cartesian(q), self.matrix[1]
+        )
+
+    def scatter(self, f: ElementVector) -> Float[Array, "dof station"]:
+        """Sum forces on Bernstein coefficients: the transpose of `gather`, masked."""
+        return self.local(
+            jnp.einsum("caes,cabef,cbfk->csk", self.matrix[0], f, self.matrix[1])
+        )
+
+    def bands(self, m: ElementMatrix) -> Float[Array, "offset station dof dof"]:
+        """Upper bands of M + M^T, in local components; held unknowns get unit pivots.
+
+        Args:
+            m: half the element matrices [row 4 x 4, column 4 x 4, components, elements].
+        """
+        m = self._transformed(m)
+        full = self._assembled(m)  # [offset, station, k, c, k', d]
+        upper = []
+        for offset in range(BANDWIDTH + 1):
+            # Entry [station] couples it to station + offset.
+            ahead = full[offset]
+            behind = full[-offset]
+            behind = jnp.roll(behind, -offset, 0) if offset else behind
+            upper.append(ahead + jnp.transpose(behind, (0, 3, 4, 1, 2)))
+        return self._held(self._turned(jnp.stack(upper)))
+
+    def _transformed(self, m: ElementMatrix) -> ElementMatrix:
+        """From Bernstein coefficients to control values, rows and columns."""
+        long, across = self.extraction  # [component, control, Bernstein, element]
+
+        for axis, component, element, c in (
+            (0, 4, 6, long),
+            (1, 4, 7, across),
+            (2, 5, 6, long),
+            (3, 5, 7, across),
+        ):
+            total: Array | float = 0.0
+            for a in range(4):
+                y = jnp.moveaxis(c[:, :, a], 0, 1)  # [control, component, element]
+                shape = [1] * 8
+                shape[axis], shape[component], shape[element] = 4, 3, y.shape[-1]
+                total = total + jax.lax.slice_in_dim(m, a, a + 1, axis=axis) * y.reshape(shape)
+            m = total
+        return m
+
+    def _assembled(self, m: ElementMatrix) -> dict[int, Array]:
+        """Sum over elements: blocks by offset between stations."""
+        across, long = self.topology.across, self.topology.long
+        n = across.stations
+        # Across: into dense blocks.
+        dense: Array | float = jnp.zeros((*m.shape[:1], m.shape[2], 3, 3, m.shape[6], n, n))
+        target = across.station_of
+        for b in range(4):
+            for d in range(4):
+                rows, columns = target[:, b], target[:, d]
+                keep = (rows >= 0) & (columns >= 0)
+                part = m[:, b, :, d][..., np.flatnonzero(keep)]
+                dense = dense.at[..., rows[keep], columns[keep]].add(part)
+        # Along: by offset.
+        target, count = long.station_of, long.stations
+        full: dict[int, Array] = {}
+        for a in range(4):
+            for b in range(4):
+                rows, columns = target[:, a], target[:, b]
+                keep = np.flatnonzero((rows >= 0) & (columns >= 0))
+                block = jnp.transpose(dense[a, b][:, :, keep], (2, 3, 0, 4, 1))
+                zero = jnp.zeros((count, *block.shape[1:]))
+                offset = b - a
+                full[offset] = full.get(offset, zero).at[rows[keep]].add(block)
+        return full
+
+    def _turned(self, bands: Array) -> Float[Array, "offset station dof dof"]:
+        """Turn blocks [offset, station, k, c, k', d] into local components."""
+        _, count, n = bands.shape[:3]
+        if self.topology.along_arc:
+            rows = jnp.moveaxis(self.frames, -1, 0)  # [station, local, Cartesian]
+            columns = jnp.stack([jnp.roll(rows, -o, 0) for o in range(BANDWIDTH + 1)])
+            bands = jnp.einsum("oskcmd,slc,ospd->osklmp", bands, rows, columns)
+        else:
+            rows = jnp.moveaxis(self.frames, -1, 0)
+            bands = jnp.einsum("oskcmd,klc,mpd->osklmp", bands, rows, rows)
+        return bands.reshape(BANDWIDTH + 1, count, 3 * n, 3 * n)
+
+    def _held(self, bands: Array) -> Float[Array, "offset station dof dof"]:
+        """Uncouple what is held."""
+        free = self.topology.free.T  # [station, dof]
+        beyond = np.concatenate([free, np.zeros((BANDWIDTH, free.shape[1]))])
+        masks = np.stack(
+            [
+                free[:, :, None] * beyond[o : o + len(free)][:, None, :]
+                for o in range(BANDWIDTH + 1)
+            ]
+        )
+        bands = jnp.where(masks > 0, bands, 0.0)
+        diagonal = jnp.abs(jnp.diagonal(bands[0], axis1=1, axis2=2))
+        pivot = jnp.max(diagonal)
+        return bands.at[0].add((1 - free)[:, :, None] * np.eye(free.shape[1]) * pivot)
+
+
+def station_vector(x: Float[Array, "dof station"]) -> StationVector:
+    """Add the lane axis."""
+    return x[..., None]
+
+
+def _by_component(make: object, parities: tuple[int, int, int]) -> Array:
+    made = {p: make(p) for p in set(parities)}  # type: ignore[operator]
+    return jnp.stack([made[p] for p in parities])
+
