@@ -18,7 +18,6 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Int, PyTree
 
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.mechanics.base import largest
 from suas_jax.numerics.array_types import LaneCounts, Lanes
 from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
 
@@ -111,12 +110,13 @@ class LoadStepping(optx.AbstractRootFinder):
         tags: frozenset[object],
     ) -> SteppingState:
         """Start at the equilibrium `y` of the lower level."""
-        _, (target, start), length = args
+        (problem, _), (target, start), length = args
+        size_of = problem.mechanics.displacement_size
         lane = y.stations.shape[-1:]
         dtype = y.stations.dtype
         zeros, counts = jnp.zeros(lane, dtype), jnp.zeros(lane, jnp.int32)
         level = jnp.broadcast_to(start, lane).astype(dtype)
-        radius = jnp.maximum(self.first_radius * length, largest(y.stations[:2]))
+        radius = jnp.maximum(self.first_radius * length, size_of(y.stations))
         return SteppingState(
             level=jnp.broadcast_to(target, lane).astype(dtype),
             base=y,
@@ -146,13 +146,14 @@ class LoadStepping(optx.AbstractRootFinder):
     ) -> tuple[BorderedVector, SteppingState, PyTree]:
         """One Newton correction, then accept, repeat or retry the load step."""
         problem, (target, _), length = args
+        size_of = problem[0].mechanics.displacement_size
         first = state.inner == 0
         tangent_level = jnp.where(first, state.base_level, state.level)
         residual, operator = fn(y, (problem, (state.level, tangent_level), length))
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
-        size = largest(solved.value.stations[:2])
+        size = size_of(solved.value.stations)
         radius = state.radius
-        size_of_state = largest(state.base.stations[:2])
+        size_of_state = size_of(state.base.stations)
         relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
         radius = jnp.minimum(radius, relative)
         cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
@@ -164,7 +165,7 @@ class LoadStepping(optx.AbstractRootFinder):
 
         # Newton contracts quadratically: e_next ~ size^3 / previous^2.
         ratio = jnp.where(first, 1.0, size / state.correction)
-        scale = largest(trial.stations[:2])
+        scale = size_of(trial.stations)
         fine = jnp.isfinite(size) & jnp.isfinite(scale)
         expected = size * jnp.minimum(ratio, 1.0) ** 2
         settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)

@@ -15,10 +15,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import StationVector
+from suas_jax.numerics.block_banded import REACH
 from suas_jax.numerics.bspline import SplineAxis, bernstein
 from suas_jax.numerics.quadrature import gauss_legendre
-
-BANDWIDTH = 3
 
 ElementVector = Float[Array, "3 4 4 long across"]
 ElementMatrix = Float[Array, "4 4 4 4 3 3 long across"]
@@ -54,6 +53,11 @@ class NetTopology:
     def ordered(self, arc: object, axial: object) -> tuple:
         """Two things in the order long, across."""
         return (arc, axial) if self.along_arc else (axial, arc)
+
+    @functools.cached_property
+    def free_by_station(self) -> tuple[tuple[bool, ...], ...]:
+        """Which unknowns may move, station by station."""
+        return tuple(tuple(bool(x) for x in station) for station in self.free.T)
 
     @functools.cached_property
     def free(self) -> Float[np.ndarray, "dof station"]:
@@ -174,8 +178,8 @@ class Net:
             jnp.einsum("caes,cabef,cbfk->csk", self.matrix[0], f, self.matrix[1])
         )
 
-    def bands(self, m: ElementMatrix) -> Float[Array, "offset station dof dof"]:
-        """Upper bands of M + M^T, in local components; held unknowns get unit pivots.
+    def bands(self, m: ElementMatrix) -> Float[Array, "station 4 dof dof"]:
+        """Lower bands of M + M^T, in local components.
 
         Args:
             m: half the element matrices [row 4 x 4, column 4 x 4, components, elements].
@@ -183,13 +187,13 @@ class Net:
         m = self._transformed(m)
         full = self._assembled(m)  # [offset, station, k, c, k', d]
         upper = []
-        for offset in range(BANDWIDTH + 1):
+        for offset in range(REACH + 1):
             # Entry [station] couples it to station + offset.
             ahead = full[offset]
             behind = full[-offset]
             behind = jnp.roll(behind, -offset, 0) if offset else behind
             upper.append(ahead + jnp.transpose(behind, (0, 3, 4, 1, 2)))
-        return self._held(self._turned(jnp.stack(upper)))
+        return jnp.transpose(self._turned(jnp.stack(upper)), (1, 0, 3, 2))
 
     def _transformed(self, m: ElementMatrix) -> ElementMatrix:
         """From Bernstein coefficients to control values, rows and columns."""
@@ -241,27 +245,12 @@ class Net:
         _, count, n = bands.shape[:3]
         if self.topology.along_arc:
             rows = jnp.moveaxis(self.frames, -1, 0)  # [station, local, Cartesian]
-            columns = jnp.stack([jnp.roll(rows, -o, 0) for o in range(BANDWIDTH + 1)])
+            columns = jnp.stack([jnp.roll(rows, -o, 0) for o in range(REACH + 1)])
             bands = jnp.einsum("oskcmd,slc,ospd->osklmp", bands, rows, columns)
         else:
             rows = jnp.moveaxis(self.frames, -1, 0)
             bands = jnp.einsum("oskcmd,klc,mpd->osklmp", bands, rows, rows)
-        return bands.reshape(BANDWIDTH + 1, count, 3 * n, 3 * n)
-
-    def _held(self, bands: Array) -> Float[Array, "offset station dof dof"]:
-        """Uncouple what is held."""
-        free = self.topology.free.T  # [station, dof]
-        beyond = np.concatenate([free, np.zeros((BANDWIDTH, free.shape[1]))])
-        masks = np.stack(
-            [
-                free[:, :, None] * beyond[o : o + len(free)][:, None, :]
-                for o in range(BANDWIDTH + 1)
-            ]
-        )
-        bands = jnp.where(masks > 0, bands, 0.0)
-        diagonal = jnp.abs(jnp.diagonal(bands[0], axis1=1, axis2=2))
-        pivot = jnp.max(diagonal)
-        return bands.at[0].add((1 - free)[:, :, None] * np.eye(free.shape[1]) * pivot)
+        return bands.reshape(REACH + 1, count, 3 * n, 3 * n)
 
 
 def station_vector(x: Float[Array, "dof station"]) -> StationVector:

@@ -11,11 +11,10 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.base import Assembly
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements, Profile
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.net import ElementVector, Net, NetTopology, tables
 from suas_jax.mechanics.pad.points import (
@@ -32,10 +31,11 @@ from suas_jax.mechanics.pad.points import (
     tangent,
 )
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.skin.pad_loads import PadLoadPoints
 
 
-class Pad(eqx.Module):
+class Pad(AbstractMechanics):
     """Discretised pad, or the half or quarter of a symmetric one.
 
     The unknowns of a station are the displacements of the control values across it, in the
@@ -126,18 +126,29 @@ class Pad(eqx.Module):
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J]."""
         return self._by_lane(lambda pad, q: _One(pad).work(q), q)
 
-    def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
-        """Total potential energy at given pressure and load factor [J]."""
-        return self.strain_energy(q) - pressure * self.volume_change(q) - factor * self.work(q)
-
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
         residual, bands, gradient, load, volume = self._by_lane(
             lambda pad, *given: _One(pad).assemble(*given), q, pressure, factor
         )
-        from suas_jax.mechanics.pad.dense import DenseBands
+        operator = BlockBanded(jnp.moveaxis(bands, -1, 0), self.topology.free_by_station)
+        return Assembly(residual, operator, gradient, load, volume)
 
-        return Assembly(residual, DenseBands(bands), gradient, load, volume)
+    def profile(self, q: StationVector, samples: int) -> Profile:
+        raise NotImplementedError
+
+    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
+        raise NotImplementedError
+
+    def mirrored(self, q: StationVector) -> StationVector:
+        raise NotImplementedError
+
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        raise NotImplementedError
+
+    @property
+    def error_share(self) -> float:
+        return 1.0
 
     def displacement(
         self, q: StationVector, angle: Float[Array, "point #lane"], axial: Array
@@ -272,6 +283,3 @@ def _leading(qe: ElementVector, count: int) -> Float[Array, "16 rest"]:
     """Element coefficients as columns of a matrix."""
     return jnp.moveaxis(qe.reshape(3, count, -1), 0, 1).reshape(count, -1)
 
-
-__all__ = ["Pad"]
-_ = np
