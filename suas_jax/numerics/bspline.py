@@ -119,6 +119,18 @@ class SplineAxis:
         station = self._first[:, None] + np.arange(4) - 1
         return np.where(station < self.stations, station, -1)
 
+    def unfolded(self) -> "SplineAxis":
+        """The axis with its mirror image beyond the right end."""
+        inner = self.multiplicity and (*self.multiplicity, 1, *self.multiplicity[::-1])
+        return SplineAxis(2 * self.elements, self.left, self.left, inner)
+
+    def halved(self) -> "SplineAxis":
+        """Every element divided in two."""
+        inner = self.multiplicity
+        if inner is not None:
+            inner = tuple(k for m in (*inner, 0) for k in (1, m) if k)
+        return SplineAxis(2 * self.elements, self.left, self.right, inner)
+
     def knots(self, breakpoints: Float[Array, " breakpoint"]) -> Float[Array, " knot"]:
         """All knots, those beyond the ends included."""
         return jnp.asarray(self._weights) @ breakpoints

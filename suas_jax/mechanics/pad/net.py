@@ -19,6 +19,9 @@ from suas_jax.numerics.block_banded import REACH
 from suas_jax.numerics.bspline import SplineAxis, bernstein
 from suas_jax.numerics.quadrature import gauss_legendre
 
+# Signs of Cartesian components in the crown's mirror, and in a plane across the axis.
+ODD_ARC, ODD_AXIAL = (-1, 1, 1), (1, 1, -1)
+
 ElementVector = Float[Array, "3 4 4 long across"]
 ElementMatrix = Float[Array, "4 4 4 4 3 3 long across"]
 
@@ -53,6 +56,20 @@ class NetTopology:
     def ordered(self, arc: object, axial: object) -> tuple:
         """Two things in the order long, across."""
         return (arc, axial) if self.along_arc else (axial, arc)
+
+    def by_direction(
+        self, q: Float[Array, "dof station *lane"]
+    ) -> Float[Array, "arc axial 3 *lane"]:
+        """A station vector by its columns along the arc and along the axis."""
+        q = q.reshape(self.across.stations, 3, *q.shape[1:])
+        return jnp.moveaxis(q, (2, 0, 1), (0, 1, 2) if self.along_arc else (1, 0, 2))
+
+    def to_stations(
+        self, x: Float[Array, "arc axial 3 *lane"]
+    ) -> Float[Array, "dof station *lane"]:
+        """The inverse of `by_direction`."""
+        q = jnp.moveaxis(x, (0, 1, 2) if self.along_arc else (1, 0, 2), (2, 0, 1))
+        return q.reshape(-1, *q.shape[2:])
 
     @functools.cached_property
     def free_by_station(self) -> tuple[tuple[bool, ...], ...]:
@@ -143,12 +160,11 @@ class Net:
                 jnp.stack([zero, zero, one]),
             ]
         )  # [local, Cartesian, column]
-        odd_arc, odd_axial = (-1, 1, 1), (1, 1, -1)
-        by_arc = _by_component(lambda p: arc.extraction(angles, p), odd_arc)
-        by_axial = _by_component(lambda p: axis.extraction(axial, p), odd_axial)
+        by_arc = _by_component(lambda p: arc.extraction(angles, p), ODD_ARC)
+        by_axial = _by_component(lambda p: axis.extraction(axial, p), ODD_AXIAL)
         self.extraction = topology.ordered(by_arc, by_axial)
-        by_arc = _by_component(lambda p: arc.matrix(angles, p), odd_arc)
-        by_axial = _by_component(lambda p: axis.matrix(axial, p), odd_axial)
+        by_arc = _by_component(lambda p: arc.matrix(angles, p), ODD_ARC)
+        by_axial = _by_component(lambda p: axis.matrix(axial, p), ODD_AXIAL)
         self.matrix = topology.ordered(by_arc, by_axial)
 
     def cartesian(self, q: Float[Array, "dof station"]) -> Float[Array, "3 station across"]:
@@ -253,9 +269,67 @@ class Net:
         return bands.reshape(REACH + 1, count, 3 * n, 3 * n)
 
 
-def station_vector(x: Float[Array, "dof station"]) -> StationVector:
-    """Add the lane axis."""
-    return x[..., None]
+def refined(
+    net: Net, angles: Array, axial: Array, q: Float[Array, "dof station"]
+) -> Float[Array, "dof station"]:
+    """The same deformation on elements half as long in both directions.
+
+    Args:
+        net: the control net.
+        angles: its breakpoints along the arc [rad].
+        axial: its breakpoints along the axis [m].
+        q: unknowns.
+    """
+    old = net.topology
+    new = NetTopology(old.arc.halved(), old.axial.halved())
+    finer = [_halved(x) for x in (angles, axial)]
+    fine = Net(new, *finer)
+    x = net.cartesian(q)  # [component, long, across]
+    x = x if old.along_arc else jnp.swapaxes(x, 1, 2)
+    by_component = []
+    for c, (odd_arc, odd_axial) in enumerate(zip(ODD_ARC, ODD_AXIAL, strict=True)):
+        arc = _prolongation(old.arc, new.arc, angles, finer[0], odd_arc)
+        along = _prolongation(old.axial, new.axial, axial, finer[1], odd_axial)
+        by_component.append(arc @ x[c] @ along.T)
+    y = jnp.stack(by_component)
+    return fine.local(y if new.along_arc else jnp.swapaxes(y, 1, 2))
+
+
+def _halved(x: Float[Array, " breakpoint"]) -> Array:
+    middle = (x[1:] + x[:-1]) / 2
+    woven = jnp.stack([x[:-1], middle], 1).reshape(-1)
+    return jnp.concatenate([woven, x[-1:]])
+
+
+def _prolongation(
+    old: SplineAxis, new: SplineAxis, coarse: Array, fine: Array, parity: int
+) -> Float[Array, "fine coarse"]:
+    """Stations' values on the finer elements from those on the coarser ones."""
+    by_coarse = old.matrix(coarse, parity)  # [4, element, station]
+    halves = np.array([_SPLIT, _SPLIT[::-1, ::-1]])
+    split = jnp.einsum("hab,bes->aehs", halves, by_coarse)
+    split = split.reshape(4, 2 * old.elements, -1)
+    by_fine = new.matrix(fine, parity)
+    rows = 4 * new.elements
+    a, b = by_fine.reshape(rows, -1), split.reshape(rows, -1)
+    # The finer splines contain the coarser ones: the least squares have no remainder.
+    if new.stations == 0:
+        return jnp.zeros((0, old.stations))
+    factors = jax.scipy.linalg.cho_factor(a.T @ a + _odd_middle(new, parity))
+    return jax.scipy.linalg.cho_solve(factors, a.T @ b)
+
+
+def _odd_middle(axis: SplineAxis, parity: int) -> np.ndarray:
+    """Unit entries for stations on mirror planes, which odd components don't have."""
+    held = np.zeros(axis.stations)
+    if parity < 0:
+        held[0] = axis.left == "mirror"
+        held[-1] = axis.right == "mirror"
+    return np.diag(held)
+
+
+# Bernstein coefficients on the left half of an element from those on the whole.
+_SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 
 
 def _by_component(make: object, parities: tuple[int, int, int]) -> Array:

@@ -140,7 +140,7 @@ def layers(count: int, thickness: Array, radius: Array) -> Layers:
     return Layers(jnp.asarray(weights)[:, None] * thickness * stretch, lever, stretch)
 
 
-def _fibres(s: Surface, fibres: Layers, radius: Array) -> tuple[Array, Array, Array]:
+def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Array, Array, Array]:
     """Strains of all fibres, and what they are made of.
 
     Returns:
@@ -189,7 +189,7 @@ def _law_of(law: AbstractLaw, strain: Array) -> tuple[Array, Array]:
 
 def energy_density(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Scalar:
     """Strain energy per area of the undeformed mid-surface [J/m^2]."""
-    strain, _, _ = _fibres(s, fibres, radius)
+    strain, _, _ = fibre_strains(s, fibres, radius)
     energy = law.energy(InPlaneStrain(*_law_of(law, strain)))
     return jnp.sum(_over_layers(fibres.weight, s) * energy, 0)
 
@@ -212,7 +212,7 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
     A fibre's strain is e = sigma (A + M B - M^2 P): moments of the law's derivatives by the
     levers M come first, then the chain rule to the six numbers.
     """
-    strain, inverse, saddle = _fibres(s, fibres, radius)
+    strain, inverse, saddle = fibre_strains(s, fibres, radius)
 
     def energy(trace: Array, determinant: Array) -> Array:
         return law.energy(InPlaneStrain(trace, determinant))
