@@ -23,7 +23,7 @@ from suas_jax.numerics.quadrature import gauss_legendre
 ODD_ARC, ODD_AXIAL = (-1, 1, 1), (1, 1, -1)
 
 ElementVector = Float[Array, "3 4 4 long across"]
-ElementMatrix = Float[Array, "4 4 4 4 3 3 long across"]
+ElementMatrix = Float[Array, "4 4 4 4 3 3 element"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -200,73 +200,97 @@ class Net:
         Args:
             m: half the element matrices [row 4 x 4, column 4 x 4, components, elements].
         """
+        long, across = self.topology.long, self.topology.across
         m = self._transformed(m)
-        full = self._assembled(m)  # [offset, station, k, c, k', d]
-        upper = []
-        for offset in range(REACH + 1):
-            # Entry [station] couples it to station + offset.
-            ahead = full[offset]
-            behind = full[-offset]
-            behind = jnp.roll(behind, -offset, 0) if offset else behind
-            upper.append(ahead + jnp.transpose(behind, (0, 3, 4, 1, 2)))
-        return jnp.transpose(self._turned(jnp.stack(upper)), (1, 0, 3, 2))
+        elements = (long.elements, across.elements)
+        m = m.reshape(*m.shape[:-1], *elements)
+        # Along the stations, by offset: rows at a station and columns ahead of it, and the
+        # other way round.
+        bands = []
+        for o in range(REACH + 1):
+            slots = range(4 - o)
+            ahead = _summed([m[i, :, i + o] for i in slots], slots, -2, long)
+            behind = _summed([m[i + o, :, i] for i in slots], slots, -2, long)
+            bands.append(ahead + jnp.transpose(behind, (1, 0, 3, 2, 4, 5)))
+        m = jnp.stack(bands)  # [offset, row, column, component, component, station, element]
+        diagonals = []
+        for o in range(-REACH, REACH + 1):
+            slots = range(max(0, -o), min(4, 4 - o))
+            diagonals.append(_summed([m[:, i, i + o] for i in slots], slots, -1, across))
+        # [offset, component, component, station, row, diagonal]
+        return _dense(self._turned(jnp.stack(diagonals, -1)))
 
     def _transformed(self, m: ElementMatrix) -> ElementMatrix:
         """From Bernstein coefficients to control values, rows and columns."""
         long, across = self.extraction  # [component, control, Bernstein, element]
-
-        for axis, component, element, c in (
-            (0, 4, 6, long),
-            (1, 4, 7, across),
-            (2, 5, 6, long),
-            (3, 5, 7, across),
-        ):
+        elements = (self.topology.long.elements, self.topology.across.elements)
+        long = jnp.broadcast_to(long[..., None], (*long.shape, elements[1]))
+        across = jnp.broadcast_to(across[..., None, :], (*across.shape[:-1], *elements))
+        long, across = (c.reshape(3, 4, 4, -1) for c in (long, across))
+        for axis, component, c in ((0, 4, long), (1, 4, across), (2, 5, long), (3, 5, across)):
             total: Array | float = 0.0
             for a in range(4):
                 y = jnp.moveaxis(c[:, :, a], 0, 1)  # [control, component, element]
-                shape = [1] * 8
-                shape[axis], shape[component], shape[element] = 4, 3, y.shape[-1]
-                total = total + jax.lax.slice_in_dim(m, a, a + 1, axis=axis) * y.reshape(shape)
-            m = total
+                shape = [1] * 6 + [y.shape[-1]]
+                shape[axis], shape[component] = 4, 3
+                part = jax.lax.slice_in_dim(m, a, a + 1, axis=axis)
+                total = total + part * y.reshape(shape)
+            m = jax.lax.optimization_barrier(total)
         return m
 
-    def _assembled(self, m: ElementMatrix) -> dict[int, Array]:
-        """Sum over elements: blocks by offset between stations."""
-        across, long = self.topology.across, self.topology.long
-        n = across.stations
-        # Across: into dense blocks.
-        dense: Array | float = jnp.zeros((*m.shape[:1], m.shape[2], 3, 3, m.shape[6], n, n))
-        target = across.station_of
-        for b in range(4):
-            for d in range(4):
-                rows, columns = target[:, b], target[:, d]
-                keep = (rows >= 0) & (columns >= 0)
-                part = m[:, b, :, d][..., np.flatnonzero(keep)]
-                dense = dense.at[..., rows[keep], columns[keep]].add(part)
-        # Along: by offset.
-        target, count = long.station_of, long.stations
-        full: dict[int, Array] = {}
-        for a in range(4):
-            for b in range(4):
-                rows, columns = target[:, a], target[:, b]
-                keep = np.flatnonzero((rows >= 0) & (columns >= 0))
-                block = jnp.transpose(dense[a, b][:, :, keep], (2, 3, 0, 4, 1))
-                zero = jnp.zeros((count, *block.shape[1:]))
-                offset = b - a
-                full[offset] = full.get(offset, zero).at[rows[keep]].add(block)
-        return full
-
-    def _turned(self, bands: Array) -> Float[Array, "offset station dof dof"]:
-        """Turn blocks [offset, station, k, c, k', d] into local components."""
-        _, count, n = bands.shape[:3]
+    def _turned(self, x: Array) -> Array:
+        """Turn bands [offset, c, c, station, row, diagonal] into local components."""
+        frames = self.frames[:2, 1]  # sine and cosine, with their signs, of the columns
         if self.topology.along_arc:
-            rows = jnp.moveaxis(self.frames, -1, 0)  # [station, local, Cartesian]
-            columns = jnp.stack([jnp.roll(rows, -o, 0) for o in range(REACH + 1)])
-            bands = jnp.einsum("oskcmd,slc,ospd->osklmp", bands, rows, columns)
+            rows = frames[:, None, None, None, :, None, None]
+            ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in range(REACH + 1)], 1)
+            columns = ahead[:, :, None, None, :, None, None]
         else:
-            rows = jnp.moveaxis(self.frames, -1, 0)
-            bands = jnp.einsum("oskcmd,klc,mpd->osklmp", bands, rows, rows)
-        return bands.reshape(REACH + 1, count, 3 * n, 3 * n)
+            rows = frames[:, None, None, None, None, :, None]
+            offsets = range(-REACH, REACH + 1)
+            ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in offsets], 2)
+            columns = ahead[:, None, None, None, None]
+        for axis, (sine, cosine) in ((1, rows), (2, columns)):
+            parts = [jax.lax.slice_in_dim(x, c, c + 1, axis=axis) for c in range(3)]
+            tangential = cosine * parts[0] + sine * parts[1]
+            normal = cosine * parts[1] - sine * parts[0]
+            x = jnp.concatenate([tangential, normal, parts[2]], axis)
+        return x
+
+
+def _dense(x: Array) -> Float[Array, "station 4 dof dof"]:
+    """Lower dense blocks from upper bands [offset, c, c, station, row, diagonal]."""
+    *others, n, width = x.shape
+    # Read with rows one shorter than they are, every row moves on by one more column.
+    wide = jnp.pad(x, [(0, 0)] * 5 + [(0, n)]).reshape(*others, n * (n + width))
+    rows = wide[..., : n * (n + width - 1)].reshape(*others, n, n + width - 1)
+    square = rows[..., REACH : REACH + n]
+    count = others[-1]
+    return jnp.transpose(square, (3, 0, 5, 2, 4, 1)).reshape(count, REACH + 1, 3 * n, 3 * n)
+
+
+def _summed(parts: list[Array], slots: range, axis: int, along: SplineAxis) -> Array:
+    """Sum what elements give to their control values into stations.
+
+    Args:
+        parts: one for each of `slots`, elements along `axis`.
+        slots: which of an element's control values.
+        axis: negative.
+        along: the splines in that direction.
+    """
+    total: Array | float = 0.0
+    for slot, part in zip(slots, parts, strict=True):
+        room = [(0, 0, 0)] * part.ndim
+        zero = jnp.zeros((), part.dtype)
+        if along.multiplicity is None:
+            room[axis] = (slot - 1, along.stations - along.elements - slot + 1, 0)
+            total = total + jax.lax.pad(part, zero, room)
+        else:
+            room[axis] = (0, 1, 0)
+            element = np.full(along.stations + 1, along.elements)
+            element[along.station_of[:, slot]] = np.arange(along.elements)
+            total = total + jnp.take(jax.lax.pad(part, zero, room), element[:-1], axis)
+    return total  # type: ignore[return-value]
 
 
 def refined(

@@ -329,41 +329,41 @@ class _One:
     def powers(self) -> list[Array]:
         """What turns a derivative by local coordinates into one by length, for each kind."""
         long, across = self.lengths
-        return [1 / (long**m * across**n) for m, n in self.kinds]
+        return [1 / (long**m * across**n).reshape(-1) for m, n in self.kinds]
 
     @property
-    def angle(self) -> Array:
-        """Reference angle of the points, ready to broadcast [rad]."""
+    def angle(self) -> Float[Array, " point"]:
+        """Reference angle of the points [rad]."""
         start, end = self.pad.angles[:-1, 0], self.pad.angles[1:, 0]
         inside = start + jnp.asarray(self.tables.xi)[:, None] * (end - start)
+        g = self.pad.gauss
+        shape = (g, g, *self.elements)
         if self.topology.along_arc:
-            return inside[:, None, :, None]
-        return inside[None, :, None, :]
+            return jnp.broadcast_to(inside[:, None, :, None], shape).reshape(-1)
+        return jnp.broadcast_to(inside[None, :, None, :], shape).reshape(-1)
 
     @property
-    def areas(self) -> Array:
+    def areas(self) -> Float[Array, "gauss element"]:
         """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
         long, across = self.lengths
-        return self.tables.weights[:, :, None, None] * (long * across)
+        return self.tables.weights.reshape(-1, 1) * (long * across).reshape(-1)
 
     def surface(self, qe: ElementVector) -> Surface:
         """The mid-surface at the quadrature points."""
-        g = self.pad.gauss
         values = jnp.asarray(self.tables.values) @ _leading(qe, 16)
-        values = values.reshape(len(KINDS), g, g, 3, *self.elements)
-        derivatives = [
-            jnp.moveaxis(x, 2, 0) * p for x, p in zip(values, self.powers, strict=True)
-        ]
-        return surface(derivatives, self.angle, self.pad.mid_radius)
+        values = values.reshape(len(KINDS), self.pad.gauss**2, 3, -1)
+        powers = jnp.stack(self.powers)[:, None, None]
+        values = jnp.moveaxis(values * powers, 2, 1).reshape(len(KINDS), 3, -1)
+        return surface(list(values), self.angle, self.pad.mid_radius)
 
     def strain_energy(self, q: Array) -> Array:
         s = self.surface(self.net.gather(q))
         density = energy_density(self.pad.law, s, self.fibres, self.pad.mid_radius)
-        return jnp.sum(self.areas * density)
+        return jnp.sum(self.areas.reshape(-1) * density)
 
     def volume_change(self, q: Array) -> Array:
         s = self.surface(self.net.gather(q))
-        return jnp.sum(self.areas * swept(s, self.pad.mid_radius)[0])
+        return jnp.sum(self.areas.reshape(-1) * swept(s, self.pad.mid_radius)[0])
 
     def _points(self) -> tuple[PadLoadPoints, pad_loads.Spots]:
         pad = self.pad
@@ -435,32 +435,37 @@ class _One:
         found = resultants(pad.law, s, self.fibres, radius)
         forces = stress(s, found.first)
         more, pulls = swept(s, radius)
-        areas = self.areas
         internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
         gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
         points, spots = self._points()
         moved = pad_loads.interpolated(spots, qe)
         vectors, matrices = pad_loads.load_terms(points, spots, moved, pad.thickness)
         load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
-        blocks = tangent(s, found, pressure, radius)
-        powers = jnp.stack([self.powers[k] * self.powers[m] for k, m in PAIRS])
-        scale = (powers * (self.lengths[0] * self.lengths[1]))[:, None, None, None, None]
-        g = pad.gauss
-        blocks = jnp.transpose(blocks * scale, (0, 3, 4, 1, 2, 5, 6))
-        half = jnp.asarray(self.tables.products) @ blocks.reshape(len(PAIRS) * g**2, -1)
-        half = half.reshape(256, 9, -1)
+        half = self._products(tangent(s, found, pressure, radius))
         half = pad_loads.add_matrices(half, spots, -factor * matrices, self.elements)
-        bands = self.net.bands(half.reshape(4, 4, 4, 4, 3, 3, *self.elements))
+        bands = self.net.bands(half.reshape(4, 4, 4, 4, 3, 3, -1))
         scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
         residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
-        return residual, bands, scattered[1], scattered[2], jnp.sum(areas * more)
+        volume = jnp.sum(self.areas.reshape(-1) * more)
+        return residual, bands, scattered[1], scattered[2], volume
+
+    def _products(self, blocks: Float[Array, "pair 3 3 point"]) -> Float[Array, "256 9 element"]:
+        """Half the element matrices: one product with a constant table."""
+        powers = jnp.stack([self.powers[k] * self.powers[m] for k, m in PAIRS])
+        scale = powers * (self.lengths[0] * self.lengths[1]).reshape(-1)
+        count = self.pad.gauss**2
+        blocks = blocks.reshape(len(PAIRS), 9, count, -1) * scale[:, None, None]
+        rows = jnp.moveaxis(blocks, 1, 2).reshape(len(PAIRS) * count, -1)
+        return (jnp.asarray(self.tables.products) @ rows).reshape(256, 9, -1)
 
     def _forces(self, by_kind: dict[int, Array]) -> ElementVector:
         """Element vectors from derivatives of a density by the kinds of derivative."""
-        g = self.pad.gauss
-        rows = jnp.stack([f * self.areas * self.powers[k] for k, f in by_kind.items()])
-        rows = jnp.moveaxis(rows, 1, 3).reshape(len(by_kind) * g**2, -1)
-        values = self.tables.values.reshape(len(KINDS), g**2, 16)[list(by_kind)]
+        count = self.pad.gauss**2
+        powers = jnp.stack([self.powers[k] for k in by_kind])[:, None]
+        scale = (powers * self.areas)[:, :, None]
+        rows = jnp.stack(list(by_kind.values())).reshape(len(by_kind), 3, count, -1)
+        rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
+        values = self.tables.values.reshape(len(KINDS), count, 16)[list(by_kind)]
         flat = jnp.asarray(values.reshape(-1, 16).T) @ rows
         return jnp.moveaxis(flat.reshape(4, 4, 3, *self.elements), 2, 0)
 
