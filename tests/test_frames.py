@@ -26,6 +26,7 @@ CHECKED_EXAMPLE = b"258,1.500000,3,13675,0,65535*D375\n"
 SLCAN_EXAMPLE = b"t303840CAFF00FFFFFF80\rt3038C0FFFFFF80FF0000\r"
 WIRES = {
     "cobs": COBS_EXAMPLE,
+    "jsonl": b'{"seq":258,"t":1.500000,"module":3,"so":[13675,0,65535]}\n',
     "roboskin": SLCAN_EXAMPLE,
     "text": TEXT_EXAMPLE,
     "text-checked": CHECKED_EXAMPLE,
