@@ -33,6 +33,21 @@ class SkinSpec(Spec):
     electrodes: ElectrodesSpec | None = None
     calibration: CalibrationSpec | None = None
 
+    def require_plane_strain(self, what: str) -> None:
+        """Refuse a skin whose curved ends are clamped.
+
+        Args:
+            what: works in plane strain alone; begins the message.
+
+        Raises:
+            ValueError: the skin is three-dimensional.
+        """
+        if self.geometry.dimension != 2:
+            raise ValueError(
+                f'{what} works in plane strain alone, and geometry.ends = "clamped" makes '
+                'this skin three-dimensional; set geometry.ends = "sliding" for its section'
+            )
+
     @model_validator(mode="after")
     def _without_contradictions(self) -> Self:
         found = contradictions(dict(self))
@@ -53,6 +68,12 @@ class SceneSpec(SkinSpec):
     loads: tuple[LoadSpec, ...] = Field(default=(), alias="load")
     environment: EnvironmentSpec | None = None
     solve: SolveSpec = SolveSpec()
+
+    @property
+    def rtol(self) -> float:
+        """Wanted relative error; by default 1e-3 in plane strain, 1e-2 in three dimensions."""
+        default = 1e-3 if self.geometry.dimension == 2 else 1e-2
+        return self.solve.rtol or default
 
     @property
     def skin(self) -> SkinSpec:

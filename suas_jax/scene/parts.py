@@ -81,9 +81,9 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
     numbers = _all_numbers(scene, inputs)
     lines, pressures = [], []
     for i, spec in enumerate(scene.loads):
-        if isinstance(spec, LineLoadSpec):
+        if spec.kind == "line":
             lines.append(_line(spec, f"load.{i}.", numbers))
-        else:
+        elif spec.kind == "pressure":
             pressures.append(_lane(numbers[f"load.{i}.pressure"]))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:

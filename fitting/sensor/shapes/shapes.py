@@ -21,7 +21,7 @@ from fitting.sensor.shapes.solid_correction import (
 )
 from suas_jax.config import continuous_inputs
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.sensing.gap import PolarFace
+from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.oils.compressible import CompressibleOil
