@@ -21,8 +21,8 @@ from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.logs.data import LogFile, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
+from suas_jax import configure
 from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs, load_skin, scene_from_dict
-from suas_jax.runtime.settings import configure
 
 TRUTH = Path("tests/data/solid_press.csv")
 SKIN = Path("configs/skins/suas.toml")
