@@ -30,6 +30,7 @@ from suas_jax.config.schema_skin import (
     TaxelSpec,
 )
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import SoftLayerSpec, WallSpec
 
 __all__ = [
     "LAWS",
@@ -49,8 +50,10 @@ __all__ = [
     "Problem",
     "SceneSpec",
     "SkinSpec",
+    "SoftLayerSpec",
     "SolveSpec",
     "TaxelSpec",
+    "WallSpec",
     "continuous_inputs",
     "format_quantity",
     "load_preset",

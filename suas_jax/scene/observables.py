@@ -12,8 +12,10 @@ from jaxtyping import Array
 
 from suas_jax.config import LineLoadSpec, SceneSpec
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
+from suas_jax.mechanics.base import ContactState
 from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
+from suas_jax.skin.geometry import SkinGeometry
 
 
 def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
@@ -93,8 +95,46 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
         "volume_residual": volume_residual(problem, state),
         "taxels": taxel_observables(parts, problem, state),
     }
+    if problem.mechanics.wall is not None:
+        contact = problem.mechanics.contact(state.q, problem.mechanics.wall)
+        lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
+        report |= {
+            "wall_contact": jnp.any(contact.gap < 0, (0, 1)),
+            "wall": wall_observables(contact, geometry),
+            "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
+        }
     ambient = parts.ambient_pressure
     if ambient is not None:
         report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)
         report["absolute_oil_pressure_Pa"] = ambient + state.pressure
     return report
+
+
+def wall_observables(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any]:
+    """What the wall carries, and where; the zone means something only where there is one.
+
+    Args:
+        contact: the inner face at its contact points.
+        geometry: of the skin.
+    """
+    # Along the arc [point, lane]; between two points the gap is taken as linear.
+    gap, angle = (
+        jnp.moveaxis(jnp.broadcast_to(x, contact.gap.shape), 1, 0).reshape(-1, x.shape[-1])
+        for x in (contact.gap, contact.polar_angle)
+    )
+    first, second = gap[:-1], gap[1:]
+    crosses = (first < 0) != (second < 0)
+    share = jnp.where(crosses, first / jnp.where(crosses, first - second, 1.0), 0.0)
+    step = angle[1:] - angle[:-1]
+    crossing = angle[:-1] + share * step
+    closed = (first < 0) | (second < 0)
+    start = jnp.where(closed, jnp.where(first < 0, angle[:-1], crossing), jnp.inf)
+    end = jnp.where(closed, jnp.where(second < 0, angle[1:], crossing), -jnp.inf)
+    covered = jnp.sum(jnp.where(closed, end - start, 0.0), 0)
+    half = geometry.width / 2
+    return {
+        "force_N": jnp.sum(contact.area * contact.pressure, (0, 1)) * geometry.width,
+        "area_m2": covered * geometry.wall_radius * geometry.width,
+        "angle_deg": [jnp.rad2deg(jnp.min(start, 0)), jnp.rad2deg(jnp.max(end, 0))],
+        "axial_m": [-half, half],
+    }

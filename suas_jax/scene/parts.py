@@ -18,6 +18,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.registry import build_oil
+from suas_jax.skin.wall import Wall
 
 
 class SkinParts(NamedTuple):
@@ -28,12 +29,14 @@ class SkinParts(NamedTuple):
         law: the membrane's material.
         oil: how the oil answers.
         electrodes: taxels and the converter's scale; None where nothing is sensed.
+        wall: what may hold the membrane; None where it passes through.
     """
 
     geometry: SkinGeometry
     law: AbstractLaw
     oil: AbstractOil
     electrodes: Electrodes | None
+    wall: Wall | None
 
 
 class SceneParts(NamedTuple):
@@ -114,7 +117,21 @@ def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
     names = ("inner_radius", "thickness", "half_angle", "width", "oil_gap")
     geometry = SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
     electrodes = electrodes_of(spec, numbers, geometry)
-    return SkinParts(geometry, _law(spec, numbers), _oil(spec, numbers), electrodes)
+    law = _law(spec, numbers)
+    wall = _wall(spec, geometry, law, numbers)
+    return SkinParts(geometry, law, _oil(spec, numbers), electrodes, wall)
+
+
+def _wall(
+    spec: SkinSpec, geometry: SkinGeometry, law: AbstractLaw, numbers: Mapping[str, Any]
+) -> Wall | None:
+    if not spec.wall.contact:
+        return None
+    layer = None
+    if spec.wall.layer is not None:
+        path = "wall.layer."
+        layer = (_lane(numbers[path + "thickness"]), _lane(numbers[path + "stiffness"]))
+    return Wall.of(geometry, law.shear_modulus, layer)
 
 
 def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:

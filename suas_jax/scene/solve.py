@@ -34,11 +34,17 @@ _MODEL_SHARE = 0.9
 
 
 class Structure(Keyed):
-    """A scene compared by what decides the compiled program: all but its numbers."""
+    """A scene compared by what decides the compiled program: all but its numbers.
 
-    def __init__(self, scene: SceneSpec) -> None:
+    Args:
+        scene: the scene.
+        wall: whether the wall is there, see `problem_of`.
+    """
+
+    def __init__(self, scene: SceneSpec, *, wall: bool = False) -> None:
         self.scene = scene
-        self.key = structure(scene)
+        self.wall = wall
+        self.key = (structure(scene), wall)
 
 
 class Attempt(NamedTuple):
@@ -49,12 +55,14 @@ class Attempt(NamedTuple):
         state: the equilibrium on the whole arc.
         outcome: how it was found.
         plan: its mesh.
+        wall: whether the wall was there.
     """
 
     report: dict[str, Any]
     state: State
     outcome: dict[str, Any]
     plan: AbstractPlan
+    wall: bool = False
 
     @property
     def converged(self) -> bool:
@@ -70,6 +78,11 @@ class Attempt(NamedTuple):
     def model_error(self) -> float:
         """Estimated error by the model."""
         return float(np.ravel(self.report["model_error"])[0])
+
+    @property
+    def at_the_wall(self) -> bool:
+        """Whether the inner face reaches the wall, or has passed it."""
+        return bool(np.ravel(self.report["wall_contact"])[0])
 
     def model_too_coarse(self, rtol: float) -> bool:
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
@@ -90,12 +103,14 @@ class Solution:
         state: the equilibrium on the whole arc.
         plan: its mesh.
         scene: what was solved.
+        wall: whether the wall was there.
     """
 
     report: dict[str, Any]
     state: State
     plan: AbstractPlan
     scene: SceneSpec
+    wall: bool = False
 
     @property
     def converged(self) -> bool:
@@ -104,7 +119,8 @@ class Solution:
 
     def problem(self) -> Problem:
         """The discrete problem on the whole arc."""
-        return build_problem(self.scene, self.plan, continuous_inputs(self.scene))
+        inputs = continuous_inputs(self.scene)
+        return build_problem(self.scene, self.plan, inputs, wall=self.wall)
 
 
 def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
@@ -113,16 +129,21 @@ def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
 
 
 def assess(
-    parts: SceneParts, plan: AbstractPlan, other_plan: AbstractPlan, state: State
+    parts: SceneParts,
+    plan: AbstractPlan,
+    other_plan: AbstractPlan,
+    state: State,
+    *,
+    wall: bool = False,
 ) -> dict[str, Any]:
     """Observe a state on `plan` and check it on the comparison mesh `other_plan`.
 
     One assembly there, on the whole membrane, answers two questions: whether the state is
     stable, sway included, and how far it is from the exact solution.
     """
-    problem = problem_of(parts, plan)
+    problem = problem_of(parts, plan, wall=wall)
     report = observe(parts, problem, state)
-    other = problem_of(parts, other_plan)
+    other = problem_of(parts, other_plan, wall=wall)
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
     report["stable"] = check.stable
@@ -143,10 +164,10 @@ def _program(
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     """Solve on `reduced`, then assess on the whole membrane."""
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced)
+    problem = problem_of(parts, reduced, wall=scene.wall)
     found = equilibrium(problem)
     state = whole(problem, found.state, reduced)
-    report = assess(parts, plan, other_plan, state)
+    report = assess(parts, plan, other_plan, state, wall=scene.wall)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -207,7 +228,7 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
-    return Solution(report, found.state, found.plan, scene)
+    return Solution(report, found.state, found.plan, scene, found.wall)
 
 
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
@@ -225,8 +246,11 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
         return shell, "Lumped shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol):
         return shell, _shell_chosen(shell, rtol)
-    solid = _attempt(scene, "solid", None, once=once)
+    at_the_wall = shell.at_the_wall and scene.wall.contact
+    solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall)
     if not solid.converged:
+        if at_the_wall and not shell.wall:
+            shell = _attempt(scene, "shell", None, once=once, wall=True)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
     return solid, (
         f"Solid chosen: the lumped shell's model error, estimated as "
@@ -241,15 +265,21 @@ def _shell_chosen(shell: Attempt, rtol: float) -> str:
     )
 
 
-def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -> Attempt:
-    """Solve with one model, on the mesh given or on finer ones until `rtol` is met."""
+def _attempt(
+    scene: SceneSpec, name: str, given: Counts | None, *, once: bool, wall: bool = False
+) -> Attempt:
+    """Solve with one model, on the mesh given or on finer ones until `rtol` is met.
+
+    The wall is left out until the membrane reaches it: a state without it whose gap is open
+    is one with it, and most scenes need no program that knows contact.
+    """
     model, rtol = MODELS[name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     # Tolerance, model and mesh decide which programs run, not what they are.
-    static = Structure(with_solve(scene, model="auto", rtol=None, elements=None, mesh=None))
+    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
     counts = given or model.first(scene)
     while True:
-        plan = plan_for(scene, name, counts)
+        plan, static = plan_for(scene, name, counts), Structure(pattern, wall=wall)
         if unloaded(scene):
             report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
@@ -257,10 +287,13 @@ def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -
             return Attempt(report, state, outcome, plan)
         arguments = (static, plan, plan.reduced(), plan.comparison(), inputs)
         report, state, outcome = COMPILED.run(_program, *arguments, once=once)
-        found = Attempt(report, state, outcome, plan)
+        found = Attempt(report, state, outcome, plan, wall)
         # Where another model is tried next, a finer mesh of this one is wasted.
-        other_next = scene.solve.model == "auto" and name == "shell"
-        other_next = other_next and found.model_too_coarse(rtol)
+        other_next = scene.solve.model == "auto" and name == "shell" and not given
+        other_next = other_next and found.converged and found.model_too_coarse(rtol)
+        if found.at_the_wall and scene.wall.contact and not (wall or other_next):
+            wall = True
+            continue
         finer = model.finer(counts)
         if given or finer is None or other_next or not found.mesh_too_coarse(rtol):
             return found

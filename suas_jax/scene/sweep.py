@@ -102,11 +102,12 @@ def _program(
     start: State | None,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced)
-    found = path(problem, levels, start)
+    problem = problem_of(parts, reduced, wall=scene.wall)
+    found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(parts, plan, other_plan, whole(problem, state, reduced))
+        state = whole(problem, state, reduced)
+        return assess(parts, plan, other_plan, state, wall=scene.wall)
 
     reports = jax.lax.map(one, found.state)
     outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
@@ -230,39 +231,56 @@ class _Curve:
         self.reduced = self.plan.reduced()
         self.other = self.plan.comparison()
         self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-        self.states: State | None = None
 
-    def points(self, levels: np.ndarray, start: State | None = None) -> list[dict[str, Any]]:
+    def points(self, levels: np.ndarray) -> list[dict[str, Any]]:
         """Reports at the given levels; a level of zero is the undeformed state."""
-        if start is None:
-            start = self._rest()
         pressures = self.scene.solve.oil_pressure is not None
         visit = levels[levels != 0] if pressures else levels
-        arguments = (self.plan, self.reduced, self.other, self.inputs, jnp.asarray(visit))
-        known = None if pressures and start.factor[0] == 0 else start
-        once = len(visit) <= _FEW
-        found = COMPILED.run(_program, Structure(self.scene), *arguments, known, once=once)
-        reports, self.states, outcomes = found
+        rows, states = self.follow(visit, None, wall=False)
+        beyond = [row["wall_contact"] for row in rows]
+        if self.scene.wall.contact and any(beyond):
+            # From the last state that is free of the wall, whatever comes after.
+            k = beyond.index(True)
+            start = jax.tree.map(lambda x: x[k - 1], states) if k else None
+            rows[k:] = self.follow(visit[k:], start, wall=True)[0]
+        if len(visit) < len(levels):
+            rest = self._rest_report()
+            rows_left = iter(rows)
+            rows = [rest if level == 0 else next(rows_left) for level in levels]
+        return rows
+
+    def follow(
+        self, levels: np.ndarray, start: State | None, *, wall: bool
+    ) -> tuple[list[dict[str, Any]], State]:
+        """Reports and states at levels that no rest is among, with or without the wall.
+
+        Args:
+            levels: in the order to visit.
+            start: where to start; None at rest.
+            wall: whether it is there; without it the first state beyond it is repeated.
+        """
+        pressures = self.scene.solve.oil_pressure is not None
+        known = start if start is not None or pressures else self._rest()
+        arguments = (self.plan, self.reduced, self.other, self.inputs, jnp.asarray(levels))
+        static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
+        found = COMPILED.run(_program, static, *arguments, known, once=once)
+        reports, states, outcomes = found
         rows = [
             report_of(
                 self.scene,
                 plain(reports, i),
                 plain(outcomes, i) | {"model": self.plan.model, "reason": ""},
             )
-            for i in range(len(visit))
+            for i in range(len(levels))
         ]
-        if len(visit) < len(levels):
-            rest = self._rest_report(rows[0])
-            rows_left = iter(rows)
-            rows = [rest if level == 0 else next(rows_left) for level in levels]
-        return rows
+        return rows, states
 
     def _rest(self) -> State:
         problem = build_problem(self.scene, self.reduced, self.inputs)
         zero = jnp.zeros(1)
         return State(problem.mechanics.rest(), zero, zero)
 
-    def _rest_report(self, like: dict[str, Any]) -> dict[str, Any]:
+    def _rest_report(self) -> dict[str, Any]:
         """The report of the undeformed state, which no pressure control can reach."""
         loads_off = with_solve(self.scene, oil_pressure=None)
         curve = _Curve(loads_off, self.plan.model, self.plan.counts)
@@ -272,8 +290,11 @@ class _Curve:
         self, levels: np.ndarray, points: list[dict[str, Any]]
     ) -> dict[str, float] | None:
         """Close in on the load at which the smallest gap vanishes."""
-        gaps = [p["min_gap_m"] for p in points]
-        hits = [i for i, p in enumerate(points) if p["status"] == "converged" and gaps[i] <= 0]
+        hits = [
+            i
+            for i, point in enumerate(points)
+            if point["status"] == "converged" and point["wall_contact"]
+        ]
         if not hits:
             return None
         after = hits[0]
@@ -285,13 +306,12 @@ class _Curve:
         count = int(np.count_nonzero(levels)) if self.scene.solve.oil_pressure else len(levels)
         while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
             inner = np.linspace(low, high, count + 2)[1:-1]
-            rows = self.points(inner, start)
-            inside = [row["min_gap_m"] <= 0 for row in rows]
+            rows, states = self.follow(inner, start, wall=False)
+            inside = [row["wall_contact"] for row in rows]
             k = inside.index(True) if any(inside) else len(rows)
-            states = self.states
             if k < len(rows):
                 high, best = float(inner[k]), rows[k]
-            if k > 0 and states is not None:
+            if k > 0:
                 low = float(inner[k - 1])
                 start = jax.tree.map(lambda x, k=k: x[k - 1], states)
         return _contact_of(best)
