@@ -17,6 +17,7 @@ from suas_jax.config.schema_load import (
     EnvironmentSpec,
     LineLoadSpec,
     LoadSpec,
+    PatchLoadSpec,
     PressureLoadSpec,
 )
 from suas_jax.config.schema_material import LAWS, MaterialSpec
@@ -46,6 +47,7 @@ __all__ = [
     "MaterialSpec",
     "ModuleSpec",
     "OilSpec",
+    "PatchLoadSpec",
     "PressureLoadSpec",
     "Problem",
     "SceneSpec",

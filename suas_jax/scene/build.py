@@ -22,7 +22,7 @@ def plan_for(scene: SceneSpec, model: str, counts: Counts) -> AbstractPlan:
         model: name of the model.
         counts: size of the mesh, as the model orders it.
     """
-    return MODELS[model].plan(scene, counts, decay_angle(scene))
+    return MODELS[scene.geometry.dimension][model].plan(scene, counts, decay_angle(scene))
 
 
 def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> Problem:
@@ -35,7 +35,8 @@ def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> 
             open everywhere, and costs.
     """
     skin = parts.skin
-    mechanics = MODELS[plan.model].build(plan, skin.geometry, skin.law, parts.lines)
+    model = MODELS[plan.dimension][plan.model]
+    mechanics = model.build(plan, skin.geometry, skin.law, parts.forces)
     mechanics = mechanics.with_wall(skin.wall if wall else None)
     return Problem(mechanics, skin.oil, parts.external_pressure, parts.oil_pressure)
 

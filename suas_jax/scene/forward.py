@@ -219,6 +219,7 @@ def skin_of(
         Float64Error: float64 is off.
     """
     require_float64()
+    spec.require_plane_strain("`skin_of`")
     known = continuous_inputs(spec)
     for path in inputs or ():
         if path not in known:
@@ -244,9 +245,11 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
         Float64Error: float64 is off.
     """
     require_float64()
+    scene.require_plane_strain("`loads_of`")
     parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
     angles, forces, turns = [], [], []
-    for load in parts.lines:
+    for load in parts.forces:
+        assert isinstance(load, LineLoad)  # all there is in plane strain
         points, weights = np.zeros(1), np.ones(1)
         if load.spread is not None:
             points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)

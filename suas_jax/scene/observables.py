@@ -10,33 +10,35 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.config import LineLoadSpec, SceneSpec
+from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
 from suas_jax.mechanics.base import ContactState
 from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.pad_loads import PadLoad
 
 
 def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
     """Position, force and displacement of every load, in the order of the file."""
-    lines, pressures = iter(parts.lines), iter(parts.pressures)
+    forces, pressures = iter(parts.forces), iter(parts.pressures)
     entries: list[dict[str, Any]] = []
     for spec in parts.scene.loads:
-        if not isinstance(spec, LineLoadSpec):
+        if spec.kind == "pressure":
             entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
-        load = next(lines)
+        load = next(forces)
         moved = problem.mechanics.under(state.q, load)
-        entries.append(
-            {
-                "angle_deg": jnp.rad2deg(load.angle),
-                "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
-                "force_N": load.force * state.factor,
-                "displacement_m": jnp.sum(moved.mid_displacement * load.direction, 0),
-                "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction, 0),
-            }
-        )
+        entry = {
+            "angle_deg": jnp.rad2deg(load.angle),
+            "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
+            "force_N": load.force * state.factor,
+            "displacement_m": jnp.sum(moved.mid_displacement * load.direction, 0),
+            "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction, 0),
+        }
+        if isinstance(load, PadLoad):
+            entry["axial_m"] = load.axial + jnp.zeros_like(load.angle)
+        entries.append(entry)
     return entries
 
 
@@ -78,15 +80,19 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
     """
     geometry, mechanics = parts.skin.geometry, problem.mechanics
     shape = mechanics.shape(state.q)
-    gap = shape.smallest_gap(geometry)
+    gap, bulge = shape.smallest_gap(geometry), shape.bulge(geometry)
+    largest = shape.largest_displacement()
     stretch_min, stretch_max = shape.stretch_range()
     energy = mechanics.strain_energy(state.q)
     report = {
         "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,
-        "max_displacement_m": shape.largest_displacement().value,
+        "max_displacement_m": largest.value,
+        "max_displacement_angle_deg": jnp.rad2deg(largest.angle),
         "min_gap_m": gap.value,
         "min_gap_angle_deg": jnp.rad2deg(gap.angle),
+        "bulge_m": bulge.value,
+        "bulge_angle_deg": jnp.rad2deg(bulge.angle),
         "wall_contact": gap.value <= 0,
         "strain_energy_J": energy * geometry.width if mechanics.per_width else energy,
         "stretch_min": stretch_min,
@@ -103,6 +109,8 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
             "wall": wall_observables(contact, geometry),
             "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
         }
+    places = {"max_displacement": largest, "min_gap": gap, "bulge": bulge}
+    report |= {f"{k}_axial_m": x.axial for k, x in places.items() if x.axial is not None}
     ambient = parts.ambient_pressure
     if ambient is not None:
         report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)

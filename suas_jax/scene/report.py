@@ -13,6 +13,7 @@ from suas_jax.sensing.converter import Converter
 
 _ORDER = (
     "model",
+    "dimension",
     "status",
     "message",
     "rtol_met",
@@ -21,8 +22,14 @@ _ORDER = (
     "ambient_pressure_Pa",
     "absolute_oil_pressure_Pa",
     "max_displacement_m",
+    "max_displacement_angle_deg",
+    "max_displacement_axial_m",
     "min_gap_m",
     "min_gap_angle_deg",
+    "min_gap_axial_m",
+    "bulge_m",
+    "bulge_angle_deg",
+    "bulge_axial_m",
     "wall_contact",
     "wall",
     "gap_tolerance_m",
@@ -101,6 +108,7 @@ def _header(
         message += _blind(taxels)
     return {
         "model": outcome["model"],
+        "dimension": scene.geometry.dimension,
         "status": status,
         "message": " ".join(filter(None, message)),
         "rtol_met": known and error <= scene.rtol,

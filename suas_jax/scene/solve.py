@@ -17,7 +17,7 @@ from jaxtyping import ArrayLike
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
 from suas_jax.equilibrium.balance import Problem, State, verify
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
@@ -123,51 +123,53 @@ class Solution:
         return build_problem(self.scene, self.plan, inputs, wall=self.wall)
 
 
-def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
-    """The state on the whole membrane from the one that was solved."""
-    return state._replace(q=problem.mechanics.mirrored(state.q)) if plan.symmetric else state
-
-
 def assess(
-    parts: SceneParts,
-    plan: AbstractPlan,
-    other_plan: AbstractPlan,
-    state: State,
-    *,
-    wall: bool = False,
-) -> dict[str, Any]:
-    """Observe a state on `plan` and check it on the comparison mesh `other_plan`.
+    parts: SceneParts, meshes: Meshes, solved: Problem, found: State, *, wall: bool
+) -> tuple[dict[str, Any], State]:
+    """Observe a state on the whole membrane, and check it.
 
-    One assembly there, on the whole membrane, answers two questions: whether the state is
-    stable, sway included, and how far it is from the exact solution.
+    One assembly on the mesh for the error answers two questions: whether the state is stable
+    and how far it is from the exact solution. Sway needs the whole membrane.
+
+    Args:
+        parts: of the scene.
+        meshes: of the solve.
+        solved: the problem that was solved, of the whole or of a part.
+        found: its state.
+        wall: whether the wall is there.
+
+    Returns:
+        What is observed, and the state on the whole membrane.
     """
-    problem = problem_of(parts, plan, wall=wall)
+    problem, state = solved, found
+    if meshes.solved.symmetric:
+        problem = problem_of(parts, meshes.whole, wall=wall)
+        state = found._replace(q=solved.mechanics.mirrored(found.q))
     report = observe(parts, problem, state)
-    other = problem_of(parts, other_plan, wall=wall)
+    whole, stable = state, None
+    if meshes.stability is not None:
+        stable = verify(problem_of(parts, meshes.stability, wall=wall), state).stable
+        problem, state = solved, found
+    other = problem_of(parts, meshes.error, wall=wall)
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
-    report["stable"] = check.stable
-    error = discretisation_error(problem, state, other, check.correction, parts.lines)
-    same = plan.counts == other_plan.counts
+    report["stable"] = check.stable if stable is None else check.stable & stable
+    error = discretisation_error(problem, state, other, check.correction, parts.forces)
+    same = meshes.whole.counts == meshes.error.counts
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
-    report["model_error"] = model_error(other, check, parts.lines, parts.skin.geometry)
-    return report
+    report["model_error"] = model_error(other, check, parts.forces, parts.skin.geometry)
+    return report, whole
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure,
-    plan: AbstractPlan,
-    reduced: AbstractPlan,
-    other_plan: AbstractPlan,
-    inputs: Inputs,
+    scene: Structure, meshes: Meshes, inputs: Inputs
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    """Solve on `reduced`, then assess on the whole membrane."""
+    """Solve the whole membrane or a part of it, then assess the whole."""
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced, wall=scene.wall)
+    problem = problem_of(parts, meshes.solved, wall=scene.wall)
     found = equilibrium(problem)
-    state = whole(problem, found.state, reduced)
-    report = assess(parts, plan, other_plan, state, wall=scene.wall)
+    report, state = assess(parts, meshes, problem, found.state, wall=scene.wall)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -234,9 +236,13 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     """Solve with the model that the scene asks for, and say why it is that one."""
     model, rtol = scene.solve.model, scene.rtol
+    models = MODELS[scene.geometry.dimension]
     if model != "auto":
-        return _attempt(scene, model, MODELS[model].given(scene), once=once), ""
-    given = {name: m.given(scene) for name, m in MODELS.items()}
+        return _attempt(scene, model, models[model].given(scene), once=once), ""
+    if len(models) == 1:
+        (name,) = models
+        return _attempt(scene, name, models[name].given(scene), once=once), ""
+    given = {name: m.given(scene) for name, m in models.items()}
     for name, counts in reversed(given.items()):
         if counts is not None:
             found = _attempt(scene, name, counts, once=once)
@@ -273,7 +279,7 @@ def _attempt(
     The wall is left out until the membrane reaches it: a state without it whose gap is open
     is one with it, and most scenes need no program that knows contact.
     """
-    model, rtol = MODELS[name], scene.rtol
+    model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     # Tolerance, model and mesh decide which programs run, not what they are.
     pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
@@ -285,7 +291,7 @@ def _attempt(
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
             return Attempt(report, state, outcome, plan)
-        arguments = (static, plan, plan.reduced(), plan.comparison(), inputs)
+        arguments = (static, plan.meshes(), inputs)
         report, state, outcome = COMPILED.run(_program, *arguments, once=once)
         found = Attempt(report, state, outcome, plan, wall)
         # Where another model is tried next, a finer mesh of this one is wasted.

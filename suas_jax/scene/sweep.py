@@ -21,14 +21,14 @@ from suas_jax.config import (
 )
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import path
-from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.solve import Inputs, Structure, assess, whole
+from suas_jax.scene.solve import Inputs, Structure, assess
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
@@ -94,20 +94,17 @@ class Sweep:
 @eqx.filter_jit
 def _program(
     scene: Structure,
-    plan: AbstractPlan,
-    reduced: AbstractPlan,
-    other_plan: AbstractPlan,
+    meshes: Meshes,
     inputs: Inputs,
     levels: Array,
     start: State | None,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced, wall=scene.wall)
+    problem = problem_of(parts, meshes.solved, wall=scene.wall)
     found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
 
     def one(state: State) -> dict[str, Any]:
-        state = whole(problem, state, reduced)
-        return assess(parts, plan, other_plan, state, wall=scene.wall)
+        return assess(parts, meshes, problem, state, wall=scene.wall)[0]
 
     reports = jax.lax.map(one, found.state)
     outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
@@ -201,11 +198,12 @@ def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
 
 def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
     rtol, automatic = scene.rtol, scene.solve.model == "auto"
-    given = {name: model.given(scene) for name, model in MODELS.items()}
+    models = MODELS[scene.geometry.dimension]
+    given = {name: model.given(scene) for name, model in models.items()}
     name: str = scene.solve.model
     if automatic:
         name = next((n for n in reversed(given) if given[n] is not None), "shell")
-    counts = given[name] or MODELS[name].first_of_sweep(scene)
+    counts = given[name] or models[name].first_of_sweep(scene)
     while True:
         curve = _Curve(scene, name, counts)
         points = curve.points(levels)
@@ -213,11 +211,12 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
             max((p[key] for p in points if p[key] is not None), default=0.0)
             for key in ("error_estimate", "model_error")
         )
-        if automatic and not given[name] and name == "shell" and of_model > rtol:
+        other = "solid" in models and name == "shell"
+        if automatic and not given[name] and other and of_model > rtol:
             name = "solid"
-            counts = MODELS[name].first_of_sweep(scene)
+            counts = models[name].first_of_sweep(scene)
             continue
-        finer = MODELS[name].finer(counts)
+        finer = models[name].finer(counts)
         if given[name] or worst <= max(rtol, 1.1 * of_model) or finer is None:
             return Sweep(points, curve.first_contact(levels, points), scene)
         counts = finer
@@ -228,8 +227,7 @@ class _Curve:
 
     def __init__(self, scene: SceneSpec, model: str, counts: Counts) -> None:
         self.scene, self.plan = scene, plan_for(scene, model, counts)
-        self.reduced = self.plan.reduced()
-        self.other = self.plan.comparison()
+        self.meshes = self.plan.meshes()
         self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
 
     def points(self, levels: np.ndarray) -> list[dict[str, Any]]:
@@ -261,7 +259,7 @@ class _Curve:
         """
         pressures = self.scene.solve.oil_pressure is not None
         known = start if start is not None or pressures else self._rest()
-        arguments = (self.plan, self.reduced, self.other, self.inputs, jnp.asarray(levels))
+        arguments = (self.meshes, self.inputs, jnp.asarray(levels))
         static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
         found = COMPILED.run(_program, static, *arguments, known, once=once)
         reports, states, outcomes = found
@@ -276,7 +274,7 @@ class _Curve:
         return rows, states
 
     def _rest(self) -> State:
-        problem = build_problem(self.scene, self.reduced, self.inputs)
+        problem = build_problem(self.scene, self.meshes.solved, self.inputs)
         zero = jnp.zeros(1)
         return State(problem.mechanics.rest(), zero, zero)
 
