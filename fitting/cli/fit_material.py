@@ -177,7 +177,7 @@ def _fit(
     configure()
     from fitting.material.fit.comparison import compare_laws
     from fitting.material.fit.fit import NoFit, fit_material
-    from fitting.material.report.summary import report_of
+    from fitting.material.report.summary import material_report
 
     try:
         if law == "auto":
@@ -186,13 +186,13 @@ def _fit(
             if options.pop("bounds"):
                 raise ValueError("--bound: name the law whose constants are bounded")
             comparison = compare_laws(sets, progress=show, **options)
-            report = report_of(comparison.best)
+            report = material_report(comparison.best)
             report["candidates"] = comparison.table
             report["candidates_failed"] = comparison.failed
             return report, comparison.best
         show(law)
         fit = fit_material(sets, law, terms, **options)
-        return report_of(fit), fit
+        return material_report(fit), fit
     except NoFit as error:
         return {"law": law, "status": "no_fit", "message": str(error)}, None
 

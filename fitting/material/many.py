@@ -60,7 +60,7 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
     from fitting.material.experiments.datasets import load_dataset
     from fitting.material.experiments.measurements import mode_named
     from fitting.material.fit.fit import NoFit, fit_material
-    from fitting.material.report.summary import report_of
+    from fitting.material.report.summary import material_report
     from fitting.statistics.posterior import PosteriorError, Settings
 
     try:
@@ -74,7 +74,7 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             job.get("terms"),
             residual=job.get("residual", "relative"),
         )
-        report = report_of(fit)
+        report = material_report(fit)
         if job.get("sample", False):
             from fitting.material.fit.posterior import sample_material
 

@@ -24,6 +24,7 @@ from suas_jax.equilibrium.equilibrium import path
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
@@ -110,6 +111,37 @@ def _program(
     unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
     outcome["unknowns"] = jnp.full_like(found.result, unknowns)
     return reports, found.state, outcome
+
+
+def sweep(
+    scene: SceneSpec,
+    *,
+    forces: Sequence[float] | None = None,
+    oil_pressures: Sequence[float] | None = None,
+) -> Sweep:
+    """Follow a scene's equilibrium through rising loads.
+
+    Args:
+        scene: the scene; its loads give the pattern, which is kept.
+        forces: sums of the line loads' magnitudes, in the order to visit [N].
+        oil_pressures: instead of forces: all loads are scaled until the oil reaches these
+            pressures above ambient, all of one sign, in the order to visit [Pa].
+
+    Returns:
+        A report for each point, and the first contact with the wall if there is one.
+
+    Raises:
+        SweepError: the loads can't be scaled so, or the values are not allowed.
+        TypeError: neither forces nor oil pressures are given, or both.
+        Float64Error: float64 is off.
+    """
+    require_float64()
+    if (forces is None) == (oil_pressures is None):
+        raise TypeError("sweep: give either forces or oil_pressures")
+    if forces is not None:
+        return force_sweep(scene, forces)
+    assert oil_pressures is not None
+    return pressure_sweep(scene, oil_pressures)
 
 
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
