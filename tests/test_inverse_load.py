@@ -146,7 +146,7 @@ def test_stuck_and_missing_taxels_cost_little(
     assert all({3, 17, 30} <= set(e.left_out) for e in found)
 
 
-def test_what_is_no_contact_gets_its_own_name(
+def test_frames_without_a_contact_have_statuses_of_their_own(
     estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:
     rest = estimator.table.rest
@@ -329,7 +329,7 @@ def test_command_prints_one_line_a_frame(
 @pytest.mark.parametrize(
     ("taxels", "frames", "status"), [(30, 2, "layout_mismatch"), (TAXELS, 0, "empty_log")]
 )
-def test_logs_that_say_nothing_end_the_command(
+def test_unusable_logs_exit_with_a_status(
     folder: Path, estimator: LoadEstimator, taxels: int, frames: int, status: str
 ) -> None:
     log = write_log(folder / "bad.csv", np.full((frames, taxels), 160))

@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from fitting.material.experiments.bulge import Bulge
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.homogeneous import (
-    Bulge,
-    Homogeneous,
-    mode_factors,
-    shear_factors,
-)
+from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, shear_factors
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
@@ -84,7 +80,7 @@ def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
     assert fit.cost <= best * (1.0 + 1e-6)
 
 
-def test_one_mode_alone_is_not_trusted(treloar: list[Dataset]) -> None:
+def test_a_single_mode_leaves_other_modes_unidentified(treloar: list[Dataset]) -> None:
     report = report_of(fit_material(treloar[:1], "ogden", 3))
     text = " ".join(report["unidentifiable"])
     assert "equibiaxial stress: not measured" in text
@@ -116,7 +112,7 @@ def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
 
 
 @pytest.mark.parametrize("law", [name for name in CHOICES if name != "ogden"])
-def test_exact_data_give_their_constants_back(treloar: list[Dataset], law: str) -> None:
+def test_exact_data_recover_the_constants(treloar: list[Dataset], law: str) -> None:
     chosen = family(law)
     scales = pose(treloar, chosen, "relative").residuals.scales
     theta = np.linspace(-0.15, 0.1, chosen.size)
@@ -181,7 +177,7 @@ def test_settled_bulge_predicts_the_membranes_pressure() -> None:
     np.testing.assert_allclose(rough.settled(law).predict(law), exact.pressure, rtol=1e-8)
 
 
-def test_own_energy_in_a_few_lines(treloar: list[Dataset]) -> None:
+def test_a_user_defined_energy_is_fitted(treloar: list[Dataset]) -> None:
     class Hencky(AbstractLaw):
         mu: jax.Array
 
@@ -215,7 +211,7 @@ def test_intervals_cover_the_truth(treloar: list[Dataset], kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["relative", "noise"])
-def test_a_wrong_law_is_said_and_its_intervals_widened(
+def test_a_wrong_law_is_reported_and_widens_intervals(
     treloar: list[Dataset], kind: str
 ) -> None:
     truth = Ogden(TABLE_1[:3], TABLE_1[3:])
@@ -229,7 +225,7 @@ def test_a_wrong_law_is_said_and_its_intervals_widened(
     assert not right.misfit.significant
 
 
-def test_a_law_near_the_truth_is_told_from_it(treloar: list[Dataset]) -> None:
+def test_lack_of_fit_distinguishes_two_similar_laws(treloar: list[Dataset]) -> None:
     # Both agree to about the noise; residuals of the wrong one bend along the tests.
     truth = Gent(3e5, 90.0)
     said = np.zeros(2, dtype=int)
@@ -259,7 +255,7 @@ def test_hard_bounds_hold(treloar: list[Dataset]) -> None:
         fit_material(treloar, "yeoh", bounds={"C4": (0.0, 1.0)}, starts=16)
 
 
-def test_random_cases_converge_or_are_named(treloar: list[Dataset]) -> None:
+def test_random_cases_end_with_a_named_status(treloar: list[Dataset]) -> None:
     rng = np.random.default_rng(8)
     named = {"converged", "single_minimum", "not_converged"}
     for case in range(21):

@@ -12,7 +12,7 @@ from fitting.json_text import json_text
 
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
-    from fitting.inverse_load.posterior import Mode
+    from fitting.inverse_load.posterior import LoadMode
     from fitting.inverse_load.readings import LogReadings
 
 
@@ -191,7 +191,7 @@ def _offline(
             typer.echo("\n".join(modes_in_words(modes)))
 
 
-def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[Mode]":
+def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[LoadMode]":
     """Modes of the frame with a number."""
     import numpy as np
 

@@ -138,7 +138,7 @@ def simulate(
         spec = load_scene(scene) if path is None else path.scene
         settings = {"noise": noise, "drift": drift, "bits": bits, "refresh": refresh}
         converter = play.converter_of(spec, offset=offset, **settings)
-        faults = play.Faults(drop, missing, dict(_stuck(text) for text in stuck or ()))
+        faults = play.LogFaults(drop, missing, dict(_stuck(text) for text in stuck or ()))
         length = duration
         if length is None:
             length = 10.0 if path is None else float(path.time[-1] - path.time[0])

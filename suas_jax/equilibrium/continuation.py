@@ -193,14 +193,14 @@ class LoadStepping(optx.AbstractRootFinder):
         # The step failed: forget it and trust a quarter of its first displacement.
         shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
         tiny = self.smallest_step * jnp.abs(level)
-        hopeless = failed & (shrunk < 1e-6 * length)
+        too_short = failed & (shrunk < 1e-6 * length)
         stuck = equilibrium & ~reached & (step < tiny)
 
         live = ~state.done
         accept, retry = live & converged, live & failed
         settle = accept & (equilibrium | reached)
         result = jnp.where(stuck, index_of("limit_point"), state.result)
-        result = jnp.where(hopeless, index_of("no_convergence"), result)
+        result = jnp.where(too_short, index_of("no_convergence"), result)
         new = SteppingState(
             level=jnp.where(accept | retry, target, level),
             base=_select(accept, trial, _select(retry, state.good, state.base)),
@@ -218,7 +218,7 @@ class LoadStepping(optx.AbstractRootFinder):
             negative=jnp.where(accept, solved.stats["negative"], state.negative),
             smallest_pivot=jnp.minimum(state.smallest_pivot, solved.stats["smallest_pivot"]),
             result=result,
-            done=(accept & (reached | stuck)) | (live & hopeless),
+            done=(accept & (reached | stuck)) | (live & too_short),
         )
         new = _select(live, new, state)
         trial = _select(live & ~failed, trial, new.base)

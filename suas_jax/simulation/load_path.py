@@ -61,7 +61,7 @@ class LoadPath:
 
 
 @dataclass(frozen=True)
-class Faults:
+class LogFaults:
     """What goes wrong between skin and log.
 
     Attributes:
@@ -212,7 +212,7 @@ def readings(
     scene: SceneSpec,
     time: NDArray[np.float64],
     sample: Sample,
-    faults: Faults,
+    faults: LogFaults,
     random: np.random.Generator,
 ) -> Iterator[Reading]:
     """Frames as a device would send them: module after module, frame after frame.
