@@ -11,20 +11,19 @@ from skins import EPDM, converged, line, problem_of, quick, scene
 from suas_jax.config import ConfigError, GeometrySpec, continuous_inputs, scene_from_dict
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.build import all_numbers, geometry_of
 from suas_jax.scene.forward import forward, loads_of, skin_of
 from suas_jax.scene.gradient import gradient
+from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric, ParallelPlate
 from suas_jax.sensing.converter import EIGHT_BIT_LSB, PAPER_LSB, Converter
-from suas_jax.sensing.electrodes import Electrodes, Readings, electrodes_of
+from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.sensing.gap import PolarFace, polar_face, radius_at
 from suas_jax.sensing.taxels import (
     PLACE_CHANNELS,
     Taxels,
     module_places,
     taxel_names,
-    taxels_of,
 )
 from suas_jax.sensing.tiling import tiled_modules
 from suas_jax.skin.geometry import SkinGeometry, outward
@@ -95,8 +94,7 @@ def test_at_rest_every_taxel_has_the_paper_s_capacitance() -> None:
     named = sensing(table=electrodes(layers=layers), relative_permittivity="silicone-oil")
     assert named.oil.relative_permittivity == 2.7
     for spec, film in ((sensing(), 5e-3 / 2.2), (named, 5e-3 / 2.7 + 50e-6 / 3.3)):
-        numbers = all_numbers(spec, continuous_inputs(spec))
-        found = read(electrodes_of(spec, numbers, geometry_of(numbers)), 0.0)
+        found = read(skin_parts(spec, continuous_inputs(spec)).electrodes, 0.0)
         np.testing.assert_allclose(found.gap, 5e-3, rtol=1e-12)
         want = 3e-15 + 8.8541878188e-12 * np.pi / 4 * 4e-3**2 / film
         np.testing.assert_allclose(found.capacitance, want, rtol=1e-12)
@@ -239,8 +237,7 @@ def roboskin(**module: object) -> object:
 
 
 def places(spec: object) -> tuple[np.ndarray, Taxels]:
-    numbers = all_numbers(spec, continuous_inputs(spec))
-    taxels = taxels_of(spec.electrodes, numbers, WALL)
+    taxels = skin_parts(spec, continuous_inputs(spec)).electrodes.taxels
     x = (taxels.angle[:, 0] - np.deg2rad(10)) * 0.0525
     return np.stack([x, taxels.axial[:, 0] - 2e-3], 1), taxels
 

@@ -9,15 +9,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool
+from jaxtyping import Array, Bool
 
 from suas_jax.config import LineLoadSpec, SceneSpec
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
 from suas_jax.mechanics.base import AbstractMechanics, Profile
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.scene.build import all_numbers, geometry_of, line_loads_of
-from suas_jax.sensing.electrodes import electrodes_of
+from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.geometry import SkinGeometry, outward
 
@@ -93,18 +92,13 @@ def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
     return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
 
 
-def load_observables(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
-) -> list[dict[str, Any]]:
+def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
     """Position, force and displacement of every load, in the order of the file."""
-    numbers = all_numbers(scene, inputs)
-    geometry = geometry_of(numbers)
-    lines = iter(line_loads_of(scene, numbers))
+    lines, pressures = iter(parts.lines), iter(parts.pressures)
     entries: list[dict[str, Any]] = []
-    for i, spec in enumerate(scene.loads):
+    for spec in parts.scene.loads:
         if not isinstance(spec, LineLoadSpec):
-            pressure = jnp.asarray(numbers[f"load.{i}.pressure"])[..., None] * state.factor
-            entries.append({"pressure_Pa": pressure})
+            entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
         load = next(lines)
         shape = problem.mechanics.at_angle(state.q, load.angle)
@@ -116,7 +110,7 @@ def load_observables(
         entries.append(
             {
                 "angle_deg": jnp.rad2deg(load.angle),
-                "arc_position_m": load.angle * geometry.outer_radius,
+                "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
                 "force_N": load.force * state.factor,
                 "displacement_m": component(shape.mid_displacement),
                 "inner_displacement_m": component(shape.inner_displacement),
@@ -125,12 +119,9 @@ def load_observables(
     return entries
 
 
-def taxel_observables(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
-) -> dict[str, Array]:
+def taxel_observables(parts: SceneParts, problem: Problem, state: State) -> dict[str, Array]:
     """What the taxels read, a column a quantity [taxel, lane]; empty without electrodes."""
-    numbers = all_numbers(scene, inputs)
-    electrodes = electrodes_of(scene, numbers, geometry_of(numbers))
+    electrodes = parts.skin.electrodes
     if electrodes is None:
         return {}
     readings = electrodes.read(problem.mechanics, state.q)
@@ -156,29 +147,23 @@ def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dic
     ]
 
 
-def observe(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
-) -> dict[str, Any]:
+def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]:
     """Everything a solve reports about a state, in SI units, with a lane axis.
 
     Args:
-        scene: the scene.
-        problem: its discrete problem over the whole arc.
+        parts: of the scene.
+        problem: its discrete problem on the whole membrane.
         state: the equilibrium.
-        inputs: the continuous inputs that the problem was built from.
     """
-    numbers = all_numbers(scene, inputs)
-    geometry = geometry_of(numbers)
+    geometry = parts.skin.geometry
     shape = problem.mechanics.profile(state.q, SAMPLES)
     gap, gap_angle = _gap(shape, geometry)
+    moved = largest_displacement(shape)
     shape = _away_from_clamps(problem.mechanics, shape)
-    square = jnp.sum(shape.inner_displacement**2, 0)
-    at_rest = square == 0  # where a square root has no derivative
-    moved = jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
     report = {
-        "loads": load_observables(scene, problem, state, inputs),
+        "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,
-        "max_displacement_m": peak(moved)[0],
+        "max_displacement_m": moved,
         "min_gap_m": gap,
         "min_gap_angle_deg": jnp.rad2deg(gap_angle),
         "wall_contact": gap <= 0,
@@ -187,15 +172,17 @@ def observe(
         "stretch_max": peak(shape.inner_stretch)[0],
         "material_stable": _material_stable(problem, shape),
         "volume_residual": volume_residual(problem, state),
-        "taxels": taxel_observables(scene, problem, state, inputs),
+        "taxels": taxel_observables(parts, problem, state),
     }
-    environment = scene.environment
-    if environment is not None and environment.depth is not None:
-        path = "environment."
-        ambient = (
-            numbers[path + "specific_weight"] * numbers[path + "depth"]
-            + numbers[path + "atmospheric_pressure"]
-        )
+    ambient = parts.ambient_pressure
+    if ambient is not None:
         report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)
         report["absolute_oil_pressure_Pa"] = ambient + state.pressure
     return report
+
+
+def largest_displacement(shape: Profile) -> Lanes:
+    """Largest magnitude of the inner face's displacement [m]."""
+    square = jnp.sum(shape.inner_displacement**2, 0)
+    at_rest = square == 0  # where a square root has no derivative
+    return peak(jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square))))[0]
