@@ -20,6 +20,7 @@ from fitting.material.laws.registry import CHOICES, family
 from fitting.material.report.summary import report_of
 from fitting.statistics.least_squares import minimise
 from fitting.statistics.parameters import Constant, Family, Scales
+from fitting.statistics.residuals import sensitivity
 from suas_jax.constitutive import (
     AbstractLaw,
     Gent,
@@ -247,10 +248,23 @@ def test_laws_are_ranked_by_information(treloar: list[Dataset]) -> None:
     assert aicc == sorted(aicc)
 
 
-def test_hard_bounds_hold(treloar: list[Dataset]) -> None:
+def test_hard_bounds_hold_and_agree_with_scipy(treloar: list[Dataset]) -> None:
     fit = fit_material(treloar, "yeoh", bounds={"C3": (0.0, 20.0)}, starts=16)
     assert fit.bounded == ("C3",)
     np.testing.assert_allclose(fit.constants[2], 20.0, rtol=1e-6)
+    residuals, size = fit.problem.residuals, np.array([1e5, 1e3, 1e1])
+    found = scipy.optimize.least_squares(
+        lambda q: np.asarray(residuals.of_constants(jnp.asarray(q * size))),
+        [1.0, 1.0, 1.0],
+        lambda q: np.asarray(sensitivity(residuals, jnp.asarray(q * size))[1]) * size,
+        bounds=([0.0, -np.inf, 0.0], [np.inf, np.inf, 2.0]),
+        method="dogbox",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-12,
+    )
+    np.testing.assert_allclose(fit.cost, found.cost, rtol=1e-9)
+    np.testing.assert_allclose(fit.constants, found.x * size, rtol=1e-5)
     with pytest.raises(ValueError, match=r"no such constant; allowed: C1, C2, C3"):
         fit_material(treloar, "yeoh", bounds={"C4": (0.0, 1.0)}, starts=16)
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
+from suas_jax.acquisition.equal_runs import equal_runs
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
@@ -214,12 +215,9 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
     fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
     needed = repeats_needed(noise, taxels)
     for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
-        breaks = np.flatnonzero(~same[:, k])
-        starts = np.concatenate([[0], breaks + 1])
-        ends = np.concatenate([breaks, [frames - 1]])  # inclusive
-        for start, end in zip(starts, ends, strict=True):
-            if fresh[start:end].sum() >= needed:
-                stuck[start : end + 1, k] = True
+        for begin, end in equal_runs(so[:, k]):
+            if fresh[begin : end - 1].sum() >= needed:
+                stuck[begin:end, k] = True
     return stuck
 
 

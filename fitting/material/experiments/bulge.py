@@ -49,7 +49,7 @@ class Bulge(AbstractExperiment):
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Pressures [Pa]; not a number where the law has no bulge of that height."""
-        (log_p, log_h), (slope_p, slope_h) = self._inflated(law)
+        (log_p, log_h), (slope_p, slope_h) = _inflated(self, law)
         along = jax.lax.stop_gradient(slope_p / slope_h)
         return jnp.exp(log_p + along * (jnp.log(self.height) - log_h))
 
