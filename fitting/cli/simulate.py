@@ -133,7 +133,13 @@ def simulate(
         )
 
         faults = LogFaults(drop, missing, dict(_stuck(text) for text in stuck or ()))
-        settings = {"noise": noise, "drift": drift, "bits": bits, "refresh": refresh}
+        settings = {
+            "noise": noise,
+            "drift": drift,
+            "bits": bits,
+            "offset": offset,
+            "refresh": refresh,
+        }
         try:
             with spinner("simulating"):
                 log = simulate_log(
@@ -142,8 +148,7 @@ def simulate(
                     duration=duration,
                     faults=faults,
                     seed=seed,
-                    offset=offset,
-                    **settings,
+                    settings=settings,
                 )
         except NoSolutionError as error:
             typer.echo(f"suas: {scene}: {error}", err=True)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.estimate.assessment import POOR, LoadReport
+from fitting.inverse_load.estimate.assessment import POOR, LoadAssessment
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.fit.detection import Detector, threshold
 from fitting.inverse_load.fit.explanation import LoadFitter
@@ -116,7 +116,7 @@ class LoadEstimator:
             max(penalty, 2 * np.log(self.taxels)),
             self.most_contacts,
         )
-        self._report = LoadReport(
+        self._report = LoadAssessment(
             np.asarray(self.skin.electrodes.taxels.angle)[:, 0],
             float(self.skin.geometry.outer_radius[0]),
             self._fitter.edge,

@@ -1,4 +1,4 @@
-"""Samples of a posterior, and whether they can be trusted.
+"""Samples of a posterior and their convergence.
 
 A chain is judged by its integrated autocorrelation time tau (Goodman & Weare 2010): it is
 called converged when it is 50 tau long for every parameter and tau no longer changes. The

@@ -78,8 +78,8 @@ def simulate_log(
     duration: float | None = None,
     faults: LogFaults | None = None,
     seed: int = 0,
+    settings: Mapping[str, float | None] | None = None,
     progress: Callable[[int], None] = lambda frames: None,
-    **settings: float | None,
 ) -> SimulatedLog:
     """Play a scene, or a load path.
 
@@ -89,8 +89,8 @@ def simulate_log(
         duration: [s]; None for the path's own, or ten seconds of a scene.
         faults: what goes wrong between skin and log; nothing by default.
         seed: of noise, drift and faults.
+        settings: of the `Converter`, by name; None keeps what the scene's [electrodes] state.
         progress: called with the number of frames solved so far.
-        settings: of the converter; None keeps what the scene's [electrodes] state.
 
     Raises:
         ValueError: the file, the skin or a setting can't be used.
@@ -98,7 +98,7 @@ def simulate_log(
     """
     path = None if file.suffix.lower() == ".toml" else load_path(file)
     scene = load_scene(file) if path is None else path.scene
-    converter = converter_of(scene, **settings)
+    converter = converter_of(scene, **(settings or {}))
     if duration is None:
         duration = _SCENE_SECONDS if path is None else float(path.time[-1] - path.time[0])
     count = max(1, int(np.floor(duration * rate * (1 + 1e-12))) + (path is not None))

@@ -19,7 +19,7 @@ _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
 _UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
 
-class LoadReport:
+class LoadAssessment:
     """Estimates from explanations, for one skin.
 
     Args:

@@ -1,4 +1,4 @@
-"""Whether anything touches the skin: a test with a stated rate of false alarms.
+"""Contact detection: a test with a stated rate of false alarms.
 
 Of all contacts the one that raises the likelihood most is looked for, so the chance that
 noise alone looks like one of them grows with the variety of patterns. With readings scaled

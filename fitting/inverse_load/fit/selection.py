@@ -1,4 +1,4 @@
-"""Which loads explain a frame: how many contacts, which of two modes, which taxels are faulty.
+"""Selection of a frame's loads: how many contacts, which of two modes, which taxels are faulty.
 
 Every contact beyond the first adds a penalty to chi2, and so does every taxel that is left
 out. The explanation of lowest score wins, as with an information criterion; others than one

@@ -1,4 +1,4 @@
-"""Is a data set what it says? Unloading branches, mistaken units, mistaken signs.
+"""Checks of a data set: unloading branches, mistaken units, mistaken signs.
 
 Nothing here changes data: what looks wrong becomes a warning with its reason.
 """

@@ -1,4 +1,4 @@
-"""Does the skin stay where a fitted law was measured and is stable?"""
+"""Stretches of a scene under a fitted law, against its data and its stability window."""
 
 from pathlib import Path
 from typing import Any

@@ -128,8 +128,8 @@ def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list
         )
     elif fit.status == "single_minimum":
         doubts.append("only one start reached the lowest minimum: use more --starts")
-    if fit.misfit.words:
-        doubts.append(fit.misfit.words)
+    if fit.misfit.description:
+        doubts.append(fit.misfit.description)
     for data in fit.sets:
         if data.mode not in stable:
             continue

@@ -257,8 +257,8 @@ def _judged(
     held = tuple(family.names[i] for i in found.held)
     for name in held:
         warnings.append(f"{name} stopped at zero: the logs would have it negative")
-    if judged_misfit.words:
-        words = judged_misfit.words.replace(
+    if judged_misfit.description:
+        words = judged_misfit.description.replace(
             "the law does not follow the data", "the model does not follow the counts"
         ).replace("along the tests", "along the logs")
         hint = "; --field takes capacitances from the field instead of the formula"

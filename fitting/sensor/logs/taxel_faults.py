@@ -1,4 +1,4 @@
-"""Readings that say nothing about the gap: of silent, stuck and saturated taxels."""
+"""Masks of silent, stuck and saturated taxels, whose readings carry no information."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
