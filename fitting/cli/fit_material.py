@@ -8,6 +8,7 @@ import typer
 from fitting.cli.progress import fitting_spinner
 from fitting.cli.solve import NO_SOLUTION, bad_input
 from fitting.json_text import json_text
+from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from fitting.material.fit.result import MaterialFit
@@ -30,8 +31,7 @@ def material(
     law: Annotated[
         str,
         typer.Option(
-            help="neo-hookean, mooney-rivlin, yeoh, ogden, gent, arruda-boyce, polynomial; "
-            "auto compares them."
+            help=f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them."
         ),
     ] = "ogden",
     terms: Annotated[
@@ -159,15 +159,10 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
-                from fitting.material.export import Law, write_card
+                from fitting.material.report.cards import write_card
 
-                law_card = Law(
-                    fit.family.law_name,
-                    fit.family.tree(map(float, fit.constants)),
-                    float(fit.law.shear_modulus),
-                )
                 for name, file in cards:
-                    write_card(law_card, name, Path(file))
+                    write_card(fit.material(), name, Path(file))
             if fit is not None and plot is not None:
                 from fitting.material.report.plots import plot_material
 

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import spinner
 from fitting.cli.solve import NO_SOLUTION, bad_input
 
@@ -72,7 +73,7 @@ def simulate(
         typer.Option(
             "--format",
             metavar="NAME",
-            help="Live: text, text-checked, cobs, roboskin.",
+            help=f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.",
         ),
     ] = "text",
     port: Annotated[

@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from suas_jax.figures.load_arrows import draw_loads
 from suas_jax.figures.style import WALL
+from suas_jax.mechanics.section import section_of
 from suas_jax.scene.solve import Solution
 
 _SAMPLES = 12
@@ -20,7 +21,7 @@ def plot_section(solution: Solution) -> Figure:
         solution: a solution with the lumped shell.
     """
     problem = solution.problem()
-    shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
+    shape = section_of(problem.mechanics).profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
     normal = np.stack([np.sin(angle), np.cos(angle)])

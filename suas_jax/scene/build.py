@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs
+from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
@@ -61,9 +61,9 @@ def decay_angle(scene: SceneSpec) -> float:
     if scene.solve.oil_pressure is not None:
         tension = abs(scene.solve.oil_pressure) * radius
     else:
-        forces = [abs(s.force) for s in scene.loads if isinstance(s, LineLoadSpec)]
-        pressures = [abs(s.pressure) for s in scene.loads if not isinstance(s, LineLoadSpec)]
-        trapped = scene.oil.model != "vented"
+        pressures = [abs(s.pressure) for s in scene.loads if s.kind == "pressure"]
+        forces = [abs(s.force) for s in scene.loads if s.kind != "pressure"]
+        trapped = scene.oil.trapped
         tension = (3 * sum(forces) / g.width if trapped else 0.0) + sum(pressures) * radius
     if tension <= 0:
         return 1.0

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from suas_jax.equilibrium.balance import Problem, State, Verification
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.scene.observables import SAMPLES, peak
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
@@ -28,17 +27,12 @@ def _under_loads(
     mechanics: AbstractMechanics, q: StationVector, loads: list[LineLoad]
 ) -> list[Lanes]:
     """Mid-surface displacement under the loads, along them: linear in the unknowns [m]."""
-    found = []
-    for load in loads:
-        moved = mechanics.at_angle(q, load.angle).mid_displacement[:, 0, 0]
-        found.append(jnp.sum(moved * load.direction, 0))
-    return found
+    return [jnp.sum(mechanics.under(q, x).mid_displacement * x.direction, 0) for x in loads]
 
 
 def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:
     """Largest magnitude of the mid-surface displacement [m]."""
-    moved = mechanics.profile(q, SAMPLES).mid_displacement
-    return jnp.sqrt(jnp.maximum(peak(jnp.sum(moved**2, 0))[0], _TINY))
+    return jnp.maximum(mechanics.shape(q).largest_mid_displacement(), _TINY)
 
 
 def _relative(pressure: Lanes, moved: list[Lanes], to: State, size: Lanes) -> Lanes:

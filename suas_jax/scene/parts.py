@@ -11,30 +11,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
 
 from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, structure
-from suas_jax.constitutive import (
-    AbstractLaw,
-    ArrudaBoyce,
-    Gent,
-    MooneyRivlin,
-    NeoHookean,
-    Ogden,
-    Polynomial,
-    Yeoh,
-)
+from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
-from suas_jax.skin.oil import AbstractOil, CompressibleOil, IncompressibleOil, VentedOil
-
-_LAWS: dict[str, type[AbstractLaw]] = {
-    "neo-hookean": NeoHookean,
-    "mooney-rivlin": MooneyRivlin,
-    "yeoh": Yeoh,
-    "gent": Gent,
-    "arruda-boyce": ArrudaBoyce,
-    "polynomial": Polynomial,
-}
+from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.registry import build_oil
 
 
 class SkinParts(NamedTuple):
@@ -98,9 +81,9 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
     numbers = _all_numbers(scene, inputs)
     lines, pressures = [], []
     for i, spec in enumerate(scene.loads):
-        if isinstance(spec, LineLoadSpec):
+        if spec.kind == "line":
             lines.append(_line(spec, f"load.{i}.", numbers))
-        else:
+        elif spec.kind == "pressure":
             pressures.append(_lane(numbers[f"load.{i}.pressure"]))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:
@@ -135,21 +118,11 @@ def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
 
 
 def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
-    material = spec.material
-    if material.law == "ogden":
-        count = range(len(material.mu))
-        mu = jnp.stack([_lane(numbers[f"material.mu.{i}"]) for i in count])
-        alpha = jnp.stack([_lane(numbers[f"material.alpha.{i}"]) for i in count])
-        return Ogden.from_convention(mu, alpha, material.convention)
-    # The other laws' arguments are the keys of their tables.
-    keys = [key for key in type(material).model_fields if key != "law"]
-    return _LAWS[material.law](**{key: _lane(numbers[f"material.{key}"]) for key in keys})
+    return build_law(spec.material, lambda path: _lane(numbers[f"material.{path}"]))
 
 
 def _oil(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
-    if spec.oil.model == "compressible":
-        return CompressibleOil(_lane(numbers["oil.bulk_modulus"]))
-    return {"incompressible": IncompressibleOil, "vented": VentedOil}[spec.oil.model]()
+    return build_oil(spec.oil, lambda key: _lane(numbers[f"oil.{key}"]))
 
 
 def _line(spec: LineLoadSpec, path: str, numbers: Mapping[str, Any]) -> LineLoad:

@@ -94,7 +94,7 @@ def _header(
         "model": outcome["model"],
         "status": status,
         "message": " ".join(filter(None, message)),
-        "rtol_met": known and error <= scene.solve.rtol,
+        "rtol_met": known and error <= scene.rtol,
         **report,
         "error_estimate": error if known else None,
         "discretisation_error": mesh_error if known else None,
@@ -107,8 +107,8 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     remarks = []
     if error is None:
         remarks.append("The error could not be estimated.")
-    elif error > scene.solve.rtol:
-        remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
+    elif error > scene.rtol:
+        remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.rtol:.1e}.")
     if report["wall_contact"]:
         remarks.append(
             "The inner face has reached the rigid wall: contact is not modelled, the state "

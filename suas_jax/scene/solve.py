@@ -207,7 +207,7 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     """Solve with the model that the scene asks for, and say why it is that one."""
-    model, rtol = scene.solve.model, scene.solve.rtol
+    model, rtol = scene.solve.model, scene.rtol
     if model != "auto":
         return _attempt(scene, model, MODELS[model].given(scene), once=once), ""
     given = {name: m.given(scene) for name, m in MODELS.items()}
@@ -238,10 +238,10 @@ def _shell_chosen(shell: Attempt, rtol: float) -> str:
 
 def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -> Attempt:
     """Solve with one model, on the mesh given or on finer ones until `rtol` is met."""
-    model, rtol = MODELS[name], scene.solve.rtol
+    model, rtol = MODELS[name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     # Tolerance, model and mesh decide which programs run, not what they are.
-    static = Structure(with_solve(scene, model="auto", rtol=1e-3, elements=None, mesh=None))
+    static = Structure(with_solve(scene, model="auto", rtol=None, elements=None, mesh=None))
     counts = given or model.first(scene)
     while True:
         plan = plan_for(scene, name, counts)

@@ -167,7 +167,7 @@ def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
 
 
 def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
-    rtol, automatic = scene.solve.rtol, scene.solve.model == "auto"
+    rtol, automatic = scene.rtol, scene.solve.model == "auto"
     given = {name: model.given(scene) for name, model in MODELS.items()}
     name: str = scene.solve.model
     if automatic:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags, Integrity
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
-from suas_jax.config import LineLoadSpec, SceneSpec, load_scene
+from suas_jax.config import SceneSpec, load_scene
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
@@ -188,9 +188,10 @@ def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
     )
     pressure, row = np.zeros(frames), 0
     for i, load in enumerate(path.scene.loads):
-        if not isinstance(load, LineLoadSpec):
+        if load.kind == "pressure":
             pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
             continue
+        assert load.kind == "line"  # loads_of refuses patches
         if load.spread is not None:
             row += SPREAD_POINTS
             continue

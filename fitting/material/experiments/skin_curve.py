@@ -24,6 +24,7 @@ from suas_jax.config import (
 )
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, State, equilibrium
+from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import plan_for, problem_of
@@ -77,7 +78,7 @@ class SkinCurve(AbstractExperiment):
 
     def read(self, problem: Problem, found: Equilibrium) -> Float[Array, " n"]:
         """Readings of solved states; NaN where there is no equilibrium."""
-        shape = problem.mechanics.at_angle(found.state.q, self.angle)
+        shape = section_of(problem.mechanics).at_angle(found.state.q, self.angle)
         moved = jnp.sum(shape.mid_displacement[:, 0, 0] * self.direction, 0)
         both = jnp.stack([moved, found.state.pressure])
         both = jnp.where(found.result == 0, both, jnp.nan)
@@ -150,13 +151,16 @@ def specimen(
     Raises:
         ValueError: the skin doesn't carry these forces with the scene's material.
     """
+    scene.require_plane_strain("A skin as test specimen")
+    elements = scene.solve.elements
+    counts = (elements if isinstance(elements, int) else ELEMENTS,)
     lines = [(i, load) for i, load in enumerate(scene.loads) if isinstance(load, LineLoadSpec)]
     total = sum(abs(load.force) for _, load in lines)
     levels, lane = np.unique(force, return_inverse=True)
     top = float(np.max(np.abs(levels)))
     spec = with_solve(scene, oil_pressure=None)
     spec = with_inputs(spec, {f"load.{i}.force": load.force * top / total for i, load in lines})
-    plan = plan_for(spec, "shell", (spec.solve.elements or ELEMENTS,)).reduced()
+    plan = plan_for(spec, "shell", counts).reduced()
     parts = scene_parts(spec, continuous_inputs(spec))
     problem = problem_of(parts, plan)
     shell = problem.mechanics

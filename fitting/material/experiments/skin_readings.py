@@ -131,7 +131,7 @@ def skin(reader: Reader, scene: SceneSpec) -> SkinTest:
         values = reader.column(name)
         if values is None:
             continue
-        if channel == PRESSURE and scene.oil.model == "vented":
+        if channel == PRESSURE and not scene.oil.trapped:
             raise DataError(f"{reader.table.file}: a vented skin has no oil pressure to read")
         values = np.where(force == 0.0, np.nan, values)
         sigma = _sigma(reader, values, reader.column(noise), name)

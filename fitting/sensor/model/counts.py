@@ -18,10 +18,10 @@ from jaxtyping import Array, Float
 from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
 from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.field import field_capacitance_under
-from suas_jax.sensing.gap import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 

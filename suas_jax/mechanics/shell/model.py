@@ -57,7 +57,7 @@ class ShellModel(AbstractModel):
     def first(self, scene: SceneSpec) -> Counts:
         """Enough for every interval between loads."""
         intervals = 2 * (1 + len(scene.loads))
-        return (max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals),)
+        return (max(16 if scene.rtol >= 1e-4 else 32, 4 * intervals),)
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """More than for one solve."""

@@ -17,12 +17,12 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import (
-    AbstractMechanics,
     Assembly,
     Displacements,
     Profile,
     largest,
 )
+from suas_jax.mechanics.section import AbstractSection
 from suas_jax.mechanics.solid.element import EDGE_AREA, NODES, TABLES, mixed, quadratic
 from suas_jax.mechanics.solid.layout import Layout, NodeValues
 from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
@@ -42,7 +42,7 @@ from suas_jax.skin.loads import LoadPoints
 _PENALTY = 10.0
 
 
-class Solid(AbstractMechanics):
+class Solid(AbstractSection):
     """Discretised continuum, optionally the left half of a symmetric one.
 
     Attributes:
