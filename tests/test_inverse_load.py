@@ -78,10 +78,12 @@ def truth(study: ModuleType) -> dict[str, Any]:
     }
 
 
+run = eqx.filter_jit(forward)
+
+
 @pytest.fixture(scope="module")
 def readings(estimator: LoadEstimator) -> Callable[..., np.ndarray]:
     """Exact readings of the estimator's own model under single loads [frame, taxel]."""
-    run = eqx.filter_jit(forward)
 
     def of(angle: float, force: float) -> np.ndarray:
         return np.asarray(run(estimator.skin, Loads.line(angle, force)).so).T
@@ -196,7 +198,6 @@ def test_calibration_errors_move_the_estimate_as_stated(
     spec = estimator.spec.model_copy(update={"calibration": record})
     calibrated = LoadEstimator(spec, most_contacts=1)
     load = Loads.line(0.3, 12.0)
-    run = eqx.filter_jit(forward)
     expected = calibrated.estimate(np.asarray(run(calibrated.skin, load).so).T)[0].contacts[0]
     moved = []
     for path, size in zip(paths, sigma.values(), strict=True):

@@ -48,7 +48,7 @@ def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
     return load
 
 
-def in_words(modes: list[LoadMode]) -> list[str]:
+def posterior_lines(modes: list[LoadMode]) -> list[str]:
     """A line or two a mode."""
     lines = [f"posterior: {len(modes)} modes" if len(modes) > 1 else "posterior: a single mode"]
     for mode in modes:

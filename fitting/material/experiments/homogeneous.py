@@ -14,9 +14,9 @@ from fitting.material.experiments.prediction import AbstractExperiment
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import MODES, kirchhoff
 
-# Points are padded to a multiple of this, so that data sets of similar size share
-# compiled programs.
-_BLOCK = 32
+# Points are padded to a power of two, and to no less than this, so that data sets of
+# different sizes share compiled programs.
+_FEWEST = 64
 
 
 class Homogeneous(AbstractExperiment):
@@ -46,8 +46,8 @@ class Homogeneous(AbstractExperiment):
 
 
 def padded(values: np.ndarray, fill: float = 0.0) -> Float[Array, " n"]:
-    """Fill an array up to the next full block."""
-    missing = -len(values) % _BLOCK
+    """Fill an array up to the next size that programs are compiled for."""
+    missing = max(_FEWEST, 1 << (len(values) - 1).bit_length()) - len(values)
     return jnp.asarray(np.concatenate([values, np.full(missing, fill)]), float)
 
 
