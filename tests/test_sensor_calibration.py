@@ -177,7 +177,7 @@ def test_air_adds_the_gap(truth: dict, tmp_path: Path) -> None:
         assert abs(found - true) < 4 * error
         assert error < 2e-3 * true
     assert not fit.priors
-    tells = {row["logs"]: row["standard_errors"] for row in fit.tells}
+    tells = {row["logs"]: row["standard_errors"] for row in fit.contributions}
     assert tells["oil alone"] == {"relative_permittivity": None, "oil_gap": None}
     assert tells["known fluid alone"]["relative_permittivity"] is None
     assert tells["known fluid alone"]["oil_gap"] > 0

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
+from suas_jax.acquisition.equal_runs import equal_runs
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
@@ -25,6 +27,20 @@ class EmptyLogError(ValueError):
     """A log without a frame."""
 
 
+class _Places(NamedTuple):
+    """Where the taxels of a layout stand in readings of some modules [module, taxel].
+
+    Attributes:
+        sizes: taxels that each module should have [module]; -1 for a foreign module.
+        row: of each taxel's module [taxel]; -1 where the module is absent.
+        column: of each taxel [taxel].
+    """
+
+    sizes: NDArray[np.int64]
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+
+
 class Layout:
     """Where each taxel of a skin stands in a log.
 
@@ -39,6 +55,17 @@ class Layout:
             )
         module, number = taxel_names(spec.electrodes)
         self.module, self.number = np.array(module), np.array(number)
+        self._places: dict[tuple[int, ...], _Places] = {}
+
+    def _in(self, modules: Sequence[int]) -> _Places:
+        """Places in readings of some modules; found once for each list of modules."""
+        key = tuple(modules)
+        if key not in self._places:
+            counts = np.array([np.sum(self.module == m) for m in key])
+            where = {m: row for row, m in enumerate(key)}
+            row = np.array([where.get(m, -1) for m in self.module.tolist()])
+            self._places[key] = _Places(np.where(counts > 0, counts, -1), row, self.number - 1)
+        return self._places[key]
 
     @property
     def taxels(self) -> int:
@@ -60,32 +87,31 @@ class Layout:
             LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
                 narrow for its modules.
         """
-        own = set(self.module.tolist())
-        strange = sorted(set(modules) - own)
-        if strange:
+        sizes = self._in(modules).sizes
+        if (sizes < 0).any():
+            foreign = min(m for m, size in zip(modules, sizes, strict=True) if size < 0)
             raise LayoutMismatchError(
-                f"{source}: layout_mismatch: module {strange[0]} is none of the skin's, which "
+                f"{source}: layout_mismatch: module {foreign} is none of the skin's, which "
                 f"has {self.describe()}; is this the log's skin file?"
             )
         width = so.shape[-1]
-        for row, module in enumerate(modules):
-            size = int((self.module == module).sum())
-            present = np.flatnonzero(np.isfinite(so[..., row, :]).reshape(-1, width).any(0))
-            most = int(present.max()) + 1 if present.size else 0
-            if most > size or width < size:
-                has = most if most > size else width
-                raise LayoutMismatchError(
-                    f"{source}: layout_mismatch: module {module} has {has} taxels here, but "
-                    f"the skin has {self.describe()}; is this the log's skin file?"
-                )
+        present = np.isfinite(so).reshape(-1, len(sizes), width).any(0)
+        most = np.where(present, np.arange(1, width + 1), 0).max(1, initial=0)
+        wrong = np.flatnonzero((most > sizes) | (width < sizes))
+        if wrong.size:
+            k = int(wrong[0])
+            has = most[k] if most[k] > sizes[k] else width
+            raise LayoutMismatchError(
+                f"{source}: layout_mismatch: module {modules[k]} has {has} taxels here, but "
+                f"the skin has {self.describe()}; is this the log's skin file?"
+            )
 
     def pick(self, modules: Sequence[int], so: NDArray[np.float64]) -> NDArray[np.float64]:
         """Readings [..., taxel] from [..., module, taxel]; NaN where a module is absent."""
-        row = {int(m): k for k, m in enumerate(modules)}
+        _, row, column = self._in(modules)
+        known = row >= 0
         out = np.full((*so.shape[:-2], self.taxels), np.nan)
-        for k, (module, number) in enumerate(zip(self.module, self.number, strict=True)):
-            if int(module) in row:
-                out[..., k] = so[..., row[int(module)], number - 1]
+        out[..., known] = so[..., row[known], column[known]]
         return out
 
     def baseline(self, baseline: Baseline, source: str) -> tuple[NDArray, NDArray]:
@@ -189,17 +215,14 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
     fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
     needed = repeats_needed(noise, taxels)
     for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
-        breaks = np.flatnonzero(~same[:, k])
-        starts = np.concatenate([[0], breaks + 1])
-        ends = np.concatenate([breaks, [frames - 1]])  # inclusive
-        for start, end in zip(starts, ends, strict=True):
-            if fresh[start:end].sum() >= needed:
-                stuck[start : end + 1, k] = True
+        for begin, end in equal_runs(so[:, k]):
+            if fresh[begin : end - 1].sum() >= needed:
+                stuck[begin:end, k] = True
     return stuck
 
 
 class StuckWatch:
-    """`stuck_taxels` for frames as they come.
+    """`stuck_taxels` frame by frame, for a stream.
 
     Args:
         noise: standard deviation of a reading [counts].
