@@ -192,7 +192,6 @@ def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
             pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
             continue
         assert load.kind == "line"  # loads_of refuses patches
-        assert load.kind == "line"  # loads_of refuses patches
         if load.spread is not None:
             row += SPREAD_POINTS
             continue
