@@ -83,10 +83,8 @@ class Electrodes(eqx.Module):
         """
         taxels, wall = self.taxels, self.geometry.wall_radius
         footprint = DISC if face.varies_along_axis else CHORDS
-        # Ray after ray, not all in one array: a reduction over them would cost the
-        # compiled program several times what the look-ups do.
         rays = taxels.rays(footprint, wall)
-        gaps = [face.gap(angle, axial, wall) - self.height for angle, axial in rays]
+        gaps = [gap - self.height for gap in face.gaps(rays, wall)]
         clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
         parted = clear
         if held:

@@ -339,6 +339,14 @@ class PadFace(AbstractFace):
     pad: Pad
     q: StationVector
 
+    def gaps(
+        self, rays: Sequence[tuple[Array, Array]], wall_radius: Lanes
+    ) -> list[Float[Array, "taxel lane"]]:
+        """Gaps along several rays for each taxel: one search for all; see the base class."""
+        angle = jnp.concatenate([angle for angle, _ in rays])
+        axial = jnp.concatenate([axial for _, axial in rays])
+        return jnp.split(self.gap(angle, axial, wall_radius), len(rays))
+
     def gap(
         self,
         angle: Float[Array, "ray #lane"],
