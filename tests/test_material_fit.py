@@ -17,7 +17,7 @@ from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.laws.registry import family
-from fitting.material.report.summary import report_of
+from fitting.material.report.summary import material_report
 from fitting.statistics.least_squares import minimise
 from fitting.statistics.parameters import Constant, Family, Scales
 from fitting.statistics.residuals import sensitivity
@@ -83,7 +83,7 @@ def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
 
 
 def test_a_single_mode_leaves_other_modes_unidentified(treloar: list[Dataset]) -> None:
-    report = report_of(fit_material(treloar[:1], "ogden", 3))
+    report = material_report(fit_material(treloar[:1], "ogden", 3))
     text = " ".join(report["unidentifiable"])
     assert "equibiaxial stress: not measured" in text
     assert any("only uniaxial was measured" in warning for warning in report["warnings"])
@@ -105,7 +105,7 @@ def test_plane_strain_determines_the_sum_of_c1_and_c2(treloar: list[Dataset]) ->
     ],
 )
 def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
-    report = report_of(fit_material([load_dataset(mode, DATA / file)], "ogden", 2))
+    report = material_report(fit_material([load_dataset(mode, DATA / file)], "ogden", 2))
     assert report["status"] == "converged"
     assert (
         report["modes"][mode]["rms_MPa"] < {"biaxial": 0.015, "biaxial_difference": 0.07}[mode]
@@ -281,6 +281,6 @@ def test_random_cases_end_with_a_named_status(treloar: list[Dataset]) -> None:
         value *= rng.choice([1.0, 1.0, -1.0, 0.0]) * 10.0 ** rng.uniform(-3.0, 3.0)
         made = dataclasses.replace(part, value=value)
         law, terms = [("ogden", 2), ("gent", 1), ("mooney-rivlin", 3)][case % 3]
-        report = report_of(fit_material([made], law, terms, starts=16, seed=case))
+        report = material_report(fit_material([made], law, terms, starts=16, seed=case))
         assert report["status"] in named
         assert np.all(np.isfinite(report["covariance"]))

@@ -174,9 +174,9 @@ def sweep(
             from suas_jax.runtime.settings import configure
 
             configure()
-            from suas_jax.scene.sweep import force_sweep, pressure_sweep
+            from suas_jax.scene.sweep import sweep as run
 
-            curve = (force_sweep if force else pressure_sweep)(spec, values)
+            curve = run(spec, **{"forces" if force else "oil_pressures": values})
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:

@@ -7,7 +7,7 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.result import MaterialFit
-from fitting.material.report.summary import report_of
+from fitting.material.report.summary import material_report
 
 COMPARE_ALL = "auto"
 """Name that stands for the best of all laws."""
@@ -40,13 +40,13 @@ def calibrate(
     if law != COMPARE_ALL:
         progress(law)
         fit = fit_material(sets, law, terms, **options)
-        return fit, report_of(fit)
+        return fit, material_report(fit)
     if terms is not None:
         raise ValueError("--terms: --law auto chooses the number of terms itself")
     if options.pop("bounds", None):
         raise ValueError("--bound: name the law whose constants are bounded")
     comparison = compare_laws(sets, progress=progress, **options)
-    report = report_of(comparison.best)
+    report = material_report(comparison.best)
     report["candidates"] = comparison.table
     report["candidates_failed"] = comparison.failed
     return comparison.best, report

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from suas_jax.config.schema_load import LineLoadSpec, PatchLoadSpec, PressureLoadSpec
     from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, ModuleSpec
     from suas_jax.config.schema_solve import SolveSpec
+    from suas_jax.config.schema_wall import WallSpec
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
@@ -33,9 +34,9 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
     """Compare tables with one another.
 
     Args:
-        tables: specifications by field name (``geometry``, ``oil``, ``electrodes``, ``loads``,
-            ``solve``). What is missing or None (such as a table that is itself wrong, or one
-            of the loads) is left out of the comparison.
+        tables: specifications by field name (``geometry``, ``oil``, ``electrodes``, ``wall``,
+            ``loads``, ``solve``). What is missing or None (such as a table that is itself
+            wrong, or one of the loads) is left out of the comparison.
 
     Returns:
         Every contradiction, in the order of the tables.
@@ -47,6 +48,8 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
         found += _off_the_wall(geometry, tables["electrodes"])
     if tables.get("electrodes") is not None and tables.get("oil") is not None:
         found += _unknown_permittivity(tables["oil"].relative_permittivity)
+    if geometry is not None and tables.get("wall") is not None:
+        found += _thicker_than_the_wall(geometry, tables["wall"])
     if geometry is not None:
         for index, load in enumerate(loads or ()):
             if load is not None:
@@ -63,6 +66,16 @@ def _unknown_permittivity(relative_permittivity: float | None) -> Iterator[Contr
         yield Contradiction(
             "oil.relative_permittivity",
             "missing; [electrodes] needs it, for example relative_permittivity = 2.2",
+        )
+
+
+def _thicker_than_the_wall(geometry: GeometrySpec, wall: WallSpec) -> Iterator[Contradiction]:
+    radius = geometry.inner_radius - geometry.oil_gap
+    if wall.layer is not None and wall.layer.thickness >= radius:
+        yield Contradiction(
+            "wall.layer.thickness",
+            f"must be less than the wall's radius, {format_quantity(radius, 'length')} "
+            f"(inner_radius - oil_gap); the layer lies under the oil film",
         )
 
 

@@ -14,6 +14,7 @@ from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_oil import AnyOilSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import WallSpec
 
 
 class SkinSpec(Spec):
@@ -24,6 +25,7 @@ class SkinSpec(Spec):
         material: the membrane's law and constants.
         oil: how the oil answers.
         electrodes: what is sensed; None for nothing.
+        wall: what holds the membrane.
         calibration: where fitted numbers come from; None in a file written by hand.
     """
 
@@ -31,6 +33,7 @@ class SkinSpec(Spec):
     material: MaterialSpec
     oil: AnyOilSpec
     electrodes: ElectrodesSpec | None = None
+    wall: WallSpec = WallSpec()
     calibration: CalibrationSpec | None = None
 
     def require_plane_strain(self, what: str) -> None:

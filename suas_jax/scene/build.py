@@ -22,18 +22,31 @@ def plan_for(scene: SceneSpec, model: str, counts: Counts) -> AbstractPlan:
         model: name of the model.
         counts: size of the mesh, as the model orders it.
     """
-    return MODELS[model].plan(scene, counts, decay_angle(scene))
+    return MODELS[scene.geometry.dimension][model].plan(scene, counts, decay_angle(scene))
 
 
-def problem_of(parts: SceneParts, plan: AbstractPlan) -> Problem:
-    """The discrete problem of a scene's parts on a mesh."""
+def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> Problem:
+    """The discrete problem of a scene's parts on a mesh.
+
+    Args:
+        parts: of the scene.
+        plan: the mesh.
+        wall: whether the skin's wall is there; it changes nothing of a state whose gap is
+            open everywhere, and costs.
+    """
     skin = parts.skin
-    mechanics = MODELS[plan.model].build(plan, skin.geometry, skin.law, parts.lines)
+    model = MODELS[plan.dimension][plan.model]
+    mechanics = model.build(plan, skin.geometry, skin.law, parts.forces)
+    mechanics = mechanics.with_wall(skin.wall if wall else None)
     return Problem(mechanics, skin.oil, parts.external_pressure, parts.oil_pressure)
 
 
 def build_problem(
-    scene: SceneSpec, plan: AbstractPlan, inputs: Mapping[str, ArrayLike]
+    scene: SceneSpec,
+    plan: AbstractPlan,
+    inputs: Mapping[str, ArrayLike],
+    *,
+    wall: bool = False,
 ) -> Problem:
     """The discrete problem of a scene as a function of its continuous inputs.
 
@@ -42,8 +55,9 @@ def build_problem(
             them.
         plan: the mesh.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+        wall: whether the wall is there, see `problem_of`.
     """
-    return problem_of(scene_parts(scene, inputs), plan)
+    return problem_of(scene_parts(scene, inputs), plan, wall=wall)
 
 
 @functools.lru_cache(maxsize=64)

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from suas_jax.acquisition.integrity import Flags, Integrity
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.config import SceneSpec, load_scene
 from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.runtime.jit import jit
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.converter import Converter, Sample
@@ -157,7 +157,7 @@ def capacitances(
     Raises:
         NoSolutionError: some loads have no equilibrium.
     """
-    skin, run = skin_of(path.scene), eqx.filter_jit(forward)
+    skin, run = skin_of(path.scene), jit(forward)
     loads = _loads(path, time)
     edge = float(skin.geometry.half_angle[0])
     if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:

@@ -171,7 +171,7 @@ def specimen(
         problem,
         (shell.points.force * share, problem.external_pressure * share),
     )
-    load = parts.lines[0]
+    load = parts.forces[0]
     angle, direction = load.angle, load.direction
     if plan.symmetric and float(angle[0]) > 0.0:
         # Only the left half is solved: read the mirror image there.

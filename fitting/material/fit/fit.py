@@ -15,6 +15,7 @@ from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.least_squares import Minima, minimise
 from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.residuals import sensitivity
+from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
 _SKIN_LANES = 4
@@ -50,7 +51,9 @@ def fit_material(
     Raises:
         ValueError: law, terms, residual, branch or bounds are not allowed.
         NoFit: no start gave finite residuals.
+        Float64Error: float64 is off.
     """
+    require_float64()
     chosen = law if isinstance(law, AbstractFamily) else family(law, terms)
     if starts < 1:
         raise ValueError(f"--starts {starts}: at least one is needed")

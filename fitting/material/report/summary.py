@@ -14,7 +14,7 @@ _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
 
 
-def report_of(fit: MaterialFit) -> dict[str, Any]:
+def material_report(fit: MaterialFit) -> dict[str, Any]:
     """The JSON of `suas fit material`.
 
     Args:

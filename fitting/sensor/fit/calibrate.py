@@ -42,6 +42,7 @@ from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from fitting.statistics.diagnostics import misfit
 from fitting.statistics.identifiability import Uncertainty, uncertainty
 from suas_jax.acquisition.baseline import Baseline
+from suas_jax.runtime.precision import require_float64
 
 _ROUNDS = 8
 _SAME = 1e-7
@@ -85,7 +86,9 @@ def fit_sensor(
     Raises:
         ValueError: an argument is not allowed.
         NoCalibration: the logs don't follow the skin's model at all.
+        Float64Error: float64 is off.
     """
+    require_float64()
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
         raise ValueError("--fit: name at least one constant")

@@ -22,6 +22,7 @@ class ShellPlan(AbstractPlan):
         arc: where they lie.
     """
 
+    dimension: ClassVar[int] = 2
     arc: MeshPlan
 
     @property
@@ -51,6 +52,7 @@ class ShellPlan(AbstractPlan):
 class ShellModel(AbstractModel):
     """Elements along the arc, the thickness integrated beforehand."""
 
+    dimension: ClassVar[int] = 2
     name: ClassVar[str] = "shell"
     setting: ClassVar[str] = "elements"
 

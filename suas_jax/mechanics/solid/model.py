@@ -30,6 +30,7 @@ class SolidPlan(AbstractPlan):
         layers: how many through the thickness.
     """
 
+    dimension: ClassVar[int] = 2
     arc: MeshPlan
     layers: int = eqx.field(static=True)
 
@@ -61,6 +62,7 @@ class SolidPlan(AbstractPlan):
 class SolidModel(AbstractModel):
     """Elements along the arc and through the thickness."""
 
+    dimension: ClassVar[int] = 2
     name: ClassVar[str] = "solid"
     setting: ClassVar[str] = "mesh"
 
