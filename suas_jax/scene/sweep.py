@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.config import (
-    LineLoadSpec,
     SceneSpec,
     continuous_inputs,
     with_inputs,
@@ -50,8 +49,8 @@ _COLUMNS = (
 
 
 def _total_force(report: dict[str, Any]) -> float:
-    lines = [load for load in report["loads"] if load["kind"] == "line"]
-    return sum(abs(load["force_N"]) for load in lines)
+    forces = [load["force_N"] for load in report["loads"] if load["kind"] != "pressure"]
+    return sum(abs(force) for force in forces)
 
 
 class SweepError(ValueError):
@@ -152,16 +151,16 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
         forces: sums of the loads' magnitudes, in the order to visit [N].
 
     Raises:
-        SweepError: the scene has no line load to scale, or forces aren't finite and >= 0.
+        SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
     """
     lines = {
         f"load.{i}.force": load.force
         for i, load in enumerate(scene.loads)
-        if isinstance(load, LineLoadSpec)
+        if load.kind != "pressure"
     }
     total = sum(abs(force) for force in lines.values())
     if total == 0:
-        raise SweepError("there is no line load with a force to scale; add [[load]] with force")
+        raise SweepError("there is no load with a force to scale; add [[load]] with force")
     values = _checked(forces, "--force")
     top = float(values.max()) or total
     scaled = with_inputs(scene, {key: f * top / total for key, f in lines.items()})
@@ -316,8 +315,11 @@ class _Curve:
 
 
 def _contact_of(report: dict[str, Any]) -> dict[str, float]:
-    return {
+    contact = {
         "force_N": _total_force(report),
         "oil_pressure_Pa": report["oil_pressure_Pa"],
         "angle_deg": report["min_gap_angle_deg"],
     }
+    if "min_gap_axial_m" in report:
+        contact["axial_m"] = report["min_gap_axial_m"]
+    return contact

@@ -68,9 +68,10 @@ class PadLoad(eqx.Module):
         elif isinstance(spec, LineLoadSpec) and length is None:
             length = jnp.atleast_1d(jnp.asarray(width, float))
         turn = 0.0 if isinstance(spec.direction, str) else value("direction")
-        places = (lane(value(name)) for name in ("angle", "axial", "force"))
         return cls(
-            *places,
+            lane(value("angle")),
+            lane(value("axial")),
+            lane(value("force")),
             lane(turn),
             lane(value("tilt")),
             arc,
