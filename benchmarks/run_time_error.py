@@ -28,7 +28,7 @@ from benchmarks.skipping import skipping_table
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, equilibrium
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.runtime.program_store import uncached
+from suas_jax.runtime.machine_code import uncached
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.observables import load_observables

@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 # The data flow; a module may import from its own layer and from those before it.
 LAYERS = [
+    ["files"],
     ["numerics", "runtime", "config"],
     ["acquisition"],  # the serial logger: without the model, and without JAX
     ["constitutive", "skin"],

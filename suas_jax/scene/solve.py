@@ -19,7 +19,7 @@ from suas_jax.equilibrium.balance import Problem, State, verify
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mesh.plan import MeshPlan
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.program_store import Keyed
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.scene.build import (
     all_numbers,
     build_problem,
