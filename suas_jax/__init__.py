@@ -19,7 +19,7 @@ _HOMES = {
     "force_sweep": "suas_jax.scene.sweep",
     "pressure_sweep": "suas_jax.scene.sweep",
     "plot_solution": "suas_jax.figures.section",
-    "plot_sweep": "suas_jax.figures.section",
+    "plot_sweep": "suas_jax.figures.curve",
     "plot_pad": "suas_jax.figures.pad",
     "Loads": "suas_jax.scene.forward",
     "forward": "suas_jax.scene.forward",

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from fitting.material.data.datasets import load_dataset
-from fitting.material.data.measurements import Dataset
+from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.homogeneous import (
+    Bulge,
+    Homogeneous,
+    mode_factors,
+    shear_factors,
+)
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.comparison import compare_laws
-from fitting.material.fit.experiments import Bulge, Homogeneous, mode_factors, shear_factors
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.laws.registry import CHOICES, family

@@ -8,6 +8,12 @@ from suas_jax.config.inputs import continuous_inputs, structure, with_inputs, wi
 from suas_jax.config.load import load_scene, load_skin, scene_from_dict
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
+from suas_jax.config.schema_load import (
+    EnvironmentSpec,
+    LineLoadSpec,
+    LoadSpec,
+    PressureLoadSpec,
+)
 from suas_jax.config.schema_material import (
     ArrudaBoyceSpec,
     GentSpec,
@@ -18,15 +24,7 @@ from suas_jax.config.schema_material import (
     PolynomialSpec,
     YeohSpec,
 )
-from suas_jax.config.schema_scene import (
-    EnvironmentSpec,
-    LineLoadSpec,
-    LoadSpec,
-    PressureLoadSpec,
-    SceneSpec,
-    SkinSpec,
-    SolveSpec,
-)
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     GeometrySpec,
@@ -35,6 +33,7 @@ from suas_jax.config.schema_skin import (
     OilSpec,
     TaxelSpec,
 )
+from suas_jax.config.schema_solve import SolveSpec
 
 __all__ = [
     "ArrudaBoyceSpec",

@@ -14,8 +14,9 @@ from typing import Any
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Problem, show, show_key
 from suas_jax.config.presets import expand_preset
+from suas_jax.config.schema_load import LOADS
 from suas_jax.config.schema_material import LAWS
-from suas_jax.config.schema_scene import LOADS, SceneSpec, SkinSpec
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.toml_file import missing_file, read_toml
 from suas_jax.config.validation import (
     TABLES,

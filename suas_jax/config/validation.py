@@ -11,9 +11,10 @@ from pydantic.fields import FieldInfo
 from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.config.schema_load import LOADS, EnvironmentSpec
 from suas_jax.config.schema_material import LAWS
-from suas_jax.config.schema_scene import LOADS, EnvironmentSpec, SolveSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
+from suas_jax.config.schema_solve import SolveSpec
 
 TABLES: dict[str, tuple[type[Spec], ...]] = {
     "geometry": (GeometrySpec,),

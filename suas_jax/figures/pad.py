@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.figures.section import written
+from suas_jax.figures.style import written
 from suas_jax.scene.build import all_numbers, geometry_of
 from suas_jax.sensing.taxels import Taxels, taxels_of
 

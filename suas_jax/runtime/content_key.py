@@ -59,11 +59,7 @@ def content_key(value: Any) -> str:
 
 def _parts(value: Any) -> Iterator[bytes]:
     """A value as a sequence of bytes that no other value has."""
-    if (
-        value is None
-        or isinstance(value, bool | int | str | bytes)
-        or isinstance(value, float | complex)
-    ):
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
         yield f"{type(value).__name__} {value!r}".encode()
     elif isinstance(value, enum.Enum):
         yield f"enum {named(type(value))}.{value.name}".encode()

@@ -5,7 +5,6 @@ touch the wall, angle by angle. The table is made once a skin, in batches, and k
 user's cache folder under a hash of everything it depends on.
 """
 
-import contextlib
 import functools
 import io
 from collections.abc import Callable
@@ -17,7 +16,7 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.model import at_rest, read_program
+from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.files.cache_folder import CacheFolder
@@ -89,10 +88,6 @@ class LoadTable:
         terms = np.stack([self.so, by_a, by_f, aa, af, ff], 2)
         return np.nan_to_num(terms.reshape(-1, 6, self.so.shape[-1]))
 
-    def largest_force(self, angle: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Force at which the membrane almost touches the wall [N]."""
-        return np.interp(angle, self.angles, self.forces[:, -1])
-
     def start(self, node: NDArray[np.intp]) -> State:
         """States of some nodes, a lane each."""
         q = self.q.reshape(-1, *self.q.shape[2:])[node]
@@ -126,9 +121,8 @@ def table_of(
     )
     content = folder.get(name)
     if content is not None:
-        with contextlib.suppress(ValueError, OSError, KeyError):
-            with np.load(io.BytesIO(content)) as data:
-                return LoadTable(**{key: data[key] for key in LoadTable.__dataclass_fields__})
+        with np.load(io.BytesIO(content)) as data:
+            return LoadTable(**{key: data[key] for key in LoadTable.__dataclass_fields__})
     progress("building the table of solved states")
     table = build_table(skin)
     stream = io.BytesIO()

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.measurements import Dataset
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import NoFit, fit_material
 from fitting.material.fit.result import MaterialFit
 from fitting.material.laws.registry import family

@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.material.data.measurements import PATHS, Dataset
-from fitting.material.fit.experiments import Homogeneous, mode_factors, padded
+from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.problem import Problem
+from fitting.material.fit.residuals import readings
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
 from fitting.statistics.parameters import AbstractFamily
-from fitting.statistics.residuals import readings
 from suas_jax.constitutive import AbstractLaw, stable_range
 
 _DISTINCT = 0.02

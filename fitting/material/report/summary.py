@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.measurements import ALL_STATES, PATHS
+from fitting.material.experiments.measurements import ALL_STATES, PATHS
+from fitting.material.fit.residuals import relative_scale
 from fitting.material.fit.result import MaterialFit
-from fitting.statistics.residuals import relative_scale
 
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fitting.sensor.fit.constants import (
+from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.constants import (
     GAP,
     LAYERS,
     PERMITTIVITY,
@@ -19,7 +20,6 @@ from fitting.sensor.fit.constants import (
     is_gap,
     material_unit,
 )
-from fitting.sensor.fit.result import SensorFit
 from suas_jax.config import SkinSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
 

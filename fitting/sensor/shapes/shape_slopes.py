@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.sensor.fit.model import parts_of
+from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.press import Press
 from suas_jax.config import SkinSpec

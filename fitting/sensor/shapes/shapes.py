@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.sensor.fit.constants import GAP, PATHS, SensorFamily, is_gap, is_material
-from fitting.sensor.fit.model import SensorModel, parts_of
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, is_material
+from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (

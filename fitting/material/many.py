@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from fitting.json_text import json_text
+
 KEYS = ("name", "data", "law", "terms", "residual", "noise", "scene", "sample", "steps")
 
 
@@ -55,8 +57,8 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
     from suas_jax.runtime.settings import configure
 
     configure()
-    from fitting.material.data.datasets import load_dataset
-    from fitting.material.data.measurements import mode_named
+    from fitting.material.experiments.datasets import load_dataset
+    from fitting.material.experiments.measurements import mode_named
     from fitting.material.fit.fit import NoFit, fit_material
     from fitting.material.report.summary import report_of
     from fitting.statistics.posterior import PosteriorError, Settings
@@ -117,8 +119,6 @@ def calibrate_all(
     """
     from distributed import as_completed
 
-    from fitting.cli.solve import finite
-
     known = finished(results)
     waiting = [job for job in jobs if job["name"] not in known]
     futures = client.map(
@@ -142,7 +142,7 @@ def calibrate_all(
                 line = future.result()
             else:
                 line = {"name": name, "status": "failed", "message": str(future.exception())}
-            file.write(json.dumps(finite(line), allow_nan=False) + "\n")
+            file.write(json_text(line) + "\n")
             file.flush()
             known.add(name)
             added += 1

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from fitting.material.data.measurements import PATHS, Dataset, joined
-from fitting.material.data.table_reader import Reader
 from fitting.material.data.tables import DataError
-from fitting.material.fit.experiments import mode_factors, shear_factors
+from fitting.material.experiments.homogeneous import mode_factors, shear_factors
+from fitting.material.experiments.measurements import PATHS, Dataset, joined
+from fitting.material.experiments.table_reader import Reader
 
 
 def one_parameter(reader: Reader) -> Dataset:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.material.fit.experiments import AbstractExperiment
+from fitting.material.experiments.homogeneous import AbstractExperiment
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,

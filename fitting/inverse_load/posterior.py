@@ -22,9 +22,9 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.model import loads_from
-from fitting.inverse_load.report.summary import covariance_of
+from fitting.inverse_load.model.evaluation import loads_from
 from fitting.inverse_load.search.nearest import APART
 from fitting.statistics.chain import Posterior
 from fitting.statistics.laplace import Gaussian
@@ -125,7 +125,7 @@ def likely_modes(
     start = selection.nodes.near(ys, weights, nodes)
     fits = [best, fitter.fit(ys, weights, start, fitter.table.start(nodes), 1)]
     if selection.most_contacts > 1 and (weight > 0).sum() > 2 * per_contact:
-        pairs = selection.pairs.starts(y[0], weight[0], best, 0, 2)
+        pairs = selection.pairs.of_two(y[0], weight[0])
         if pairs:
             ys, weights = (np.repeat(x, len(pairs), 0) for x in (y, weight))
             state = fitter.table.start(np.array([node for _, node in pairs]))

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.sensor.fit.constants import GAP, LAYERS, PATHS, SensorFamily
+from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
 from suas_jax.config import SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.scene.build import geometry_of, law_of, oil_of

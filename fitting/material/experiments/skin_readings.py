@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from fitting.material.data.measurements import Dataset, joined
-from fitting.material.data.table_reader import Reader
 from fitting.material.data.tables import DataError
+from fitting.material.experiments.measurements import Dataset, joined
+from fitting.material.experiments.table_reader import Reader
 from suas_jax.config import LineLoadSpec, SceneSpec
 from suas_jax.config.quantities import DimensionName, parse_quantity
 

@@ -3,12 +3,17 @@
 import os
 from collections.abc import Callable, Mapping
 
-from fitting.material.data.inflation_tests import balloon, bulge
-from fitting.material.data.measurements import Dataset, mode_named
-from fitting.material.data.skin_readings import skin
-from fitting.material.data.stress_tests import biaxial, difference, one_parameter, simple_shear
-from fitting.material.data.table_reader import Reader
 from fitting.material.data.tables import DataError, read_table
+from fitting.material.experiments.inflation_tests import balloon, bulge
+from fitting.material.experiments.measurements import Dataset, mode_named
+from fitting.material.experiments.skin_readings import skin
+from fitting.material.experiments.stress_tests import (
+    biaxial,
+    difference,
+    one_parameter,
+    simple_shear,
+)
+from fitting.material.experiments.table_reader import Reader
 from suas_jax.config import load_scene
 
 TESTS: dict[str, Callable[[Reader], Dataset]] = {

@@ -27,7 +27,7 @@ _DIAMETER = 4e-3  # of a usual taxel [m]
 
 
 @dataclasses.dataclass(frozen=True)
-class Constant:
+class SensorConstant:
     """One constant to be calibrated.
 
     Attributes:
@@ -53,7 +53,7 @@ class SensorFamily:
     natural size s.
     """
 
-    parts: tuple[Constant, ...]
+    parts: tuple[SensorConstant, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -110,7 +110,7 @@ def is_material(name: str) -> bool:
     return name.startswith(_MATERIAL)
 
 
-def named(spec: SkinSpec, name: str) -> Constant:
+def named(spec: SkinSpec, name: str) -> SensorConstant:
     """The constant of a skin that a name stands for.
 
     Raises:
@@ -120,16 +120,16 @@ def named(spec: SkinSpec, name: str) -> Constant:
     assert spec.electrodes is not None
     gap, permittivity = spec.geometry.oil_gap, spec.oil.relative_permittivity or 2.0
     if own == PERMITTIVITY:
-        return Constant(own, "1", permittivity)
+        return SensorConstant(own, "1", permittivity)
     if own == GAP:
-        return Constant(own, "m", gap)
+        return SensorConstant(own, "m", gap)
     if own == SCALE:
-        return Constant(own, "F", spec.electrodes.lsb)
+        return SensorConstant(own, "F", spec.electrodes.lsb)
     if own == STRAY:
         # Of the order of a taxel's own capacitance.
-        return Constant(own, "F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0)
+        return SensorConstant(own, "F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0)
     if own == LAYERS:
-        return Constant(own, "m", gap / permittivity, False, 0.0)
+        return SensorConstant(own, "m", gap / permittivity, False, 0.0)
     inputs = continuous_inputs(spec)
     material = {k: v for k, v in inputs.items() if is_material(k)}
     if own not in material:
@@ -139,12 +139,12 @@ def named(spec: SkinSpec, name: str) -> Constant:
         )
     value = material[own]
     size = abs(value) or max(abs(v) for v in material.values())
-    return Constant(own, material_unit(own.removeprefix(_MATERIAL)), size, value > 0)
+    return SensorConstant(own, material_unit(own.removeprefix(_MATERIAL)), size, value > 0)
 
 
 def single_gaps(
-    spec: SkinSpec, parts: tuple[Constant, ...], gaps: str
-) -> tuple[tuple[Constant, ...], tuple[int, ...] | None]:
+    spec: SkinSpec, parts: tuple[SensorConstant, ...], gaps: str
+) -> tuple[tuple[SensorConstant, ...], tuple[int, ...] | None]:
     """Constants with a gap for each module or taxel, and which of them a taxel has.
 
     Raises:

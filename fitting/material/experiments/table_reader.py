@@ -6,9 +6,9 @@ from collections.abc import Callable
 import numpy as np
 
 from fitting.material.data.columns import Column, understand
-from fitting.material.data.measurements import Dataset
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.tables import DataError, Table, is_missing
+from fitting.material.experiments.measurements import Dataset
 from suas_jax.config.errors import listed
 from suas_jax.config.quantities import parse_quantity
 

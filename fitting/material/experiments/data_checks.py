@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.experiments.measurements import PATHS, Dataset
 
 _SHORTEST_BRANCH = 3
 _LEAST_SPAN = 0.05
@@ -19,7 +19,6 @@ _STIFF_AND_LONG = 60e6
 _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
 _JUMP = 6.0
-_KGF_PER_CM2 = 98066.5
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Nominal stress is force over undeformed area, Cauchy stress force over current area. Each
 reading becomes the combination c₁ τ₁ + c₂ τ₂ of Kirchhoff stresses that its test measures
-(see `fitting.material.fit.experiments`), whatever measure the file states.
+(see `fitting.material.experiments.homogeneous`), whatever measure the file states.
 """
 
 import dataclasses

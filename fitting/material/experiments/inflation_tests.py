@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from fitting.material.data.measurements import Dataset
-from fitting.material.data.table_reader import Reader
 from fitting.material.data.tables import DataError
-from fitting.material.fit.experiments import mode_factors
+from fitting.material.experiments.homogeneous import mode_factors
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.table_reader import Reader
 
 
 def balloon(reader: Reader) -> Dataset:
