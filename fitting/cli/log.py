@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.solve import BAD_INPUT, bad_input
+from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
+from suas_jax.files.writing import check_output
 
 if TYPE_CHECKING:
     from suas_jax.acquisition.log.log_file import SoLog
@@ -46,7 +47,7 @@ def log(
     rotate: Annotated[
         float | None, typer.Option(min=0.01, metavar="MB", help="New file at this size [MB].")
     ] = None,
-    overwrite: Annotated[bool, typer.Option(help="Replace an existing log.")] = False,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
 ) -> None:
     """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
@@ -62,6 +63,7 @@ def log(
         from suas_jax.acquisition.stream import Stream
         from suas_jax.acquisition.view import View, in_words
 
+        check_output(output, overwrite=overwrite)
         decode = decoder(format_name)
         header = _skin_header(skin)
         source = open_source(port, format_name, baud)
@@ -152,7 +154,7 @@ def baseline(
     model_tolerance: Annotated[
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
     ] = 0.05,
-    overwrite: Annotated[bool, typer.Option(help="Replace an existing baseline.")] = False,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
 ) -> None:
     """Average a log of the skin at rest; refused while the skin is loaded or drifting.
@@ -161,6 +163,7 @@ def baseline(
     """
     with bad_input():
         from suas_jax.acquisition.baseline import (
+            baseline_json,
             read_baseline,
             refuse_loaded,
             rest_of,
@@ -169,8 +172,7 @@ def baseline(
         )
         from suas_jax.acquisition.log.log_file import read_log
 
-        if output.exists() and not overwrite:
-            raise FileExistsError(f"{output}: exists; choose another name or give --overwrite")
+        check_output(output, overwrite=overwrite)
         log = read_log(path)
         taken = take_baseline(log, tolerance=tolerance)
         if reference is not None:
@@ -189,7 +191,7 @@ def baseline(
             )
         write_baseline(taken, output)
     if as_json:
-        typer.echo(output.read_text(encoding="utf-8"), nl=False)
+        typer.echo(baseline_json(taken), nl=False)
     else:
         taxels = int((taken.so == taken.so).sum())
         typer.echo(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)

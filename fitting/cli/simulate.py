@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import bar
-from fitting.cli.solve import NO_SOLUTION, bad_input
+from suas_jax.files.writing import check_output, written
 
-Overwrite = Annotated[bool, typer.Option(help="Replace an existing file.")]
+_MOST_FRAMES = 1_000_000
 
 
 def register(app: typer.Typer) -> None:
@@ -107,7 +108,7 @@ def simulate(
         if output is None and not live:
             raise ValueError("suas simulate: give -o LOG.csv, or --live, or both")
         if output is not None:
-            _must_be_free(output, overwrite)
+            check_output(output, overwrite=overwrite)
         from suas_jax.acquisition.log.log_file import is_log
 
         on_air = None
@@ -142,6 +143,11 @@ def simulate(
         length = duration
         if length is None:
             length = 10.0 if path is None else float(path.time[-1] - path.time[0])
+        if not length * rate <= _MOST_FRAMES:
+            raise ValueError(
+                f"--rate {rate:g}, --duration {length:g}: {length * rate:.3g} frames; at most "
+                f"{_MOST_FRAMES} are simulated at a time"
+            )
         count = max(1, int(np.floor(length * rate * (1 + 1e-12))) + (path is not None))
         time = np.arange(count) / rate
         random = np.random.default_rng(seed)
@@ -166,9 +172,10 @@ def simulate(
         assert spec.electrodes is not None  # or there would be no converter
         taxels = max(taxel_names(spec.electrodes)[1])
         if output is not None:
-            with LogWriter(
-                output, header, taxels=taxels, flags=Flags._fields, overwrite=overwrite
-            ) as writer:
+            with (
+                written(output) as draft,
+                LogWriter(draft, header, taxels=taxels, flags=Flags._fields) as writer,
+            ):
                 for r in frames:
                     t_device, flags = judge.judge(r)
                     writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)
@@ -199,16 +206,6 @@ def convert(
     for note in log.notes:
         typer.echo(f"suas: {source}: {note}", err=True)
     typer.echo(f"{target}: {len(log)} rows", err=True)
-
-
-def _must_be_free(output: Path, overwrite: bool) -> None:
-    """Refuse before the work is done, not after."""
-    if not overwrite and output.exists() and output.stat().st_size > 0:
-        raise FileExistsError(
-            f"{output}: exists and is not empty; choose another name or give --overwrite"
-        )
-    if not output.parent.is_dir():
-        raise FileNotFoundError(f"{output}: there is no folder {output.parent}")
 
 
 def _stuck(text: str) -> tuple[tuple[int, int], float]:

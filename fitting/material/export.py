@@ -24,6 +24,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from suas_jax.files.writing import write_text
+
 BULK = 1e4
 
 
@@ -82,7 +84,7 @@ def card(law: Law, program: str) -> str:
 
 def write_card(law: Law, program: str, file: Path) -> None:
     """Write the card of a law to a file; see `card`."""
-    file.write_text(card(law, program), encoding="utf-8")
+    write_text(file, card(law, program))
 
 
 def _missing(law: Law, program: str, offered: str) -> CardError:

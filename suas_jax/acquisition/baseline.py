@@ -17,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
+from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.writing import write_text
 
 FORMAT = "suas-baseline"
+_MOST_BYTES = 16 * MEGABYTE
 # Fewer frames say nothing about drift.
 MIN_FRAMES = 20
 # The log is compared part by part: with this many standard errors, which the noise of some
@@ -120,7 +123,12 @@ def refuse_loaded(
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:
-    """Write a baseline as JSON: header, then counts and noise by module."""
+    """Write a baseline as JSON; see `baseline_json`."""
+    write_text(path, baseline_json(baseline))
+
+
+def baseline_json(baseline: Baseline) -> str:
+    """A baseline as JSON: header, then counts and noise by module."""
     modules = [
         {"module": int(module), "so": _jsonable(so), "noise": _jsonable(noise)}
         for module, so, noise in zip(baseline.modules, baseline.so, baseline.noise, strict=True)
@@ -133,7 +141,7 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
         "frames": baseline.frames,
         "modules": modules,
     }
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -143,8 +151,8 @@ def read_baseline(path: Path) -> Baseline:
         ValueError: it is none; names the key.
     """
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        content: Any = json.loads(read_bytes(path, _MOST_BYTES))
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: no baseline file: {error}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ValueError(f'{path}: no baseline file: "format" must be "{FORMAT}"')

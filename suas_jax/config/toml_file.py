@@ -9,6 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from suas_jax.config.errors import ConfigError, Problem, nearest
+from suas_jax.files.reading import MEGABYTE, read_bytes
+
+MOST_BYTES = 3 * MEGABYTE
+"""Size of a TOML file that is still read."""
 
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 _BARE_QUANTITY = re.compile(r"=\s*\[?\s*([+-]?\d[\d.,]*(?:[eE][+-]?\d+)?)\s*([A-Za-zµμ°%]\S*)")
@@ -32,7 +36,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     if trouble:
         raise ConfigError([Problem(file, "", trouble)])
     try:
-        raw = Path(file).read_bytes()
+        raw = read_bytes(file, MOST_BYTES)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ConfigError([Problem(file, "", f"can't be read: {reason}")]) from None

@@ -19,6 +19,7 @@ from suas_jax.acquisition.log.log_file import (
     SoLog,
     read_log,
 )
+from suas_jax.files.writing import check_output, write_bytes, written
 
 if TYPE_CHECKING:
     import xarray
@@ -45,8 +46,7 @@ def convert(source: Path, target: Path, *, overwrite: bool = False) -> SoLog:
     """
     read = _chosen({".csv": read_log, ".parquet": read_parquet, ".nc": read_netcdf}, source)
     write = _chosen({".csv": write_csv, ".parquet": write_parquet, ".nc": write_netcdf}, target)
-    if target.exists() and not overwrite:
-        raise FileExistsError(f"{target}: exists; choose another name or give --overwrite")
+    check_output(target, overwrite=overwrite)
     log: SoLog = read(source)
     write(log, target)
     return log
@@ -107,9 +107,10 @@ def write_csv(log: SoLog, path: Path) -> None:
     flags = {name: values.tolist() for name, values in log.flags.items()}
     rows = zip(log.t_host, log.t_device, log.seq, log.module, log.so, strict=True)
     header = log.header
-    with LogWriter(
-        path, header, taxels=log.so.shape[1], flags=tuple(flags), overwrite=True
-    ) as writer:
+    with (
+        written(path) as draft,
+        LogWriter(draft, header, taxels=log.so.shape[1], flags=tuple(flags)) as writer,
+    ):
         for i, (t_host, t_device, seq, module, so) in enumerate(rows):
             counts = [None if np.isnan(c) else _shortest(c) for c in so]
             values = [column[i] for column in flags.values()]
@@ -130,7 +131,9 @@ def write_parquet(log: SoLog, path: Path) -> None:
         {name: arrow.array(x, from_pandas=True) for name, x in columns(log).items()}
     )
     table = table.replace_schema_metadata({_KEY: json.dumps(log.header).encode()})
-    parquet.write_table(table, path)
+    content = arrow.BufferOutputStream()
+    parquet.write_table(table, content)
+    write_bytes(path, content.getvalue().to_pybytes())
 
 
 def read_parquet(path: Path) -> SoLog:
@@ -175,9 +178,12 @@ def to_xarray(log: SoLog) -> "xarray.Dataset":
 
 
 def write_netcdf(log: SoLog, path: Path) -> None:
-    """Write a log as NetCDF 4."""
+    """Write a log as NetCDF 4.
+
+    In memory first: HDF5 doesn't survive a disk that is full.
+    """
     _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
-    to_xarray(log).to_netcdf(path, engine="h5netcdf")
+    write_bytes(path, bytes(to_xarray(log).to_netcdf(engine="h5netcdf")))
 
 
 def read_netcdf(path: Path) -> SoLog:

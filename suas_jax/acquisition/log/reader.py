@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
 from suas_jax.acquisition.log.format import CONTINUED, KEY_COLUMNS, MAX_COUNT, LogFileError
+from suas_jax.files.reading import MEGABYTE, opened, read_bytes
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.
 _SEPARATOR = "\x1f"
 # Whole numbers up to here are exact in float64.
 _LARGEST_INTEGER = 2**53
+MOST_BYTES = 512 * MEGABYTE
+"""Size of a log, or of one part of it, that is still read; rotate longer ones."""
+_LONGEST_LINE = 1_000_000
 
 
 def is_log(path: Path) -> bool:
     """Whether a file begins as a log does: comments, then names with `t_host_s` among them."""
-    with path.open("rb") as file:
-        for line in file:
+    with opened(path, MOST_BYTES) as file:
+        while line := file.readline(_LONGEST_LINE):
             if line.strip() and not line.lstrip(b"\xef\xbb\xbf").startswith(b"#"):
                 return b"t_host_s" in line
     return False
@@ -43,7 +47,7 @@ def read_log(path: Path, *, follow: bool = True) -> SoLog:
         OSError: the file can't be read.
     """
     path = Path(path)
-    part = _Parser(path).parse(path.read_bytes())
+    part = _Parser(path).parse(read_bytes(path, MOST_BYTES))
     successor = part.header.pop(CONTINUED, None)
     if successor is None or not follow:
         return part
