@@ -170,10 +170,12 @@ def baseline(
             take_baseline,
             write_baseline,
         )
-        from suas_jax.acquisition.log.log_file import read_log
+        from suas_jax.acquisition.log.log_file import read_log, sequence_notes
 
         check_output(output, overwrite=overwrite)
         log = read_log(path)
+        for note in (*log.notes, *sequence_notes(log)):
+            typer.echo(f"suas: {path}: {note}", err=True)
         taken = take_baseline(log, tolerance=tolerance)
         if reference is not None:
             rest = rest_of(read_baseline(reference), taken)

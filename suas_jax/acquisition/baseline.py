@@ -73,8 +73,9 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
             f"{log.path}: {len(frames)} frames; a baseline needs at least {MIN_FRAMES}, "
             "better a few seconds"
         )
-    _refuse_moving(log, frames, tolerance)
-    mean, noise = _mean(frames.so), _noise(frames.so)
+    found = [_statistics(frames.of_module(k)) for k in range(len(frames.modules))]
+    means, steps, mean, noise = (np.stack(x, axis=-2) for x in zip(*found, strict=True))
+    _refuse_moving(log, frames, means, steps, tolerance)
     kept = ("skin", "scale", "start_time")
     header = {key: log.header[key] for key in kept if key in log.header}
     return Baseline(frames.modules, mean, noise, len(frames), header)
@@ -182,13 +183,38 @@ def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
     return rest
 
 
-def _refuse_moving(log: SoLog, frames: Frames, tolerance: float | None) -> None:
-    so = frames.so
+def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Of one module's counts [frame, taxel]: what a baseline is judged by and made of.
+
+    Returns:
+        Means of the parts [part, taxel]; standard deviation of the differences of
+        neighbouring frames, mean and standard deviation, each [taxel].
+    """
     size = len(so) // _PARTS
     means = np.stack([_mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
+    return means, _noise(np.diff(so, axis=0)), _mean(so), _noise(so)
+
+
+def _refuse_moving(
+    log: SoLog,
+    frames: Frames,
+    means: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    tolerance: float | None,
+) -> None:
+    """Refuse a log whose parts differ by more than its noise explains.
+
+    Args:
+        log: the log.
+        frames: its frames.
+        means: of the parts [part, module, taxel].
+        steps: standard deviation of the differences of neighbouring frames [module, taxel].
+        tolerance: allowed difference to the mean of all parts [counts].
+    """
+    size = len(frames) // _PARTS
     # The part's noise from differences of neighbouring frames, which a drift hardly touches;
     # rounding to whole counts is noise, too.
-    noise = np.maximum(_noise(np.diff(so, axis=0)) / math.sqrt(2), 1 / math.sqrt(12))
+    noise = np.maximum(steps / math.sqrt(2), 1 / math.sqrt(12))
     change = np.abs(means - _mean(means))
     allowed = np.maximum(_SIGNIFICANT * noise / math.sqrt(size), _FLOOR)
     if tolerance is not None:

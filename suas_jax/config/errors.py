@@ -9,6 +9,9 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 
+_LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
+
+
 class Problem(NamedTuple):
     """One mistake in a configuration.
 
@@ -74,6 +77,8 @@ def show_key(key: object) -> str:
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Find the known word that ``word`` was probably meant to be, whatever its case."""
+    if len(word) > _LONGEST_WORD:
+        return None
     folded = {name.casefold(): name for name in known}
     close = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
     return folded[close[0]] if close else None
