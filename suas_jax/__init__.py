@@ -18,7 +18,7 @@ _HOMES = {
     "gradient": "suas_jax.scene.gradient",
     "force_sweep": "suas_jax.scene.sweep",
     "pressure_sweep": "suas_jax.scene.sweep",
-    "plot_solution": "suas_jax.figures.section",
+    "plot_solution": "suas_jax.figures.solution",
     "plot_sweep": "suas_jax.figures.curve",
     "plot_pad": "suas_jax.figures.pad",
     "Loads": "suas_jax.scene.forward",

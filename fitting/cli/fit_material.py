@@ -10,6 +10,7 @@ from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
+from suas_jax.runtime.registry import model_names
 
 
 def register(app: typer.Typer) -> None:
@@ -29,8 +30,7 @@ def material(
     law: Annotated[
         str,
         typer.Option(
-            help="neo-hookean, mooney-rivlin, yeoh, ogden, gent, arruda-boyce, polynomial; "
-            "auto compares them."
+            help=f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them."
         ),
     ] = "ogden",
     terms: Annotated[
@@ -155,15 +155,10 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
-                from fitting.material.export import Law, write_card
+                from fitting.material.report.cards import write_card
 
-                law_card = Law(
-                    fit.family.law_name,
-                    fit.family.tree(map(float, fit.constants)),
-                    float(fit.law.shear_modulus),
-                )
                 for name, file in cards:
-                    write_card(law_card, name, Path(file))
+                    write_card(fit.material(), name, Path(file))
             if fit is not None and plot is not None:
                 from fitting.material.report.plots import plot_material
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
+from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import bar
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
@@ -34,7 +35,7 @@ def invert(
         str | None, typer.Option(metavar="PORT", help="Read a port, as `suas log` does.")
     ] = None,
     format_name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="Live: text, cobs, roboskin.")
+        str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
     ] = "text",
     baud: Annotated[int, typer.Option(min=1, help="Live: bits per second.")] = 115200,
     duration: Annotated[

@@ -10,9 +10,12 @@ import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from suas_jax.files.writing import check_output
+from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from suas_jax.acquisition.log.log_file import SoLog
+
+FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 
 
 def register(app: typer.Typer) -> None:
@@ -32,7 +35,11 @@ def log(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log.")],
     format_name: Annotated[
         str,
-        typer.Option("--format", metavar="NAME", help="Frame format: text, cobs, roboskin."),
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help=f"Frame format: {', '.join(FORMAT_NAMES)}.",
+        ),
     ],
     baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
     duration: Annotated[
@@ -56,7 +63,7 @@ def log(
     Exit status: 0 recorded, 2 bad input (the port can't be opened, or nothing came).
     """
     with bad_input():
-        from suas_jax.acquisition.frames.formats import decoder, open_source
+        from suas_jax.acquisition.frames.registry import decoder, open_source
         from suas_jax.acquisition.log.log_file import LogWriter, log_header
         from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
         from suas_jax.acquisition.signals import ended_by_signal

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
+from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import bar
 from suas_jax.files.writing import check_output, written
 
@@ -74,7 +75,7 @@ def simulate(
         typer.Option(
             "--format",
             metavar="NAME",
-            help="Live: text, text-checked, cobs, roboskin.",
+            help=f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.",
         ),
     ] = "text",
     port: Annotated[

@@ -112,7 +112,7 @@ def solve(
                 known = solution.converged
                 report["gradient"] = differentiate(solution, gradient) if known else None
             if plot is not None:
-                from suas_jax.figures.section import plot_solution
+                from suas_jax.figures.solution import plot_solution
 
                 plot_solution(solution, plot)
             if pad is not None:

@@ -158,7 +158,7 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     so = layout.pick(modules, frames.of_module)
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
     stuck = stuck_taxels(so, noise)
-    notes = [*log.notes, *sequence_notes(log)] + _scale_note(log.header, spec)
+    notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if stuck.any():
         names = ", ".join(
             f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))

@@ -69,7 +69,7 @@ def _unreachable_pressure(
 ) -> Iterator[Contradiction]:
     """Loads are scaled to reach a pressure: they need something to scale, and oil."""
     oil, loads = tables.get("oil"), tables.get("loads")
-    if oil is not None and oil.model == "vented":
+    if oil is not None and not oil.trapped:
         yield Contradiction(
             "solve.oil_pressure",
             "vented oil stays at zero pressure; take oil_pressure out, or set oil.model = "

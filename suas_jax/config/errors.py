@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-
 _LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
 
 

@@ -11,7 +11,8 @@ from suas_jax.config.fields import Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_load import EnvironmentSpec, LoadSpec
 from suas_jax.config.schema_material import MaterialSpec
-from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
+from suas_jax.config.schema_oil import AnyOilSpec
+from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
 from suas_jax.config.schema_solve import SolveSpec
 
 
@@ -28,7 +29,7 @@ class SkinSpec(Spec):
 
     geometry: GeometrySpec
     material: MaterialSpec
-    oil: OilSpec
+    oil: AnyOilSpec
     electrodes: ElectrodesSpec | None = None
     calibration: CalibrationSpec | None = None
 

@@ -4,15 +4,15 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from suas_jax.config import continuous_inputs
-from suas_jax.scene.build import all_numbers, line_loads_of
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.solve import Solution
 
 
 def draw_loads(axes: Axes, solution: Solution, outer: np.ndarray, angle: np.ndarray) -> None:
     """Draw every line load as an arrow that ends at the outer face."""
-    numbers = all_numbers(solution.scene, continuous_inputs(solution.scene))
+    parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
     length = 0.18 * np.ptp(outer[0])
-    for load in line_loads_of(solution.scene, numbers):
+    for load in parts.lines:
         at = outer[:, int(np.argmin(np.abs(angle - float(load.angle[0]))))]
         push = np.asarray(load.direction)[:, 0] * np.sign(float(load.force[0]))
         axes.annotate(

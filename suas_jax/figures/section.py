@@ -1,32 +1,27 @@
 """Figure of a solved section."""
 
-from pathlib import Path
-
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.figures.load_arrows import draw_loads
-from suas_jax.figures.solid import plot_solid
-from suas_jax.figures.style import WALL, written
+from suas_jax.figures.style import WALL
+from suas_jax.mechanics.section import section_of
 from suas_jax.scene.solve import Solution
 
 _SAMPLES = 12
 
 
-def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
+def plot_section(solution: Solution) -> Figure:
     """Draw the deformed section over the undeformed one, by energy and by displacement.
 
     The counterpart of the paper's Fig. 18.
 
     Args:
-        solution: what to draw.
-        file: where to write the figure; its ending chooses the format.
+        solution: a solution with the lumped shell.
     """
-    if solution.plan.layers:
-        return written(plot_solid(solution), file)
     problem = solution.problem()
-    shape = problem.mechanics.profile(solution.state.q, _SAMPLES)
+    shape = section_of(problem.mechanics).profile(solution.state.q, _SAMPLES)
     geometry = solution.scene.geometry
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
     normal = np.stack([np.sin(angle), np.cos(angle)])
@@ -62,4 +57,4 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
         f"smallest gap {1e3 * report['min_gap_m']:.3g} mm ({report['status']})"
     )
-    return written(figure, file)
+    return figure

@@ -12,7 +12,7 @@ from fitting.inverse_load.live.stream import live_frames, warm_up
 from fitting.inverse_load.live.view import LoadView
 from fitting.inverse_load.report.text import frame_json
 from fitting.json_text import json_text
-from suas_jax.acquisition.frames.formats import decoder, open_source
+from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
 from suas_jax.acquisition.signals import ended_by_signal

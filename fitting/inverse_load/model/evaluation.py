@@ -15,9 +15,6 @@ from jaxtyping import Array, Float, Int
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.forward import Loads, Skin
-from suas_jax.skin.geometry import outward
-
-_GAP_SAMPLES = 4  # points an element at which the smallest gap is sought
 
 
 class Evaluation(NamedTuple):
@@ -69,9 +66,7 @@ def evaluate(
     problem = skin.problem(loads_from(parameters, contacts))
     found = equilibrium(problem, start)
     state = jax.lax.stop_gradient(found.state)
-    shape = problem.mechanics.profile(state.q, _GAP_SAMPLES)
-    x, y = skin.geometry.inner_radius * outward(shape.angle) + shape.inner_displacement
-    min_gap = jnp.min(jnp.sqrt(x**2 + y**2), (0, 1)) - skin.geometry.wall_radius
+    min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
 
     def beside(values: Array) -> Array:
         return jnp.concatenate([values] * count, -1)
@@ -96,9 +91,7 @@ def _read(
     problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
     found = equilibrium(problem, start)
     state = found.state
-    shape = problem.mechanics.profile(state.q, _GAP_SAMPLES)
-    x, y = skin.geometry.inner_radius * outward(shape.angle) + shape.inner_displacement
-    min_gap = jnp.min(jnp.sqrt(x**2 + y**2), (0, 1)) - skin.geometry.wall_radius
+    min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
     return skin.electrodes.read(problem.mechanics, state.q).so, min_gap, state, found.result
 
 

@@ -24,10 +24,12 @@ from suas_jax.config import (
 )
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, State, equilibrium
+from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import all_numbers, build_problem, line_loads_of, plan_for
-from suas_jax.scene.solve import is_symmetric, solve, working_plan
+from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.solve import solve
 
 ELEMENTS = 16
 _SAMPLES = 4
@@ -71,7 +73,7 @@ class SkinCurve(AbstractExperiment):
 
     def read(self, problem: Problem, found: Equilibrium) -> Float[Array, " n"]:
         """Readings of solved states; NaN where there is no equilibrium."""
-        shape = problem.mechanics.at_angle(found.state.q, self.angle)
+        shape = section_of(problem.mechanics).at_angle(found.state.q, self.angle)
         moved = jnp.sum(shape.mid_displacement[:, 0, 0] * self.direction, 0)
         both = jnp.stack([moved, found.state.pressure])
         both = jnp.where(found.result == 0, both, jnp.nan)
@@ -150,10 +152,9 @@ def specimen(
     top = float(np.max(np.abs(levels)))
     spec = with_solve(scene, oil_pressure=None)
     spec = with_inputs(spec, {f"load.{i}.force": load.force * top / total for i, load in lines})
-    plan = plan_for(spec, spec.solve.elements or ELEMENTS)
-    plan = working_plan(plan, is_symmetric(plan))
-    inputs = continuous_inputs(spec)
-    problem = build_problem(spec, plan, inputs)
+    plan = plan_for(spec, "shell", (spec.solve.elements or ELEMENTS,)).reduced()
+    parts = scene_parts(spec, continuous_inputs(spec))
+    problem = problem_of(parts, plan)
     shell = problem.mechanics
     assert isinstance(shell, Shell)
     share = jnp.asarray(levels / top)
@@ -162,7 +163,7 @@ def specimen(
         problem,
         (shell.points.force * share, problem.external_pressure * share),
     )
-    load = line_loads_of(spec, all_numbers(spec, inputs))[0]
+    load = parts.lines[0]
     angle, direction = load.angle, load.direction
     if plan.symmetric and float(angle[0]) > 0.0:
         # Only the left half is solved: read the mirror image there.

@@ -33,7 +33,7 @@ def skin(reader: Reader, scene: SceneSpec) -> Dataset:
     for direction, name, values, sigma in readings:
         if values is None:
             continue
-        if name == "pressure" and scene.oil.model == "vented":
+        if name == "pressure" and not scene.oil.trapped:
             raise DataError(f"{reader.table.file}: a vented skin has no oil pressure to read")
         values = np.where(force == 0.0, np.nan, values)
         size = 0.01 * float(np.nanmedian(np.abs(values)))

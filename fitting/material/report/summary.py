@@ -63,9 +63,9 @@ def report_of(fit: MaterialFit) -> dict[str, Any]:
         "warnings": [*fit.remarks, *_doubts(fit, stable), *extrapolated],
         "status": fit.status,
     }
-    if family.law_name == "ogden":
-        report["convention"] = "mu/alpha"
-        report["terms"] = family.size // 2
+    report |= family.settings
+    if family.terms is not None:
+        report["terms"] = family.terms
     if fit.bounded:
         report["at_bounds"] = list(fit.bounded)
     return report

@@ -95,11 +95,6 @@ class SensorFamily:
         return jnp.where(self.positive, jnp.log(jnp.where(self.positive, x, 1.0)), x)
 
 
-def material_unit(key: str) -> str:
-    """SI unit of a key of [material], "1" for a number."""
-    return "1" if key.split(".")[0] in ("alpha", "Jm", "lambda_m") else "Pa"
-
-
 def is_gap(name: str) -> bool:
     """Whether a constant is a gap, of all taxels, a module or one taxel."""
     return name.split(".")[0] == GAP
@@ -139,7 +134,8 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         )
     value = material[own]
     size = abs(value) or max(abs(v) for v in material.values())
-    return SensorConstant(own, material_unit(own.removeprefix(_MATERIAL)), size, value > 0)
+    unit = spec.material.unit(own.removeprefix(_MATERIAL))
+    return SensorConstant(own, unit, size, value > 0)
 
 
 def single_gaps(

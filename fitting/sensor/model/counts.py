@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
-from suas_jax.config import SkinSpec, structure
+from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.scene.build import geometry_of, law_of, oil_of
-from suas_jax.sensing.electrodes import Electrodes, electrodes_of
+from suas_jax.mechanics.section_face import PolarFace
+from suas_jax.scene.parts import skin_parts
+from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.field import field_capacitance_under
-from suas_jax.sensing.gap import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 
@@ -36,14 +36,13 @@ def parts_of(
         inputs: SI values by TOML path, every continuous input; `layers` in metres.
         oil: how the fluid answers, if not as the skin file says.
     """
-    numbers = {**dict(structure(spec)), **inputs}
-    geometry = geometry_of(numbers)
-    electrodes = electrodes_of(spec, numbers, geometry)
+    parts = skin_parts(spec, inputs)
+    electrodes = parts.electrodes
     assert electrodes is not None
     if LAYERS in inputs:
         layers = jnp.asarray(inputs[LAYERS], float)[..., None]
         electrodes = eqx.tree_at(lambda e: e.layers, electrodes, layers)
-    return geometry, law_of(spec, numbers), oil or oil_of(spec, numbers), electrodes
+    return parts.geometry, parts.law, oil or parts.oil, electrodes
 
 
 class SensorModel(eqx.Module):

@@ -18,7 +18,6 @@ from fitting.sensor.model.constants import (
     SCALE,
     STRAY,
     is_gap,
-    material_unit,
 )
 from suas_jax.config import SkinSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
@@ -105,7 +104,7 @@ def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> No
 
     def quantity(key: str, value: float) -> Any:
         changed = values.get(key, value)
-        return _text(changed / 1e6, "MPa") if material_unit(key) == "Pa" else changed
+        return _text(changed / 1e6, "MPa") if spec.material.unit(key) == "Pa" else changed
 
     for key in type(spec.material).model_fields:
         value = getattr(spec.material, key)

@@ -21,9 +21,11 @@ from fitting.sensor.shapes.solid_correction import (
 )
 from suas_jax.config import continuous_inputs
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.sensing.gap import PolarFace
+from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.oil import AbstractOil, CompressibleOil, VentedOil
+from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.oils.compressible import CompressibleOil
+from suas_jax.skin.oils.vented import VentedOil
 
 ATMOSPHERE = 101325.0  # bulk modulus of trapped air, isothermal [Pa]
 MODELS = ("auto", "shell", "solid")
@@ -81,13 +83,11 @@ class ShapeSolver:
         self._shell = model == "shell" or (model == "auto" and data.simulated)
         self._air = self._answer_of(air)
         self._corrections: list[Correction] | None = None
-        compressible = data.spec.oil.model == "compressible" or isinstance(
-            self._air, CompressibleOil
-        )
+        yields = data.spec.oil.yields or (self._air is not None and self._air.yields)
         self.moving = tuple(
             i
             for i, name in enumerate(family.names)
-            if is_material(name) or (name == GAP and compressible)
+            if is_material(name) or (name == GAP and yields)
         )
 
     def stated(self, name: str) -> float | None:

@@ -1,4 +1,4 @@
-"""Decoder of `roboskin`: the CAN messages of the iCub's skin boards.
+"""The format `roboskin`: the CAN messages of the iCub's skin boards.
 
 A board sends two messages of 8 bytes a triangle, with the identifier
 0x300 + 16 board + triangle: first 0x40 and channels 0 to 6, then 0xC0, channels 7 to 11, and
@@ -11,12 +11,11 @@ host sees them, and `t_device` is the adapter's time stamp. So a lost round can'
 a first message without its second can.
 """
 
-import struct
+import re
 
-from suas_jax.acquisition.frames.reading import Reading, Tally
+from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
+from suas_jax.acquisition.ports.can_bus import RECORD, CanSource
 
-# A CAN message as the source hands it over: identifier, time stamp [s], length, data.
-RECORD = struct.Struct("<IdB8s")
 _SKIN = 0x300
 _FIRST, _SECOND = 0x40, 0xC0
 _THERMAL = (6, 10)
@@ -92,3 +91,28 @@ class RoboskinDecoder:
             t_host,
             tuple(channels[k] for k in _THERMAL),
         )
+
+
+def encode_slcan(reading: Reading) -> bytes:
+    """The two CAN messages of a triangle as a serial CAN adapter (slcan) sends them.
+
+    16-bit counts are taken down to their high byte, turned round: they fall with pressure.
+    """
+    counts = [255 - (c or 0) // 256 for c in reading.counts][:10]
+    counts += [255] * (10 - len(counts))
+    channels = bytes([*counts[:6], 128, *counts[6:9], 128, counts[9]])
+    first = b"\x40" + channels[:7]
+    second = b"\xc0" + channels[7:] + b"\0\0"
+    head = b"t%03X8" % (0x300 + reading.module % 256)
+    return b"".join(head + part.hex().upper().encode() + b"\r" for part in (first, second))
+
+
+# What such an adapter sends where a serial port is listened to.
+_SLCAN = re.compile(rb"t[0-7][0-9A-F]{2}8[0-9A-F]{16}\r")
+
+
+def _looks_like_slcan(recent: bytes) -> bool:
+    return _SLCAN.search(recent) is not None
+
+
+FORMAT = FrameFormat(RoboskinDecoder, {"roboskin": encode_slcan}, CanSource, _looks_like_slcan)

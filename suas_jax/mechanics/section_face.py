@@ -7,20 +7,21 @@ samples is exact to far below the error of the mesh. No iteration is needed, nei
 values nor for derivatives, and one polynomial serves any number of rays.
 """
 
-from typing import NamedTuple
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from suas_jax.mechanics.base import AbstractMechanics
-from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.face import AbstractFace
+from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.geometry import outward
 
 # Intervals an element is sampled in, the degree of its polynomial.
-_INTERVALS = 4
+INTERVALS = 4
 
 
-class PolarFace(NamedTuple):
+class PolarFace(AbstractFace):
     """The inner face as its radius over the polar angle, element by element.
 
     Attributes:
@@ -31,22 +32,29 @@ class PolarFace(NamedTuple):
             back along the arc): no gap can be told.
     """
 
+    varies_along_axis: ClassVar[bool] = False
     edges: Float[Array, "station lane"]
     radius: Float[Array, "power element lane"]
     folded: Bool[Array, " lane"]
 
+    def gap(
+        self,
+        angle: Float[Array, "ray #lane"],
+        axial: Float[Array, "ray #lane"],
+        wall_radius: Lanes,
+    ) -> Float[Array, "ray lane"]:
+        """Gap along rays from the axis, whatever their axial position; see the base class."""
+        del axial
+        return gap_at(self, angle, wall_radius)
 
-def polar_face(
-    mechanics: AbstractMechanics, q: StationVector, inner_radius: Lanes
-) -> PolarFace:
+
+def polar_face(shape: Profile, inner_radius: Lanes) -> PolarFace:
     """Describe the deformed inner face by its radius over the polar angle.
 
     Args:
-        mechanics: the membrane on the whole arc.
-        q: its unknowns.
+        shape: the section, in `INTERVALS` intervals an element.
         inner_radius: of the undeformed inner face [m].
     """
-    shape = mechanics.profile(q, _INTERVALS)
     x, y = inner_radius * outward(shape.angle) + shape.inner_displacement
     angle, radius = jnp.arctan2(x, y), jnp.sqrt(x**2 + y**2)
     first, last = angle[0], angle[-1]

@@ -1,4 +1,4 @@
-r"""Decoder of `text`: one line `seq,t_device_s,module,so_1,...,so_n` per module and frame.
+r"""The format `text`: one line `seq,t_device_s,module,so_1,...,so_n` per module and frame.
 
 A line may end with `*hhhh`, the CRC-16/CCITT-FALSE of what stands before the star in
 hexadecimal; once a device has sent one, lines without are refused. Without it only form can
@@ -13,7 +13,9 @@ import binascii
 import re
 from collections import Counter
 
-from suas_jax.acquisition.frames.reading import Reading, Tally
+from suas_jax.acquisition.frames.checksum import crc16
+from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
+from suas_jax.acquisition.ports.serial_port import SerialSource
 
 MAX_LINE = 8192
 MAX_COUNT = 65535
@@ -233,3 +235,25 @@ def _is_tail(seq: int, following: int) -> bool:
         len(text) < len(whole) and whole.endswith(text)
         for whole in (str(following), str(max(following - 1, 0)))
     )
+
+
+def encode_text(reading: Reading) -> bytes:
+    """One line of `text`."""
+    return _text_body(reading) + b"\n"
+
+
+def encode_checked_text(reading: Reading) -> bytes:
+    """One line of `text` with its checksum."""
+    body = _text_body(reading)
+    return body + b"*%04X\n" % crc16(body)
+
+
+def _text_body(reading: Reading) -> bytes:
+    clock = "" if reading.t_device != reading.t_device else f"{reading.t_device:.6f}"
+    counts = ",".join("" if c is None else str(c) for c in reading.counts)
+    return f"{reading.seq},{clock},{reading.module},{counts}".encode()
+
+
+FORMAT = FrameFormat(
+    TextDecoder, {"text": encode_text, "text-checked": encode_checked_text}, SerialSource
+)

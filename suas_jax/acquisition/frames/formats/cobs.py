@@ -1,4 +1,4 @@
-"""Decoder of `cobs`, this project's binary frame (docs/firmware_frames.md).
+"""The format `cobs`, this project's binary frame (docs/firmware_frames.md).
 
 Before stuffing, little-endian::
 
@@ -18,7 +18,9 @@ Stuffed by COBS, so that no byte is zero, and a zero byte before and after.
 import binascii
 import struct
 
-from suas_jax.acquisition.frames.reading import Reading, Tally
+from suas_jax.acquisition.frames.checksum import crc16
+from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
+from suas_jax.acquisition.ports.serial_port import SerialSource
 
 _HEAD = struct.Struct("<BBBBII")
 _CRC = struct.Struct("<H")
@@ -121,3 +123,36 @@ def _unstuffed(frame: bytes) -> bytes | None:
         if code < 255 and at < size:
             out.append(0)
     return bytes(out)
+
+
+def encode_cobs(reading: Reading) -> bytes:
+    """One `cobs` frame with the zero bytes before and after it.
+
+    Shares no code with the decoder, so that each can prove the other.
+    """
+    clock = 0.0 if reading.t_device != reading.t_device else reading.t_device
+    micros = round(clock * 1e6) % 2**32
+    missing = [c is None for c in reading.counts]
+    body = bytearray((1, len(missing), reading.module, int(any(missing))))
+    body += (reading.seq % 2**32).to_bytes(4, "little") + micros.to_bytes(4, "little")
+    for count in reading.counts:
+        body += (count or 0).to_bytes(2, "little")
+    if any(missing):
+        bits = sum(1 << k for k, gone in enumerate(missing) if gone)
+        body += bits.to_bytes((len(missing) + 7) // 8, "little")
+    body += crc16(bytes(body)).to_bytes(2, "little")
+    return b"\0" + stuffed(bytes(body)) + b"\0"
+
+
+def stuffed(data: bytes) -> bytes:
+    """Consistent overhead byte stuffing: no zero byte is left (Cheshire and Baker, 1999)."""
+    out = bytearray()
+    for block in data.split(b"\0"):
+        while len(block) >= 254:
+            out += b"\xff" + block[:254]
+            block = block[254:]
+        out += bytes((len(block) + 1,)) + block
+    return bytes(out)
+
+
+FORMAT = FrameFormat(CobsDecoder, {"cobs": encode_cobs}, SerialSource)
