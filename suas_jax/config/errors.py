@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import itertools
 import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
@@ -57,10 +58,12 @@ def show(value: object, limit: int = 60) -> str:
             '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
         )
     elif isinstance(value, Mapping):
-        inside = ", ".join(f"{key} = {show(item)}" for key, item in value.items())
+        # More entries than characters that are shown need not be looked at.
+        entries = itertools.islice(value.items(), limit)
+        inside = ", ".join(f"{key} = {show(item)}" for key, item in entries)
         text = f"{{ {inside} }}" if inside else "{}"
     elif isinstance(value, list | tuple):
-        text = "[" + ", ".join(show(item) for item in value) + "]"
+        text = "[" + ", ".join(show(item) for item in value[:limit]) + "]"
     elif isinstance(value, datetime.date | datetime.time):
         text = value.isoformat()
     else:

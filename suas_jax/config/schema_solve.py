@@ -8,6 +8,9 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from suas_jax.config.fields import AsList, Count, Spec, quantity
 
+# Ten times what any tolerance above rounding needs.
+_MOST_ELEMENTS = 20_000
+
 
 class SolveSpec(Spec):
     """How to solve.
@@ -43,11 +46,22 @@ class SolveSpec(Spec):
             )
         return mesh
 
+    @field_validator("mesh")
+    @classmethod
+    def _mesh_that_can_be_solved(cls, mesh: tuple[int, int] | None) -> tuple[int, int] | None:
+        if mesh is not None and mesh[0] * mesh[1] > _MOST_ELEMENTS:
+            raise ValueError(
+                f"has {mesh[0] * mesh[1]} elements; at most {_MOST_ELEMENTS} are solved"
+            )
+        return mesh
+
     @field_validator("elements")
     @classmethod
     def _elements_of_a_shell(cls, elements: int | None, info: ValidationInfo) -> int | None:
         if elements is not None and info.data.get("model") == "solid":
             raise ValueError('belongs to the shell, but model is "solid"; use mesh instead')
+        if elements is not None and elements > _MOST_ELEMENTS:
+            raise ValueError(f"at most {_MOST_ELEMENTS} elements are solved")
         return elements
 
     @field_validator("mesh")
