@@ -169,7 +169,8 @@ def read_netcdf(path: Path) -> SoLog:
     _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
     check_readable(path, MOST_BYTES)
     try:
-        with xarray.open_dataset(path, engine="h5netcdf", decode_times=False) as file:
+        options = {"engine": "h5netcdf", "decode_times": False, "phony_dims": "sort"}
+        with xarray.open_dataset(path, **options) as file:
             for variable in file.variables.values():
                 _check_size(path, variable.size, 1)
             data = file.load()
