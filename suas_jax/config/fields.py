@@ -81,7 +81,8 @@ def quantity(
     return BeforeValidator(check)
 
 
-def _whole_number(value: object) -> int:
+def whole_number(value: object) -> int:
+    """A count from a file: a whole number of at least 1."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise ValueError("must be a whole number of at least 1")
     return value
@@ -113,6 +114,6 @@ PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
 Force = Annotated[float, quantity("force")]
 Number = Annotated[float, quantity("number")]
 PositiveNumber = Annotated[float, quantity("number", above=0.0)]
-Count = Annotated[int, BeforeValidator(_whole_number)]
+Count = Annotated[int, BeforeValidator(whole_number)]
 AsList = at_most(1_000_000)
 """Accepts a TOML list for a tuple, and refuses everything else (text is no list)."""

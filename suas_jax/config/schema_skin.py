@@ -28,6 +28,8 @@ class GeometrySpec(Spec):
         half_angle: angle from the symmetry axis to a clamped edge [rad].
         width: extent along the axis [m].
         oil_gap: distance from the membrane's inner face to the rigid wall [m].
+        ends: whether the two curved ends are clamped too, so that the membrane is solved in
+            three dimensions, or slide, which is plane strain.
     """
 
     inner_radius: PositiveLength = Field(examples=['"57.5 mm"'])
@@ -37,6 +39,12 @@ class GeometrySpec(Spec):
     )
     width: PositiveLength = Field(examples=['"123 mm"'])
     oil_gap: PositiveLength = Field(examples=['"5 mm"'])
+    ends: Literal["sliding", "clamped"] = Field(default="sliding", examples=['"clamped"'])
+
+    @property
+    def dimension(self) -> int:
+        """3 where the curved ends are clamped, else 2 (plane strain)."""
+        return 3 if self.ends == "clamped" else 2
 
     @field_validator("thickness")
     @classmethod

@@ -33,6 +33,7 @@ from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.wall import Wall
 
 ELEMENTS = 32
 """Elements of a skin's mesh along the whole arc, unless told otherwise."""
@@ -104,6 +105,7 @@ class Skin(eqx.Module):
         law: the membrane's material.
         oil: how the oil answers.
         electrodes: taxels and converter's scale.
+        wall: what holds the membrane; None where it passes through.
         elements: of the even mesh along the whole arc.
     """
 
@@ -111,6 +113,7 @@ class Skin(eqx.Module):
     law: AbstractLaw
     oil: AbstractOil
     electrodes: Electrodes
+    wall: Wall | None = None
     elements: int = eqx.field(static=True, default=ELEMENTS)
 
     def problem(self, loads: Loads) -> Problem:
@@ -122,7 +125,9 @@ class Skin(eqx.Module):
         line = LineLoad(loads.angle, loads.force, loads.turn)
         force = loads.force * line.direction / self.geometry.width
         points = LoadPoints(select, (loads.angle - start) / (end - start), force)
-        shell = Shell.build(self.geometry, self.law, angles, points, symmetric=False)
+        shell = Shell.build(
+            self.geometry, self.law, angles, points, symmetric=False, wall=self.wall
+        )
         return Problem(shell, self.oil, loads.external_pressure)
 
 
@@ -142,7 +147,7 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
             the solution starts from rest, which takes about three times as long.
     """
     problem = skin.problem(loads)
-    found = equilibrium(problem, start)
+    found = equilibrium(problem, start, wall_on_demand=True)
     readings = skin.electrodes.read(problem.mechanics, found.state.q)
     return SensorOutput(readings, found.state.pressure, found.state, found.result)
 
@@ -183,6 +188,7 @@ def skin_of(
     inputs: Mapping[str, ArrayLike] | None = None,
     *,
     elements: int = ELEMENTS,
+    contact: bool = True,
 ) -> Skin:
     """Build a skin from its specification.
 
@@ -191,10 +197,14 @@ def skin_of(
         inputs: SI values by TOML path (see `continuous_inputs`) that replace the
             specification's own: pass traced numbers here to differentiate by them.
         elements: of the mesh along the whole arc.
+        contact: whether the wall holds the membrane, if the specification says so. Without
+            it programs compile in half the time; states at the wall are still told by
+            `Readings.touching`.
 
     Raises:
         ValueError: the skin has no electrodes, or a path is none of its inputs.
     """
+    spec.require_plane_strain("`skin_of`")
     known = continuous_inputs(spec)
     for path in inputs or ():
         if path not in known:
@@ -205,7 +215,8 @@ def skin_of(
             "the skin has no [electrodes], so there is nothing to sense: add them to the "
             "skin file"
         )
-    return Skin(parts.geometry, parts.law, parts.oil, parts.electrodes, elements)
+    wall = parts.wall if contact else None
+    return Skin(parts.geometry, parts.law, parts.oil, parts.electrodes, wall, elements)
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
@@ -215,9 +226,11 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
         scene: its [[load]] tables.
         inputs: SI values by TOML path that replace the scene's own.
     """
+    scene.require_plane_strain("`loads_of`")
     parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
     angles, forces, turns = [], [], []
-    for load in parts.lines:
+    for load in parts.forces:
+        assert isinstance(load, LineLoad)  # all there is in plane strain
         points, weights = np.zeros(1), np.ones(1)
         if load.spread is not None:
             points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)

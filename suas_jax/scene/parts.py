@@ -10,14 +10,16 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, structure
+from suas_jax.config import LineLoadSpec, PatchLoadSpec, SceneSpec, SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.pad_loads import DeadLoad, PadLoad
 from suas_jax.skin.registry import build_oil
+from suas_jax.skin.wall import Wall
 
 
 class SkinParts(NamedTuple):
@@ -28,12 +30,14 @@ class SkinParts(NamedTuple):
         law: the membrane's material.
         oil: how the oil answers.
         electrodes: taxels and the converter's scale; None where nothing is sensed.
+        wall: what may hold the membrane; None where it passes through.
     """
 
     geometry: SkinGeometry
     law: AbstractLaw
     oil: AbstractOil
     electrodes: Electrodes | None
+    wall: Wall | None
 
 
 class SceneParts(NamedTuple):
@@ -41,7 +45,7 @@ class SceneParts(NamedTuple):
 
     Attributes:
         skin: the skin's objects.
-        lines: the line loads, in the order of the file.
+        forces: the dead loads, in the order of the file.
         pressures: of the uniform pressure loads, in the order of the file [Pa].
         oil_pressure: wanted oil pressure [Pa]; None where loads are given as they are.
         ambient_pressure: of the water around [Pa]; None where no depth is given.
@@ -49,7 +53,7 @@ class SceneParts(NamedTuple):
     """
 
     skin: SkinParts
-    lines: list[LineLoad]
+    forces: list[DeadLoad]
     pressures: list[Lanes]
     oil_pressure: Lanes | None
     ambient_pressure: Lanes | None
@@ -79,12 +83,18 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
     """
     numbers = _all_numbers(scene, inputs)
-    lines, pressures = [], []
+    skin = _skin(scene, numbers)
+    forces: list[DeadLoad] = []
+    pressures = []
     for i, spec in enumerate(scene.loads):
-        if isinstance(spec, LineLoadSpec):
-            lines.append(_line(spec, f"load.{i}.", numbers))
+        path = f"load.{i}."
+        if spec.kind == "pressure":
+            pressures.append(_lane(numbers[path + "pressure"]))
+        elif scene.geometry.dimension == 3:
+            forces.append(_on_pad(spec, path, numbers, skin.geometry))
         else:
-            pressures.append(_lane(numbers[f"load.{i}.pressure"]))
+            assert spec.kind == "line"  # a scene with a patch in plane strain is refused
+            forces.append(_line(spec, path, numbers))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:
         wanted = _lane(numbers["solve.oil_pressure"])
@@ -93,7 +103,7 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         names = ("specific_weight", "depth", "atmospheric_pressure")
         weight, depth, atmosphere = (_lane(numbers[f"environment.{name}"]) for name in names)
         ambient = weight * depth + atmosphere
-    return SceneParts(_skin(scene, numbers), lines, pressures, wanted, ambient, scene)
+    return SceneParts(skin, forces, pressures, wanted, ambient, scene)
 
 
 def law_of(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> AbstractLaw:
@@ -114,7 +124,21 @@ def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
     names = ("inner_radius", "thickness", "half_angle", "width", "oil_gap")
     geometry = SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
     electrodes = electrodes_of(spec, numbers, geometry)
-    return SkinParts(geometry, _law(spec, numbers), _oil(spec, numbers), electrodes)
+    law = _law(spec, numbers)
+    wall = _wall(spec, geometry, law, numbers)
+    return SkinParts(geometry, law, _oil(spec, numbers), electrodes, wall)
+
+
+def _wall(
+    spec: SkinSpec, geometry: SkinGeometry, law: AbstractLaw, numbers: Mapping[str, Any]
+) -> Wall | None:
+    if not spec.wall.contact:
+        return None
+    layer = None
+    if spec.wall.layer is not None:
+        path = "wall.layer."
+        layer = (_lane(numbers[path + "thickness"]), _lane(numbers[path + "stiffness"]))
+    return Wall.of(geometry, law.shear_modulus, layer)
 
 
 def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
@@ -133,4 +157,30 @@ def _line(spec: LineLoadSpec, path: str, numbers: Mapping[str, Any]) -> LineLoad
         _lane(turn),
         None if spec.spread is None else _lane(numbers[path + "spread"]),
         vertical=spec.direction == "vertical",
+    )
+
+
+def _on_pad(
+    spec: LineLoadSpec | PatchLoadSpec,
+    path: str,
+    numbers: Mapping[str, Any],
+    geometry: SkinGeometry,
+) -> PadLoad:
+    """A line of finite length or a patch; a line of no given length is as long as the pad."""
+
+    def given(name: str) -> Lanes | None:
+        return None if getattr(spec, name, None) is None else _lane(numbers[path + name])
+
+    arc, length = given("spread"), given("length")
+    if spec.kind == "line" and length is None:
+        length = geometry.width
+    if spec.kind == "patch" and spec.size is not None:
+        arc, length = (_lane(numbers[f"{path}size.{k}"]) for k in range(2))
+    turn = 0.0 if isinstance(spec.direction, str) else numbers[path + "direction"]
+    angle, axial, force, tilt = (
+        _lane(numbers[path + name]) for name in ("angle", "axial", "force", "tilt")
+    )
+    vertical = spec.direction == "vertical"
+    return PadLoad(
+        angle, axial, force, _lane(turn), tilt, arc, length, given("diameter"), vertical
     )

@@ -180,9 +180,10 @@ def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
     )
     pressure, row = np.zeros(frames), 0
     for i, load in enumerate(path.scene.loads):
-        if not isinstance(load, LineLoadSpec):
+        if load.kind == "pressure":
             pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
             continue
+        assert load.kind == "line"  # loads_of refuses patches
         if load.spread is not None:
             row += SPREAD_POINTS
             continue

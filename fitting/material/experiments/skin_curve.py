@@ -146,13 +146,16 @@ def specimen(
     Raises:
         ValueError: the skin doesn't carry these forces with the scene's material.
     """
+    scene.require_plane_strain("A skin as test specimen")
+    elements = scene.solve.elements
+    counts = (elements if isinstance(elements, int) else ELEMENTS,)
     lines = [(i, load) for i, load in enumerate(scene.loads) if isinstance(load, LineLoadSpec)]
     total = sum(abs(load.force) for _, load in lines)
     levels, lane = np.unique(force, return_inverse=True)
     top = float(np.max(np.abs(levels)))
     spec = with_solve(scene, oil_pressure=None)
     spec = with_inputs(spec, {f"load.{i}.force": load.force * top / total for i, load in lines})
-    plan = plan_for(spec, "shell", (spec.solve.elements or ELEMENTS,)).reduced()
+    plan = plan_for(spec, "shell", counts).reduced()
     parts = scene_parts(spec, continuous_inputs(spec))
     problem = problem_of(parts, plan)
     shell = problem.mechanics
@@ -163,7 +166,7 @@ def specimen(
         problem,
         (shell.points.force * share, problem.external_pressure * share),
     )
-    load = parts.lines[0]
+    load = parts.forces[0]
     angle, direction = load.angle, load.direction
     if plan.symmetric and float(angle[0]) > 0.0:
         # Only the left half is solved: read the mirror image there.

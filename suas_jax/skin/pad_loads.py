@@ -1,0 +1,91 @@
+"""What acts on the pad in three dimensions: dead forces even over parts of the outer face."""
+
+from typing import TypeAlias
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.geometry import outward
+from suas_jax.skin.loads import LineLoad
+
+
+class PadLoad(eqx.Module):
+    """A dead force, even over a part of the undeformed outer face.
+
+    The part is a rectangle, a disc or a line along the axis: what is given says which.
+
+    Attributes:
+        angle: of its centre [rad].
+        axial: of its centre, from the middle of the pad [m].
+        force: total; negative pulls outwards [N].
+        turn: counter-clockwise rotation of the force from the inward radial in the section's
+            plane [rad]; not used by a vertical load.
+        tilt: of the force out of that plane towards +axial [rad].
+        arc: extent of a rectangle along the arc of the outer face [m]; None for others.
+        length: extent of a rectangle or of a line along the axis [m]; None for a disc.
+        diameter: of a disc [m]; None for others.
+        vertical: whether the force, before its tilt, points down.
+    """
+
+    angle: Lanes
+    axial: Lanes
+    force: Lanes
+    turn: Lanes
+    tilt: Lanes
+    arc: Lanes | None = None
+    length: Lanes | None = None
+    diameter: Lanes | None = None
+    vertical: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self) -> None:
+        """Reject a shape that is none.
+
+        Raises:
+            ValueError: not exactly one of rectangle, disc and line is described.
+        """
+        if (self.diameter is None) == (self.length is None) or (
+            self.diameter is not None and self.arc is not None
+        ):
+            raise ValueError(
+                "a load on the pad is a rectangle (arc and length), a disc (diameter) or a "
+                "line along the axis (length)"
+            )
+
+    @property
+    def direction(self) -> Float[Array, "3 lane"]:
+        """Unit vector of a positive force: x right, y to the crown, z along the axis."""
+        zero = jnp.zeros_like(self.angle + self.turn + self.tilt)
+        # Turning counter-clockwise lowers the polar angle, which is measured clockwise.
+        plane = -outward(self.angle - self.turn + zero)
+        if self.vertical:
+            plane = jnp.stack([zero, zero - 1])
+        tilt = self.tilt + zero
+        return jnp.concatenate([jnp.cos(tilt) * plane, jnp.sin(tilt)[None]])
+
+    def extent(self) -> tuple[Lanes, Lanes]:
+        """Half extents along the arc of the outer face and along the axis [m]."""
+        if self.diameter is not None:
+            return self.diameter / 2, self.diameter / 2
+        assert self.length is not None
+        arc = jnp.zeros_like(self.length) if self.arc is None else self.arc
+        return arc / 2, self.length / 2
+
+
+DeadLoad: TypeAlias = LineLoad | PadLoad
+"""What acts on a membrane, in plane strain or in three dimensions."""
+
+
+class PadLoadPoints(eqx.Module):
+    """Dead forces at points of the outer face, the form the pad's mechanics takes loads in.
+
+    Attributes:
+        angle: reference angle [rad].
+        axial: reference position along the axis [m].
+        force: Cartesian components [N].
+    """
+
+    angle: Float[Array, "point #lane"]
+    axial: Float[Array, "point #lane"]
+    force: Float[Array, "3 point #lane"]
