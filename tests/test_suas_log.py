@@ -87,7 +87,7 @@ def test_nothing_is_lost(name, tmp_path):
     assert log.header["format"] == "suas-so-log"
     assert np.all(np.diff(log.t_host) >= 0)
     if name == "roboskin":
-        first = group_frames(log).so[0, 0]
+        first = group_frames(log).of_module(0)[0]
         np.testing.assert_array_equal(first, [255 - c // 256 for c in counts(0, 0)])
     else:
         assert len(check(log)) == len(log)

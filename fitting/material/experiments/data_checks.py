@@ -18,6 +18,7 @@ _LEAST_SPAN = 0.05
 _STIFF_AND_LONG = 60e6
 _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
+_AT_REST = 1e-9
 _JUMP = 6.0
 
 
@@ -95,6 +96,30 @@ def _goes_back(h: np.ndarray) -> np.ndarray:
         ):
             back[first + 1 : last + 1] = True
     return back
+
+
+def refuse_without_information(data: Dataset) -> None:
+    """Refuse a test that no material could be told from.
+
+    Raises:
+        ValueError: every reading is at rest, or every reading is zero.
+    """
+    if data.mode == "skin":
+        deformed = np.asarray(data.coordinate) != 0.0
+    elif data.mode in ("bulge", "simple_shear"):
+        deformed = np.abs(data.coordinate) > _AT_REST
+    else:
+        deformed = np.max(np.abs(data.factors[:2]), axis=0) > _AT_REST
+    if not np.any(deformed):
+        raise ValueError(
+            f"{data.file}: every reading is at rest: it says nothing about the material; "
+            "check the columns, or leave the file out"
+        )
+    if not np.any(np.asarray(data.value)[deformed] != 0.0):
+        raise ValueError(
+            f"{data.file}: the material is deformed, and every reading is zero; check the "
+            "columns, or leave the file out"
+        )
 
 
 def initial_modulus(data: Dataset) -> float:

@@ -5,7 +5,12 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.data_checks import branches, contradictions, warnings_of
+from fitting.material.experiments.data_checks import (
+    branches,
+    contradictions,
+    refuse_without_information,
+    warnings_of,
+)
 from fitting.material.experiments.measurements import ALL_STATES, Dataset
 from fitting.material.fit.problem import Problem, pose, settle
 from fitting.material.fit.result import MaterialFit
@@ -56,6 +61,8 @@ def fit_material(
         raise ValueError(f"--starts {starts}: at least one is needed")
     said = [*remarks]
     used = tuple(_on_branch(data, branch) for data in sets)
+    for data in used:
+        refuse_without_information(data)
     for data, kept in zip(sets, used, strict=True):
         said += warnings_of(kept)
         if kept.size < data.size:
