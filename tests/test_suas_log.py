@@ -21,7 +21,7 @@ import pytest
 from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.device.faults import Faults, parse_faults
 from suas_jax.acquisition.frames.reading import Reading
-from suas_jax.acquisition.frames.registry import ENCODERS
+from suas_jax.acquisition.frames.registry import ENCODERS, FORMATS
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 
 ROOT = Path(__file__).parent.parent
@@ -246,7 +246,7 @@ def test_a_busy_port_is_named(tmp_path):
     [
         (["/dev/ttyNOPE", "--format", "text"], ["/dev/ttyNOPE", "no such port"]),
         (["/etc/hosts", "--format", "text"], ["not a serial port"]),
-        (["/dev/null", "--format", "morse"], ["morse", "cobs, roboskin, text"]),
+        (["/dev/null", "--format", "morse"], ["morse", ", ".join(FORMATS)]),
         (["socket://127.0.0.1:9", "--format", "text"], ["can't connect"]),
         (["0000:0000:X", "--format", "text"], ["no such USB device"]),
     ],

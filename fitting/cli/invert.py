@@ -14,7 +14,7 @@ from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
-    from fitting.inverse_load.posterior import Mode
+    from fitting.inverse_load.posterior import LoadMode
     from fitting.inverse_load.readings import LogReadings
 
 
@@ -143,8 +143,7 @@ def _offline(
     posterior: int | None,
 ) -> None:
     from fitting.inverse_load.readings import EmptyLogError, LayoutMismatchError, readings_of
-    from fitting.inverse_load.report.posterior_text import in_words as modes_in_words
-    from fitting.inverse_load.report.posterior_text import posterior_json
+    from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
     from fitting.inverse_load.report.text import frame_json, print_table
     from suas_jax.acquisition.log.log_file import read_log
 
@@ -193,10 +192,10 @@ def _offline(
     else:
         print_table(readings.time, estimates)
         if modes is not None:
-            typer.echo("\n".join(modes_in_words(modes)))
+            typer.echo("\n".join(posterior_lines(modes)))
 
 
-def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[Mode]":
+def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[LoadMode]":
     """Modes of the frame with a number."""
     import numpy as np
 

@@ -68,7 +68,7 @@ def log(
         from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
         from suas_jax.acquisition.signals import ended_by_signal
         from suas_jax.acquisition.stream import Stream
-        from suas_jax.acquisition.view import View, in_words
+        from suas_jax.acquisition.view import View, totals_text
 
         check_output(output, overwrite=overwrite)
         decode = decoder(format_name)
@@ -112,7 +112,7 @@ def log(
     if as_json:
         typer.echo(json.dumps({"path": str(output)} | result, allow_nan=False))
     elif result["rows"]:
-        typer.echo(f"{output}: {in_words(result)}", err=True)
+        typer.echo(f"{output}: {totals_text(result)}", err=True)
     if not result["rows"]:
         typer.echo(
             f"suas: {port}: no frame came in {result['elapsed_s']:.1f} s; {output} is empty",

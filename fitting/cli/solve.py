@@ -170,9 +170,9 @@ def sweep(
             from suas_jax.runtime.settings import configure
 
             configure()
-            from suas_jax.scene.sweep import force_sweep, pressure_sweep
+            from suas_jax.scene.sweep import sweep as run
 
-            curve = (force_sweep if force else pressure_sweep)(spec, values)
+            curve = run(spec, **{"forces" if force else "oil_pressures": values})
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
@@ -217,9 +217,12 @@ def _print_report(report: dict[str, Any]) -> None:
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
     for i, load in enumerate(report["loads"]):
-        if load["kind"] == "line":
+        if load["kind"] != "pressure":
+            place = f"{load['angle_deg']:.4g} deg"
+            if "axial_m" in load:
+                place += f", {1e3 * load['axial_m']:.4g} mm"
             text = (
-                f"{load['force_N']:.5g} N at {load['angle_deg']:.4g} deg moves "
+                f"{load['force_N']:.5g} N at {place} moves "
                 f"{1e3 * load['displacement_m']:.4g} mm (inner face "
                 f"{1e3 * load['inner_displacement_m']:.4g} mm)"
             )
@@ -230,9 +233,15 @@ def _print_report(report: dict[str, Any]) -> None:
     if "absolute_oil_pressure_Pa" in report:
         absolute = 1e-3 * report["absolute_oil_pressure_Pa"]
         table.add_row("", f"{absolute:.5g} kPa absolute")
-    gap, angle = 1e3 * report["min_gap_m"], report["min_gap_angle_deg"]
-    table.add_row("smallest gap", f"{gap:.4g} mm at {angle:.3g} deg")
-    table.add_row("largest displacement", f"{1e3 * report['max_displacement_m']:.4g} mm")
+    for name, key in (
+        ("smallest gap", "min_gap"),
+        ("largest displacement", "max_displacement"),
+        ("largest bulge", "bulge"),
+    ):
+        text = f"{1e3 * report[key + '_m']:.4g} mm at {report[key + '_angle_deg']:.3g} deg"
+        if key + "_axial_m" in report:
+            text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
+        table.add_row(name, text)
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
         table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")

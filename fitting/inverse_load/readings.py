@@ -2,11 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
+from suas_jax.acquisition.equal_runs import equal_runs
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
@@ -29,6 +31,20 @@ class EmptyLogError(ValueError):
     """A log without a frame."""
 
 
+class _Places(NamedTuple):
+    """Where the taxels of a layout stand in readings of some modules [module, taxel].
+
+    Attributes:
+        sizes: taxels that each module should have [module]; -1 for a foreign module.
+        row: of each taxel's module [taxel]; -1 where the module is absent.
+        column: of each taxel [taxel].
+    """
+
+    sizes: NDArray[np.int64]
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+
+
 class Layout:
     """Where each taxel of a skin stands in a log.
 
@@ -43,6 +59,17 @@ class Layout:
             )
         module, number = taxel_names(spec.electrodes)
         self.module, self.number = np.array(module), np.array(number)
+        self._places: dict[tuple[int, ...], _Places] = {}
+
+    def _in(self, modules: Sequence[int]) -> _Places:
+        """Places in readings of some modules; found once for each list of modules."""
+        key = tuple(modules)
+        if key not in self._places:
+            counts = np.array([np.sum(self.module == m) for m in key])
+            where = {m: row for row, m in enumerate(key)}
+            row = np.array([where.get(m, -1) for m in self.module.tolist()])
+            self._places[key] = _Places(np.where(counts > 0, counts, -1), row, self.number - 1)
+        return self._places[key]
 
     @property
     def taxels(self) -> int:
@@ -69,17 +96,16 @@ class Layout:
             LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
                 narrow for its modules.
         """
-        own = set(self.module.tolist())
-        strange = sorted(set(modules) - own)
-        if strange:
+        sizes = self._in(modules).sizes
+        if (sizes < 0).any():
+            foreign = min(m for m, size in zip(modules, sizes, strict=True) if size < 0)
             raise LayoutMismatchError(
-                f"{source}: layout_mismatch: module {strange[0]} is none of the skin's, which "
+                f"{source}: layout_mismatch: module {foreign} is none of the skin's, which "
                 f"has {self.describe()}; is this the log's skin file?"
             )
-        for row, module in enumerate(modules):
-            so = counts(row)
+        for k, (module, size) in enumerate(zip(modules, sizes.tolist(), strict=True)):
+            so = counts(k)
             width = so.shape[-1]
-            size = int((self.module == module).sum())
             present = np.flatnonzero(np.isfinite(so).reshape(-1, width).any(0))
             most = int(present.max()) + 1 if present.size else 0
             if most > size or width < size:
@@ -96,13 +122,14 @@ class Layout:
             modules: as for `check`.
             counts: likewise.
         """
+        _, row, column = self._in(modules)
         out: NDArray[np.float64] | None = None
-        for row, module in enumerate(modules):
-            so = counts(row)
+        for k in range(len(modules)):
+            so = counts(k)
             if out is None:
                 out = np.full((*so.shape[:-1], self.taxels), np.nan)
-            here = np.flatnonzero(self.module == module)
-            out[..., here] = so[..., self.number[here] - 1]
+            here = row == k
+            out[..., here] = so[..., column[here]]
         return np.full(self.taxels, np.nan) if out is None else out
 
     def baseline(self, baseline: Baseline, source: str) -> tuple[NDArray, NDArray]:
@@ -206,17 +233,14 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
     fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
     needed = repeats_needed(noise, taxels)
     for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
-        breaks = np.flatnonzero(~same[:, k])
-        starts = np.concatenate([[0], breaks + 1])
-        ends = np.concatenate([breaks, [frames - 1]])  # inclusive
-        for start, end in zip(starts, ends, strict=True):
-            if fresh[start:end].sum() >= needed:
-                stuck[start : end + 1, k] = True
+        for begin, end in equal_runs(so[:, k]):
+            if fresh[begin : end - 1].sum() >= needed:
+                stuck[begin:end, k] = True
     return stuck
 
 
 class StuckWatch:
-    """`stuck_taxels` for frames as they come.
+    """`stuck_taxels` frame by frame, for a stream.
 
     Args:
         noise: standard deviation of a reading [counts].

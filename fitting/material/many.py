@@ -61,10 +61,10 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
     from suas_jax.runtime.settings import configure
 
     configure()
+    from fitting.material.calibration import calibrate as calibrate_law
     from fitting.material.experiments.datasets import load_dataset
     from fitting.material.experiments.measurements import mode_named
-    from fitting.material.fit.fit import NoFit, fit_material
-    from fitting.material.report.summary import report_of
+    from fitting.material.fit.fit import NoFit
     from fitting.statistics.posterior import PosteriorError, Settings
 
     try:
@@ -72,13 +72,12 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             load_dataset(mode_named(mode), path, None, job.get("noise"), job.get("scene"))
             for mode, path in job["data"].items()
         ]
-        fit = fit_material(
+        fit, report = calibrate_law(
             sets,
             job.get("law", "ogden"),
             job.get("terms"),
             residual=job.get("residual", "relative"),
         )
-        report = report_of(fit)
         if job.get("sample", False):
             from fitting.material.fit.posterior import sample_material
 

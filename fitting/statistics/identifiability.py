@@ -1,4 +1,4 @@
-"""What the data determine, what they don't, and how sure the constants are.
+"""Covariance and identifiability of fitted constants.
 
 With r(c) the residuals and J = ∂r/∂c, the covariance of the constants is s² (JᵀJ)⁻¹, s the
 standard deviation of the residuals. It is computed from the singular values of J D, where

@@ -148,6 +148,58 @@ class PlaneStrain(AbstractDeformation):
         )
 
 
+class InPlaneStrain(AbstractDeformation):
+    """Incompressible, given by the metric in a plane; the stretch across it follows.
+
+    The state of a fibre of a thin shell. With the metric C = 1 + e of the plane (2 × 2, by
+    unit vectors at rest) the third stretch is det C^(−1/2). Stored are the invariants of
+    e, τ = tr e and ν = det e; with d = det C − 1 = τ + ν,
+
+        I₁ − 3 = d²/(1 + d) − ν,    I₂ − 3 = (d² − ν)/(1 + d).
+
+    With λ₁,₂ = (1 + d)^(1/4) exp(±η) and M = α/4 log(1 + d) the power sum is
+
+        2 e^M (cosh αη − 1) + (e^M − 1)² (2 e^M + 1) e^(−2M),
+
+    where sinh² η = (λ₁ − λ₂)² / (4 √(1 + d)) is analytic in τ and ν also where stretches
+    coincide: derivatives of every order are exact.
+
+    Attributes:
+        trace: τ, any shape.
+        determinant: ν, any shape; 1 + τ + ν must be positive.
+    """
+
+    trace: Float[Array, "..."]
+    determinant: Float[Array, "..."]
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """Tr C + 1/det C − 3."""
+        d = self.trace + self.determinant
+        return d * d / (1.0 + d) - self.determinant
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """Det C + tr C/det C − 3."""
+        d = self.trace + self.determinant
+        return (d * d - self.determinant) / (1.0 + d)
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """λ₁^α + λ₂^α + (λ₁λ₂)^−α − 3."""
+        a = jnp.asarray(alpha)
+        d = self.trace + self.determinant
+        root = jnp.sqrt(1.0 + d)
+        # (λ₁² − λ₂²)² / (λ₁ + λ₂)²
+        distortion = (self.trace * self.trace - 4.0 * self.determinant) / (
+            2.0 + self.trace + 2.0 * root
+        )
+        eta_squared = asinh_sqrt_squared(0.25 * distortion / root)
+        quarter = a / 4.0 * jnp.log1p(d)
+        return 2.0 * jnp.exp(quarter) * cosh_sqrt_minus_1(a * a * eta_squared) + _area_change(
+            quarter
+        )
+
+
 class LogStretches(AbstractDeformation):
     """Incompressible, given by two principal logarithmic strains; the third is −e₁ − e₂.
 

@@ -28,6 +28,7 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.skin.geometry import SkinGeometry
@@ -64,7 +65,11 @@ class Loads(eqx.Module):
             angle: one value, or one a lane [rad].
             force: likewise [N].
             turn: likewise, from the inward radial [rad].
+
+        Raises:
+            Float64Error: float64 is off.
         """
+        require_float64()
         row = [jnp.atleast_1d(jnp.asarray(x, float))[None] for x in (angle, force, turn)]
         return cls(row[0], row[1], row[2], jnp.zeros(1))
 
@@ -136,7 +141,7 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
 
     Differentiable by every array of the skin and of the loads, in forward and reverse mode,
     through the implicit derivative of the equilibrium. Compile it
-    (``equinox.filter_jit(forward)``): one program serves all loads of the same shape, and a
+    (``suas_jax.jit(forward)``): one program serves all loads of the same shape, and a
     lane is cheaper than a call. A load that doesn't converge is named in `result`, a taxel
     that touches the wall in `readings.touching`; nothing is raised.
 
@@ -145,7 +150,11 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
         loads: what acts on it.
         start: state of a neighbouring equilibrium, such as the last frame's; without it
             the solution starts from rest, which takes about three times as long.
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     problem = skin.problem(loads)
     found = equilibrium(problem, start, wall_on_demand=True)
     readings = skin.electrodes.read(problem.mechanics, found.state.q)
@@ -166,7 +175,11 @@ def load_jacobian(
 
     Returns:
         The output, and the derivatives of SO by (angle [rad], force [N], turn [rad]).
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     loads = loads.in_lanes()
     count, lanes = loads.angle.shape
 
@@ -203,7 +216,9 @@ def skin_of(
 
     Raises:
         ValueError: the skin has no electrodes, or a path is none of its inputs.
+        Float64Error: float64 is off.
     """
+    require_float64()
     spec.require_plane_strain("`skin_of`")
     known = continuous_inputs(spec)
     for path in inputs or ():
@@ -225,7 +240,11 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
     Args:
         scene: its [[load]] tables.
         inputs: SI values by TOML path that replace the scene's own.
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     scene.require_plane_strain("`loads_of`")
     parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
     angles, forces, turns = [], [], []

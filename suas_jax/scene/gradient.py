@@ -13,6 +13,7 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
@@ -83,7 +84,9 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
 
     Raises:
         UnknownQuantityError: the path is not a differentiable quantity of the report.
+        Float64Error: float64 is off.
     """
+    require_float64()
     scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
     known = (solution.plan, solution.state, inputs)

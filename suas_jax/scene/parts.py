@@ -4,13 +4,14 @@ The forward model is a pure function of `continuous_inputs`: this file maps thos
 traced or not, to objects. The scene itself only says which classes.
 """
 
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, PatchLoadSpec, SceneSpec, SkinSpec, structure
+from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
@@ -91,7 +92,8 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         if spec.kind == "pressure":
             pressures.append(_lane(numbers[path + "pressure"]))
         elif scene.geometry.dimension == 3:
-            forces.append(_on_pad(spec, path, numbers, skin.geometry))
+            value = functools.partial(_value, numbers, path)
+            forces.append(PadLoad.of(spec, value, skin.geometry.width))
         else:
             assert spec.kind == "line"  # a scene with a patch in plane strain is refused
             forces.append(_line(spec, path, numbers))
@@ -114,6 +116,10 @@ def law_of(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> AbstractLaw:
 def _all_numbers(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
     """Every value by TOML path, the continuous inputs replaced by those given."""
     return {**dict(structure(spec)), **inputs}
+
+
+def _value(numbers: Mapping[str, Any], path: str, name: str) -> Any:
+    return numbers[path + name]
 
 
 def _lane(value: Any) -> Array:
@@ -157,30 +163,4 @@ def _line(spec: LineLoadSpec, path: str, numbers: Mapping[str, Any]) -> LineLoad
         _lane(turn),
         None if spec.spread is None else _lane(numbers[path + "spread"]),
         vertical=spec.direction == "vertical",
-    )
-
-
-def _on_pad(
-    spec: LineLoadSpec | PatchLoadSpec,
-    path: str,
-    numbers: Mapping[str, Any],
-    geometry: SkinGeometry,
-) -> PadLoad:
-    """A line of finite length or a patch; a line of no given length is as long as the pad."""
-
-    def given(name: str) -> Lanes | None:
-        return None if getattr(spec, name, None) is None else _lane(numbers[path + name])
-
-    arc, length = given("spread"), given("length")
-    if spec.kind == "line" and length is None:
-        length = geometry.width
-    if spec.kind == "patch" and spec.size is not None:
-        arc, length = (_lane(numbers[f"{path}size.{k}"]) for k in range(2))
-    turn = 0.0 if isinstance(spec.direction, str) else numbers[path + "direction"]
-    angle, axial, force, tilt = (
-        _lane(numbers[path + name]) for name in ("angle", "axial", "force", "tilt")
-    )
-    vertical = spec.direction == "vertical"
-    return PadLoad(
-        angle, axial, force, _lane(turn), tilt, arc, length, given("diameter"), vertical
     )

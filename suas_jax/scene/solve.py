@@ -21,6 +21,7 @@ from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle, plan_for, problem_of
 from suas_jax.scene.error_estimate import discretisation_error, model_error
 from suas_jax.scene.observables import observe
@@ -209,7 +210,11 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     Returns:
         The solution; a failed solve is named in its report, not raised.
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     compiled_before = COMPILED.seconds
     decay_angle(scene)  # its small program is compiled, and kept, outside the time measured
     seconds = []

@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.config import (
-    LineLoadSpec,
     SceneSpec,
     continuous_inputs,
     with_inputs,
@@ -26,6 +25,7 @@ from suas_jax.files.writing import write_text
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
@@ -51,8 +51,8 @@ _COLUMNS = (
 
 
 def _total_force(report: dict[str, Any]) -> float:
-    lines = [load for load in report["loads"] if load["kind"] == "line"]
-    return sum(abs(load["force_N"]) for load in lines)
+    forces = [load["force_N"] for load in report["loads"] if load["kind"] != "pressure"]
+    return sum(abs(force) for force in forces)
 
 
 class SweepError(ValueError):
@@ -115,6 +115,37 @@ def _program(
     return reports, found.state, outcome
 
 
+def sweep(
+    scene: SceneSpec,
+    *,
+    forces: Sequence[float] | None = None,
+    oil_pressures: Sequence[float] | None = None,
+) -> Sweep:
+    """Follow a scene's equilibrium through rising loads.
+
+    Args:
+        scene: the scene; its loads give the pattern, which is kept.
+        forces: sums of the line loads' magnitudes, in the order to visit [N].
+        oil_pressures: instead of forces: all loads are scaled until the oil reaches these
+            pressures above ambient, all of one sign, in the order to visit [Pa].
+
+    Returns:
+        A report for each point, and the first contact with the wall if there is one.
+
+    Raises:
+        SweepError: the loads can't be scaled so, or the values are not allowed.
+        TypeError: neither forces nor oil pressures are given, or both.
+        Float64Error: float64 is off.
+    """
+    require_float64()
+    if (forces is None) == (oil_pressures is None):
+        raise TypeError("sweep: give either forces or oil_pressures")
+    if forces is not None:
+        return force_sweep(scene, forces)
+    assert oil_pressures is not None
+    return pressure_sweep(scene, oil_pressures)
+
+
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
     """Scale the line loads through given total forces, their pattern kept.
 
@@ -123,16 +154,16 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
         forces: sums of the loads' magnitudes, in the order to visit [N].
 
     Raises:
-        SweepError: the scene has no line load to scale, or forces aren't finite and >= 0.
+        SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
     """
     lines = {
         f"load.{i}.force": load.force
         for i, load in enumerate(scene.loads)
-        if isinstance(load, LineLoadSpec)
+        if load.kind != "pressure"
     }
     total = sum(abs(force) for force in lines.values())
     if total == 0:
-        raise SweepError("there is no line load with a force to scale; add [[load]] with force")
+        raise SweepError("there is no load with a force to scale; add [[load]] with force")
     values = _checked(forces, "--force")
     top = float(values.max()) or total
     scaled = with_inputs(scene, {key: f * top / total for key, f in lines.items()})
@@ -287,8 +318,11 @@ class _Curve:
 
 
 def _contact_of(report: dict[str, Any]) -> dict[str, float]:
-    return {
+    contact = {
         "force_N": _total_force(report),
         "oil_pressure_Pa": report["oil_pressure_Pa"],
         "angle_deg": report["min_gap_angle_deg"],
     }
+    if "min_gap_axial_m" in report:
+        contact["axial_m"] = report["min_gap_axial_m"]
+    return contact

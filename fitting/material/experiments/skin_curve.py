@@ -6,7 +6,7 @@ line load of the scene, along that load; several loads grow together, their patt
 """
 
 import dataclasses
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, NamedTuple, Self, cast
 
 import equinox as eqx
 import jax
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.material.experiments.homogeneous import AbstractExperiment
+from fitting.material.experiments.prediction import AbstractExperiment
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -57,6 +57,11 @@ class SkinCurve(AbstractExperiment):
     start: State
 
     @property
+    def size(self) -> int:
+        """Number of readings."""
+        return len(self.lane)
+
+    @property
     def equilibria(self) -> int:
         """Equilibria that one prediction takes."""
         return int(self.problem.external_pressure.shape[-1])
@@ -79,7 +84,7 @@ class SkinCurve(AbstractExperiment):
         both = jnp.where(found.result == 0, both, jnp.nan)
         return both[self.channel, self.lane]
 
-    def settled(self, law: AbstractLaw) -> "SkinCurve":
+    def settled(self, law: AbstractLaw) -> Self:
         """The same curve, solved from the states of a law: fast for laws near to it."""
         found = _solved(self, law)
         if np.any(np.asarray(found.result) != 0):
@@ -135,7 +140,7 @@ class Specimen:
 def specimen(
     scene: SceneSpec, force: np.ndarray, channel: np.ndarray, value: np.ndarray
 ) -> Specimen:
-    """Put a skin into the test.
+    """The forward model of a skin's curve, and the sizes of its material.
 
     Args:
         scene: skin and pattern of loads; its material is only where sizes come from.

@@ -98,7 +98,11 @@ def read_aligned(
         warnings.append(
             f"{path}: no known loads or displacements (columns such as load_0_force_N): the "
             "skin is taken to be at rest"
-            + (f"; not understood: {', '.join(others)}" if (others := _strangers(log)) else "")
+            + (
+                f"; not understood: {', '.join(others)}"
+                if (others := _unknown_columns(log))
+                else ""
+            )
         )
     so, time, permittivity = so[:, kept], time[kept], permittivity[kept]
     masked: list[Masked] = []
@@ -116,7 +120,7 @@ def read_aligned(
     )
 
 
-def _strangers(log: SoLog) -> list[str]:
+def _unknown_columns(log: SoLog) -> list[str]:
     """Columns that are neither known inputs nor flags of the logger."""
     own = {*Flags._fields, FLUID}
     return [name for name in log.flags if name.strip().lower() not in own]
@@ -151,10 +155,10 @@ def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
     }
     if not len(log):
         raise ValueError(f"{log.path}: the log is empty: it has no rows")
-    strangers = sorted(set(log.module.tolist()) - sizes.keys())
-    if strangers:
+    foreign = sorted(set(log.module.tolist()) - sizes.keys())
+    if foreign:
         raise ValueError(
-            f"{log.path}: module {strangers[0]}: the skin has no such module (it has "
+            f"{log.path}: module {foreign[0]}: the skin has no such module (it has "
             f"{_listed(sorted(sizes))}): a log of another layout, or the wrong skin file"
         )
     columns = log.so.shape[1]

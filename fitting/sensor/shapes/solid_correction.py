@@ -1,4 +1,4 @@
-"""What the shell leaves out of the membrane's shape, from a few solutions of the solid.
+"""Correction of the shell's shape by a few solutions of the solid.
 
 The shell's shape differs from the continuum's by some 2e-3 of its own displacement
 (transverse shear, the load's local field): as much as a calibration of the gap can resolve.

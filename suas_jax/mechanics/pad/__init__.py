@@ -1,0 +1,1 @@
+"""The thin-shell model of the whole pad, in three dimensions."""

@@ -1,0 +1,116 @@
+"""The deformed pad at places: its mid-surface and faces, stretches, energy."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.pad.points import Layers, Surface, energy_density, fibre_strains, layers
+from suas_jax.mechanics.shell.shape import CRUSHED
+
+
+class Faces(NamedTuple):
+    """The deformed pad at points of its undeformed mid-surface; lanes come last.
+
+    Attributes:
+        angle: reference angle [rad].
+        axial: reference position along the axis [m].
+        mid_displacement: of the mid-surface [m], Cartesian components leading.
+        inner_displacement: of the inner face's material point at the same place [m].
+        outer_displacement: of the outer face's [m].
+        inner_strain: C - 1 of the inner face by unit vectors along arc and axis, entries
+            (11, 22, 12).
+        outer_strain: of the outer face.
+        energy_density: strain energy per volume, mean over the thickness [J/m^3].
+    """
+
+    angle: Float[Array, "*point"]
+    axial: Float[Array, "*point"]
+    mid_displacement: Float[Array, "3 *point"]
+    inner_displacement: Float[Array, "3 *point"]
+    outer_displacement: Float[Array, "3 *point"]
+    inner_strain: Float[Array, "3 *point"]
+    outer_strain: Float[Array, "3 *point"]
+    energy_density: Float[Array, "*point"]
+
+
+def face_displacement(
+    s: Surface, offset: Array, radius: Array
+) -> tuple[Float[Array, "3 *point"], Float[Array, "*point"]]:
+    """Displacement of the fibres at a reference offset, and how far from the mid-surface.
+
+    A fibre lies at zeta with J (zeta + H zeta^2 + K zeta^3 / 3) = M, the volume of the
+    membrane below it kept. The cubic term is small: one step of Newton's method from the
+    quadratic's root accounts for it.
+
+    Args:
+        s: the mid-surface at points.
+        offset: Z [m].
+        radius: of the undeformed mid-surface [m].
+
+    Returns:
+        Displacement [m] and zeta [m].
+    """
+    square = s.m[0] ** 2 + s.m[1] ** 2 + s.m[2] ** 2
+    size = jnp.sqrt(square)
+    lever = (offset + offset**2 / (2 * radius)) / size
+    a11, a22, a12 = 1 + s.metric[0], 1 + s.metric[1], s.metric[2]
+    h11, h22, h12 = 1 / radius + s.bending[0], s.bending[1], s.bending[2]
+    mean = (a22 * h11 + a11 * h22 - 2 * a12 * h12) / (2 * square * size)
+    gauss = (h11 * h22 - h12 * h12) / square**2
+    # A membrane folded more sharply than its thickness allows has no root: see CRUSHED.
+    root = jnp.sqrt(jnp.maximum(1 + 4 * mean * lever, CRUSHED**2))
+    zeta = 2 * lever / (1 + root)
+    zeta = zeta - gauss * zeta**3 / 3 / jnp.maximum(root, 0.1)
+    normal = -s.m / size
+    return s.u + zeta * normal - offset * s.n, zeta
+
+
+def faces(
+    law: AbstractLaw,
+    s: Surface,
+    place: tuple[Array, Array],
+    thickness: Array,
+    radius: Array,
+    fibres: Layers,
+) -> Faces:
+    """The deformed pad around its mid-surface, normals staying normal.
+
+    Args:
+        law: the material.
+        s: the mid-surface at points.
+        place: reference angle and axial position of the points.
+        thickness: undeformed [m].
+        radius: of the undeformed mid-surface [m].
+        fibres: through the thickness, for the energy.
+    """
+    both = layers(1, thickness, radius)
+
+    def strain(offset: Array) -> Array:
+        lever = offset + offset**2 / (2 * radius)
+        one = Layers(both.weight, lever[None], 1 + offset[None] / radius)
+        return fibre_strains(s, one, radius)[0][:, 0]
+
+    half = thickness / 2
+    return Faces(
+        *place,
+        mid_displacement=s.u,
+        inner_displacement=face_displacement(s, -half, radius)[0],
+        outer_displacement=face_displacement(s, half, radius)[0],
+        inner_strain=strain(-half),
+        outer_strain=strain(half),
+        energy_density=energy_density(law, s, fibres, radius) / thickness,
+    )
+
+
+def principal_stretches(strain: Float[Array, "3 *point"]) -> Float[Array, "2 *point"]:
+    """Smallest and largest stretch in the plane from C - 1, entries (11, 22, 12)."""
+    mean = (strain[0] + strain[1]) / 2
+    radius = jnp.hypot((strain[0] - strain[1]) / 2, strain[2])
+    return jnp.sqrt(jnp.maximum(1 + jnp.stack([mean - radius, mean + radius]), CRUSHED**2))
+
+
+def hoop_stretch(strain: Float[Array, "3 *point"]) -> Float[Array, "*point"]:
+    """Stretch along the arc from C - 1, entries (11, 22, 12)."""
+    return jnp.sqrt(jnp.maximum(1 + strain[0], CRUSHED**2))

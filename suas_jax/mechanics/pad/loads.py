@@ -1,0 +1,146 @@
+"""Dead loads on the pad's outer face: their work and its derivatives.
+
+A load acts at the rigid-normal point x + (t/2) n of the mid-surface x with normal n, which
+turns with the shell: a dead force has a stiffness of its own. Load points move freely over
+the mesh; displacement and normal are continuous across elements, so is the work.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from suas_jax.mechanics.pad.net import ElementVector, Net
+from suas_jax.mechanics.pad.points import cross
+from suas_jax.numerics.bspline import bernstein
+from suas_jax.skin.pad_loads import PadLoadPoints
+
+
+class Spots(NamedTuple):
+    """Places on the pad: elements, and the Bernstein polynomials there.
+
+    Attributes:
+        element: index along the long direction and across [2, point].
+        shapes: polynomials by kind of derivative, by arc length and along the axis: itself,
+            by s, by z [kind, 4 * 4, point].
+        angle: reference angle [rad].
+    """
+
+    element: Int[Array, "2 point"]
+    shapes: Float[Array, "kind 16 point"]
+    angle: Float[Array, " point"]
+
+
+def locate(
+    breakpoints: Float[Array, " breakpoint"], x: Float[Array, " point"]
+) -> tuple[Int[Array, " point"], Float[Array, " point"], Float[Array, " point"]]:
+    """Element, local coordinate in it and its length, of places along one direction."""
+    fixed = jax.lax.stop_gradient(breakpoints)
+    element = jnp.searchsorted(fixed, jax.lax.stop_gradient(x), side="right") - 1
+    element = jnp.clip(element, 0, len(breakpoints) - 2)
+    start, end = breakpoints[element], breakpoints[element + 1]
+    return element, (x - start) / (end - start), end - start
+
+
+def spots(
+    net: Net,
+    angles: Array,
+    axial: Array,
+    radius: Array,
+    at: tuple[Array, Array],
+    kinds: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (0, 1)),
+) -> Spots:
+    """Find places on the pad.
+
+    Args:
+        net: the control net.
+        angles: breakpoints along the arc [rad].
+        axial: breakpoints along the axis [m].
+        radius: of the mid-surface [m].
+        at: reference angles [rad] and axial positions [m].
+        kinds: orders of differentiation by arc length and along the axis.
+    """
+    i, xi, span = locate(angles, at[0])
+    k, eta, length = locate(axial, at[1])
+    along = [jnp.stack(bernstein(xi, n)) / (radius * span) ** n for n in range(3)]
+    axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
+    shapes = []
+    for n, m in kinds:
+        first, second = net.topology.ordered(along[n], axially[m])
+        shapes.append((first[:, None] * second[None]).reshape(16, -1))
+    element = jnp.stack(net.topology.ordered(i, k))
+    return Spots(element, jnp.stack(shapes), at[0])
+
+
+def interpolated(spots: Spots, qe: ElementVector) -> Float[Array, "kind 3 point"]:
+    """The displacement and its derivatives at places."""
+    here = qe.reshape(3, 16, *qe.shape[3:])[:, :, spots.element[0], spots.element[1]]
+    return jnp.sum(spots.shapes[:, None] * here, 2)
+
+
+def _arm(r: Float[Array, "2 3 *point"]) -> Array:
+    """Outward unit normal from r,s and r,z."""
+    m = cross(r[0], r[1])
+    return -m / jnp.sqrt(m[0] ** 2 + m[1] ** 2 + m[2] ** 2)
+
+
+def _edges(spots: Spots, moved: Array) -> tuple[Array, Array]:
+    """Current r,s and r,z [2, 3, point], and the reference normal."""
+    sine, cosine = jnp.sin(spots.angle), jnp.cos(spots.angle)
+    zero = jnp.zeros_like(sine)
+    t, n = jnp.stack([cosine, -sine, zero]), jnp.stack([sine, cosine, zero])
+    z = jnp.stack([zero, zero, zero + 1])
+    return jnp.stack([t, z]) + moved[1:3], n
+
+
+def load_work(points: PadLoadPoints, spots: Spots, moved: Array, thickness: Array) -> Array:
+    """Work of the loads at unit factor [J].
+
+    Args:
+        points: the loads, without lanes.
+        spots: where they are.
+        moved: displacement and its first derivatives there.
+        thickness: of the membrane [m].
+    """
+    edges, n = _edges(spots, moved)
+    return jnp.sum(points.force * (moved[0] + thickness / 2 * (_arm(edges) - n)))
+
+
+def load_terms(
+    points: PadLoadPoints, spots: Spots, moved: Array, thickness: Array
+) -> tuple[ElementVector, Float[Array, "256 9 point"]]:
+    """First derivative of the work, summed nowhere, and half the second, by element unknowns.
+
+    Returns:
+        Vectors [3, 16, point] and matrices [16 * 16, 9, point] of the loads' elements.
+    """
+    edges, _ = _edges(spots, moved)
+
+    def projected(r: Float[Array, "2 3"], force: Float[Array, "3"]) -> Array:
+        return jnp.sum(thickness) / 2 * jnp.sum(force * _arm(r))
+
+    by_point = (-1, -1)
+    gradient = jax.vmap(jax.grad(projected), by_point, -1)(edges, points.force)
+    hessian = jax.vmap(jax.hessian(projected), by_point, -1)(edges, points.force)
+    shapes = spots.shapes
+    vector = points.force[:, None] * shapes[0]
+    vector = vector + jnp.sum(gradient[:, :, None] * shapes[1:3, None], 0)
+    rows = jnp.einsum("kap,kcldp->acldp", shapes[1:3], hessian)
+    matrix = jnp.einsum("acldp,lbp->abcdp", rows, shapes[1:3]) / 2
+    return vector, matrix.reshape(256, 9, -1)
+
+
+def add_vectors(f: ElementVector, spots: Spots, vector: Array) -> ElementVector:
+    """Add the points' vectors to those of their elements."""
+    shape = f.shape
+    f = f.reshape(3, 16, *shape[3:])
+    return f.at[:, :, spots.element[0], spots.element[1]].add(vector).reshape(shape)
+
+
+def add_matrices(
+    m: Float[Array, "256 9 element"], spots: Spots, matrix: Array, elements: tuple[int, int]
+) -> Float[Array, "256 9 element"]:
+    """Add the points' matrices to those of their elements."""
+    index = spots.element[0] * elements[1] + spots.element[1]
+    return m.at[:, :, index].add(matrix)

@@ -1,0 +1,524 @@
+"""The whole pad as a thin shell: a half-cylinder clamped along its edges, in three dimensions.
+
+Kirchhoff-Love, incompressible (Kiendl et al. 2015), cubic B-splines in both directions. The
+displacement is interpolated over the exact cylinder, so the undeformed state is free of
+stress to the last digit.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, ContactState, Displacements
+from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.pad import loads as pad_loads
+from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
+from suas_jax.mechanics.pad.net import ElementVector, Net, NetTopology, refined, tables
+from suas_jax.mechanics.pad.points import (
+    KINDS,
+    PAIRS,
+    Layers,
+    Surface,
+    energy_density,
+    layers,
+    resultants,
+    stress,
+    surface,
+    swept,
+    tangent,
+)
+from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
+from suas_jax.mesh.pad_plan import PadPlan, pad_load_points
+from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.block_banded import BlockBanded
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.wall import Wall
+
+# Newton steps to the material point on a ray: displacements along the wall are small.
+_RAY_STEPS = 4
+
+
+class Pad(AbstractMechanics):
+    """Discretised pad, or the half or quarter of a symmetric one.
+
+    The unknowns of a station are the displacements of the control values across it, in the
+    tangential, normal and axial directions of their column.
+
+    Attributes:
+        law: the membrane's material.
+        mid_radius: radius of the undeformed mid-surface [m].
+        thickness: [m].
+        angles: breakpoints along the arc, from the symmetry axis [rad].
+        axial: breakpoints along the axis, from the middle [m].
+        points: the loads as points on the outer face [N].
+        film_volume: volume of the undeformed oil film under the part covered [m^3].
+        wall: see the base class.
+        topology: how the splines end.
+        mirrored_planes: whether the part ends at the crown's plane, and at the middle's.
+        gauss: quadrature points along either side of an element.
+        layers: quadrature points through the thickness.
+    """
+
+    per_width: ClassVar[bool] = False
+    law: AbstractLaw
+    mid_radius: Lanes
+    thickness: Lanes
+    angles: Float[Array, "breakpoint #lane"]
+    axial: Float[Array, "breakpoint #lane"]
+    points: PadLoadPoints
+    film_volume: Lanes
+    wall: Wall | None
+    topology: NetTopology = eqx.field(static=True)
+    mirrored_planes: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
+    gauss: int = eqx.field(static=True, default=3)
+    layers: int = eqx.field(static=True, default=3)
+
+    @property
+    def lanes(self) -> int:
+        """Number of lanes of the inputs."""
+        return max(x.shape[-1] for x in jax.tree.leaves(self))
+
+    @property
+    def length_scale(self) -> Lanes:
+        """The thickness [m]."""
+        return self.thickness
+
+    @property
+    def clamp_reach(self) -> Lanes:
+        """Zero: the shell's stretches are bounded [rad]."""
+        return jnp.zeros_like(self.thickness)
+
+    def rest(self) -> StationVector:
+        """Zero displacement."""
+        return jnp.zeros((*self.topology.free.shape, self.lanes), self.angles.dtype)
+
+    def unknowns(self) -> int:
+        """Free control displacements."""
+        return int(self.topology.free.sum())
+
+    def contact_energy(self, q: StationVector) -> Lanes:
+        """Energy of contact with the wall [J]; see the base class."""
+        return jnp.zeros(q.shape[-1:], q.dtype)
+
+    def contact(self, q: StationVector, wall: Wall) -> ContactState:
+        """The inner face against a wall; see the base class."""
+        raise NotImplementedError
+
+    def displacement_size(self, q: StationVector) -> Lanes:
+        """Largest component of a control value's displacement [m]."""
+        return jnp.max(jnp.abs(q), (0, 1))
+
+    def _by_lane(self, function: Callable[..., Any], *arguments: Array) -> Any:
+        """Call a function of one lane's pad and arguments, lane after lane."""
+        lanes = max(self.lanes, *(x.shape[-1] for x in arguments))
+        arrays, static = eqx.partition((self, arguments), eqx.is_array)
+
+        def one(arrays: Any) -> Any:
+            pad, rest = eqx.combine(arrays, static)
+            return function(pad, *(x[..., 0] for x in rest))
+
+        if lanes == 1:
+            return jax.tree.map(lambda x: x[..., None], one(arrays))
+
+        def chosen(lane: Array) -> Any:
+            def pick(x: Array) -> Array:
+                index = lane if x.shape[-1] > 1 else 0
+                return jax.lax.dynamic_slice_in_dim(x, index, 1, -1)
+
+            return one(jax.tree.map(pick, arrays))
+
+        found = jax.lax.map(chosen, jnp.arange(lanes))
+        return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), found)
+
+    def strain_energy(self, q: StationVector) -> Lanes:
+        """Strain energy [J]."""
+        return self._by_lane(lambda pad, q: _One(pad).strain_energy(q), q)
+
+    def volume_change(self, q: StationVector) -> Lanes:
+        """Enclosed volume less its value at rest [m^3]."""
+        return self._by_lane(lambda pad, q: _One(pad).volume_change(q), q)
+
+    def work(self, q: StationVector) -> Lanes:
+        """Work of the loads, which act at the rigid-normal point r + (t/2) n [J]."""
+        return self._by_lane(lambda pad, q: _One(pad).work(q), q)
+
+    def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
+        """Residual, tangent and border at a trial state; see the base class."""
+        residual, bands, gradient, load, volume = self._by_lane(
+            lambda pad, *given: _One(pad).assemble(*given), q, pressure, factor
+        )
+        operator = BlockBanded(jnp.moveaxis(bands, -1, 0), self.topology.free_by_station)
+        return Assembly(residual, operator, gradient, load, volume)
+
+    @classmethod
+    def build(
+        cls,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        plan: PadPlan,
+        loads: Sequence[PadLoad],
+    ) -> "Pad":
+        """Discretise a skin.
+
+        Args:
+            geometry: dimensions, with a lane axis.
+            law: material, its constants with a lane axis.
+            plan: the mesh.
+            loads: in the order of the plan.
+        """
+        angles, axial = plan.breakpoints(geometry)
+        parts = (1 + plan.mirrored[0]) * (1 + plan.mirrored[1])
+        return cls(
+            law=law,
+            mid_radius=geometry.mid_radius,
+            thickness=geometry.thickness,
+            angles=angles,
+            axial=axial,
+            points=pad_load_points(plan, geometry, loads),
+            film_volume=geometry.film_area * geometry.width / parts,
+            wall=None,
+            topology=NetTopology(*plan.axes),
+            mirrored_planes=plan.mirrored,
+        )
+
+    @property
+    def parts(self) -> int:
+        """How many of the modelled part make the whole pad: energies are a part's."""
+        return (1 + self.mirrored_planes[0]) * (1 + self.mirrored_planes[1])
+
+    def whole(self) -> "Pad":
+        """The pad on both sides of its mirror planes, its loads likewise."""
+        pad = self
+        for plane, name in enumerate(("angles", "axial")):
+            if not self.mirrored_planes[plane]:
+                continue
+            x = getattr(pad, name)
+            position = "angle" if plane == 0 else "axial"
+            place = getattr(pad.points, position)
+            sign = np.array([-1.0, 1.0, 1.0] if plane == 0 else [1.0, 1.0, -1.0])
+            force = pad.points.force
+            other = {"angle": pad.points.angle, "axial": pad.points.axial, position: -place}
+            both = {
+                key: jnp.concatenate([getattr(pad.points, key), value])
+                for key, value in other.items()
+            }
+            forces = jnp.concatenate([force, sign[:, None, None] * force], 1)
+            pad = dataclasses.replace(
+                pad,
+                **{name: jnp.concatenate([x, -x[-2::-1]])},  # type: ignore[arg-type]
+                points=PadLoadPoints(both["angle"], both["axial"], forces),
+            )
+        arc, axial = (
+            axis.unfolded() if mirrored else axis
+            for axis, mirrored in zip(
+                (self.topology.arc, self.topology.axial), self.mirrored_planes, strict=True
+            )
+        )
+        return dataclasses.replace(
+            pad,
+            film_volume=self.film_volume * self.parts,
+            topology=NetTopology(arc, axial),
+            mirrored_planes=(False, False),
+        )
+
+    def mirrored(self, q: StationVector) -> StationVector:
+        """Unknowns of the whole pad from those of a half or a quarter."""
+        x = self.topology.by_direction(q)  # [arc, axial, local, lane]
+        if self.mirrored_planes[0]:
+            x = jnp.concatenate([x, x[-2::-1] * np.array([-1.0, 1.0, 1.0])[:, None]])
+        if self.mirrored_planes[1]:
+            signs = np.array([1.0, 1.0, -1.0])[:, None]
+            x = jnp.concatenate([x, x[:, -2::-1] * signs], 1)
+        return self.whole().topology.to_stations(x)
+
+    def faces(
+        self,
+        q: StationVector,
+        angle: Float[Array, "point #lane"],
+        axial: Float[Array, "point #lane"],
+    ) -> Faces:
+        """The deformed pad at places.
+
+        Args:
+            q: unknowns.
+            angle: reference angles, within the modelled part [rad].
+            axial: reference positions along the axis, likewise [m].
+        """
+        return self._by_lane(lambda pad, *given: _One(pad).faces(*given), q, angle, axial)
+
+    def sampled(self, q: StationVector, samples: int) -> Faces:
+        """The deformed pad on a grid: evenly spaced points of every element.
+
+        Args:
+            q: unknowns.
+            samples: intervals an element is divided in, in each direction.
+
+        Returns:
+            Arrays [arc, axial, lane], components leading.
+        """
+        angle, axial = (_divided(x, samples) for x in (self.angles, self.axial))
+        shape = (angle.shape[0], axial.shape[0])
+        lanes = max(angle.shape[-1], axial.shape[-1])
+        grid = jnp.broadcast_to(angle[:, None], (*shape, lanes)).reshape(-1, lanes)
+        along = jnp.broadcast_to(axial[None], (*shape, lanes)).reshape(-1, lanes)
+        found = self.faces(q, grid, along)
+
+        def gridded(x: Array) -> Array:
+            return x.reshape(*x.shape[:-2], *shape, x.shape[-1])
+
+        return jax.tree.map(gridded, found)
+
+    def inner_radius_at(
+        self,
+        q: StationVector,
+        angle: Float[Array, "ray #lane"],
+        axial: Float[Array, "ray #lane"],
+    ) -> Float[Array, "ray lane"]:
+        """Distance of the deformed inner face from the axis along rays [m].
+
+        Args:
+            q: unknowns of the whole pad.
+            angle: current polar angles of the rays [rad].
+            axial: their current positions along the axis [m].
+        """
+        return self._by_lane(
+            lambda pad, *given: _One(pad).inner_radius_at(*given), q, angle, axial
+        )
+
+    def shape(self, q: StationVector) -> PadShape:
+        """The deformed pad, sampled; see the base class."""
+        return PadShape(self.sampled(q, SAMPLES))
+
+    def face(self, q: StationVector, inner_radius: Lanes) -> "PadFace":
+        """The deformed inner face along rays; see the base class."""
+        del inner_radius  # the pad knows its own
+        return PadFace(self, q)
+
+    def under(self, q: StationVector, load: PadLoad) -> Displacements:
+        """How the pad moves under a load's centre, or under its image in a mirror plane."""
+        angle, axial = jnp.broadcast_arrays(load.angle, load.axial)
+        sign = jnp.ones((3, *angle.shape))
+        if self.mirrored_planes[0]:
+            sign = sign.at[0].set(jnp.where(angle > 0, -1.0, 1.0))
+            angle = -jnp.abs(angle)
+        if self.mirrored_planes[1]:
+            sign = sign.at[2].set(jnp.where(axial > 0, -1.0, 1.0))
+            axial = -jnp.abs(axial)
+        at = self.faces(q, angle[None], axial[None])
+        return Displacements(
+            sign * at.mid_displacement[:, 0], sign * at.inner_displacement[:, 0]
+        )
+
+    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+        """The same deformation on elements half as long in both directions."""
+        return self._by_lane(lambda pad, q: _One(pad).refined(q), q)
+
+    @property
+    def error_share(self) -> float:
+        """Order four at least; the finer solution's own error is a sixteenth."""
+        return 16 / 15
+
+
+class PadFace(AbstractFace):
+    """The inner face of a deformed pad.
+
+    Attributes:
+        pad: the whole pad.
+        q: its unknowns.
+    """
+
+    varies_along_axis: ClassVar[bool] = True
+    pad: Pad
+    q: StationVector
+
+    def gap(
+        self,
+        angle: Float[Array, "ray #lane"],
+        axial: Float[Array, "ray #lane"],
+        wall_radius: Lanes,
+    ) -> Float[Array, "ray lane"]:
+        """Gap along rays from the axis [m]; see the base class."""
+        return self.pad.inner_radius_at(self.q, angle, axial) - wall_radius
+
+
+def _divided(breaks: Float[Array, "breakpoint #lane"], samples: int) -> Array:
+    """Points between breakpoints, evenly spaced in every element."""
+    inside = np.arange(samples)[None, :, None] / samples
+    steps = jnp.diff(breaks, axis=0)[:, None]
+    points = (breaks[:-1, None] + inside * steps).reshape(-1, breaks.shape[-1])
+    return jnp.concatenate([points, breaks[-1:]])
+
+
+class _One:
+    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one."""
+
+    def __init__(self, pad: Pad) -> None:
+        self.pad = pad
+        self.topology = pad.topology
+        self.net = Net(pad.topology, pad.angles[:, 0], pad.axial[:, 0])
+        order = pad.topology.ordered
+        self.kinds = tuple(order(*kind) for kind in KINDS)
+        self.tables = tables(pad.gauss, self.kinds, PAIRS)
+        arc = pad.mid_radius * (pad.angles[1:, 0] - pad.angles[:-1, 0])
+        axial = pad.axial[1:, 0] - pad.axial[:-1, 0]
+        long, across = order(arc, axial)
+        self.lengths = long[:, None], across[None]
+        self.elements = (len(long), len(across))
+        self.fibres: Layers = layers(pad.layers, pad.thickness, pad.mid_radius)
+
+    @property
+    def powers(self) -> list[Array]:
+        """What turns a derivative by local coordinates into one by length, for each kind."""
+        long, across = self.lengths
+        return [1 / (long**m * across**n).reshape(-1) for m, n in self.kinds]
+
+    @property
+    def angle(self) -> Float[Array, " point"]:
+        """Reference angle of the points [rad]."""
+        start, end = self.pad.angles[:-1, 0], self.pad.angles[1:, 0]
+        inside = start + jnp.asarray(self.tables.xi)[:, None] * (end - start)
+        g = self.pad.gauss
+        shape = (g, g, *self.elements)
+        if self.topology.along_arc:
+            return jnp.broadcast_to(inside[:, None, :, None], shape).reshape(-1)
+        return jnp.broadcast_to(inside[None, :, None, :], shape).reshape(-1)
+
+    @property
+    def areas(self) -> Float[Array, "gauss element"]:
+        """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
+        long, across = self.lengths
+        return self.tables.weights.reshape(-1, 1) * (long * across).reshape(-1)
+
+    def surface(self, qe: ElementVector) -> Surface:
+        """The mid-surface at the quadrature points."""
+        values = jnp.asarray(self.tables.values) @ _leading(qe, 16)
+        values = values.reshape(len(KINDS), self.pad.gauss**2, 3, -1)
+        powers = jnp.stack(self.powers)[:, None, None]
+        values = jnp.moveaxis(values * powers, 2, 1).reshape(len(KINDS), 3, -1)
+        return surface(list(values), self.angle, self.pad.mid_radius)
+
+    def strain_energy(self, q: Array) -> Array:
+        s = self.surface(self.net.gather(q))
+        density = energy_density(self.pad.law, s, self.fibres, self.pad.mid_radius)
+        return jnp.sum(self.areas.reshape(-1) * density)
+
+    def volume_change(self, q: Array) -> Array:
+        s = self.surface(self.net.gather(q))
+        return jnp.sum(self.areas.reshape(-1) * swept(s, self.pad.mid_radius)[0])
+
+    def _points(self) -> tuple[PadLoadPoints, pad_loads.Spots]:
+        pad = self.pad
+        points = jax.tree.map(lambda x: x[..., 0], pad.points)
+        at = (points.angle, points.axial)
+        spots = pad_loads.spots(self.net, pad.angles[:, 0], pad.axial[:, 0], pad.mid_radius, at)
+        return points, spots
+
+    def work(self, q: Array) -> Array:
+        points, spots = self._points()
+        moved = pad_loads.interpolated(spots, self.net.gather(q))
+        return pad_loads.load_work(points, spots, moved, self.pad.thickness)
+
+    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
+        s = self._at(self.net.gather(q), angle, axial)
+        pad = self.pad
+        place = jnp.broadcast_arrays(angle, axial)
+        return faces(
+            pad.law, s, (place[0], place[1]), pad.thickness, pad.mid_radius, self.fibres
+        )
+
+    def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
+        """The mid-surface at places."""
+        pad = self.pad
+        spots = pad_loads.spots(
+            self.net, pad.angles[:, 0], pad.axial[:, 0], pad.mid_radius, (angle, axial), KINDS
+        )
+        moved = pad_loads.interpolated(spots, qe)
+        return surface(list(moved), angle, pad.mid_radius)
+
+    def inner_radius_at(self, q: Array, angle: Array, axial: Array) -> Array:
+        """See `Pad`: which material point lies on a ray is found by Newton's method."""
+        pad, qe = self.pad, self.net.gather(q)
+        inner = pad.mid_radius - pad.thickness / 2
+        ends = jax.lax.stop_gradient((pad.angles[:, 0], pad.axial[:, 0]))
+
+        def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+            """Polar angle, axial position and radius of the inner face's point."""
+            s = self._at(qe, *place)
+            x, y, z = face_displacement(s, -pad.thickness / 2, pad.mid_radius)[0]
+            x, y = x + inner * s.n[0], y + inner * s.n[1]
+            return jnp.arctan2(x, y), place[1] + z, jnp.hypot(x, y)
+
+        def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
+            one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
+            here, by_angle = jax.jvp(position, (place,), ((one, zero),))
+            _, by_axial = jax.jvp(position, (place,), ((zero, one),))
+            off = angle - here[0], axial - here[1]
+            determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
+            turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
+            shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
+            moved = place[0] + turn, place[1] + shift
+            clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
+            return (clipped[0], clipped[1]), None
+
+        start = tuple(jnp.broadcast_arrays(angle, axial))
+        place, _ = jax.lax.scan(step, start, None, length=_RAY_STEPS)
+        return position(place)[2]
+
+    def refined(self, q: Array) -> Array:
+        return refined(self.net, self.pad.angles[:, 0], self.pad.axial[:, 0], q)
+
+    def assemble(self, q: Array, pressure: Array, factor: Array) -> tuple[Array, ...]:
+        pad, radius = self.pad, self.pad.mid_radius
+        qe = self.net.gather(q)
+        s = self.surface(qe)
+        found = resultants(pad.law, s, self.fibres, radius)
+        forces = stress(s, found.first)
+        more, pulls = swept(s, radius)
+        internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
+        gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
+        points, spots = self._points()
+        moved = pad_loads.interpolated(spots, qe)
+        vectors, matrices = pad_loads.load_terms(points, spots, moved, pad.thickness)
+        load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
+        half = self._products(tangent(s, found, pressure, radius))
+        half = pad_loads.add_matrices(half, spots, -factor * matrices, self.elements)
+        bands = self.net.bands(half.reshape(4, 4, 4, 4, 3, 3, -1))
+        scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
+        residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
+        volume = jnp.sum(self.areas.reshape(-1) * more)
+        return residual, bands, scattered[1], scattered[2], volume
+
+    def _products(
+        self, blocks: Float[Array, "pair 3 3 point"]
+    ) -> Float[Array, "256 9 element"]:
+        """Half the element matrices: one product with a constant table."""
+        powers = jnp.stack([self.powers[k] * self.powers[m] for k, m in PAIRS])
+        scale = powers * (self.lengths[0] * self.lengths[1]).reshape(-1)
+        count = self.pad.gauss**2
+        blocks = blocks.reshape(len(PAIRS), 9, count, -1) * scale[:, None, None]
+        rows = jnp.moveaxis(blocks, 1, 2).reshape(len(PAIRS) * count, -1)
+        return (jnp.asarray(self.tables.products) @ rows).reshape(256, 9, -1)
+
+    def _forces(self, by_kind: dict[int, Array]) -> ElementVector:
+        """Element vectors from derivatives of a density by the kinds of derivative."""
+        count = self.pad.gauss**2
+        powers = jnp.stack([self.powers[k] for k in by_kind])[:, None]
+        scale = (powers * self.areas)[:, :, None]
+        rows = jnp.stack(list(by_kind.values())).reshape(len(by_kind), 3, count, -1)
+        rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
+        values = self.tables.values.reshape(len(KINDS), count, 16)[list(by_kind)]
+        flat = jnp.asarray(values.reshape(-1, 16).T) @ rows
+        return jnp.moveaxis(flat.reshape(4, 4, 3, *self.elements), 2, 0)
+
+
+def _leading(qe: ElementVector, count: int) -> Float[Array, "16 rest"]:
+    """Element coefficients as columns of a matrix."""
+    return jnp.moveaxis(qe.reshape(3, count, -1), 0, 1).reshape(count, -1)

@@ -1,0 +1,370 @@
+"""The thin shell at its quadrature points: strains, resultants, stress, tangent.
+
+With the mid-surface r(s, z), the metric a_ab = r,a . r,b and h_ab = r,ab . m, where m is the
+vector r,s x r,z of length J, a fibre at reference offset Z keeps its volume when it lies at
+zeta with J (zeta + H zeta^2) = M = Z + Z^2/(2R), H the mean and K the Gaussian curvature.
+By Cayley and Hamilton the fibre's metric g = a (1 + zeta S)^2, S = a^-1 b, is then
+
+    g_ab = a_ab + 2 M h_ab / J^2 - K zeta^2 a_ab,      K = det h / J^4,
+
+without a root but that in zeta, which is taken as M/J: K is zero at rest and in plane strain,
+and the next term is of third order in the thickness. So all strains are rational functions
+of six numbers, a_ab and h_ab. Everything is written in differences from rest.
+
+Vectors are Cartesian (x right, y to the crown, z along the axis) and lead the axes
+``[component, gauss, gauss, element, element]``; "point" stands for the last four.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import InPlaneStrain
+from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.quadrature import gauss_legendre
+
+Vector = Float[Array, "3 *point"]
+Scalar = Float[Array, "*point"]
+
+# Orders of differentiation (by arc length s, along the axis z) of what is needed of u:
+# itself, u,s  u,z  u,ss  u,zz  u,sz.
+KINDS = ((0, 0), (1, 0), (0, 1), (2, 0), (0, 2), (1, 1))
+# Pairs of kinds that the tangent couples: each once, and each kind with itself.
+PAIRS = ((1, 1), (1, 2), (2, 2), *((k, a) for k in (1, 2) for a in (3, 4, 5)))
+PAIRS += ((3, 3), (3, 4), (3, 5), (4, 4), (4, 5), (5, 5), (0, 1), (0, 2))
+
+# Second derivative of a 2 x 2 determinant by its entries (11, 22, 12).
+_DETERMINANT = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+
+
+def dot(a: Vector, b: Vector) -> Scalar:
+    """Inner product of vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Vector product."""
+    return jnp.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def _determinant(x: Float[Array, "3 *point"]) -> Scalar:
+    return x[0] * x[1] - x[2] * x[2]
+
+
+def _cofactors(x: Float[Array, "3 *point"]) -> Float[Array, "3 *point"]:
+    """Derivatives of the determinant by the entries (11, 22, 12)."""
+    return jnp.stack([x[1], x[0], -2 * x[2]])
+
+
+class Surface(NamedTuple):
+    """The deformed mid-surface at points.
+
+    Attributes:
+        u: displacement.
+        n: reference normal, outwards.
+        rs: r,s.
+        rz: r,z.
+        second: r,ss  r,zz  r,sz.
+        m: r,s x r,z, inwards.
+        spin: m less its value at rest, -n.
+        metric: a less the unit matrix, entries (11, 22, 12).
+        bending: h less its value at rest, (1/R, 0, 0).
+    """
+
+    u: Vector
+    n: Vector
+    rs: Vector
+    rz: Vector
+    second: tuple[Vector, Vector, Vector]
+    m: Vector
+    spin: Vector
+    metric: Float[Array, "3 *point"]
+    bending: Float[Array, "3 *point"]
+
+
+def surface(derivatives: Sequence[Vector], angle: Scalar, radius: Array) -> Surface:
+    """The mid-surface from the displacement and its derivatives.
+
+    Args:
+        derivatives: of the displacement, in the order of `KINDS`.
+        angle: reference angle of the points [rad].
+        radius: of the undeformed mid-surface [m].
+    """
+    u, us, uz, uss, uzz, usz = derivatives
+    sine, cosine = jnp.broadcast_arrays(jnp.sin(angle), jnp.cos(angle), u[0])[:2]
+    zero, one = jnp.zeros_like(sine), jnp.ones_like(sine)
+    t, n = jnp.stack([cosine, -sine, zero]), jnp.stack([sine, cosine, zero])
+    z = jnp.stack([zero, zero, one])
+    metric = jnp.stack(
+        [
+            2 * dot(t, us) + dot(us, us),
+            2 * uz[2] + dot(uz, uz),
+            dot(t, uz) + us[2] + dot(us, uz),
+        ]
+    )
+    spin = cross(t, uz) + cross(us, z + uz)
+    m = spin - n
+    bending = jnp.stack(
+        [dot(uss, m) - dot(n, spin) / radius, dot(uzz, m), dot(usz, m)],
+    )
+    return Surface(u, n, t + us, z + uz, (uss - n / radius, uzz, usz), m, spin, metric, bending)
+
+
+class Layers(NamedTuple):
+    """Fibres through the thickness, one a layer.
+
+    Attributes:
+        weight: of a layer in the energy per area of the mid-surface [m].
+        lever: M = Z + Z^2 / (2R) [m].
+        stretch: 1 + Z/R, the length of the fibre along the arc relative to the mid-line.
+    """
+
+    weight: Float[Array, "layer #lane"]
+    lever: Float[Array, "layer #lane"]
+    stretch: Float[Array, "layer #lane"]
+
+
+def layers(count: int, thickness: Array, radius: Array) -> Layers:
+    """Gauss points through the thickness."""
+    points, weights = gauss_legendre(count, -0.5, 0.5)
+    offset = jnp.asarray(points)[:, None] * thickness
+    stretch = 1 + offset / radius
+    lever = offset + offset**2 / (2 * radius)
+    return Layers(jnp.asarray(weights)[:, None] * thickness * stretch, lever, stretch)
+
+
+def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Array, Array, Array]:
+    """Strains of all fibres, and what they are made of.
+
+    Returns:
+        C - 1 by unit vectors at rest, entries (11, 22, 12) [3, layer, *point]; 1/J^2 and
+        det h / J^6.
+    """
+    inverse = 1 / (1 + s.metric[0] + s.metric[1] + _determinant(s.metric))
+    h = _curved(s, radius)
+    saddle = _determinant(h) * inverse**3
+    # h_11/J^2 - 1/R without cancellation.
+    area = s.metric[0] + s.metric[1] + _determinant(s.metric)
+    bend = inverse * jnp.stack([s.bending[0] - area / radius, s.bending[1], s.bending[2]])
+    second = saddle * _metric(s)
+    strain = []
+    for row, scale in enumerate(_scales(fibres, s)):
+        lever = _over_layers(fibres.lever, s)
+        strain.append(scale * (s.metric[row] + 2 * lever * bend[row] - lever**2 * second[row]))
+    return jnp.stack(strain), inverse, saddle
+
+
+def _over_layers(x: Float[Array, "layer #lane"], s: Surface) -> Array:
+    """Put a layer's numbers in front of the points, lanes (of length one) behind."""
+    return x.reshape(x.shape[0], *(1,) * (s.u.ndim - 2), -1)
+
+
+def _scales(fibres: Layers, s: Surface) -> tuple[Array, Array, Array]:
+    """What turns metric entries (11, 22, 12) into strains by unit vectors at rest."""
+    stretch = _over_layers(fibres.stretch, s)
+    return 1 / stretch**2, jnp.ones_like(stretch), 1 / stretch
+
+
+def _metric(s: Surface) -> Array:
+    return jnp.stack([1 + s.metric[0], 1 + s.metric[1], s.metric[2]])
+
+
+def _curved(s: Surface, radius: Array) -> Array:
+    return jnp.stack([1 / radius + s.bending[0], s.bending[1], s.bending[2]])
+
+
+def _law_of(law: AbstractLaw, strain: Array) -> tuple[Array, Array]:
+    """The two invariants that a law is a function of."""
+    return strain[0] + strain[1], _determinant(strain)
+
+
+def energy_density(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Scalar:
+    """Strain energy per area of the undeformed mid-surface [J/m^2]."""
+    strain, _, _ = fibre_strains(s, fibres, radius)
+    energy = law.energy(InPlaneStrain(*_law_of(law, strain)))
+    return jnp.sum(_over_layers(fibres.weight, s) * energy, 0)
+
+
+class Resultants(NamedTuple):
+    """Derivatives of the energy density by the six numbers a_11 a_22 a_12 h_11 h_22 h_12.
+
+    Attributes:
+        first: gradient.
+        second: Hessian.
+    """
+
+    first: Float[Array, "6 *point"]
+    second: Float[Array, "6 6 *point"]
+
+
+def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Resultants:
+    """Differentiate the energy: the law by its two invariants, the rest by hand.
+
+    A fibre's strain is e = sigma (A + M B - M^2 P): moments of the law's derivatives by the
+    levers M come first, then the chain rule to the six numbers.
+    """
+    strain, inverse, saddle = fibre_strains(s, fibres, radius)
+
+    def energy(trace: Array, determinant: Array) -> Array:
+        return law.energy(InPlaneStrain(trace, determinant))
+
+    # Without the barriers the compiler computes the law anew for each use of its derivatives.
+    strain = jax.lax.optimization_barrier(strain)
+    jet = jax.lax.optimization_barrier(second_order(energy, *_law_of(law, strain)))
+    weight, lever = _over_layers(fibres.weight, s), _over_layers(fibres.lever, s)
+    scales = _scales(fibres, s)
+    cofactors = _cofactors(strain)
+    unit = (1.0, 1.0, 0.0)
+    pairs = [(p, q) for p in range(3) for q in range(p, 3)]
+    first = [weight * scales[p] * (jet.x * unit[p] + jet.y * cofactors[p]) for p in range(3)]
+    second = {}
+    for p, q in pairs:
+        value = jet.xy * (unit[p] * cofactors[q] + cofactors[p] * unit[q])
+        value = value + jet.yy * cofactors[p] * cofactors[q]
+        value = value + jet.xx * (unit[p] * unit[q]) + jet.y * _DETERMINANT[p, q]
+        second[p, q] = weight * scales[p] * scales[q] * value
+
+    def moment(x: Array, power: int) -> Array:
+        return jnp.sum(lever**power * x, 0)
+
+    force = [jnp.stack([moment(x, k) for x in first]) for k in range(3)]
+    stiffness = []
+    for k in range(5):
+        entries = {pair: moment(x, k) for pair, x in second.items()}
+        rows = [[entries[min(p, q), max(p, q)] for q in range(3)] for p in range(3)]
+        stiffness.append(jnp.stack([jnp.stack(row) for row in rows]))
+
+    # Derivatives of A, B and P by the six numbers, and of f = det h / J^6.
+    a, h = _metric(s), _curved(s, radius)
+    by_area, by_det = _cofactors(a), _cofactors(h)
+    eye = jnp.asarray(np.eye(3).reshape(3, 3, *(1,) * inverse.ndim))
+    eye = jnp.broadcast_to(eye, (3, 3, *inverse.shape))
+    determinant = jnp.asarray(_DETERMINANT.reshape(3, 3, *(1,) * inverse.ndim))
+    c = inverse * h
+    step = inverse * by_area
+    f_metric, f_bending = -3 * saddle * step, inverse**3 * by_det
+    f = jnp.concatenate([f_metric, f_bending])
+    blocks = [
+        jnp.concatenate([eye, jnp.zeros_like(eye)], 1),
+        2 * jnp.concatenate([-c[:, None] * step, inverse * eye], 1),
+        -jnp.concatenate([saddle * eye, jnp.zeros_like(eye)], 1) - a[:, None] * f,
+    ]
+    gradient = sum(_times(block, n) for block, n in zip(blocks, force, strict=True))
+    hessian: Array | float = 0.0
+    for j, row in enumerate(blocks):
+        inner = sum(_product(stiffness[j + k], blocks[k]) for k in range(3))
+        hessian = hessian + _product(row, inner)
+    # Second derivatives of B and P, weighed by their forces.
+    moments = 2 * inverse * force[1]
+    turning = dot(moments, h)
+    outer = step[:, None] * step
+    metric = turning * (2 * outer - inverse * determinant)
+    mixed = -step[:, None] * moments
+    zero = jnp.zeros_like(mixed)
+    bow = -dot(force[2], a)
+    f_hessian = _blocks(
+        saddle * (12 * outer - 3 * inverse * determinant),
+        -3 * inverse**3 * step[:, None] * by_det,
+        inverse**3 * determinant + zero,
+    )
+    pull = jnp.concatenate([force[2], jnp.zeros_like(force[2])])
+    coupled = pull[:, None] * f
+    hessian = hessian + _blocks(metric, mixed, zero) + bow * f_hessian
+    hessian = hessian - coupled - jnp.swapaxes(coupled, 0, 1)
+    return jax.lax.optimization_barrier(Resultants(gradient, hessian))
+
+
+def _times(matrix: Float[Array, "3 n *point"], x: Float[Array, "3 *point"]) -> Array:
+    """The transpose of a matrix times a vector."""
+    return matrix[0] * x[0] + matrix[1] * x[1] + matrix[2] * x[2]
+
+
+def _product(a: Float[Array, "3 n *point"], b: Float[Array, "3 m *point"]) -> Array:
+    """The transpose of a matrix times a matrix, written out over the three rows."""
+    return a[0][:, None] * b[0] + a[1][:, None] * b[1] + a[2][:, None] * b[2]
+
+
+def _blocks(top: Array, mixed: Array, bottom: Array) -> Array:
+    """A symmetric 6 x 6 matrix from its blocks."""
+    upper = jnp.concatenate([top, mixed], 1)
+    lower = jnp.concatenate([jnp.swapaxes(mixed, 0, 1), bottom], 1)
+    return jnp.concatenate([upper, lower], 0)
+
+
+def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
+    """The matrix of v x."""
+    zero = jnp.zeros_like(v[0])
+    rows = [[zero, -v[2], v[1]], [v[2], zero, -v[0]], [-v[1], v[0], zero]]
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
+def stress(s: Surface, first: Float[Array, "6 *point"]) -> list[Vector]:
+    """Derivatives of the energy density by u,s u,z u,ss u,zz u,sz."""
+    pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
+    by_s = 2 * first[0] * s.rs + first[2] * s.rz + cross(s.rz, pull)
+    by_z = 2 * first[1] * s.rz + first[2] * s.rs + cross(pull, s.rs)
+    return [by_s, by_z, *(first[3 + k] * s.m for k in range(3))]
+
+
+def swept(s: Surface, radius: Array) -> tuple[Scalar, list[Vector]]:
+    """Enclosed volume less that at rest, per area, and its derivatives by u, u,s, u,z.
+
+    The flux of (x, y, 0)/2 through the mid-surface; none passes through planes across the
+    axis, so that ends free to slide in them are no part of it.
+    """
+    across = jnp.asarray([1.0, 1.0, 0.0]).reshape(3, *(1,) * (s.u.ndim - 1))
+    away = across * (radius * s.n + s.u)
+    more = dot(across * s.u, s.n) - dot(away, s.spin)
+    derivatives = [-across * s.m, cross(away, s.rz), cross(s.rs, away)]
+    return more / 2, [d / 2 for d in derivatives]
+
+
+def tangent(
+    s: Surface, found: Resultants, pressure: Array, radius: Array
+) -> Float[Array, "pair 3 3 *point"]:
+    """Second derivatives of the energy less pressure times volume, per area.
+
+    Returns:
+        A block for each of `PAIRS`; those of a kind with itself halved, so that the sum over
+        the pairs and its transpose make the whole.
+    """
+    first, second = found.first, found.second
+    zero = jnp.zeros_like(s.rs)
+    by_s = [2 * s.rs, zero, s.rz, *(cross(s.rz, v) for v in s.second)]
+    by_z = [zero, 2 * s.rz, s.rs, *(cross(v, s.rs) for v in s.second)]
+
+    def weighed(rows: list[Vector]) -> list[Vector]:
+        return [sum(second[p, q] * rows[p] for p in range(6)) for q in range(6)]
+
+    s_weighed, z_weighed = weighed(by_s), weighed(by_z)
+
+    def joint(weighed: list[Vector], rows: list[Vector]) -> Array:
+        return sum(x[:, None] * y for x, y in zip(weighed, rows, strict=True))
+
+    eye = jnp.asarray(np.eye(3).reshape(3, 3, *(1,) * (s.u.ndim - 1)))
+    pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
+    across = jnp.asarray([1.0, 1.0, 0.0]).reshape(3, *(1,) * (s.u.ndim - 1))
+    away = across * (radius * s.n + s.u)
+    skew_s, skew_z = _skew(s.rs), _skew(s.rz)
+    blocks = {
+        (1, 1): joint(s_weighed, by_s) / 2 + first[0] * eye,
+        (1, 2): joint(s_weighed, by_z) + first[2] * eye - _skew(pull + pressure / 2 * away),
+        (2, 2): joint(z_weighed, by_z) / 2 + first[1] * eye,
+        (0, 1): -pressure / 2 * across[:, None] * skew_z,
+        (0, 2): pressure / 2 * across[:, None] * skew_s,
+    }
+    normals = s.m[:, None] * s.m
+    for a in range(3):
+        blocks[1, 3 + a] = s_weighed[3 + a][:, None] * s.m + first[3 + a] * skew_z
+        blocks[2, 3 + a] = z_weighed[3 + a][:, None] * s.m - first[3 + a] * skew_s
+        for b in range(a, 3):
+            share = 0.5 if a == b else 1.0
+            blocks[3 + a, 3 + b] = share * second[3 + a, 3 + b] * normals
+    return jnp.stack([blocks[pair] for pair in PAIRS])

@@ -1,0 +1,385 @@
+"""Where the pad's elements go, and the points at which its loads act.
+
+Elements gather along clamped edges and around loads, in both directions: the mesh is a
+tensor product. A plan is made once from plain numbers. It states breakpoints as fractions of
+the pad's extent, which stay where they are when loads move: load points slide over the mesh.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.mesh.grading import rounded
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.bspline import SplineAxis
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+
+Ends = Literal["clamped", "sliding"]
+
+# Element sizes in decay lengths of bending, sqrt(R t): along edges, under a load, far away;
+# and how fast they grow with the distance.
+_EDGE, _LOAD, _LARGEST, _GROWTH = 0.7, 0.32, 1.5, 0.5
+# Points in a clipped element: exact for cubic displacement.
+_LOAD_GAUSS = 2
+
+
+class Footprint(NamedTuple):
+    """A load's place as plain numbers.
+
+    Attributes:
+        angle: of its centre [rad].
+        axial: of its centre [m].
+        arc: half its extent along the arc [rad].
+        length: half its extent along the axis [m].
+        disc: whether it is round.
+    """
+
+    angle: float
+    axial: float
+    arc: float
+    length: float
+    disc: bool
+
+
+class PadPlan(eqx.Module):
+    """A mesh as arrays of plain numbers; shapes and the static fields decide what is compiled.
+
+    Attributes:
+        arc: breakpoints along the arc as fractions of the half angle, from -1.
+        axial: breakpoints along the axis as fractions of half the length, from -1.
+        mirrored: whether the plan ends at the plane of symmetry (crown, middle) in each
+            direction.
+        ends: whether the curved ends are clamped or slide in planes across the axis.
+        spread: points for each load: for a disc along radius and around, else the elements
+            (along the arc, the axis) that it may reach over, zero for no extent.
+        discs: for each load, whether it is round.
+    """
+
+    arc: np.ndarray
+    axial: np.ndarray
+    mirrored: tuple[bool, bool] = eqx.field(static=True)
+    ends: Ends = eqx.field(static=True)
+    spread: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    discs: tuple[bool, ...] = eqx.field(static=True)
+
+    @property
+    def axes(self) -> tuple[SplineAxis, SplineAxis]:
+        """Splines along the arc and along the axis."""
+        half_arc, half_axial = self.mirrored
+        left = "open" if self.ends == "clamped" else "mirror"
+        return (
+            SplineAxis(len(self.arc) - 1, "open", "mirror" if half_arc else "open"),
+            SplineAxis(len(self.axial) - 1, left, "mirror" if half_axial else left),
+        )
+
+    @property
+    def elements(self) -> tuple[int, int]:
+        """Elements of the whole pad, along the arc and along the axis."""
+        arc, axial = len(self.arc) - 1, len(self.axial) - 1
+        return arc * (1 + self.mirrored[0]), axial * (1 + self.mirrored[1])
+
+    def breakpoints(
+        self, geometry: SkinGeometry
+    ) -> tuple[Float[Array, "arc lane"], Float[Array, "axial lane"]]:
+        """Angles [rad] and axial positions [m] of the breakpoints."""
+        return (
+            jnp.asarray(self.arc)[:, None] * geometry.half_angle,
+            jnp.asarray(self.axial)[:, None] * (geometry.width / 2),
+        )
+
+    def unfolded(self) -> "PadPlan":
+        """The whole pad from a half or a quarter."""
+        arc, axial = (
+            np.concatenate([x, -x[-2::-1]]) if mirrored else x
+            for x, mirrored in zip((self.arc, self.axial), self.mirrored, strict=True)
+        )
+        # What reaches over a mirror plane reaches over elements on both sides.
+        twice = tuple(1 + mirrored for mirrored in self.mirrored)
+        most = (len(arc) - 1, len(axial) - 1)
+        spread = tuple(
+            s if disc else (min(s[0] * twice[0], most[0]), min(s[1] * twice[1], most[1]))
+            for s, disc in zip(self.spread, self.discs, strict=True)
+        )
+        return dataclasses.replace(
+            self, arc=arc, axial=axial, mirrored=(False, False), spread=spread
+        )
+
+    def refined(self) -> "PadPlan":
+        """Every element divided in four."""
+        arc, axial = _halved(self.arc), _halved(self.axial)
+        spread = tuple(
+            (n, m) if disc else (2 * n, 2 * m)
+            for (n, m), disc in zip(self.spread, self.discs, strict=True)
+        )
+        return dataclasses.replace(self, arc=arc, axial=axial, spread=spread)
+
+
+def footprint(load: PadLoad, outer_radius: float, lane: int = 0) -> Footprint:
+    """A load's place in one lane.
+
+    Args:
+        load: with known numbers.
+        outer_radius: of the undeformed outer face [m].
+        lane: which lane.
+    """
+
+    def number(x: Array) -> float:
+        values = np.asarray(x)
+        return float(values[min(lane, len(values) - 1)])
+
+    arc, length = (number(x) for x in load.extent())
+    disc = load.diameter is not None
+    return Footprint(number(load.angle), number(load.axial), arc / outer_radius, length, disc)
+
+
+def plan_pad(
+    half_angle: float,
+    length: float,
+    mid_radius: float,
+    thickness: float,
+    footprints: Sequence[Footprint],
+    *,
+    elements: tuple[int, int] | None = None,
+    scale: float = 1.0,
+    mirrored: tuple[bool, bool] = (False, False),
+    ends: Ends = "clamped",
+) -> PadPlan:
+    """Place breakpoints.
+
+    Args:
+        half_angle: from the symmetry axis to a clamped edge [rad].
+        length: between the ends [m].
+        mid_radius: of the undeformed mid-surface [m].
+        thickness: of the membrane [m].
+        footprints: of the loads.
+        elements: along the arc and along the axis of the whole pad; from the sizes of the
+            pad and its loads where not given. Even where mirrored.
+        scale: divides the size of elements where their number is not given.
+        mirrored: whether the loads are their own image in the crown's plane, and in the
+            middle's: half or a quarter of the pad is enough.
+        ends: of the axis.
+
+    Raises:
+        ValueError: an odd number of elements where the plan is to be mirrored.
+    """
+    decay = rounded(np.sqrt(mid_radius * thickness))
+    arc_marks = [(mid_radius * f.angle, mid_radius * f.arc) for f in footprints]
+    axial_marks = [(f.axial, f.length) for f in footprints]
+    wanted = elements or (None, None)
+    arc = _breakpoints(
+        mid_radius * half_angle, decay, arc_marks, wanted[0], scale, mirrored[0], True
+    )
+    axial = _breakpoints(
+        length / 2, decay, axial_marks, wanted[1], scale, mirrored[1], ends == "clamped"
+    )
+    spread = []
+    for f in footprints:
+        if f.disc:
+            sizes = _smallest_near(arc * half_angle, f.angle, f.arc) * mid_radius
+            sizes = min(sizes, _smallest_near(axial * length / 2, f.axial, f.length))
+            across = int(np.ceil(f.length / sizes))
+            spread.append((2 + 2 * across, 8 + 4 * across))
+        else:
+            spread.append(
+                (_reach(arc * half_angle, f.arc), _reach(axial * length / 2, f.length))
+            )
+    discs = tuple(f.disc for f in footprints)
+    return PadPlan(arc, axial, mirrored, ends, tuple(spread), discs)
+
+
+def mirror_planes(loads: Sequence[PadLoad]) -> tuple[bool, bool]:
+    """Whether loads are, as a whole, their own image in the crown's plane and the middle's.
+
+    Args:
+        loads: with known numbers, of any lanes.
+    """
+
+    def row(load: PadLoad, signs: tuple[int, int, int, int]) -> np.ndarray:
+        arc, length = load.extent()
+        turn = jnp.zeros_like(load.turn) if load.vertical else load.turn
+        numbers = [load.angle, turn, load.axial, load.tilt, load.force, arc, length]
+        values = np.stack([np.asarray(x) for x in jnp.broadcast_arrays(*numbers)])
+        values[:4] *= np.array(signs)[:, None]
+        shape = [load.vertical, load.diameter is None, load.arc is None]
+        flags = np.repeat(np.array(shape, float)[:, None], values.shape[1], 1)
+        return np.concatenate([flags, values]) + 0.0
+
+    def symmetric(signs: tuple[int, int, int, int]) -> bool:
+        left = [row(load, (1, 1, 1, 1)) for load in loads]
+        for image in [row(load, signs) for load in loads]:
+            match = [
+                i
+                for i, x in enumerate(left)
+                if x.shape == image.shape and np.allclose(x, image, rtol=1e-12, atol=1e-15)
+            ]
+            if not match:
+                return False
+            left.pop(match[0])
+        return True
+
+    return symmetric((-1, -1, 1, 1)), symmetric((1, 1, -1, -1))
+
+
+def pad_load_points(
+    plan: PadPlan, geometry: SkinGeometry, loads: Sequence[PadLoad]
+) -> PadLoadPoints:
+    """The points that the loads act at, for the inputs at hand.
+
+    Rectangles and lines have Gauss points in every element that they reach over, clipped to
+    it; discs have points of their own rule, whatever the elements: displacements have two
+    continuous derivatives, so both converge fast. Where the plan is mirrored only the points
+    of the modelled part count.
+
+    Args:
+        plan: the mesh.
+        geometry: dimensions, with a lane axis.
+        loads: in the order of the plan.
+    """
+    leaves = jax.tree.leaves((geometry, loads))
+    lanes = max(x.shape[-1] for x in leaves)
+    if not loads:
+        none = jnp.zeros((0, lanes))
+        return PadLoadPoints(none, none, jnp.zeros((3, 0, lanes)))
+    breaks = plan.breakpoints(geometry)
+    found = []
+    for load, spread, disc in zip(loads, plan.spread, plan.discs, strict=True):
+        arc, length = load.extent()
+        inputs = (load.angle, load.axial, arc / geometry.outer_radius, length)
+        rule = _disc_rule(spread, plan.mirrored) if disc else _rectangle_rule(spread)
+        inputs = [jnp.broadcast_to(x, (*x.shape[:-1], lanes)) for x in (*breaks, *inputs)]
+        angle, axial, weight = jax.vmap(rule, -1, -1)(*inputs)
+        force = (load.force * load.direction)[:, None] * weight
+        found.append((angle, axial, force))
+    angle, axial, force = (jnp.concatenate(x, -2) for x in zip(*found, strict=True))
+    return PadLoadPoints(angle, axial, force)
+
+
+Rule = Callable[..., tuple[Array, Array, Array]]
+
+
+def _rectangle_rule(spread: tuple[int, int]) -> Rule:
+    def rule(
+        arc_breaks: Array,
+        axial_breaks: Array,
+        angle: Lanes,
+        axial: Lanes,
+        arc: Lanes,
+        length: Lanes,
+    ) -> tuple[Array, Array, Array]:
+        x, wx = _clipped(arc_breaks, angle, arc, spread[0])
+        z, wz = _clipped(axial_breaks, axial, length, spread[1])
+        shape = (len(x), len(z))
+        return (
+            jnp.broadcast_to(x[:, None], shape).reshape(-1),
+            jnp.broadcast_to(z, shape).reshape(-1),
+            (wx[:, None] * wz).reshape(-1),
+        )
+
+    return rule
+
+
+def _clipped(breaks: Array, centre: Array, half: Array, reach: int) -> tuple[Array, Array]:
+    """Points of an interval, element by element, and their shares of it."""
+    if reach == 0:  # a point; on a mirror plane half of it is modelled
+        inside = (centre > breaks[0]) & (centre < breaks[-1])
+        on_edge = (centre == breaks[0]) | (centre == breaks[-1])
+        return centre[None], (inside + 0.5 * on_edge)[None]
+    low, high = centre - half, centre + half
+    fixed = jax.lax.stop_gradient(breaks)
+    first = jnp.searchsorted(fixed, jax.lax.stop_gradient(low), side="right") - 1
+    index = jnp.clip(first, 0, len(breaks) - 1 - reach) + np.arange(reach)
+    a, b = (jnp.clip(breaks[k], low, high) for k in (index, index + 1))
+    x, w = gauss_legendre(_LOAD_GAUSS)
+    points = a[:, None] + (b - a)[:, None] * x
+    # A share of zero length may lie outside the mesh, where no element is.
+    points = jnp.clip(points, fixed[0], fixed[-1])
+    return points.reshape(-1), ((b - a)[:, None] * w).reshape(-1) / (2 * half)
+
+
+def _disc_rule(spread: tuple[int, int], mirrored: tuple[bool, bool]) -> Rule:
+    """Gauss points in the square of the radius, evenly spaced around."""
+    radial, around = spread
+    square, weights = gauss_legendre(radial)
+    turn = 2 * np.pi * (np.arange(around) + 0.5) / around
+    x, z = (np.sqrt(square)[:, None] * f(turn) for f in (np.cos, np.sin))
+    share = np.repeat(weights / around, around)
+
+    def rule(
+        arc_breaks: Array,
+        axial_breaks: Array,
+        angle: Array,
+        axial: Array,
+        arc: Array,
+        length: Array,
+    ) -> tuple[Array, Array, Array]:
+        angles, positions = angle + arc * x.reshape(-1), axial + length * z.reshape(-1)
+        weight = jnp.asarray(share)
+        for place, breaks, half in (
+            (angles, arc_breaks, mirrored[0]),
+            (positions, axial_breaks, mirrored[1]),
+        ):
+            if half:
+                weight = weight * jnp.where(place == breaks[-1], 0.5, place < breaks[-1])
+        return angles, positions, weight
+
+    return rule
+
+
+def _breakpoints(
+    half: float,
+    decay: float,
+    marks: Sequence[tuple[float, float]],
+    elements: int | None,
+    scale: float,
+    mirrored: bool,
+    clamped: bool,
+) -> np.ndarray:
+    """Breakpoints as fractions of half the extent, by a density of elements."""
+    x = np.linspace(-half, half, 4001)
+    size = np.full_like(x, _LARGEST * decay)
+    sources = [(-half, 0.0, _EDGE), (half, 0.0, _EDGE)] if clamped else []
+    for centre, reach in marks:
+        sources.append((centre, reach, _LOAD))
+    for centre, reach, smallest in sources:
+        distance = np.maximum(np.abs(x - centre) - reach, 0)
+        size = np.minimum(size, smallest * decay + _GROWTH * distance)
+    if mirrored:
+        size = np.minimum(size, size[::-1])
+        if elements is not None and elements % 2:
+            raise ValueError(
+                f"a plan mirrored in the middle needs an even number of elements, got {elements}"
+            )
+        x, size, elements = x[:2001], size[:2001], elements and elements // 2
+    density = (1 / size[1:] + 1 / size[:-1]) / 2 * np.diff(x)
+    total = np.concatenate([[0.0], np.cumsum(density)])
+    count = elements or max(4, int(np.ceil(total[-1] * scale)))
+    places = np.interp(np.arange(count + 1) / count, total / total[-1], x / half)
+    places[0], places[-1] = -1.0, 0.0 if mirrored else 1.0
+    return places
+
+
+def _halved(x: np.ndarray) -> np.ndarray:
+    return np.sort(np.concatenate([x, (x[1:] + x[:-1]) / 2]))
+
+
+def _reach(breaks: np.ndarray, half: float) -> int:
+    """Most elements that an interval may reach over, wherever it lies."""
+    if half == 0:
+        return 0
+    last = np.searchsorted(breaks, breaks + 2 * half * (1 + 1e-9), side="right")
+    return int(min(np.max(last - np.arange(len(breaks))) + 1, len(breaks) - 1))
+
+
+def _smallest_near(breaks: np.ndarray, centre: float, half: float) -> float:
+    """Smallest element that an interval reaches over."""
+    near = (breaks[1:] > centre - half) & (breaks[:-1] < centre + half)
+    sizes = np.diff(breaks)
+    return float(np.min(sizes[near] if near.any() else sizes))

@@ -1,0 +1,212 @@
+"""Cubic B-splines by Bezier extraction.
+
+On every element a cubic spline is a cubic polynomial, here in Bernstein form: the four
+Bernstein coefficients are fixed combinations of the four control values that the element
+sees, ``b_a = sum_i C_ia d_i`` with the element's *extraction matrix* C (Borden et al. 2011).
+So whatever the knots, elements differ by small matrices alone and share every other table.
+
+An interval may end in two ways: *open*, the knot repeated until the spline interpolates its
+last control value, or *mirrored*, the knots reflected beyond the end. There the spline goes
+on as its own mirror image, even or odd, with all its continuity.
+"""
+
+import dataclasses
+import functools
+from typing import Literal
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+End = Literal["open", "mirror"]
+
+DEGREE = 3
+
+
+def bernstein(
+    xi: Float[Array | np.ndarray, "*points"], derivative: int = 0
+) -> list[Float[Array | np.ndarray, "*points"]]:
+    """The four cubic Bernstein polynomials, or a derivative by xi, at points in [0, 1].
+
+    Args:
+        xi: local coordinate.
+        derivative: order of differentiation, 0 to 3.
+
+    Returns:
+        Four values, each shaped like xi.
+    """
+    lower = [1.0 + 0.0 * xi]
+    for _ in range(DEGREE - derivative):
+        up, down = [xi * b for b in lower], [(1 - xi) * b for b in lower]
+        lower = [down[0], *(a + b for a, b in zip(down[1:], up[:-1], strict=True)), up[-1]]
+    for order in range(derivative):
+        factor = DEGREE - derivative + 1 + order
+        zero = 0.0 * xi
+        left, right = [zero, *lower], [*lower, zero]
+        lower = [factor * (a - b) for a, b in zip(left, right, strict=True)]
+    return lower
+
+
+@dataclasses.dataclass(frozen=True)
+class SplineAxis:
+    """Cubic splines on an interval divided in elements; the breakpoints are given apart.
+
+    The first and the last control value never are unknowns: at an open end they are the
+    values there, which a clamp fixes at zero; at a mirrored end they are images. What is
+    left are the *stations*.
+
+    Attributes:
+        elements: number of elements.
+        left: how the interval ends at its first breakpoint.
+        right: how it ends at its last breakpoint.
+        multiplicity: of the knots between elements: 1 for two continuous derivatives, 2
+            for one; None stands for 1 everywhere.
+    """
+
+    elements: int
+    left: End = "open"
+    right: End = "open"
+    multiplicity: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        """Reject what has no meaning.
+
+        Raises:
+            ValueError: too few elements, or multiplicities that don't fit them.
+        """
+        mirrored = "mirror" in (self.left, self.right)
+        fewest = 3 if mirrored else 1
+        if self.elements < fewest:
+            raise ValueError(f"a spline needs {fewest} elements or more, got {self.elements}")
+        inner = self.multiplicity
+        if inner is not None and (len(inner) != self.elements - 1 or not {*inner} <= {1, 2}):
+            raise ValueError(
+                f"{self.elements} elements have {self.elements - 1} inner knots of "
+                f"multiplicity 1 or 2, got {inner}"
+            )
+
+    @functools.cached_property
+    def _inner(self) -> tuple[int, ...]:
+        return self.multiplicity or (1,) * (self.elements - 1)
+
+    @functools.cached_property
+    def _weights(self) -> Float[np.ndarray, "knot breakpoint"]:
+        """Knots as combinations of breakpoints."""
+        unit = np.eye(self.elements + 1)
+        counts = [1, *self._inner, 1]
+        knots = [row for row, count in zip(unit, counts, strict=True) for _ in range(count)]
+        before = [2 * knots[0] - knots[k] for k in range(DEGREE, 0, -1)]
+        after = [2 * knots[-1] - knots[-1 - k] for k in range(1, DEGREE + 1)]
+        if self.left == "open":
+            before = [knots[0]] * DEGREE
+        if self.right == "open":
+            after = [knots[-1]] * DEGREE
+        return np.array([*before, *knots, *after])
+
+    @functools.cached_property
+    def _first(self) -> Int[np.ndarray, " element"]:
+        """First of the four control values that an element sees."""
+        return np.concatenate([[0], np.cumsum(self._inner)]).astype(int)
+
+    @property
+    def stations(self) -> int:
+        """Number of control values that are unknowns."""
+        return len(self._weights) - DEGREE - 3
+
+    @functools.cached_property
+    def station_of(self) -> Int[np.ndarray, "element 4"]:
+        """Station behind each of an element's control values; -1 for those that are none."""
+        station = self._first[:, None] + np.arange(4) - 1
+        return np.where(station < self.stations, station, -1)
+
+    def unfolded(self) -> "SplineAxis":
+        """The axis with its mirror image beyond the right end."""
+        inner = self.multiplicity and (*self.multiplicity, 1, *self.multiplicity[::-1])
+        return SplineAxis(2 * self.elements, self.left, self.left, inner)
+
+    def halved(self) -> "SplineAxis":
+        """Every element divided in two."""
+        inner = self.multiplicity
+        if inner is not None:
+            inner = tuple(k for m in (*inner, 0) for k in (1, m) if k)
+        return SplineAxis(2 * self.elements, self.left, self.right, inner)
+
+    def knots(self, breakpoints: Float[Array, " breakpoint"]) -> Float[Array, " knot"]:
+        """All knots, those beyond the ends included."""
+        return jnp.asarray(self._weights) @ breakpoints
+
+    def abscissae(self, breakpoints: Float[Array, " breakpoint"]) -> Float[Array, " station"]:
+        """Greville abscissae of the stations, those next to open ends moved to the ends.
+
+        A clamp at an open end says something about the directions there.
+        """
+        knots = self.knots(breakpoints)
+        means = (knots[2:-4] + knots[3:-3] + knots[4:-2]) / 3
+        if self.left == "open":
+            means = means.at[0].set(breakpoints[0])
+        if self.right == "open":
+            means = means.at[-1].set(breakpoints[-1])
+        return means
+
+    def extraction(
+        self, breakpoints: Float[Array, " breakpoint"], parity: int = 1
+    ) -> Float[Array, "4 4 element"]:
+        """Extraction matrices [control value, Bernstein coefficient, element].
+
+        Rows of control values that are no stations are zero; an image's row is added to
+        that of its station.
+
+        Args:
+            breakpoints: ascending.
+            parity: 1 where the mirror image has the same sign, -1 where the opposite one.
+        """
+        knots = self.knots(breakpoints)
+        at = self._first + DEGREE
+        near = [knots[at + k] for k in range(-2, 4)]
+        start, end = near[2], near[3]
+        one, zero = jnp.ones_like(start), jnp.zeros_like(start)
+        unit = [[one if i == j else zero for j in range(4)] for i in range(4)]
+        columns = []
+        for coefficient in range(4):
+            # Bezier coefficients are values of the polynomial's blossom at the ends.
+            values = unit
+            for level in range(3):
+                u = end if level < coefficient else start
+                values = [
+                    _between(values[i], values[i + 1], u, near[i + level], near[i + 3])
+                    for i in range(3 - level)
+                ]
+            columns.append(jnp.stack(values[0]))
+        rows = list(jnp.moveaxis(jnp.stack(columns, 1), 0, 0))
+        rows = self._folded(rows, parity)
+        return jnp.stack(rows)
+
+    def _folded(self, rows: list[Array], parity: int) -> list[Array]:
+        """Add images to their stations and drop what is no station."""
+        last = self.stations + 1
+        control = self._first[:, None] + np.arange(4)
+        folded = list(rows)
+        for i in range(4):
+            left, right = control[:, i] == 0, control[:, i] == last
+            if self.left == "mirror" and left.any():
+                folded[i + 2] = folded[i + 2] + parity * left * rows[i]
+            if self.right == "mirror" and right.any():
+                folded[i - 2] = folded[i - 2] + parity * right * rows[i]
+            folded[i] = folded[i] * ~(left | right)
+        return folded
+
+    def matrix(
+        self, breakpoints: Float[Array, " breakpoint"], parity: int = 1
+    ) -> Float[Array, "4 element station"]:
+        """Bernstein coefficients of all elements as a matrix on the stations' values."""
+        extraction = self.extraction(breakpoints, parity)
+        where = np.eye(self.stations + 1)[self.station_of][:, :, :-1]  # element, control
+        return jnp.einsum("iae,eis->aes", extraction, where)
+
+
+def _between(
+    left: list[Array], right: list[Array], u: Array, a: Array, b: Array
+) -> list[Array]:
+    """Linear interpolation from `left` at a to `right` at b."""
+    share = (u - a) / (b - a)
+    return [(1 - share) * p + share * q for p, q in zip(left, right, strict=True)]
