@@ -284,3 +284,34 @@ def test_random_cases_end_with_a_named_status(treloar: list[Dataset]) -> None:
         report = material_report(fit_material([made], law, terms, starts=16, seed=case))
         assert report["status"] in named
         assert np.all(np.isfinite(report["covariance"]))
+
+
+REST, PULLED = "1,0\n", "1.2,0.3\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (REST * 4, "every reading is at rest"),
+        ("1,0.001\n1,-0.001\n1,0.0005\n1,0\n", "every reading is at rest"),
+        ("1,0\n1.2,0\n1.5,0\n", "every reading is zero"),
+    ],
+)
+def test_data_without_information_are_refused(
+    tmp_path: pathlib.Path, rows: str, message: str
+) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("stretch_1,nominal_stress_MPa\n" + rows)
+    data = load_dataset("uniaxial", file)
+    with pytest.raises(ValueError, match=message):
+        fit_material([data], "neo-hookean")
+
+
+def test_readings_at_rest_are_no_degrees_of_freedom(tmp_path: pathlib.Path) -> None:
+    """One reading of one constant has no residual: nothing is known of its accuracy."""
+    file = tmp_path / "a.csv"
+    file.write_text("stretch_1,nominal_stress_MPa\n" + 5 * REST + PULLED)
+    fit = fit_material([load_dataset("uniaxial", file)], "neo-hookean")
+    assert fit.judged.dof == 0
+    assert fit.judged.standard_errors[0] >= fit.constants[0]
+    assert any("1 readings for 1 constants" in text for text in fit.judged.unidentifiable)

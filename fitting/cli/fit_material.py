@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import fitting_spinner
-from fitting.cli.solve import NO_SOLUTION, bad_input
 from fitting.json_text import json_text
+from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ def material(
         ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
     """Fit a material law to test data, and say what the data can't determine.
@@ -110,6 +112,13 @@ def material(
 
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
+        outputs = [arviz, corner, predictive, plot, *(Path(file) for _, file in cards)]
+        check_outputs(outputs, overwrite=overwrite)
+        for figure in (plot, corner, predictive):
+            if figure is not None:
+                from suas_jax.figures.style import check_figure_file
+
+                check_figure_file(figure)
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
         ]

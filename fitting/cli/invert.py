@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import bar
-from fitting.cli.solve import BAD_INPUT, bad_input
 from fitting.json_text import json_text
+from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
@@ -73,6 +74,7 @@ def invert(
         int | None,
         typer.Option(metavar="SEQ", help="Sample the loads of the frame with this number."),
     ] = None,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line a frame.")] = False,
 ) -> None:
     """Estimate contacts from readings: where, how strong, how sure.
@@ -82,6 +84,8 @@ def invert(
     with bad_input():
         if (log is None) == (live is None) and live is None:
             raise ValueError("LOG: missing; give an SO log, or --live PORT")
+        record = log if live is not None else None
+        check_outputs([plot, record], overwrite=overwrite)
         from suas_jax.runtime.settings import configure
 
         configure()
@@ -102,7 +106,7 @@ def invert(
             from fitting.inverse_load.live.run import LiveOptions, run_live
 
             options = LiveOptions(
-                live, format_name, baud, duration, latency, log, as_json, smooth
+                live, format_name, baud, duration, latency, log, as_json, smooth, overwrite
             )
             run_live(estimator, options)
             return

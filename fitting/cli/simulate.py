@@ -6,11 +6,10 @@ from typing import Annotated
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import spinner
-from fitting.cli.solve import NO_SOLUTION, bad_input
-
-Overwrite = Annotated[bool, typer.Option(help="Replace an existing file.")]
+from suas_jax.files.writing import check_output
 
 
 def register(app: typer.Typer) -> None:
@@ -107,7 +106,7 @@ def simulate(
         if output is None and not live:
             raise ValueError("suas simulate: give -o LOG.csv, or --live, or both")
         if output is not None:
-            _must_be_free(output, overwrite)
+            check_output(output, overwrite=overwrite)
         from suas_jax.acquisition.log.log_file import is_log
 
         on_air = None
@@ -155,7 +154,7 @@ def simulate(
             typer.echo(f"suas: {scene}: {error}", err=True)
             raise typer.Exit(NO_SOLUTION) from None
         if output is not None:
-            write_simulated_log(log, output, scene, overwrite=overwrite)
+            write_simulated_log(log, output, scene)
     frames, rows = len(log.capacitance), len(log.readings)
     note = f"{output or scene}: {frames} frames at {rate:g} Hz, {rows} rows"
     if log.sample.saturated.any():
@@ -185,16 +184,6 @@ def convert(
     for note in log.notes:
         typer.echo(f"suas: {source}: {note}", err=True)
     typer.echo(f"{target}: {len(log)} rows", err=True)
-
-
-def _must_be_free(output: Path, overwrite: bool) -> None:
-    """Refuse before the work is done, not after."""
-    if not overwrite and output.exists() and output.stat().st_size > 0:
-        raise FileExistsError(
-            f"{output}: exists and is not empty; choose another name or give --overwrite"
-        )
-    if not output.parent.is_dir():
-        raise FileNotFoundError(f"{output}: there is no folder {output.parent}")
 
 
 def _stuck(text: str) -> tuple[tuple[int, int], float]:

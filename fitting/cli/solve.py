@@ -4,22 +4,21 @@ JAX is imported inside the commands, so that the help and commands that don't co
 start at once.
 """
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
+from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from suas_jax.config import SceneSpec
     from suas_jax.scene.sweep import Sweep
 
-BAD_INPUT = 2
-NO_SOLUTION = 3
+_MOST_POINTS = 10_000
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
@@ -34,16 +33,6 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands to the program."""
     app.command("solve")(solve)
     app.command("sweep")(sweep)
-
-
-@contextlib.contextmanager
-def bad_input() -> Iterator[None]:
-    """Turn errors that the user can mend into a message and exit status 2."""
-    try:
-        yield
-    except (ValueError, OSError) as error:
-        typer.echo(f"suas: {error}", err=True)
-        raise typer.Exit(BAD_INPUT) from None
 
 
 def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
@@ -89,8 +78,12 @@ def solve(
         Path | None, typer.Option(help="Write the solid model's fields for ParaView.")
     ] = None,
     repeat: Annotated[
-        int, typer.Option(min=1, help="Time the solve as the median of this many runs.")
+        int,
+        typer.Option(
+            min=1, max=100_000, help="Time the solve as the median of this many runs."
+        ),
     ] = 1,
+    overwrite: Overwrite = False,
 ) -> None:
     """Find the equilibrium of a scene: displacement, oil pressure, gaps, stability.
 
@@ -102,6 +95,7 @@ def solve(
             _refuse("--vtu", "fields through the thickness come with the solid model only")
         _check_figure(plot)
         _check_figure(pad)
+        check_outputs([plot, pad, vtu], overwrite=overwrite)
         if pad is not None and spec.electrodes is None:
             _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
         with spinner("solving"):
@@ -159,6 +153,7 @@ def sweep(
         Path | None, typer.Option("--csv", help="Write the curve as CSV.")
     ] = None,
     plot: Plot = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Trace a load-displacement curve in one continuation, up to first wall contact and on.
 
@@ -169,6 +164,7 @@ def sweep(
             _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
+        check_outputs([csv_file, plot], overwrite=overwrite)
         values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
         with spinner("sweeping"):
             from suas_jax.runtime.settings import configure
@@ -197,11 +193,12 @@ def _range(option: str, text: str | None) -> list[float]:
     try:
         first, last, count = (text or "").split(":")
         start, stop, n = float(first), float(last), int(count)
-        if n < 1:
+        if not 1 <= n <= _MOST_POINTS:
             raise ValueError
     except ValueError:
         raise ValueError(
-            f'{option} = "{text}": expected FROM:TO:COUNT in SI units, for example 0:30:31'
+            f'{option} = "{(text or "")[:80]}": expected FROM:TO:COUNT in SI units, for '
+            f"example 0:30:31; COUNT is at most {_MOST_POINTS}"
         ) from None
     if n == 1:
         return [start]

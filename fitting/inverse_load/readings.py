@@ -1,6 +1,6 @@
 """From logs and baselines to readings taxel by taxel, in the order of a skin's layout."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.equal_runs import equal_runs
-from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
+from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
 
@@ -17,6 +17,10 @@ from suas_jax.sensing.taxels import taxel_names
 _STUCK = 1e-10
 _LEAST_NOISE = 0.4  # counts: below it a healthy taxel may well repeat itself
 _SCALE_AGREES = 1e-3
+
+
+CountsOf = Callable[[int], NDArray[np.float64]]
+"""Readings [..., taxel] of a module, by its index among the modules that are there."""
 
 
 class LayoutMismatchError(ValueError):
@@ -80,8 +84,13 @@ class Layout:
             return f"module {module} with {size} taxels"
         return f"modules {min(sizes)} to {max(sizes)}, {self.taxels} taxels in all"
 
-    def check(self, modules: Sequence[int], so: NDArray[np.float64], source: str) -> None:
-        """Refuse readings [..., module, taxel] of another layout.
+    def check(self, modules: Sequence[int], counts: CountsOf, source: str) -> None:
+        """Refuse readings of another layout.
+
+        Args:
+            modules: their numbers.
+            counts: readings of a module, by its index in `modules`.
+            source: where they are from, for the message.
 
         Raises:
             LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
@@ -94,25 +103,34 @@ class Layout:
                 f"{source}: layout_mismatch: module {foreign} is none of the skin's, which "
                 f"has {self.describe()}; is this the log's skin file?"
             )
-        width = so.shape[-1]
-        present = np.isfinite(so).reshape(-1, len(sizes), width).any(0)
-        most = np.where(present, np.arange(1, width + 1), 0).max(1, initial=0)
-        wrong = np.flatnonzero((most > sizes) | (width < sizes))
-        if wrong.size:
-            k = int(wrong[0])
-            has = most[k] if most[k] > sizes[k] else width
-            raise LayoutMismatchError(
-                f"{source}: layout_mismatch: module {modules[k]} has {has} taxels here, but "
-                f"the skin has {self.describe()}; is this the log's skin file?"
-            )
+        for k, (module, size) in enumerate(zip(modules, sizes.tolist(), strict=True)):
+            so = counts(k)
+            width = so.shape[-1]
+            present = np.flatnonzero(np.isfinite(so).reshape(-1, width).any(0))
+            most = int(present.max()) + 1 if present.size else 0
+            if most > size or width < size:
+                has = most if most > size else width
+                raise LayoutMismatchError(
+                    f"{source}: layout_mismatch: module {module} has {has} taxels here, but "
+                    f"the skin has {self.describe()}; is this the log's skin file?"
+                )
 
-    def pick(self, modules: Sequence[int], so: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Readings [..., taxel] from [..., module, taxel]; NaN where a module is absent."""
+    def pick(self, modules: Sequence[int], counts: CountsOf) -> NDArray[np.float64]:
+        """Readings [..., taxel] of the whole layout; NaN where a module is absent.
+
+        Args:
+            modules: as for `check`.
+            counts: likewise.
+        """
         _, row, column = self._in(modules)
-        known = row >= 0
-        out = np.full((*so.shape[:-2], self.taxels), np.nan)
-        out[..., known] = so[..., row[known], column[known]]
-        return out
+        out: NDArray[np.float64] | None = None
+        for k in range(len(modules)):
+            so = counts(k)
+            if out is None:
+                out = np.full((*so.shape[:-1], self.taxels), np.nan)
+            here = row == k
+            out[..., here] = so[..., column[here]]
+        return np.full(self.taxels, np.nan) if out is None else out
 
     def baseline(self, baseline: Baseline, source: str) -> tuple[NDArray, NDArray]:
         """A baseline's readings at rest and their variance [taxel].
@@ -121,9 +139,9 @@ class Layout:
             LayoutMismatchError: it belongs to another layout.
         """
         modules = baseline.modules.tolist()
-        self.check(modules, baseline.so, source)
-        rest = self.pick(modules, baseline.so)
-        noise = np.nan_to_num(self.pick(modules, baseline.noise))
+        self.check(modules, baseline.so.__getitem__, source)
+        rest = self.pick(modules, baseline.so.__getitem__)
+        noise = np.nan_to_num(self.pick(modules, baseline.noise.__getitem__))
         return rest, (noise**2 + 1 / 12) / max(baseline.frames, 1)
 
 
@@ -163,11 +181,11 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     if not len(frames):
         raise EmptyLogError(f"{log.path}: empty_log: no frame in it")
     modules = frames.modules.tolist()
-    layout.check(modules, frames.so, str(log.path))
-    so = layout.pick(modules, frames.so)
+    layout.check(modules, frames.of_module, str(log.path))
+    so = layout.pick(modules, frames.of_module)
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
     stuck = stuck_taxels(so, noise)
-    notes = list(log.notes) + _scale_note(log.header, spec)
+    notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if stuck.any():
         names = ", ".join(
             f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))

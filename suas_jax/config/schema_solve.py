@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
@@ -21,6 +22,9 @@ def _one_count_or_two(value: Any) -> Any:
 
 
 Elements = Annotated[int | tuple[int, int], BeforeValidator(_one_count_or_two)]
+
+# Ten times what any tolerance above rounding needs.
+_MOST_ELEMENTS = 20_000
 
 
 class SolveSpec(Spec):
@@ -60,6 +64,14 @@ class SolveSpec(Spec):
                 "example [600, 4]"
             )
         return mesh
+
+    @field_validator("elements", "mesh")
+    @classmethod
+    def _not_too_many(cls, counts: int | tuple[int, int] | None) -> Any:
+        size = math.prod(counts) if isinstance(counts, tuple) else counts or 0
+        if size > _MOST_ELEMENTS:
+            raise ValueError(f"{size} elements; at most {_MOST_ELEMENTS} are solved")
+        return counts
 
     @field_validator("elements")
     @classmethod

@@ -20,8 +20,8 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.runtime.precision import require_float64
-from suas_jax.runtime.program_store import Keyed
 from suas_jax.scene.build import build_problem, decay_angle, plan_for, problem_of
 from suas_jax.scene.error_estimate import discretisation_error, model_error
 from suas_jax.scene.observables import observe

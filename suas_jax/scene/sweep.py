@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from suas_jax.config import (
 )
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import path
+from suas_jax.files.writing import write_text
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
@@ -84,10 +86,11 @@ class Sweep:
     def write_csv(self, path: Path) -> None:
         """Write the table; column names carry the SI units."""
         rows = self.rows()
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+        write_text(path, text.getvalue())
 
 
 @eqx.filter_jit

@@ -14,6 +14,7 @@ from suas_jax.acquisition.integrity import Flags, Integrity
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.config import SceneSpec, load_scene
 from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.files.writing import written
 from suas_jax.runtime.jit import jit
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
@@ -24,6 +25,7 @@ from suas_jax.simulation.load_path import LoadPath, load_path
 # Frames solved in one call, and the shape that is compiled.
 _BLOCK = 256
 _SCENE_SECONDS = 10.0
+_MOST_FRAMES = 1_000_000
 
 
 class NoSolutionError(Exception):
@@ -101,6 +103,11 @@ def simulate_log(
     converter = converter_of(scene, **(settings or {}))
     if duration is None:
         duration = _SCENE_SECONDS if path is None else float(path.time[-1] - path.time[0])
+    if not duration * rate <= _MOST_FRAMES:
+        raise ValueError(
+            f"{duration:g} s at {rate:g} Hz: {duration * rate:.3g} frames; at most "
+            f"{_MOST_FRAMES} are simulated at a time"
+        )
     count = max(1, int(np.floor(duration * rate * (1 + 1e-12))) + (path is not None))
     time = np.arange(count) / rate
     random = np.random.default_rng(seed)
@@ -114,16 +121,13 @@ def simulate_log(
     return SimulatedLog(scene, converter, sample, capacitance, found, origin)
 
 
-def write_simulated_log(
-    log: SimulatedLog, output: Path, source: Path, *, overwrite: bool = False
-) -> None:
-    """Write a simulated log as the logger would.
+def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
+    """Write a simulated log as the logger would, whole or not at all.
 
     Args:
         log: what was simulated.
         output: the file to write.
         source: scene or load path, named in the header.
-        overwrite: replace an existing file.
     """
     judge = Integrity(None, checked=True)
     header = log_header(
@@ -134,9 +138,10 @@ def write_simulated_log(
     )
     assert log.scene.electrodes is not None  # or there would be no converter
     taxels = max(taxel_names(log.scene.electrodes)[1])
-    with LogWriter(
-        output, header, taxels=taxels, flags=Flags._fields, overwrite=overwrite
-    ) as writer:
+    with (
+        written(output) as draft,
+        LogWriter(draft, header, taxels=taxels, flags=Flags._fields) as writer,
+    ):
         for r in log.readings:
             t_device, flags = judge.judge(r)
             writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)

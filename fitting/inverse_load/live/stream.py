@@ -84,8 +84,8 @@ class FrameBuilder:
         for row, counts in enumerate(frame.modules.values()):
             so[row, : len(counts)] = [np.nan if c is None else c for c in counts]
         modules = list(frame.modules)
-        self._layout.check(modules, so, f"frame {frame.seq}")
-        return self._layout.pick(modules, so)
+        self._layout.check(modules, so.__getitem__, f"frame {frame.seq}")
+        return self._layout.pick(modules, so.__getitem__)
 
 
 def live_frames(

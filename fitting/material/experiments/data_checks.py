@@ -19,6 +19,7 @@ _LEAST_SPAN = 0.05
 _STIFF_AND_LONG = 60e6
 _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
+_AT_REST = 1e-9
 _JUMP = 6.0
 
 
@@ -89,6 +90,27 @@ def _goes_back(h: np.ndarray) -> np.ndarray:
         ):
             back[first + 1 : last + 1] = True
     return back
+
+
+def refuse_without_information(data: Dataset) -> None:
+    """Refuse a test that no material could be told from.
+
+    Raises:
+        ValueError: every reading is at rest, or every reading is zero.
+    """
+    deformed = np.ones(data.size, bool)
+    if isinstance(data, StressTest):
+        deformed = np.abs(data.deformation) > _AT_REST
+    if not np.any(deformed):
+        raise ValueError(
+            f"{data.file}: every reading is at rest: it says nothing about the material; "
+            "check the columns, or leave the file out"
+        )
+    if not np.any(data.value[deformed] != 0.0):
+        raise ValueError(
+            f"{data.file}: the material is deformed, and every reading is zero; check the "
+            "columns, or leave the file out"
+        )
 
 
 def warnings_of(data: Dataset) -> list[str]:

@@ -5,7 +5,12 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.data_checks import branches, contradictions, warnings_of
+from fitting.material.experiments.data_checks import (
+    branches,
+    contradictions,
+    refuse_without_information,
+    warnings_of,
+)
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.problem import MaterialProblem, pose, settle
 from fitting.material.fit.result import MaterialFit
@@ -59,6 +64,8 @@ def fit_material(
         raise ValueError(f"--starts {starts}: at least one is needed")
     notes = [*remarks]
     used = tuple(_on_branch(data, branch) for data in sets)
+    for data in used:
+        refuse_without_information(data)
     for data, kept in zip(sets, used, strict=True):
         notes += warnings_of(kept)
         if kept.size < data.size:

@@ -11,7 +11,7 @@ from fitting.sensor.logs.known_inputs import FLUID, Known, from_columns, from_fi
 from fitting.sensor.logs.known_limits import check_known
 from fitting.sensor.logs.taxel_faults import Masked, without_faults
 from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
+from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log, sequence_notes
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 from suas_jax.sensing.taxels import taxel_names
 
@@ -74,12 +74,12 @@ def read_aligned(
     for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):
         row = np.flatnonzero(frames.modules == m)
         if row.size and taxels[m] >= k:
-            so[i] = frames.so[:, row[0], k - 1]
+            so[i] = frames.of_module(int(row[0]))[:, k - 1]
     clock = "t_device_s" if np.isfinite(frames.t_device).all() else "t_host_s"
     time = frames.t_device if clock == "t_device_s" else frames.t_host
     if not np.isfinite(time).all():
         raise ValueError(f"{path}: both clocks have missing values: frames can't be placed")
-    warnings = [f"{path}: {note}" for note in log.notes]
+    warnings = [f"{path}: {note}" for note in (*log.notes, *sequence_notes(log))]
     known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
     for (load, quantity), values in known.values.items():
