@@ -10,6 +10,7 @@ from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import bar
 from fitting.json_text import json_text
+from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -84,8 +85,12 @@ def invert(
     with bad_input():
         if (log is None) == (live is None) and live is None:
             raise ValueError("LOG: missing; give an SO log, or --live PORT")
+        from suas_jax.acquisition.log.reader import MOST_BYTES
+
         record = log if live is not None else None
         check_outputs([plot, record], overwrite=overwrite)
+        if live is None and log is not None:  # before the estimator is made, which takes long
+            check_readable(log, MOST_BYTES)
         from suas_jax.runtime.settings import configure
 
         configure()

@@ -39,11 +39,11 @@ def plot_pad_surface(solution: Solution) -> Figure:
     place = np.rad2deg(np.arctan2(face[0], face[1])), 1e3 * face[2]
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
-    left, right = figure.add_gridspec(1, 2, width_ratios=(1, 1.1))
-    flat = figure.add_subplot(left)
+    panels = figure.add_gridspec(1, 2, width_ratios=(1, 1.1))
+    flat = figure.add_subplot(panels[0])
     gap_scale = _around(gap, 1e3 * geometry.oil_gap)
     mesh = flat.pcolormesh(*place, gap, cmap="RdBu", norm=gap_scale, shading="gouraud")
-    flat.contour(*place, gap, levels=12, colors="0.3", linewidths=0.4)
+    flat.contour(*place, gap, levels=11, colors="0.3", linewidths=0.4)
     figure.colorbar(mesh, ax=flat, label="gap to the wall [mm]", shrink=0.9)
     parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
     _draw_taxels(flat, parts)
@@ -52,7 +52,7 @@ def plot_pad_surface(solution: Solution) -> Figure:
         _draw_load(flat, load, geometry.inner_radius + geometry.thickness)
     flat.set(xlabel="angle [deg]", ylabel="position along the axis [mm]")
 
-    space = figure.add_subplot(right, projection="3d")
+    space = figure.add_subplot(panels[1], projection="3d")
     assert isinstance(space, Axes3D)
     top = 1e3 * ((geometry.inner_radius + geometry.thickness) * normal + along + outer)
     colours = mesh.cmap(gap_scale(gap))
@@ -100,11 +100,11 @@ def _draw_load(axes: Axes, load: PadLoad, outer_radius: float) -> None:
     arc, length = (float(np.asarray(x)[0]) for x in load.extent())
     x, y = np.rad2deg(float(load.angle[0])), 1e3 * float(load.axial[0])
     half, reach = np.rad2deg(arc / outer_radius), 1e3 * length
-    style = {"fill": False, "color": "C1", "lw": 1.8, "zorder": 3}
-    if load.diameter is not None:
-        axes.add_patch(Ellipse((x, y), 2 * half, 2 * reach, **style))
-    else:
-        axes.add_patch(Rectangle((x - half, y - reach), 2 * half, 2 * reach, **style))
+    outline: Ellipse | Rectangle = Ellipse((x, y), 2 * half, 2 * reach)
+    if load.diameter is None:
+        outline = Rectangle((x - half, y - reach), 2 * half, 2 * reach)
+    outline.set(fill=False, edgecolor="C1", linewidth=1.8, zorder=3)
+    axes.add_patch(outline)
     axes.annotate(
         f"{float(load.force[0]):.3g} N", (x + half, y + reach), xytext=(3, 3),
         textcoords="offset points", color="k", fontsize=9,

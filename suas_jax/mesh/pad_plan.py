@@ -27,6 +27,8 @@ Ends = Literal["clamped", "sliding"]
 # Element sizes in decay lengths of bending, sqrt(R t): along edges, under a load, far away;
 # and how fast they grow with the distance.
 _EDGE, _LOAD, _LARGEST, _GROWTH = 0.7, 0.32, 1.5, 0.5
+# Places that loads may have between the middle and an edge, as far as the mesh knows.
+_PLACES = 48
 # Points in a clipped element: exact for cubic displacement.
 _LOAD_GAUSS = 2
 
@@ -343,25 +345,30 @@ def _breakpoints(
     clamped: bool,
 ) -> np.ndarray:
     """Breakpoints as fractions of half the extent, by a density of elements."""
-    x = np.linspace(-half, half, 4001)
-    size = np.full_like(x, _LARGEST * decay)
-    sources = [(-half, 0.0, _EDGE), (half, 0.0, _EDGE)] if clamped else []
+    # Lengths in decay lengths, rounded: scenes that differ by little are divided alike, so
+    # that the difference of two solves is what the gradient says.
+    extent = rounded(half / decay)
+    x = np.linspace(-extent, extent, 4001)
+    size = np.full_like(x, _LARGEST)
+    sources = [(-extent, 0.0, _EDGE), (extent, 0.0, _EDGE)] if clamped else []
     for centre, reach in marks:
-        sources.append((centre, reach, _LOAD))
+        place = np.round(centre / half * _PLACES) / _PLACES
+        sources.append((place * extent, rounded(reach / half) * extent, _LOAD))
     for centre, reach, smallest in sources:
         distance = np.maximum(np.abs(x - centre) - reach, 0)
-        size = np.minimum(size, smallest * decay + _GROWTH * distance)
+        size = np.minimum(size, smallest + _GROWTH * distance)
     if mirrored:
         size = np.minimum(size, size[::-1])
         if elements is not None and elements % 2:
             raise ValueError(
-                f"a plan mirrored in the middle needs an even number of elements, got {elements}"
+                f"a plan mirrored in the middle needs an even number of elements, got "
+                f"{elements}"
             )
         x, size, elements = x[:2001], size[:2001], elements and elements // 2
     density = (1 / size[1:] + 1 / size[:-1]) / 2 * np.diff(x)
     total = np.concatenate([[0.0], np.cumsum(density)])
     count = elements or max(4, int(np.ceil(total[-1] * scale)))
-    places = np.interp(np.arange(count + 1) / count, total / total[-1], x / half)
+    places = np.interp(np.arange(count + 1) / count, total / total[-1], x / extent)
     places[0], places[-1] = -1.0, 0.0 if mirrored else 1.0
     return places
 
