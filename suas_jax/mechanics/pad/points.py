@@ -104,21 +104,30 @@ def surface(derivatives: Sequence[Vector], angle: Scalar, radius: Array) -> Surf
     u, us, uz, uss, uzz, usz = derivatives
     sine, cosine = jnp.broadcast_arrays(jnp.sin(angle), jnp.cos(angle), u[0])[:2]
     zero, one = jnp.zeros_like(sine), jnp.ones_like(sine)
-    t, n = jnp.stack([cosine, -sine, zero]), jnp.stack([sine, cosine, zero])
-    z = jnp.stack([zero, zero, one])
-    metric = jnp.stack(
-        [
-            2 * dot(t, us) + dot(us, us),
-            2 * uz[2] + dot(uz, uz),
-            dot(t, uz) + us[2] + dot(us, uz),
-        ]
-    )
-    spin = cross(t, uz) + cross(us, z + uz)
-    m = spin - n
-    bending = jnp.stack(
-        [dot(uss, m) - dot(n, spin) / radius, dot(uzz, m), dot(usz, m)],
-    )
-    return Surface(u, n, t + us, z + uz, (uss - n / radius, uzz, usz), m, spin, metric, bending)
+    n = jnp.stack([sine, cosine, zero])
+    along = cosine * us[0] - sine * us[1]
+    metric = [
+        2 * along + dot(us, us),
+        2 * uz[2] + dot(uz, uz),
+        cosine * uz[0] - sine * uz[1] + us[2] + dot(us, uz),
+    ]
+    # t x u,z + u,s x (z + u,z) with the tangent t.
+    spin = [
+        us[1] - sine * uz[2] + us[1] * uz[2] - us[2] * uz[1],
+        -us[0] - cosine * uz[2] + us[2] * uz[0] - us[0] * uz[2],
+        cosine * uz[1] + sine * uz[0] + us[0] * uz[1] - us[1] * uz[0],
+    ]
+    m = [spin[0] - sine, spin[1] - cosine, spin[2]]
+    bending = [
+        dot(uss, m) - (sine * spin[0] + cosine * spin[1]) / radius,
+        dot(uzz, m),
+        dot(usz, m),
+    ]
+    rows = staged([*metric, *bending, *spin])
+    metric, bending, spin = (jnp.stack(rows[k : k + 3]) for k in (0, 3, 6))
+    rs = us + jnp.stack([cosine, -sine, zero])
+    rz = uz + jnp.stack([zero, zero, one])
+    return Surface(u, n, rs, rz, (uss - n / radius, uzz, usz), spin - n, spin, metric, bending)
 
 
 class Layers(NamedTuple):
@@ -206,8 +215,8 @@ class Resultants(NamedTuple):
         second: Hessian.
     """
 
-    first: Float[Array, "6 *point"]
-    second: Float[Array, "6 6 *point"]
+    first: list[Scalar]
+    second: list[list[Scalar]]
 
 
 def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Resultants:
@@ -291,23 +300,15 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
         bending = 4 * inverse * inverse * m[2][_ENTRY[p][q]] + aa * b[p] * b[q]
         bending = bending - b[p] * shifted[q] - shifted[p] * b[q]
         entries.append(bending + bow * cube * float(_DETERMINANT[p, q]))
-    found = jnp.stack(entries)
-    found = (jnp.asarray(_FILL) @ found.reshape(27, -1)).reshape(42, *inverse.shape)
-    return Resultants(found[:6], found[6:].reshape(6, 6, *inverse.shape))
-
-
-def _fill() -> Float[np.ndarray, "42 27"]:
-    """Gradient and all of the Hessian from the entries that differ."""
-    index = np.zeros((6, 6), int)
+    entries = staged(entries)
+    second = [[entries[0]] * 6 for _ in range(6)]
     for k, (p, q) in enumerate(_VOIGT):
-        index[p, q] = index[q, p] = 6 + k
-        index[3 + p, 3 + q] = index[3 + q, 3 + p] = 21 + k
-    mixed = 12 + np.arange(9).reshape(3, 3)
-    index[:3, 3:], index[3:, :3] = mixed, mixed.T
-    return np.eye(27)[np.concatenate([np.arange(6), index.reshape(-1)])]
-
-
-_FILL = _fill()
+        second[p][q] = second[q][p] = entries[6 + k]
+        second[3 + p][3 + q] = second[3 + q][3 + p] = entries[21 + k]
+    for p in range(3):
+        for q in range(3):
+            second[p][3 + q] = second[3 + q][p] = entries[12 + 3 * p + q]
+    return Resultants(entries[:6], second)
 
 
 def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
@@ -317,7 +318,7 @@ def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def stress(s: Surface, first: Float[Array, "6 *point"]) -> list[Vector]:
+def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
     """Derivatives of the energy density by u,s u,z u,ss u,zz u,sz."""
     pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
     by_s = 2 * first[0] * s.rs + first[2] * s.rz + cross(s.rz, pull)
@@ -344,8 +345,7 @@ def tangent(
     """Second derivatives of the energy less pressure times volume, per area.
 
     Returns:
-        A block for each of `PAIRS`; those of a kind with itself halved, so that the sum over
-        the pairs and its transpose make the whole.
+        A block for each of `PAIRS`.
     """
     first, second = found.first, found.second
     zero = jnp.zeros_like(s.rs)
@@ -366,9 +366,9 @@ def tangent(
     away = across * (radius * s.n + s.u)
     skew_s, skew_z = _skew(s.rs), _skew(s.rz)
     blocks = {
-        (1, 1): joint(s_weighed, by_s) / 2 + first[0] * eye,
+        (1, 1): joint(s_weighed, by_s) + 2 * first[0] * eye,
         (1, 2): joint(s_weighed, by_z) + first[2] * eye - _skew(pull + pressure / 2 * away),
-        (2, 2): joint(z_weighed, by_z) / 2 + first[1] * eye,
+        (2, 2): joint(z_weighed, by_z) + 2 * first[1] * eye,
         (0, 1): -pressure / 2 * across[:, None] * skew_z,
         (0, 2): pressure / 2 * across[:, None] * skew_s,
     }
@@ -377,6 +377,5 @@ def tangent(
         blocks[1, 3 + a] = s_weighed[3 + a][:, None] * s.m + first[3 + a] * skew_z
         blocks[2, 3 + a] = z_weighed[3 + a][:, None] * s.m - first[3 + a] * skew_s
         for b in range(a, 3):
-            share = 0.5 if a == b else 1.0
-            blocks[3 + a, 3 + b] = share * second[3 + a][3 + b] * normals
+            blocks[3 + a, 3 + b] = second[3 + a][3 + b] * normals
     return jnp.stack([blocks[pair] for pair in PAIRS])
