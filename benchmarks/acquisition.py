@@ -29,9 +29,8 @@ from rich.table import Table
 
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.device.faults import Faults
-from suas_jax.acquisition.frames.encode import ENCODERS
-from suas_jax.acquisition.frames.formats import decoder
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.registry import ENCODERS, decoder
 from suas_jax.acquisition.log.log_file import read_log
 
 MODULES, TAXELS, RATE = 32, 10, 100.0

@@ -31,12 +31,12 @@ def table() -> list[str]:
         for rtol in TOLERANCES:
             solution = solve(with_solve(scene, model="auto", rtol=rtol))
             report, plan = solution.report, solution.plan
-            size = (plan.elements, plan.layers)
+            size = plan.counts
             cells = (
                 name,
                 f"{rtol:.0e}",
                 report["model"],
-                f"{size[0]} x {size[1]}" if plan.layers else str(size[0]),
+                " x ".join(map(str, size)),
                 str(report["unknowns"]),
                 f"{report['error_estimate']:.1e}" + (not report["rtol_met"]) * ", misses rtol",
                 "(the truth)" if size == TRUTH else f"{true_error(report, truth):.1e}",

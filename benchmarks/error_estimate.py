@@ -26,11 +26,12 @@ from rich.table import Table
 
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.mesh.plan import MeshPlan
+from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import load_observables
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import Inputs, Structure, solve
 
@@ -126,17 +127,20 @@ def sample(rng: np.random.Generator, pattern: int) -> SceneSpec:
 
 
 @functools.partial(eqx.filter_jit, compiler_options=OPTIONS)
-def _fine(structure: Structure, plan: MeshPlan, inputs: Inputs) -> tuple[Array, dict[str, Any]]:
-    problem = build_problem(structure.scene, plan, inputs)
+def _fine(
+    structure: Structure, plan: AbstractPlan, inputs: Inputs
+) -> tuple[Array, dict[str, Any]]:
+    parts = scene_parts(structure.scene, inputs)
+    problem = problem_of(parts, plan)
     found = equilibrium(problem)
-    loads = load_observables(structure.scene, problem, found.state, inputs)
+    loads = load_observables(parts, problem, found.state)
     return found.result, {"oil_pressure_Pa": found.state.pressure, "loads": loads}
 
 
 def truth_of(scene: SceneSpec) -> dict[str, Any] | None:
     """Pressure and displacements on the fine mesh; None if there is no equilibrium."""
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    result, report = _fine(Structure(scene), plan_for(scene, *TRUTH), inputs)
+    result, report = _fine(Structure(scene), plan_for(scene, "solid", TRUTH), inputs)
     return plain(report) if int(result[0]) == 0 else None
 
 

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
-from fitting.material.data.datasets import load_dataset
-from fitting.material.data.measurements import Dataset
+from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import NoFit, fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.laws.registry import family

@@ -25,11 +25,12 @@ from suas_jax.equilibrium.balance import residual
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
-from suas_jax.mesh.plan import MeshPlan
+from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import Structure
 
@@ -128,11 +129,14 @@ def sample(rng: np.random.Generator, scene: SceneSpec) -> SceneSpec:
 
 
 @eqx.filter_jit
-def _solve(structure: Structure, plans: MeshPlan, inputs: dict[str, Array]) -> dict[str, Any]:
+def _solve(
+    structure: Structure, plans: AbstractPlan, inputs: dict[str, Array]
+) -> dict[str, Any]:
     scene = structure.scene
 
-    def one(plan: MeshPlan, inputs: dict[str, Array]) -> dict[str, Any]:
-        problem = build_problem(scene, plan, inputs)
+    def one(plan: AbstractPlan, inputs: dict[str, Array]) -> dict[str, Any]:
+        parts = scene_parts(scene, inputs)
+        problem = problem_of(parts, plan)
         found = equilibrium(problem)
         border = found.state.pressure if problem.oil.trapped else None
         y = BorderedVector(found.state.q, border)
@@ -143,7 +147,7 @@ def _solve(structure: Structure, plans: MeshPlan, inputs: dict[str, Array]) -> d
             "level": found.level,
             "iterations": found.iterations,
             "imbalance": largest(force.stations) / largest(load),
-            "report": observe(scene, problem, found.state, inputs),
+            "report": observe(parts, problem, found.state),
         }
         return jax.tree.map(lambda x: x[0], outcome)
 
@@ -162,7 +166,7 @@ def study(
     for law, oil, loads in patterns:
         structure = pattern(law, oil, loads)
         scenes = [sample(rng, structure) for _ in range(count)]
-        plans = [plan_for(scene, ELEMENTS) for scene in scenes]
+        plans = [plan_for(scene, "shell", (ELEMENTS,)) for scene in scenes]
         stacked = jax.tree.map(lambda *x: np.stack(x), *plans)
         inputs = [continuous_inputs(scene) for scene in scenes]
         lanes = {key: jnp.array([values[key] for values in inputs]) for key in inputs[0]}

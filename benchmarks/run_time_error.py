@@ -30,9 +30,9 @@ from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, equilibrium
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.runtime.program_store import uncached
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import load_observables
-from suas_jax.scene.solve import is_symmetric, working_plan
+from suas_jax.scene.parts import scene_parts
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 # Inner radius [mm], thickness [mm], angle of the load [deg], force [N].
@@ -90,15 +90,17 @@ def own_row(scene: str, program: str, elements: int, layers: int = 0) -> Row:
     """The lumped shell or the solid of this project."""
     spec = scene_of(scene)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(spec).items()}
-    plan = plan_for(spec, elements, layers)
-    problem = build_problem(spec, working_plan(plan, is_symmetric(plan)), inputs)
+    counts = (elements, layers) if layers else (elements,)
+    plan = plan_for(spec, "solid" if layers else "shell", counts)
+    parts = scene_parts(spec, inputs)
+    problem = problem_of(parts, plan.reduced())
     solver, seconds, memory = _compiled(problem)
 
     def call() -> tuple[float, float]:
         found = jax.block_until_ready(solver(problem))
         if int(found.result[0]) != 0:
             raise RuntimeError(f"{scene}, {program}, {elements} x {layers}: not converged")
-        moved = load_observables(spec, problem, found.state, inputs)[0]["displacement_m"]
+        moved = load_observables(parts, problem, found.state)[0]["displacement_m"]
         return float(found.state.pressure[0]), float(moved[0])
 
     def timed() -> tuple[float, float]:

@@ -22,12 +22,11 @@ import numpy as np
 from suas_jax.config import ElectrodesSpec, SceneSpec, continuous_inputs, load_scene, with_solve
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import all_numbers, geometry_of
 from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
+from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric
 from suas_jax.sensing.converter import PAPER_LSB, Converter
-from suas_jax.sensing.electrodes import electrodes_of
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 from suas_jax.sensing.tiling import tiled_modules
 
@@ -86,8 +85,7 @@ def field() -> None:
         spec = with_solve(load_scene(CONFIGS / f"scenes/case_{case}.toml"), rtol=1e-5)
         solution = solve(spec)
         mechanics, q = solution.problem().mechanics, solution.state.q
-        numbers = all_numbers(spec, continuous_inputs(spec))
-        plane = electrodes_of(spec, numbers, geometry_of(numbers))
+        plane = skin_parts(spec, continuous_inputs(spec)).electrodes
         assert plane is not None
         concentric = eqx.tree_at(lambda e: e.formula, plane, Concentric())
         fields = [np.asarray(field_capacitance(plane, mechanics, q, n)) for n in (720, 1440)]

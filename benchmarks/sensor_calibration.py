@@ -45,17 +45,15 @@ def true_scene(force: float, mesh: tuple[int, int]) -> SceneSpec:
 
 def solve_truth(mesh: tuple[int, int] = (300, 4)) -> None:
     """Solve the solid under growing force and write what its taxels read."""
-    from suas_jax.scene.build import all_numbers, geometry_of
+    from suas_jax.scene.parts import skin_parts
     from suas_jax.scene.solve import solve
-    from suas_jax.sensing.electrodes import electrodes_of
     from suas_jax.sensing.field import field_capacitance
 
     rows = []
     for force in 18.0 * np.linspace(0.0, 1.0, 19) ** 1.5:
         scene = true_scene(max(force, 1e-6), mesh)
         found = solve(scene)
-        numbers = all_numbers(scene, continuous_inputs(scene))
-        electrodes = electrodes_of(scene, numbers, geometry_of(numbers))
+        electrodes = skin_parts(scene, continuous_inputs(scene)).electrodes
         assert electrodes is not None
         mechanics = found.problem().mechanics
         field = field_capacitance(electrodes, mechanics, found.state.q)

@@ -49,7 +49,7 @@ def timed(call: Callable[[], Any], repeat: int) -> float:
 def main() -> None:
     """Print the table."""
     scene = scene_from_dict(SCENE)
-    plan = plan_for(scene, 16)
+    plan = plan_for(scene, "shell", (16,))
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
 
     def problem_of(inputs: dict) -> Any:

@@ -20,8 +20,8 @@ import time
 import numpy as np
 from scipy import stats
 
-from fitting.material.data.datasets import load_dataset
-from fitting.material.data.measurements import Dataset
+from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.posterior import sample_material
 from fitting.material.fit.result import MaterialFit

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from suas_jax.config import SceneSpec, continuous_inputs, load_scene, with_solve
 from suas_jax.equilibrium.equilibrium import Problem, equilibrium
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.scene.build import all_numbers, build_problem, geometry_of, plan_for
-from suas_jax.sensing.electrodes import electrodes_of
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.parts import skin_parts
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 ROUNDS, BATCH = 9, 200
@@ -26,8 +26,9 @@ def _scene(name: str, **changes: Any) -> SceneSpec:
 
 
 def _problem(scene: SceneSpec, elements: int, layers: int = 0, half: bool = False) -> Problem:
-    plan = plan_for(scene, elements, layers)
-    return build_problem(scene, plan.half() if half else plan, continuous_inputs(scene))
+    counts = (elements, layers) if layers else (elements,)
+    plan = plan_for(scene, "solid" if layers else "shell", counts)
+    return build_problem(scene, plan.reduced() if half else plan, continuous_inputs(scene))
 
 
 def _quick(function: Callable) -> Callable:
@@ -55,8 +56,7 @@ def skipping_table() -> list[str]:
         shell, mechanics=dataclasses.replace(shell.mechanics, points=slightly)
     )
     near = near._replace(factor=near.factor / 1.05)
-    numbers = all_numbers(scene, continuous_inputs(scene))
-    electrodes = electrodes_of(scene, numbers, geometry_of(numbers))
+    electrodes = skin_parts(scene, continuous_inputs(scene)).electrodes
 
     def sensed(problem: Problem) -> Any:
         found = equilibrium(problem)

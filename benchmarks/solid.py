@@ -113,7 +113,7 @@ def speed(mesh: tuple[int, int]) -> None:
     free = spec.model_copy(
         update={"solve": spec.solve.model_copy(update={"oil_pressure": None})}
     )
-    plan = plan_for(free, *mesh)
+    plan = plan_for(free, "solid", mesh)
     problem = build_problem(free, plan, inputs)
 
     @jax.jit

@@ -26,11 +26,12 @@ from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import State, equilibrium, residual
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
-from suas_jax.mesh.plan import MeshPlan
+from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import Structure
 
@@ -230,24 +231,28 @@ _compiled = functools.partial(
 
 @_compiled
 def _program(
-    structure: Structure, plan: MeshPlan, inputs: dict[str, Array], stepping: LoadStepping
+    structure: Structure, plan: AbstractPlan, inputs: dict[str, Array], stepping: LoadStepping
 ) -> tuple[dict[str, Any], State]:
-    scene = structure.scene
-    problem = build_problem(scene, plan, inputs)
+    parts = scene_parts(structure.scene, inputs)
+    problem = problem_of(parts, plan)
     found = equilibrium(problem, stepping=stepping)
     outcome = {
         "result": found.result,
         "level": found.level,
         "iterations": found.iterations,
         "smallest_pivot": found.smallest_pivot,
-        "report": observe(scene, problem, found.state, inputs),
+        "report": observe(parts, problem, found.state),
     }
     return outcome, found.state
 
 
 @_compiled
 def _imbalance(
-    structure: Structure, plan: MeshPlan, inputs: dict[str, Array], state: State, level: Array
+    structure: Structure,
+    plan: AbstractPlan,
+    inputs: dict[str, Array],
+    state: State,
+    level: Array,
 ) -> Array:
     """Force residual relative to the largest nodal force of load and pressure."""
     problem = build_problem(structure.scene, plan, inputs)
@@ -260,7 +265,10 @@ def _imbalance(
 
 def attempt(trial: Trial) -> Outcome:
     """Solve a trial and check what comes out, in double precision."""
-    plan, structure = plan_for(trial.scene, *trial.mesh), Structure(trial.scene)
+    layers = trial.mesh[1]
+    counts = trial.mesh if layers else trial.mesh[:1]
+    plan = plan_for(trial.scene, "solid" if layers else "shell", counts)
+    structure = Structure(trial.scene)
     values = continuous_inputs(trial.scene)
     with jax.enable_x64(trial.precision == "float64"):
         inputs = {k: jnp.asarray(v, float) for k, v in values.items()}

@@ -74,8 +74,9 @@ def problem_of(
     spec: SceneSpec, elements: int, layers: int = 0, *, half: bool = False
 ) -> Problem:
     """The discrete problem of a scene on a mesh of its own; a solid where it has layers."""
-    plan = plan_for(spec, elements, layers)
-    return build_problem(spec, plan.half() if half else plan, continuous_inputs(spec))
+    counts = (elements, layers) if layers else (elements,)
+    plan = plan_for(spec, "solid" if layers else "shell", counts)
+    return build_problem(spec, plan.reduced() if half else plan, continuous_inputs(spec))
 
 
 def status(result: Equilibrium) -> str:

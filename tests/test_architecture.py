@@ -1,59 +1,72 @@
 """The direction of imports: along the data flow, and from fitting to the model only."""
 
-import ast
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from import_graph import PAGE, ROOT, cycle, folder_imports, imports, modules, written
 
-ROOT = Path(__file__).parent.parent
-# The data flow; a module may import from its own layer and from those before it.
-LAYERS = [
-    ["numerics", "runtime", "config"],
-    ["acquisition"],  # the serial logger: without the model, and without JAX
-    ["constitutive", "skin"],
-    ["mesh"],
-    ["mechanics"],
-    ["equilibrium", "sensing"],
-    ["scene"],
-    ["simulation", "figures"],
-]
+# The data flow; a file may import from its own layer and from those before it.
+LAYERS = {
+    "suas_jax": [
+        ["numerics", "runtime", "config"],
+        ["acquisition"],  # the serial logger: without the model, and without JAX
+        ["constitutive", "skin"],
+        ["mesh"],
+        ["mechanics"],
+        ["equilibrium", "sensing"],
+        ["scene"],
+        ["simulation", "figures"],
+    ],
+    "fitting": [
+        ["json_text", "column_units"],
+        ["statistics"],
+        ["material", "sensor"],
+        ["inverse_load"],
+        ["cli"],
+    ],
+}
 
 
 def layer_of(module: str) -> int:
-    """Position of a module of suas_jax in the data flow."""
-    name = module.split(".")[1]
-    found = [i for i, layer in enumerate(LAYERS) if name in layer]
-    assert found, f"{module} belongs to no layer: add it to LAYERS"
+    """Position of a file in the data flow of its package."""
+    package, name = module.split(".")[:2]
+    found = [i for i, layer in enumerate(LAYERS[package]) if name in layer]
+    assert found, f"{module} belongs to no layer: add its folder to LAYERS"
     return found[0]
 
 
-def imports_of(path: Path) -> set[str]:
-    """Modules of this project that a file imports, inside functions too."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.module:
-            found.add(node.module)
-        elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return {name for name in found if name.split(".")[0] in ("suas_jax", "fitting")}
+@pytest.mark.parametrize("module", [name for name in modules() if "." in name])
+def test_imports_follow_the_data_flow(module: str) -> None:
+    package = module.split(".")[0]
+    imported = [name for name in imports()[module] if "." in name]
+    if package == "suas_jax":
+        assert not [name for name in imported if name.startswith("fitting")]
+    own = [name for name in imported if name.startswith(package)]
+    assert not [name for name in own if layer_of(name) > layer_of(module)]
 
 
-def modules(package: str) -> list[tuple[str, Path]]:
-    files = sorted((ROOT / package).rglob("*.py"))
-    return [(".".join(f.relative_to(ROOT).with_suffix("").parts), f) for f in files]
+def test_no_file_imports_itself_through_others() -> None:
+    assert cycle(imports()) == []
 
 
-@pytest.mark.parametrize(("module", "path"), modules("suas_jax"))
-def test_imports_follow_the_data_flow(module: str, path: Path) -> None:
-    imported = imports_of(path)
-    assert not [name for name in imported if name.startswith("fitting")]
-    if module == "suas_jax.__init__":
-        return
-    own = layer_of(module)
-    later = [n for n in imported if n.count(".") and layer_of(n) > own]
-    assert not later
+def test_no_folder_imports_itself_through_others() -> None:
+    assert cycle(folder_imports()) == []
+
+
+def test_a_circle_of_imports_is_found() -> None:
+    assert cycle({"a": {"b"}, "b": {"c"}, "c": {"d", "b"}, "d": set()}) == ["b", "c", "b"]
+    assert cycle({"a": {"b", "c"}, "b": {"d"}, "c": {"d"}, "d": set()}) == []
+
+
+def test_the_page_shows_the_imports_of_the_code() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == written(page), "write it again: python tests/import_graph.py"
+
+
+def test_the_model_has_folders_alone_at_its_top() -> None:
+    files = {file.name for file in (ROOT / "suas_jax").glob("*.py")}
+    assert files <= {"__init__.py", "_version.py"}
 
 
 def test_commands_that_compute_nothing_start_without_jax() -> None:

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from suas_jax.config import (
+    CompressibleOilSpec,
     ConfigError,
     ElectrodesSpec,
     GeometrySpec,
     LineLoadSpec,
     MooneyRivlinSpec,
-    OilSpec,
     SceneSpec,
     SolveSpec,
     continuous_inputs,
@@ -268,9 +268,9 @@ def test_with_solve_changes_and_removes_keys():
 
 
 def test_specifications_are_immutable_hashable_and_in_si_units():
-    oil = OilSpec(model="compressible", bulk_modulus="1.5 GPa")
-    assert oil == OilSpec(model="compressible", bulk_modulus=1.5e9)
-    assert hash(oil) == hash(OilSpec(model="compressible", bulk_modulus=1.5e9))
+    oil = CompressibleOilSpec(bulk_modulus="1.5 GPa")
+    assert oil == CompressibleOilSpec(bulk_modulus=1.5e9)
+    assert hash(oil) == hash(CompressibleOilSpec(bulk_modulus=1.5e9))
     with pytest.raises(ValidationError, match="frozen"):
         oil.bulk_modulus = 1.0
     assert ElectrodesSpec(taxels=[{"angle": 0.0}]).lsb == 3.05e-16

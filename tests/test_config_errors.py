@@ -136,7 +136,7 @@ VALUES = [
     ("solve.mesh", "600", "a list in square brackets"),
     # words
     ("material.law", '"mooney"', 'unknown law; did you mean "mooney-rivlin"?|ogden'),
-    ("material.law", "3", 'unknown law|"neo-hookean", "mooney-rivlin", "yeoh", "ogden", '),
+    ("material.law", "3", 'unknown law|"mooney-rivlin", "neo-hookean", "ogden", '),
     ("oil.model", '"incompresible"', 'did you mean "incompressible"?|vented'),
     ("electrodes.capacitance", '"parallel"', 'did you mean "parallel-plate"?|concentric'),
     ("electrodes.layout", '"grid"', 'allowed: "list" or "roboskin"'),
@@ -153,10 +153,15 @@ VALUES = [
     # keys
     ("geometry.thicknes", '"1.5 mm"', 'unknown key; did you mean "thickness"?'),
     ("material.c2", '"-4.4 MPa"', 'unknown key; did you mean "C2"?'),
+    (
+        "material.Jm",
+        "80",
+        'no meaning with law = "mooney-rivlin"; take it out, or set law = "gent"',
+    ),
     ("material.C4", '"1 kPa"', "unknown key|allowed: law, C1, C2 or C3"),
     ("solve.skin", '"a.toml"', "belongs at the top level of the file, before the first"),
     ("solve.oil_gap", '"5 mm"', "belongs in [geometry]"),
-    ("load.1.force", '"3 N"', "unknown key|allowed: kind or pressure"),
+    ("load.1.force", '"3 N"', 'has no meaning with kind = "pressure"|set kind = "line"'),
     # lists of tables
     ("electrodes.taxels", "3", "a list in square brackets|taxels = ["),
     ("electrodes.taxels", "[]", 'missing or empty; layout = "list"'),

@@ -90,7 +90,7 @@ def test_converged_shell_reproduces_the_continuum(row: dict[str, str]) -> None:
 @either_case
 def test_displacement_and_pressure_converge_with_the_fourth_power(case: str) -> None:
     spec = scene(line(CASES[case], 2.0))
-    plan = plan_for(spec, 15)
+    plan = plan_for(spec, "shell", (15,))
     values = []
     for _ in range(3):
         problem = build_problem(spec, plan, continuous_inputs(spec))
@@ -144,7 +144,7 @@ def test_pulling_lowers_the_pressure_of_the_linear_response(case: str) -> None:
 @pytest.mark.parametrize("force", [1.0, 24.4, 120.0])
 def test_force_and_pressure_control_agree(case: str, force: float) -> None:
     given_force = converged(problem_of(scene(line(CASES[case], force)), ELEMENTS)).state
-    plan = plan_for(scene(line(CASES[case], force)), ELEMENTS)
+    plan = plan_for(scene(line(CASES[case], force)), "shell", (ELEMENTS,))
     spec = scene(line(CASES[case], 3.0), oil_pressure=float(given_force.pressure[0]))
     given_pressure = converged(build_problem(spec, plan, continuous_inputs(spec))).state
     np.testing.assert_allclose(given_pressure.factor * 3.0, force, rtol=1e-9)
@@ -171,7 +171,7 @@ def test_work_of_the_loads_is_stored_as_strain_energy() -> None:
     # W = F u - integral of u dF, with u(F) at Gauss points: exact up to rounding.
     force = 20.0
     spec = scene(line(45, force))
-    plan, inputs = plan_for(spec, ELEMENTS), continuous_inputs(spec)
+    plan, inputs = plan_for(spec, "shell", (ELEMENTS,)), continuous_inputs(spec)
     nodes, weights = np.polynomial.legendre.leggauss(24)
     # The path starts like a straight line and stiffens on the scale of a newton: points
     # gather there.
@@ -252,7 +252,7 @@ def test_uniform_pressure_passes_to_incompressible_oil() -> None:
 
 def test_uniform_pressure_shifts_the_oil_pressure_under_a_load() -> None:
     alone = converged(problem_of(scene(line(45, 10)), ELEMENTS)).state
-    plan = plan_for(scene(line(45, 10)), ELEMENTS)
+    plan = plan_for(scene(line(45, 10)), "shell", (ELEMENTS,))
     spec = scene(line(45, 10), {"kind": "pressure", "pressure": "3 kPa"})
     both = converged(build_problem(spec, plan, continuous_inputs(spec))).state
     np.testing.assert_allclose(both.pressure, alone.pressure + 3000, rtol=1e-11)

@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from suas_jax.acquisition.frames.encode import ENCODERS, crc16, stuffed
-from suas_jax.acquisition.frames.formats import FORMATS, decoder
+from suas_jax.acquisition.frames.checksum import crc16
+from suas_jax.acquisition.frames.formats.cobs import stuffed
 from suas_jax.acquisition.frames.reading import Reading
-from suas_jax.acquisition.frames.roboskin import RECORD
+from suas_jax.acquisition.frames.registry import ENCODERS, FORMATS, decoder
+from suas_jax.acquisition.ports.can_bus import RECORD
 
 EXAMPLE = Reading(258, 1.5, 3, (13675, 0, 65535))
 # Written byte by byte from docs/firmware_frames.md, not by the encoder.
@@ -255,7 +256,7 @@ def fuzz(name: str, seed: int, size: int) -> tuple[int, int]:
     return false, peak
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", list(FORMATS))
 def test_fuzz(name):
     """Random bytes and mutilated frames: no crash, bounded memory, no false frame."""
     false, peak = fuzz(name, seed=7, size=300_000)
@@ -266,7 +267,7 @@ def test_fuzz(name):
 
 @settings(max_examples=150)
 @given(
-    name=st.sampled_from(FORMATS),
+    name=st.sampled_from(list(FORMATS)),
     chunks=st.lists(
         st.one_of(
             st.binary(max_size=80),

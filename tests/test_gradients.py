@@ -56,7 +56,7 @@ class Programs(NamedTuple):
 
 def quantities_of(spec: SceneSpec) -> Callable[[Inputs], jax.Array]:
     """Oil pressure, load factor, a displacement, work and energy of a scene's inputs."""
-    plan = plan_for(spec, ELEMENTS)
+    plan = plan_for(spec, "shell", (ELEMENTS,))
 
     def values(inputs: Inputs) -> jax.Array:
         problem = build_problem(spec, plan, inputs)
@@ -179,7 +179,9 @@ def test_derivatives_without_any_load() -> None:
     program, spec = programs(TRAPPED), SCENES[TRAPPED]
     inputs = {**program.inputs, "load.0.force": jnp.asarray(0.0)}
     linear = np.array([0, 2, 3])  # the quantities that start linearly
-    unit = build_problem(spec, plan_for(spec, ELEMENTS), {**inputs, "load.0.force": 1.0})
+    unit = build_problem(
+        spec, plan_for(spec, "shell", (ELEMENTS,)), {**inputs, "load.0.force": 1.0}
+    )
     answer = compliance(unit.mechanics)
     want = [answer.border[0], *answer.stations[:2, 4, 0]]
     forward, values = program.forward(inputs)
@@ -213,7 +215,7 @@ def dot(a: Inputs, b: Inputs) -> jax.Array:
 
 def test_second_derivatives() -> None:
     spec = scene(line(25, 12), material=LAWS["neo-hookean"])
-    values, plan = quantities_of(spec), plan_for(spec, ELEMENTS)
+    values, plan = quantities_of(spec), plan_for(spec, "shell", (ELEMENTS,))
     inputs = continuous_inputs(spec)
     point = {path: jnp.asarray(inputs[path]) for path in CURVED}
     direction = {path: 0.1 * (i + 1) * x for i, (path, x) in enumerate(point.items())}

@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 
 import benchmarks.inverse_load
 from fitting.cli.app import app
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
-from fitting.inverse_load.fit.posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.stream import live_frames
-from fitting.inverse_load.report.estimate import Contact, LoadEstimate
+from fitting.inverse_load.posterior import frame_posterior, likely_modes
 from fitting.statistics.posterior import Settings
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags

@@ -1,5 +1,8 @@
 """One contract for every material law."""
 
+import dataclasses
+import inspect
+import tomllib
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -9,7 +12,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from suas_jax.config import (
+    ArrudaBoyceSpec,
+    CarrollSpec,
+    GentSpec,
+    LawSpec,
+    MooneyRivlinSpec,
+    NeoHookeanSpec,
+    OgdenSpec,
+    PolynomialSpec,
+    YeohSpec,
+    scene_from_dict,
+)
 from suas_jax.constitutive import (
+    LAWS,
     AbstractLaw,
     ArrudaBoyce,
     Gent,
@@ -18,6 +34,7 @@ from suas_jax.constitutive import (
     Ogden,
     Polynomial,
     Yeoh,
+    build_law,
 )
 from suas_jax.constitutive.deformation import (
     DeformationGradient,
@@ -31,33 +48,45 @@ TABLE_1 = ([6.3e5, 0.012e5, -0.1e5], [1.3, 5.0, -2.0])
 
 
 class Case(NamedTuple):
-    """A law and the textbook formula of its stress.
+    """A law, its modulus, and the textbook formula of its stress.
 
     `share(x, i1, i2)` is the part of σ_i + p that belongs to the stretch x.
     """
 
-    law: AbstractLaw
+    material: LawSpec
     modulus: float
     share: Callable[[np.ndarray, float, float], np.ndarray]
 
+    @property
+    def law(self) -> AbstractLaw:
+        """The law itself."""
+        return build_law(self.material)
+
 
 CASES = {
-    "neo-hookean": Case(NeoHookean(4.2e5), 4.2e5, lambda x, i1, i2: 4.2e5 * x**2),
+    "carroll": Case(
+        CarrollSpec(A=0.15e6, B=40.0, C=95e3),
+        2 * 0.15e6 + 216 * 40.0 + 95e3 / 3**0.5,
+        lambda x, i1, i2: 2 * (0.15e6 + 4 * 40.0 * i1**3) * x**2 - 95e3 / i2**0.5 * x**-2,
+    ),
+    "neo-hookean": Case(NeoHookeanSpec(mu=4.2e5), 4.2e5, lambda x, i1, i2: 4.2e5 * x**2),
     "mooney-rivlin": Case(
-        MooneyRivlin(20.7e6, -4.4e6, 77e3),
+        MooneyRivlinSpec(C1=20.7e6, C2=-4.4e6, C3=77e3),
         32.6e6,
         lambda x, i1, i2: 2 * 20.7e6 * x**2 - 2 * (-4.4e6 + 2 * 77e3 * (i2 - 3)) * x**-2,
     ),
     "yeoh": Case(
-        Yeoh(0.2e6, -2e3, 50.0),
+        YeohSpec(C1=0.2e6, C2=-2e3, C3=50.0),
         0.4e6,
         lambda x, i1, i2: 2 * (0.2e6 - 2 * 2e3 * (i1 - 3) + 3 * 50.0 * (i1 - 3) ** 2) * x**2,
     ),
     "gent": Case(
-        Gent(0.4e6, 30.0), 0.4e6, lambda x, i1, i2: 0.4e6 * 30.0 / (30.0 - i1 + 3) * x**2
+        GentSpec(mu=0.4e6, Jm=30.0),
+        0.4e6,
+        lambda x, i1, i2: 0.4e6 * 30.0 / (30.0 - i1 + 3) * x**2,
     ),
     "arruda-boyce": Case(
-        ArrudaBoyce(0.3e6, 3.0),
+        ArrudaBoyceSpec(mu=0.3e6, lambda_m=3.0),
         0.3e6 * (1 + 3 / 45 + 99 / 175 / 3**4 + 513 / 875 / 3**6 + 42039 / 67375 / 3**8),
         lambda x, i1, i2: (
             2
@@ -73,7 +102,17 @@ CASES = {
         ),
     ),
     "polynomial": Case(
-        Polynomial(2e5, 1e4, -3e3, 2e3, 1e3, 100.0, 200.0, 300.0, 400.0),
+        PolynomialSpec(
+            C10=2e5,
+            C01=1e4,
+            C20=-3e3,
+            C11=2e3,
+            C02=1e3,
+            C30=100.0,
+            C21=200.0,
+            C12=300.0,
+            C03=400.0,
+        ),
         4.2e5,
         lambda x, i1, i2: (
             2
@@ -99,11 +138,15 @@ CASES = {
         ),
     ),
     "ogden": Case(
-        Ogden(*TABLE_1),
+        OgdenSpec(mu=TABLE_1[0], alpha=TABLE_1[1], convention="mu/alpha"),
         4.225e5,
         lambda x, i1, i2: sum(m * x**a for m, a in zip(*TABLE_1, strict=True)),
     ),
-    "ogden, one term": Case(Ogden(-3e5, -1.7), 2.55e5, lambda x, i1, i2: -3e5 * x**-1.7),
+    "ogden, one term": Case(
+        OgdenSpec(mu=(-3e5,), alpha=(-1.7,), convention="mu/alpha"),
+        2.55e5,
+        lambda x, i1, i2: -3e5 * x**-1.7,
+    ),
 }
 STATES = {
     "rest": np.ones(3),
@@ -134,6 +177,36 @@ def expansion(law: AbstractLaw, F: jax.Array) -> tuple[jax.Array, jax.Array, jax
 @pytest.fixture(params=list(CASES))
 def case(request: pytest.FixtureRequest) -> Case:
     return CASES[request.param]
+
+
+def test_every_law_has_a_case() -> None:
+    assert {case.material.law for case in CASES.values()} == set(LAWS)
+
+
+@pytest.mark.parametrize("law", list(LAWS))
+def test_declaration_agrees_with_the_law_itself(law: str) -> None:
+    declared, built = LAWS[law].spec, LAWS[law]
+    assert declared is not None
+    arguments = inspect.signature(built.__init__).parameters
+    assert set(arguments) - {"self"} == set(declared.declared())
+    for key in declared.declared():
+        field, argument = declared.model_fields[key], arguments[key]
+        assert field.is_required() == (argument.default is inspect.Parameter.empty)
+        assert field.is_required() or field.default == argument.default
+
+
+@pytest.mark.parametrize("law", list(LAWS))
+def test_examples_of_the_declaration_are_a_law(law: str) -> None:
+    fields = LAWS[law].spec.model_fields
+    table = tomllib.loads("\n".join(f"{k} = {f.examples[0]}" for k, f in fields.items()))
+    scene = {
+        "geometry": {"inner_radius": "50 mm", "thickness": "1 mm", "half_angle": "90 deg"}
+        | {"width": "100 mm", "oil_gap": "5 mm"},
+        "oil": {"model": "incompressible"},
+    }
+    material = scene_from_dict({**scene, "material": table}).material
+    assert build_law(material).shear_modulus > 0.0
+    assert scene_from_dict({**scene, "material": material.table()}).material == material
 
 
 def test_rest_has_neither_energy_nor_stress(case: Case) -> None:
@@ -249,8 +322,8 @@ def test_all_deformations_give_one_energy(case: Case, stretch: float) -> None:
 def test_lanes_broadcast_against_trailing_axes(case: Case) -> None:
     factors = jnp.array([0.5, 1.0, 3.0])
     leaves, structure = jax.tree.flatten(case.law)
-    shaped = isinstance(case.law, Ogden | Gent | ArrudaBoyce)
-    is_stiffness = [True, False] if shaped else [True] * len(leaves)
+    keys = [field.name for field in dataclasses.fields(case.law)]
+    is_stiffness = [case.material.unit(key) == "Pa" for key in keys]
     lanes = jax.tree.unflatten(
         structure,
         [

@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.material.data.data_checks import contradictions, warnings_of
-from fitting.material.data.datasets import load_dataset
 from fitting.material.data.tables import DataError
+from fitting.material.experiments.data_checks import contradictions, warnings_of
+from fitting.material.experiments.datasets import load_dataset
 
 STRETCH = np.array([1.0, 1.2, 1.5, 2.0])
 NOMINAL = 4e5 * (STRETCH - STRETCH**-2)

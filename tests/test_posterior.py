@@ -143,7 +143,7 @@ def test_devices_share_the_ensemble() -> None:
 
 CLUSTER = """
 import os, pathlib, signal, sys, threading, time, json
-from fitting.material.fit.many import calibrate_all, connect, load_jobs
+from fitting.material.many import calibrate_all, connect, load_jobs
 
 def main():
     results = pathlib.Path(sys.argv[2])

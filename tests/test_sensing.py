@@ -10,21 +10,22 @@ from skins import EPDM, converged, line, problem_of, quick, scene
 
 from suas_jax.config import ConfigError, GeometrySpec, continuous_inputs, scene_from_dict
 from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.section_face import INTERVALS, PolarFace, polar_face, radius_at
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.build import all_numbers, geometry_of
 from suas_jax.scene.forward import forward, loads_of, skin_of
 from suas_jax.scene.gradient import gradient
+from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric, ParallelPlate
 from suas_jax.sensing.converter import EIGHT_BIT_LSB, PAPER_LSB, Converter
-from suas_jax.sensing.electrodes import Electrodes, Readings, electrodes_of
-from suas_jax.sensing.gap import PolarFace, polar_face, radius_at
+from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.sensing.taxels import (
+    CHORDS,
+    DISC,
     PLACE_CHANNELS,
     Taxels,
     module_places,
     taxel_names,
-    taxels_of,
 )
 from suas_jax.sensing.tiling import tiled_modules
 from suas_jax.skin.geometry import SkinGeometry, outward
@@ -76,13 +77,13 @@ def test_formulas() -> None:
 class Bent:
     """Stands for a membrane: the undeformed face with a dent of given depth at the crown."""
 
-    def profile(self, q: jax.Array, samples: int) -> Profile:
-        """As `AbstractMechanics.profile`, as far as gaps need it."""
+    def face(self, q: jax.Array, inner_radius: jax.Array) -> PolarFace:
+        """As `AbstractMechanics.face`."""
         angle = jnp.linspace(-np.pi / 2, np.pi / 2, 9)
-        angle = angle[:-1] + jnp.linspace(0, 1, samples + 1)[:, None] * jnp.diff(angle)
+        angle = angle[:-1] + jnp.linspace(0, 1, INTERVALS + 1)[:, None] * jnp.diff(angle)
         moved = -q * jnp.exp(-((angle / 0.2) ** 2)) * outward(angle)
-        nothing = (None,) * 4
-        return Profile(angle[..., None], None, moved[..., None], *nothing)
+        shape = Profile(angle[..., None], None, moved[..., None], *(None,) * 4)
+        return polar_face(shape, inner_radius)
 
 
 @quick
@@ -95,8 +96,7 @@ def test_at_rest_every_taxel_has_the_paper_s_capacitance() -> None:
     named = sensing(table=electrodes(layers=layers), relative_permittivity="silicone-oil")
     assert named.oil.relative_permittivity == 2.7
     for spec, film in ((sensing(), 5e-3 / 2.2), (named, 5e-3 / 2.7 + 50e-6 / 3.3)):
-        numbers = all_numbers(spec, continuous_inputs(spec))
-        found = read(electrodes_of(spec, numbers, geometry_of(numbers)), 0.0)
+        found = read(skin_parts(spec, continuous_inputs(spec)).electrodes, 0.0)
         np.testing.assert_allclose(found.gap, 5e-3, rtol=1e-12)
         want = 3e-15 + 8.8541878188e-12 * np.pi / 4 * 4e-3**2 / film
         np.testing.assert_allclose(found.capacitance, want, rtol=1e-12)
@@ -119,15 +119,25 @@ def test_average_over_a_footprint() -> None:
     # 1 / d linear along the arc: the mean over a disc is the value at its centre. With d
     # itself linear, d = a + b x, the mean of 1/d over a disc has a closed form.
     taxels = Taxels(*jnp.array([[0.3], [0.0], [8e-3]])[..., None], (0,), (1,))
-    rays = taxels.rays(WALL)
+    rays = jnp.stack([angle for angle, _ in taxels.rays(CHORDS, WALL)])
     slope = 0.2
     x = (rays - 0.3) * WALL
-    mean = taxels.average(1 / (3e-3 + slope * x))[0, 0]
+    mean = CHORDS.average(1 / (3e-3 + slope * x))[0, 0]
     ratio = slope * 4e-3 / 3e-3
     exact = 2 / (3e-3 * ratio**2) * (1 - np.sqrt(1 - ratio**2))
     assert mean == pytest.approx(exact, rel=1e-6)
-    assert taxels.average(x)[0, 0] == pytest.approx(0, abs=1e-17)
-    assert taxels.average(x**2)[0, 0] == pytest.approx(4e-3**2 / 4, rel=1e-12)
+    assert CHORDS.average(x)[0, 0] == pytest.approx(0, abs=1e-17)
+    assert CHORDS.average(x**2)[0, 0] == pytest.approx(4e-3**2 / 4, rel=1e-12)
+
+
+def test_average_over_a_footprint_in_both_directions() -> None:
+    # Moments of the unit disc: <x^2> = 1/4, <x^4> = 1/8, <x^2 y^2> = 1/24.
+    x, y = DISC.places.T
+    assert DISC.places[DISC.centre].tolist() == [0, 0]
+    for values, mean in ((x, 0), (x**2, 1 / 4), (y**2, 1 / 4), (y**4, 1 / 8)):
+        assert DISC.average(values) == pytest.approx(mean, abs=1e-15)
+    assert DISC.average(x**2 * y**2) == pytest.approx(1 / 24)
+    assert DISC.average(x**2 * y) == pytest.approx(0, abs=1e-15)
 
 
 def test_rays_meet_the_face() -> None:
@@ -150,7 +160,7 @@ def test_gap_is_where_the_inner_face_is(pressed: tuple) -> None:
     def both(mechanics: Shell, q: jax.Array) -> tuple[jax.Array, jax.Array]:
         shape = mechanics.profile(q, 7)  # other points than those that rays are drawn through
         x, y = 0.0575 * outward(shape.angle) + shape.inner_displacement
-        face = polar_face(mechanics, q, jnp.array([0.0575]))
+        face = mechanics.face(q, jnp.array([0.0575]))
         angle = jnp.arctan2(x, y).reshape(-1, 1)
         return radius_at(face, angle).ravel(), jnp.hypot(x, y).ravel()
 
@@ -161,7 +171,7 @@ def test_gap_is_where_the_inner_face_is(pressed: tuple) -> None:
 
 def test_a_face_that_turns_back_has_no_gap(pressed: tuple) -> None:
     mechanics, q = pressed
-    folded = quick(lambda m, q: polar_face(m, q, jnp.array([0.0575])).folded)
+    folded = quick(lambda m, q: m.face(q, jnp.array([0.0575])).folded)
     assert not folded(mechanics, q).any()
     assert folded(mechanics, 40 * q).all()
 
@@ -239,8 +249,7 @@ def roboskin(**module: object) -> object:
 
 
 def places(spec: object) -> tuple[np.ndarray, Taxels]:
-    numbers = all_numbers(spec, continuous_inputs(spec))
-    taxels = taxels_of(spec.electrodes, numbers, WALL)
+    taxels = skin_parts(spec, continuous_inputs(spec)).electrodes.taxels
     x = (taxels.angle[:, 0] - np.deg2rad(10)) * 0.0525
     return np.stack([x, taxels.axial[:, 0] - 2e-3], 1), taxels
 

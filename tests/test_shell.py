@@ -153,7 +153,7 @@ def test_energy_of_a_rotation_vanishes_with_refinement() -> None:
     # The turned reference arc is no cubic: what is left is an error of interpolation.
     energies = []
     spec = scene(line(20, 5))
-    plan = plan_for(spec, 8)
+    plan = plan_for(spec, "shell", (8,))
     for _ in range(3):
         shell = build_problem(spec, plan, continuous_inputs(spec)).mechanics
         turned = moved(shell, shell.rest(), 1.0, np.zeros(2))

@@ -7,17 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.material.data.datasets import load_dataset
-from fitting.material.data.measurements import Dataset
 from fitting.material.data.tables import DataError
+from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.skin_curve import predicted, specimen
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.posterior import sample_material
+from fitting.material.fit.residuals import readings, shared_error
 from fitting.material.fit.result import MaterialFit
-from fitting.material.fit.skin_curve import predicted, specimen
 from fitting.material.report.predictive_plot import plot_predictive
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.posterior import Settings
-from fitting.statistics.residuals import readings, shared_error
 from suas_jax.config import load_scene
 from suas_jax.constitutive import MooneyRivlin
 

@@ -272,7 +272,7 @@ def test_half_an_arc_gives_the_same(solved: dict[str, tuple]) -> None:
 def test_estimated_error_covers_the_true_one(solved: dict[str, tuple]) -> None:
     row, problem, state = solved["B-10000"]
     spec = scene(line(45, 1.0))
-    plan = plan_for(scene(line(45, 1.0), oil_pressure=1e4), 128, 2).comparison()
+    plan = plan_for(scene(line(45, 1.0), oil_pressure=1e4), "solid", (128, 2)).comparison()
     coarse = build_problem(spec, plan, continuous_inputs(spec))
     start = State(problem.mechanics.to_comparison_mesh(state.q), state.pressure, state.factor)
     checked = check(coarse, start)
@@ -287,7 +287,7 @@ def test_work_of_the_loads_is_stored_as_energy() -> None:
     # Trapped oil does no work: the load's work along the path is all there is. The
     # trapezoidal rule's error goes with the square of the step: extrapolate.
     spec = scene(line(45, 16.0))
-    plan, inputs = plan_for(spec, 32, 2), continuous_inputs(spec)
+    plan, inputs = plan_for(spec, "solid", (32, 2)), continuous_inputs(spec)
     levels = np.linspace(0, 1, 17)
     moved, energy = [0.0], 0.0
     for level in levels[1:]:

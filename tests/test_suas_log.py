@@ -20,8 +20,8 @@ import pytest
 
 from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.device.faults import Faults, parse_faults
-from suas_jax.acquisition.frames.encode import ENCODERS
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 
 ROOT = Path(__file__).parent.parent
@@ -246,7 +246,7 @@ def test_a_busy_port_is_named(tmp_path):
     [
         (["/dev/ttyNOPE", "--format", "text"], ["/dev/ttyNOPE", "no such port"]),
         (["/etc/hosts", "--format", "text"], ["not a serial port"]),
-        (["/dev/null", "--format", "morse"], ["morse", "text, cobs, roboskin"]),
+        (["/dev/null", "--format", "morse"], ["morse", "cobs, roboskin, text"]),
         (["socket://127.0.0.1:9", "--format", "text"], ["can't connect"]),
         (["0000:0000:X", "--format", "text"], ["no such USB device"]),
     ],
@@ -266,9 +266,8 @@ def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
 def test_the_logger_imports_no_jax():
     program = (
         "import sys, fitting.cli.app\n"
-        "import suas_jax.acquisition.view, suas_jax.acquisition.frames.text\n"
-        "import suas_jax.acquisition.frames.cobs, suas_jax.acquisition.frames.roboskin\n"
-        "import suas_jax.acquisition.frames.formats, suas_jax.acquisition.log.record\n"
+        "import suas_jax.acquisition.view, suas_jax.acquisition.frames.registry\n"
+        "import suas_jax.acquisition.log.record\n"
         "import suas_jax.config\n"
         "print([m for m in sys.modules if m.split('.')[0] in ('jax', 'equinox', 'scipy')])"
     )

@@ -1,15 +1,15 @@
 """`suas fit material`. JAX is imported inside the command."""
 
-import contextlib
-import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from fitting.cli.solve import NO_SOLUTION, bad_input, finite
+from fitting.cli.progress import fitting_spinner
+from fitting.cli.solve import NO_SOLUTION, bad_input
+from fitting.json_text import json_text
+from suas_jax.runtime.registry import model_names
 
 
 def register(app: typer.Typer) -> None:
@@ -29,8 +29,7 @@ def material(
     law: Annotated[
         str,
         typer.Option(
-            help="neo-hookean, mooney-rivlin, yeoh, ogden, gent, arruda-boyce, polynomial; "
-            "auto compares them."
+            help=f"{', '.join(model_names('suas_jax.config.laws'))}; auto compares them."
         ),
     ] = "ogden",
     terms: Annotated[
@@ -104,15 +103,15 @@ def material(
         sizes = _sizes(specimen)
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
-        from fitting.material.data.datasets import load_dataset
-        from fitting.material.data.measurements import mode_named
+        from fitting.material.experiments.datasets import load_dataset
+        from fitting.material.experiments.measurements import mode_named
 
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
         ]
-        with _progress() as show:
+        with fitting_spinner() as show:
             report, fit = _fit(
                 sets,
                 law,
@@ -147,21 +146,16 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
-                from fitting.material.export import Law, write_card
+                from fitting.material.report.cards import write_card
 
-                law_card = Law(
-                    fit.family.law_name,
-                    fit.family.tree(map(float, fit.constants)),
-                    float(fit.law.shear_modulus),
-                )
                 for name, file in cards:
-                    write_card(law_card, name, Path(file))
+                    write_card(fit.material(), name, Path(file))
             if fit is not None and plot is not None:
                 from fitting.material.report.plots import plot_material
 
                 plot_material(fit, plot)
     if as_json:
-        typer.echo(json.dumps(finite(report), allow_nan=False))
+        typer.echo(json_text(report))
     elif fit is not None:
         from fitting.material.report.text import print_report
 
@@ -205,21 +199,6 @@ def _fit(
 
 def _on_skin(sets: list[Any]) -> bool:
     return any(data.mode == "skin" for data in sets)
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Callable[[str], None]]:
-    """Show what is being done on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda text: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("reading", total=None)
-        yield lambda text: progress.update(task, description=f"fitting {text}")
 
 
 def _pair(

@@ -1,11 +1,11 @@
 """`suas fit materials`: many membranes, on this machine or on a cluster."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fitting.cli.progress import bar
 from fitting.cli.solve import bad_input
 
 
@@ -31,18 +31,13 @@ def materials(
     2 bad input.
     """
     with bad_input():
-        from fitting.material.fit.many import calibrate_all, connect, load_jobs
+        from fitting.material.many import calibrate_all, connect, load_jobs
 
         wanted = load_jobs(jobs)
         client = connect(scheduler, workers)
-    terminal = sys.stderr.isatty()
-
-    def progress(done: int, total: int, name: str) -> None:
-        if terminal:
-            typer.echo(f"\r{done} of {total}: {name}\x1b[K", nl=done == total, err=True)
-
     try:
-        added = calibrate_all(wanted, output, client, progress)
+        with bar("calibrating membranes", len(wanted)) as advance:
+            added = calibrate_all(wanted, output, client, lambda done, *_: advance(done))
     finally:
         cluster = client.cluster
         client.close()

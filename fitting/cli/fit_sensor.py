@@ -1,14 +1,14 @@
 """`suas fit sensor`. JAX is imported inside the command."""
 
-import json
 import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fitting.cli.fit_material import _progress
-from fitting.cli.solve import bad_input, finite
+from fitting.cli.progress import fitting_spinner
+from fitting.cli.solve import bad_input
+from fitting.json_text import json_text
 
 _MARK = "written by suas fit sensor"
 
@@ -116,13 +116,13 @@ def sensor(
         target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
         _must_be_free(target, skin, overwrite, own=output is None)
         if plot is not None:
-            from suas_jax.figures.section import check_figure_file
+            from suas_jax.figures.style import check_figure_file
 
             check_figure_file(plot)
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
 
-        with _progress() as show:
+        with fitting_spinner() as show:
             spec = load_skin(skin)
             names = [name.strip() for name in fit.split(",") if name.strip()]
             if joint:
@@ -170,7 +170,7 @@ def sensor(
             _write(target, calibrated_skin(skin, found))
             report["skin_file"] = str(target)
     if as_json:
-        typer.echo(json.dumps(finite(report), allow_nan=False))
+        typer.echo(json_text(report))
     else:
         from fitting.sensor.report.text import print_report
 

@@ -1,17 +1,19 @@
 """`suas invert`. JAX is imported inside the command."""
 
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fitting.cli.solve import BAD_INPUT, bad_input, finite
+from fitting.cli.log import FORMAT_NAMES
+from fitting.cli.progress import bar
+from fitting.cli.solve import BAD_INPUT, bad_input
+from fitting.json_text import json_text
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
-    from fitting.inverse_load.fit.posterior import Mode
+    from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.posterior import Mode
     from fitting.inverse_load.readings import LogReadings
 
 
@@ -32,7 +34,7 @@ def invert(
         str | None, typer.Option(metavar="PORT", help="Read a port, as `suas log` does.")
     ] = None,
     format_name: Annotated[
-        str, typer.Option("--format", metavar="NAME", help="Live: text, cobs, roboskin.")
+        str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
     ] = "text",
     baud: Annotated[int, typer.Option(min=1, help="Live: bits per second.")] = 115200,
     duration: Annotated[
@@ -97,7 +99,7 @@ def invert(
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
-            from fitting.inverse_load.live.stream import LiveOptions, run_live
+            from fitting.inverse_load.live.run import LiveOptions, run_live
 
             options = LiveOptions(
                 live, format_name, baud, duration, latency, log, as_json, smooth
@@ -143,7 +145,7 @@ def _offline(
     from suas_jax.acquisition.log.log_file import read_log
 
     if plot is not None:
-        from suas_jax.figures.section import check_figure_file
+        from suas_jax.figures.style import check_figure_file
 
         check_figure_file(plot)
     try:
@@ -154,13 +156,14 @@ def _offline(
             from fitting.inverse_load.estimator import LoadEstimate
 
             nothing = LoadEstimate(None, status=status)
-            typer.echo(json.dumps(finite(frame_json(float("nan"), None, nothing))))
+            typer.echo(json_text(frame_json(float("nan"), None, nothing)))
         _say(str(error))
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
         _say(f"{log}: {note}")
     modes = None if posterior is None else _modes(estimator, readings, posterior)
-    estimates = _with_bar(estimator, readings.so, readings.stuck)
+    with bar("estimating loads", len(readings.so)) as advance:
+        estimates = estimator.estimate(readings.so, readings.stuck, advance)
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter
@@ -181,7 +184,7 @@ def _offline(
             line = frame_json(float(readings.time[k]), int(readings.seq[k]), estimate, smoothed)
             if modes is not None and line["seq"] == posterior:
                 line["posterior"] = posterior_json(modes)
-            lines.append(json.dumps(finite(line), allow_nan=False))
+            lines.append(json_text(line))
         typer.echo("\n".join(lines))
     else:
         print_table(readings.time, estimates)
@@ -193,7 +196,7 @@ def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "li
     """Modes of the frame with a number."""
     import numpy as np
 
-    from fitting.inverse_load.fit.posterior import frame_posterior
+    from fitting.inverse_load.posterior import frame_posterior
 
     frames = np.flatnonzero(readings.seq == seq)
     if not frames.size:
@@ -206,15 +209,3 @@ def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "li
         return frame_posterior(estimator, readings.so[i], readings.stuck[i], progress=_say)
     except ValueError as error:
         raise ValueError(f"--posterior {seq}: {error}") from None
-
-
-def _with_bar(estimator: "LoadEstimator", so: Any, stuck: Any) -> "list[LoadEstimate]":
-    """Estimate, with a progress bar on a terminal."""
-    if not sys.stderr.isatty():
-        return estimator.estimate(so, stuck)
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("estimating loads", total=len(so))
-        return estimator.estimate(so, stuck, lambda done: progress.update(task, completed=done))

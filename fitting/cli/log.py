@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.solve import BAD_INPUT, bad_input
+from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from suas_jax.acquisition.log.log_file import SoLog
+
+FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 
 
 def register(app: typer.Typer) -> None:
@@ -31,7 +34,11 @@ def log(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log.")],
     format_name: Annotated[
         str,
-        typer.Option("--format", metavar="NAME", help="Frame format: text, cobs, roboskin."),
+        typer.Option(
+            "--format",
+            metavar="NAME",
+            help=f"Frame format: {', '.join(FORMAT_NAMES)}.",
+        ),
     ],
     baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
     duration: Annotated[
@@ -55,7 +62,7 @@ def log(
     Exit status: 0 recorded, 2 bad input (the port can't be opened, or nothing came).
     """
     with bad_input():
-        from suas_jax.acquisition.frames.formats import decoder, open_source
+        from suas_jax.acquisition.frames.registry import decoder, open_source
         from suas_jax.acquisition.log.log_file import LogWriter, log_header
         from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
         from suas_jax.acquisition.signals import ended_by_signal

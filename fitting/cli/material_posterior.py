@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from fitting.material.fit.posterior import MaterialPosterior, sample_material
+from fitting.material.fit.posterior import sample_material
 from fitting.material.fit.result import MaterialFit
+from fitting.material.report.posterior_files import plot_corner, to_arviz
 from fitting.statistics.posterior import PosteriorError, Settings
 
 
@@ -38,57 +39,3 @@ def run(
         show("posterior predictive plot")
         plot_predictive(found, predictive)
     return found.report
-
-
-def to_arviz(found: MaterialPosterior) -> Any:
-    """Samples after burn-in as ArviZ data: a chain a walker, constants in SI units.
-
-    Raises:
-        ValueError: ArviZ is not installed.
-    """
-    import warnings
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FutureWarning)
-            import arviz
-    except ImportError:
-        raise ValueError('--arviz needs ArviZ: pip install "suas-jax[posterior]"') from None
-    posterior = found.posterior
-    kept = posterior.chain[posterior.burn_in :].swapaxes(0, 1)
-    values = found.constants(kept.reshape(-1, kept.shape[-1])).reshape(*kept.shape[:2], -1)
-    columns = {name: values[..., i] for i, name in enumerate(found.fit.family.names)}
-    if not found.noise_known:
-        import numpy as np
-
-        columns["noise"] = np.exp(kept[..., -1])
-    statistics = {"lp": posterior.log_probability[posterior.burn_in :].T}
-    return arviz.from_dict(posterior=columns, sample_stats=statistics)
-
-
-def plot_corner(found: MaterialPosterior, file: Path) -> None:
-    """Write a corner plot of the constants (MPa or plain numbers).
-
-    Raises:
-        ValueError: corner is not installed.
-    """
-    try:
-        import corner
-    except ImportError:
-        raise ValueError('--corner needs corner: pip install "suas-jax[posterior]"') from None
-    import numpy as np
-    from matplotlib.figure import Figure
-
-    family = found.fit.family
-    size = np.array([1e6 if unit == "Pa" else 1.0 for unit in family.units])
-    labels = [
-        f"{name} [MPa]" if unit == "Pa" else name
-        for name, unit in zip(family.names, family.units, strict=True)
-    ]
-    count = family.size
-    figure = Figure(figsize=(2.2 * count + 1, 2.2 * count + 1))
-    draws = found.constants(found.posterior.samples) / size
-    corner.corner(
-        draws, labels=labels, truths=found.fit.constants / size, fig=figure, show_titles=True
-    )
-    figure.savefig(file, dpi=150)

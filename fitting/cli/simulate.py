@@ -1,15 +1,14 @@
 """`suas simulate` and `suas convert`; imports inside the commands, as in `solve`."""
 
-import contextlib
 import re
-import sys
-from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fitting.cli.log import FORMAT_NAMES
+from fitting.cli.progress import bar
 from fitting.cli.solve import NO_SOLUTION, bad_input
 
 Overwrite = Annotated[bool, typer.Option(help="Replace an existing file.")]
@@ -75,7 +74,7 @@ def simulate(
         typer.Option(
             "--format",
             metavar="NAME",
-            help="Live: text, text-checked, cobs, roboskin.",
+            help=f"Live: {', '.join(FORMAT_NAMES)}, or text-checked.",
         ),
     ] = "text",
     port: Annotated[
@@ -133,8 +132,8 @@ def simulate(
         from suas_jax.runtime.settings import configure
 
         configure()
-        from suas_jax import simulate as play
         from suas_jax.sensing.taxels import taxel_names
+        from suas_jax.simulation import load_path as play
 
         path = None if scene.suffix.lower() == ".toml" else play.load_path(scene)
         spec = load_scene(scene) if path is None else path.scene
@@ -151,7 +150,7 @@ def simulate(
             if path is None:
                 capacitance = np.tile(play.static_capacitance(spec), (count, 1))
             else:
-                with _bar("simulating", count) as advance:
+                with bar("simulating", count) as advance:
                     capacitance = play.capacitances(path, path.time[0] + time, advance)
         except play.NoSolutionError as error:
             typer.echo(f"suas: {scene}: {error}", err=True)
@@ -218,17 +217,3 @@ def _stuck(text: str) -> tuple[tuple[int, int], float]:
     if found is None:
         raise ValueError(f'--stuck "{text}": expected MODULE.TAXEL@SECONDS, such as 0.3@2.5')
     return (int(found[1]), int(found[2])), float(found[3])
-
-
-@contextlib.contextmanager
-def _bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield lambda done: None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task(what, total=total)
-        yield lambda done: progress.update(task, completed=done)

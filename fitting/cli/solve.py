@@ -5,13 +5,14 @@ start at once.
 """
 
 import contextlib
-import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from fitting.cli.progress import spinner
+from fitting.json_text import json_text
 
 if TYPE_CHECKING:
     from suas_jax.config import SceneSpec
@@ -45,21 +46,6 @@ def bad_input() -> Iterator[None]:
         raise typer.Exit(BAD_INPUT) from None
 
 
-@contextlib.contextmanager
-def _working(what: str) -> Iterator[None]:
-    """Show a spinner with the elapsed time on a terminal, nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        progress.add_task(what, total=None)
-        yield
-
-
 def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
     from suas_jax.config import load_scene, with_solve
 
@@ -73,7 +59,7 @@ def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
 
 def _check_figure(file: Path | None) -> None:
     if file is not None:
-        from suas_jax.figures.section import check_figure_file
+        from suas_jax.figures.style import check_figure_file
 
         check_figure_file(file)
 
@@ -118,7 +104,7 @@ def solve(
         _check_figure(pad)
         if pad is not None and spec.electrodes is None:
             _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
-        with _working("solving"):
+        with spinner("solving"):
             from suas_jax.runtime.settings import configure
 
             configure()
@@ -132,7 +118,7 @@ def solve(
                 known = solution.converged
                 report["gradient"] = differentiate(solution, gradient) if known else None
             if plot is not None:
-                from suas_jax.figures.section import plot_solution
+                from suas_jax.figures.solution import plot_solution
 
                 plot_solution(solution, plot)
             if pad is not None:
@@ -144,7 +130,7 @@ def solve(
 
                 write_vtu(solution, vtu)
     if as_json:
-        typer.echo(json.dumps(finite(report), allow_nan=False))
+        typer.echo(json_text(report))
     else:
         _print_report(report)
     if not solution.converged:
@@ -184,7 +170,7 @@ def sweep(
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
         values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
-        with _working("sweeping"):
+        with spinner("sweeping"):
             from suas_jax.runtime.settings import configure
 
             configure()
@@ -194,12 +180,12 @@ def sweep(
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
-                from suas_jax.figures.section import plot_sweep
+                from suas_jax.figures.curve import plot_sweep
 
                 plot_sweep(curve, plot)
     if as_json:
         result = {"points": curve.points, "first_contact": curve.first_contact}
-        typer.echo(json.dumps(finite(result), allow_nan=False))
+        typer.echo(json_text(result))
     else:
         _print_curve(curve)
     if any(point["status"] != "converged" for point in curve.points):
@@ -220,17 +206,6 @@ def _range(option: str, text: str | None) -> list[float]:
     if n == 1:
         return [start]
     return [start + (stop - start) * i / (n - 1) for i in range(n)]
-
-
-def finite(tree: Any) -> Any:
-    """JSON has no NaN or infinity: they become null."""
-    if isinstance(tree, dict):
-        return {key: finite(value) for key, value in tree.items()}
-    if isinstance(tree, list):
-        return [finite(value) for value in tree]
-    if isinstance(tree, float) and (tree != tree or tree in (float("inf"), -float("inf"))):
-        return None
-    return tree
 
 
 def _print_report(report: dict[str, Any]) -> None:

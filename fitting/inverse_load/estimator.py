@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.inverse_load.estimate.assessment import POOR, LoadReport
+from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.fit.detection import Detector, threshold
 from fitting.inverse_load.fit.explanation import LoadFitter
 from fitting.inverse_load.fit.selection import Mode, Selection
-from fitting.inverse_load.report.estimate import STATUS, Contact, LoadEstimate
-from fitting.inverse_load.report.summary import POOR, LoadReport
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import SkinSpec

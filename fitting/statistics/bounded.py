@@ -7,22 +7,20 @@ units of each constant's natural size. Sign conditions that the law itself has s
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 
 from fitting.statistics.least_squares import CONVERGED, Minima
-from fitting.statistics.residuals import Residuals, sensitivity
-
-if TYPE_CHECKING:
-    from fitting.statistics.parameters import AbstractFamily
+from fitting.statistics.parameters import AbstractFamily
+from fitting.statistics.residuals import AbstractResiduals, sensitivity
 
 _AT_BOUND = 1e-6
 
 
 def minimise_in_box(
-    residuals: Residuals,
+    residuals: AbstractResiduals,
+    family: AbstractFamily,
     constants: np.ndarray,
     others: np.ndarray,
     bounds: Mapping[str, tuple[float, float]],
@@ -31,6 +29,7 @@ def minimise_in_box(
 
     Args:
         residuals: the misfit.
+        family: the law, which may bind the signs of constants.
         constants: the free minimum, SI units; its signs are kept.
         others: further starting points θ, shape [k, p].
         bounds: lowest and highest value by constant, SI units.
@@ -41,10 +40,8 @@ def minimise_in_box(
     Raises:
         ValueError: a bound names no constant of the law, or excludes every allowed value.
     """
-    family = residuals.family
     points = [constants] + [
-        family.ordered(np.asarray(family.constants(jnp.asarray(theta), residuals.scales)))
-        for theta in others
+        family.ordered(np.asarray(residuals.constants(jnp.asarray(theta)))) for theta in others
     ]
     found = []
     for point in points:
@@ -59,10 +56,7 @@ def minimise_in_box(
         best,
         Minima(
             np.stack(
-                [
-                    np.asarray(family.unconstrained(jnp.asarray(run[0]), residuals.scales))
-                    for run in found
-                ]
+                [np.asarray(residuals.unconstrained(jnp.asarray(run[0]))) for run in found]
             ),
             np.array([run[1] for run in found]),
             np.array([run[2] <= CONVERGED for run in found]),
@@ -73,7 +67,7 @@ def minimise_in_box(
 
 
 def _box(
-    family: "AbstractFamily", point: np.ndarray, bounds: Mapping[str, tuple[float, float]]
+    family: AbstractFamily, point: np.ndarray, bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of every constant: the user's, and the signs of the law's conditions."""
     for name in bounds:
@@ -95,7 +89,7 @@ def _box(
 
 
 def _solve(
-    residuals: Residuals, point: np.ndarray, low: np.ndarray, high: np.ndarray
+    residuals: AbstractResiduals, point: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
     """Constants, cost, and the relative decrease that a step inside the box promises."""
     with warnings.catch_warnings():

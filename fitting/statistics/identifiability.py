@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.statistics.residuals import Residuals, sensitivity
+from fitting.statistics.residuals import AbstractResiduals, sensitivity
 
 # No stress-strain test is repeatable to better than this: residuals smaller than it (of
 # exact, made-up data) don't make a constant known.
@@ -79,7 +79,7 @@ class Uncertainty:
 
 
 def uncertainty(
-    residuals: Residuals,
+    residuals: AbstractResiduals,
     constants: np.ndarray,
     *,
     known_noise: bool,
@@ -95,10 +95,9 @@ def uncertainty(
         inflation: factor on the standard errors, from `diagnostics.Misfit`.
         held: constants that stopped at a bound; they are taken as known.
     """
-    family = residuals.family
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     used = residuals.used
-    kept = np.array([name not in held for name in family.names])
+    kept = np.array([name not in held for name in residuals.names])
     r, J = r[used], J[used]
     weighed_value = np.asarray(residuals.value * residuals.inverse_scale)[used]
     whole = float(np.sqrt(np.sum(weighed_value**2)))
@@ -130,8 +129,8 @@ def uncertainty(
     deviation = np.sqrt(np.diagonal(covariance))
     floor = max(spread, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
-    names = tuple(itertools.compress(family.names, kept))
-    units = tuple(itertools.compress(family.units, kept))
+    names = tuple(itertools.compress(residuals.names, kept))
+    units = tuple(itertools.compress(residuals.units, kept))
     named = [
         describe(names, units, vt[i], sizes[kept], floor / max(s[i], limit))
         for i in range(len(s))

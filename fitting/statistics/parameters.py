@@ -37,12 +37,14 @@ class Scales(NamedTuple):
 class AbstractFamily(abc.ABC):
     """A law whose constants are to be found. Instances compare by value.
 
-    `names` are TOML paths inside [material], such as "mu.0"; `units` are "Pa" or "1".
+    `names` are TOML paths inside [material], such as "mu.0"; `units` are "Pa" or "1"; `terms`
+    is the number of terms of a law whose constants come as lists, one entry a term.
     """
 
     law_name: str
     names: tuple[str, ...]
     units: tuple[str, ...]
+    terms: int | None = None
 
     @property
     def size(self) -> int:
@@ -71,6 +73,11 @@ class AbstractFamily(abc.ABC):
     @abc.abstractmethod
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Starting points θ, shape [count, p]; the first is a plain guess."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Keys of [material] beside the law and its constants."""
+        return {}
 
     @property
     def prior_deviation(self) -> np.ndarray:

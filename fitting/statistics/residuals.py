@@ -1,7 +1,7 @@
-"""From measurements and a family of laws to residuals, and to a log-probability.
+"""A misfit to readings as a function of constants, and its derivatives.
 
-r_i(θ) = √w_i (y_i(θ) − y_i) / s_i: what least squares makes small, and what a posterior
-is built from. The scale s_i says which misfit counts as one.
+r(θ) is what least squares makes small, and what a posterior is built from: ½ Σ r² is the cost,
+−½ Σ r²/s² − n log s the log-likelihood. θ are unconstrained parameters, c(θ) the constants.
 """
 
 import abc
@@ -13,26 +13,45 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.material.fit.experiments import AbstractExperiment
-from fitting.statistics.parameters import AbstractFamily, Scales
-from suas_jax.constitutive import AbstractLaw
 from suas_jax.runtime.compiled import COMPILED
-
-KINDS = ("relative", "absolute", "noise")
 
 
 class AbstractResiduals(eqx.Module):
     """A misfit as a function of unconstrained parameters θ: what least squares minimises.
 
     Attributes:
+        value: measured readings, shape [n].
         inverse_scale: √w/s, shape [n]; zero for readings that are not used.
     """
 
+    value: eqx.AbstractVar[Float[Array, " n"]]
     inverse_scale: eqx.AbstractVar[Float[Array, " n"]]
 
+    @property
     @abc.abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the constants."""
+
+    @property
+    @abc.abstractmethod
+    def units(self) -> tuple[str, ...]:
+        """Their SI units, "1" for a number."""
+
+    @abc.abstractmethod
+    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Constants in SI units from unconstrained parameters."""
+
+    @abc.abstractmethod
+    def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Unconstrained parameters from constants, the inverse of `constants`."""
+
+    @abc.abstractmethod
+    def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
+        """Residuals for constants in SI units, shape [n]."""
+
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
-        """Residuals, shape [n]."""
+        """Residuals for unconstrained parameters, shape [n]."""
+        return self.of_constants(self.constants(theta))
 
     @property
     def costly(self) -> bool:
@@ -67,85 +86,8 @@ class AbstractResiduals(eqx.Module):
         return np.asarray(self.inverse_scale) > 0.0
 
 
-class Residuals(AbstractResiduals):
-    """Misfit of a family of laws to measurements, as a function of θ.
-
-    Attributes:
-        experiments: the tests, each predicting a run of readings.
-        value: measured readings [Pa], shape [n] with padding.
-        inverse_scale: √w/s [1/Pa], shape [n]; zero for padding.
-        scales: sizes that make constants dimensionless.
-        shared: errors that all readings of a test share, such as a model's own, in the form
-            that `shared_error` gives them, shape [k, n]; k is zero where there are none.
-        family: the law; part of the compiled program.
-    """
-
-    experiments: tuple[AbstractExperiment, ...]
-    value: Float[Array, " n"]
-    inverse_scale: Float[Array, " n"]
-    scales: Scales
-    shared: Float[Array, "k n"]
-    family: AbstractFamily = eqx.field(static=True)
-
-    @property
-    def costly(self) -> bool:
-        """Whether one of the tests is costly to compile."""
-        return any(test.costly for test in self.experiments)
-
-    def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
-        """Readings [Pa] for constants in SI units, padding included."""
-        law = self.family.law(constants)
-        return jnp.concatenate([test.predict(law) for test in self.experiments])
-
-    def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
-        """Residuals for constants in SI units."""
-        return self.weighed(self.predict(constants) - self.value)
-
-    def weighed(self, misfit: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Misfit [Pa] over its scale; exactly zero for padding.
-
-        With e the shared errors in units of the noise, residuals are multiplied by
-        (I + e eᵀ)^(-1/2), which makes them independent and of unit variance again.
-        """
-        used = self.inverse_scale > 0.0
-        r = jnp.where(used, misfit, 0.0) * self.inverse_scale
-        return r - self.shared.T @ (self.shared @ r)
-
-    def misfit(self, r: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Misfit [Pa] from residuals, the inverse of `weighed`; zero for padding."""
-        share = 1.0 - jnp.sum(self.shared**2, axis=1)
-        plain = r + self.shared.T @ ((self.shared @ r) / share)
-        used = self.inverse_scale > 0.0
-        return jnp.where(used, plain / jnp.where(used, self.inverse_scale, 1.0), 0.0)
-
-    def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
-        """Residuals for unconstrained parameters, shape [n]."""
-        return self.of_constants(self.family.constants(theta, self.scales))
-
-    def refined(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
-        """Use what is linear in a start: the shares of an Ogden law's terms."""
-
-        def columns(law: AbstractLaw) -> Array:
-            readings = [test.predict(law) for test in self.experiments]
-            return self.weighed(jnp.concatenate(readings) * self.scales.stress)
-
-        return self.family.refined(theta, columns, self.scales, self.weighed(self.value))
-
-
-def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np.ndarray:
-    """Scale of relative residuals: a reading's own size, never less than the floor.
-
-    Args:
-        value: readings [Pa], shape [n].
-        companion: size of the largest stress read at the same state [Pa]; the zero stress
-            on a sheet's free edge is as uncertain as the load beside it.
-        floor: smallest scale [Pa].
-    """
-    return np.maximum(np.maximum(np.abs(value), companion), floor)
-
-
 def sensitivity(
-    residuals: Residuals, constants: Float[Array, " p"]
+    residuals: AbstractResiduals, constants: Float[Array, " p"]
 ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
     """Residuals and their derivatives with respect to the constants, SI units."""
     found: tuple[Array, Array] = COMPILED.run(
@@ -155,7 +97,7 @@ def sensitivity(
 
 
 @eqx.filter_jit
-def _sensitivity(residuals: Residuals, constants: Array) -> tuple[Array, Array]:
+def _sensitivity(residuals: AbstractResiduals, constants: Array) -> tuple[Array, Array]:
     return linearised(residuals.of_constants, constants)
 
 
@@ -168,29 +110,3 @@ def linearised(
         return jax.jvp(function, (point,), (tangent,))
 
     return jax.vmap(push, out_axes=(None, 1))(jnp.eye(point.size, dtype=point.dtype))
-
-
-def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:
-    """Predicted readings [Pa] and residuals for constants in SI units, each [n].
-
-    Their derivatives are computed along: every fit needs that program, and a second one
-    would take longer to compile than it could save. Padding is predicted as measured.
-    """
-    r, _ = sensitivity(residuals, constants)
-    return residuals.value + residuals.misfit(r), r
-
-
-def shared_error(error: np.ndarray) -> np.ndarray:
-    """A shared error as `Residuals.shared` holds it.
-
-    Args:
-        error: standard deviation of the shared error in units of each reading's noise,
-            signed alike for all; zero for readings that don't share it, shape [n].
-
-    Returns:
-        d with I − d dᵀ = (I + e eᵀ)^(-1/2), shape [n].
-    """
-    square = float(error @ error)
-    if square == 0.0:
-        return error
-    return error * np.sqrt((1.0 - 1.0 / np.sqrt(1.0 + square)) / square)

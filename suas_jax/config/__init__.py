@@ -1,65 +1,56 @@
 """Configuration: skins and scenes in TOML files, with units, to immutable specifications.
 
-Importing this package starts neither JAX nor the units library.
+Importing this package starts neither JAX nor the units library. The declarations of laws and
+oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
 """
+
+from typing import Any
 
 from suas_jax.config.errors import ConfigError, Problem
 from suas_jax.config.inputs import continuous_inputs, structure, with_inputs, with_solve
+from suas_jax.config.law import LawSpec
 from suas_jax.config.load import load_scene, load_skin, scene_from_dict
+from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
-from suas_jax.config.schema_material import (
-    ArrudaBoyceSpec,
-    GentSpec,
-    MaterialSpec,
-    MooneyRivlinSpec,
-    NeoHookeanSpec,
-    OgdenSpec,
-    PolynomialSpec,
-    YeohSpec,
-)
-from suas_jax.config.schema_scene import (
+from suas_jax.config.schema_load import (
     EnvironmentSpec,
     LineLoadSpec,
     LoadSpec,
     PressureLoadSpec,
-    SceneSpec,
-    SkinSpec,
-    SolveSpec,
 )
+from suas_jax.config.schema_material import LAWS, MaterialSpec
+from suas_jax.config.schema_oil import OILS
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
     GeometrySpec,
     LayerSpec,
     ModuleSpec,
-    OilSpec,
     TaxelSpec,
 )
+from suas_jax.config.schema_solve import SolveSpec
 
 __all__ = [
-    "ArrudaBoyceSpec",
+    "LAWS",
+    "OILS",
     "ConfigError",
     "ElectrodesSpec",
     "EnvironmentSpec",
-    "GentSpec",
     "GeometrySpec",
+    "LawSpec",
     "LayerSpec",
     "LineLoadSpec",
     "LoadSpec",
     "MaterialSpec",
     "ModuleSpec",
-    "MooneyRivlinSpec",
-    "NeoHookeanSpec",
-    "OgdenSpec",
     "OilSpec",
-    "PolynomialSpec",
     "PressureLoadSpec",
     "Problem",
     "SceneSpec",
     "SkinSpec",
     "SolveSpec",
     "TaxelSpec",
-    "YeohSpec",
     "continuous_inputs",
     "format_quantity",
     "load_preset",
@@ -72,3 +63,10 @@ __all__ = [
     "with_inputs",
     "with_solve",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    for declaration in (*LAWS.values(), *OILS.values()):
+        if declaration.__name__ == name:
+            return declaration
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

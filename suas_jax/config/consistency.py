@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from suas_jax.config.quantities import format_quantity
 
 if TYPE_CHECKING:
-    from suas_jax.config.schema_scene import LineLoadSpec, SolveSpec
+    from suas_jax.config.schema_load import LineLoadSpec
     from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, ModuleSpec
+    from suas_jax.config.schema_solve import SolveSpec
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
@@ -68,7 +69,7 @@ def _unreachable_pressure(
 ) -> Iterator[Contradiction]:
     """Loads are scaled to reach a pressure: they need something to scale, and oil."""
     oil, loads = tables.get("oil"), tables.get("loads")
-    if oil is not None and oil.model == "vented":
+    if oil is not None and not oil.trapped:
         yield Contradiction(
             "solve.oil_pressure",
             "vented oil stays at zero pressure; take oil_pressure out, or set oil.model = "

@@ -8,7 +8,8 @@ from typing import Any
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Problem, nearest, show
 from suas_jax.config.fields import Spec
-from suas_jax.config.schema_scene import SceneSpec, SkinSpec, SolveSpec
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec
+from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.config.validation import validate_table
 
 Leaf = str | int | float | None

@@ -13,11 +13,12 @@ from typing import Any
 
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Problem, show, show_key
+from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import expand_preset
-from suas_jax.config.schema_material import LAWS
-from suas_jax.config.schema_scene import LOADS, SceneSpec, SkinSpec
+from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.toml_file import missing_file, read_toml
 from suas_jax.config.validation import (
+    CHOICES,
     TABLES,
     Finding,
     choose_specification,
@@ -175,10 +176,12 @@ class _Draft:
 
     def _table(self, name: str, table: Any) -> Any:
         specification: Any = TABLES[name][0]
-        if name == "material" and isinstance(table, Mapping):
-            table, findings = self._expanded(table)
+        if name in CHOICES and isinstance(table, Mapping):
+            findings: list[Finding] = []
+            if name == "material":
+                table, findings = self._expanded(table)
             if not findings:
-                specification, findings = choose_specification(table, name, "law", LAWS)
+                specification, findings = choose_specification(table, name, *CHOICES[name])
             if findings:
                 self._note(*findings)
                 return None
@@ -206,7 +209,7 @@ class _Draft:
             specification: Any = TABLES["load"][0]
             findings: list[Finding] = []
             if isinstance(table, Mapping):
-                specification, findings = choose_specification(table, key, "kind", LOADS)
+                specification, findings = choose_specification(table, key, *CHOICES["load"])
             load = None
             if not findings:
                 load, findings = validate_table(specification, table, key)
@@ -244,5 +247,5 @@ def _kept(name: str, before: Mapping[str, Any], table: Mapping[str, Any]) -> dic
     if name == "electrodes" and "layout" in table:
         return {}
     if name == "oil" and "model" in table:
-        return {key: value for key, value in before.items() if key != "bulk_modulus"}
+        return {key: value for key, value in before.items() if key in OilSpec.model_fields}
     return dict(before)

@@ -68,12 +68,13 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
         return {}, [("preset", unknown(str(name), preset_names(), "preset", quoted=True))]
     table = load_preset(name)
     law = table["law"]
-    constants = [key for key in LAWS[law].model_fields if key not in ("law", "convention")]
+    constants = list(LAWS[law].declared())
+    fixed = LAWS[law].model_fields.keys() - set(constants)
     wrong: list[tuple[str, str]] = []
     for key, value in material.items():
         if key in constants:
             table[key] = value
-        elif key in ("law", "convention"):
+        elif key in fixed:
             wrong.append((key, f"preset = {show(name)} already sets it; leave one of them out"))
         elif key != "preset":
             advice = unknown(key, constants, "key")

@@ -1,18 +1,17 @@
-"""The skin: its dimensions, its oil and its electrodes."""
+"""The skin: its dimensions and its electrodes."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from suas_jax.config.fields import (
     Angle,
     AsList,
     Length,
     PositiveLength,
-    PositivePressure,
     Spec,
     quantity,
 )
@@ -73,69 +72,6 @@ class GeometrySpec(Spec):
                 f"the rigid wall lies at inner_radius - oil_gap"
             )
         return oil_gap
-
-
-FLUIDS = {
-    "air": 1.0006,
-    "transformer-oil": 2.2,
-    "mineral-oil": 2.2,
-    "silicone-oil": 2.7,
-}
-"""Relative permittivities at 20 to 25 degrees Celsius and below 1 MHz, by name.
-
-Air: the usual textbook figure at 1 bar. Mineral oil, of which transformer oil is a grade:
-2.2 to 2.4 by grade and temperature; silicone oil (polydimethylsiloxane): 2.5 to 2.8 by
-viscosity: typical handbook and suppliers' figures (measured to IEC 60247). Measure yours, or
-fit it: moisture alone raises them by per cents.
-"""
-
-
-def _fluid(value: object, info: ValidationInfo) -> float:
-    """A fluid by its name, or its relative permittivity."""
-    if isinstance(value, str) and value.strip()[:1].isalpha():
-        if value in FLUIDS:
-            return FLUIDS[value]
-        names = ", ".join(f'"{name}"' for name in FLUIDS)
-        raise ValueError(f"unknown fluid; give its relative permittivity, or one of {names}")
-    at_least_one: Any = quantity("number", at_least=1.0)
-    return float(at_least_one.func(value, info))
-
-
-class OilSpec(Spec):
-    """The oil between the wall and the membrane.
-
-    Attributes:
-        model: ``"incompressible"``, ``"compressible"`` (p = -K ln(V/V0)) or ``"vented"``
-            (p = 0, no constraint on the volume).
-        bulk_modulus: K [Pa], with the compressible model only.
-        relative_permittivity: of the oil, or the name of a fluid (see `FLUIDS`); None where
-            nothing is sensed.
-    """
-
-    model: Literal["incompressible", "compressible", "vented"] = Field(
-        examples=['"incompressible"']
-    )
-    bulk_modulus: PositivePressure | None = Field(
-        default=None, validate_default=True, examples=['"1.5 GPa"']
-    )
-    relative_permittivity: Annotated[float, BeforeValidator(_fluid)] | None = Field(
-        default=None, examples=["2.2"]
-    )
-
-    @field_validator("bulk_modulus")
-    @classmethod
-    def _with_compressible_only(
-        cls, bulk_modulus: float | None, info: ValidationInfo
-    ) -> float | None:
-        model = info.data.get("model")
-        if model == "compressible" and bulk_modulus is None:
-            raise ValueError('missing; model = "compressible" needs it, such as "1.5 GPa"')
-        if model in ("incompressible", "vented") and bulk_modulus is not None:
-            raise ValueError(
-                f'has no meaning with model = "{model}"; take it out, or set '
-                f'model = "compressible"'
-            )
-        return bulk_modulus
 
 
 class TaxelSpec(Spec):

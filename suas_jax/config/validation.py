@@ -11,14 +11,16 @@ from pydantic.fields import FieldInfo
 from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.config.schema_load import LOADS, EnvironmentSpec
 from suas_jax.config.schema_material import LAWS
-from suas_jax.config.schema_scene import LOADS, EnvironmentSpec, SolveSpec
-from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, OilSpec
+from suas_jax.config.schema_oil import OILS
+from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
+from suas_jax.config.schema_solve import SolveSpec
 
 TABLES: dict[str, tuple[type[Spec], ...]] = {
     "geometry": (GeometrySpec,),
     "material": tuple(LAWS.values()),
-    "oil": (OilSpec,),
+    "oil": tuple(OILS.values()),
     "electrodes": (ElectrodesSpec,),
     "calibration": (CalibrationSpec,),
     "load": tuple(LOADS.values()),
@@ -26,6 +28,13 @@ TABLES: dict[str, tuple[type[Spec], ...]] = {
     "solve": (SolveSpec,),
 }
 """The specifications that each table of a file may turn into."""
+
+CHOICES: dict[str, tuple[str, Mapping[str, type[Any]]]] = {
+    "material": ("law", LAWS),
+    "oil": ("model", OILS),
+    "load": ("kind", LOADS),
+}
+"""The key that chooses among the specifications of a table, and what it may say."""
 
 SpecT = TypeVar("SpecT", bound=Spec)
 
@@ -94,18 +103,29 @@ def choose_specification(
     return choices[chosen], []
 
 
-def unknown_key(key: str, known: Sequence[str], table: str = "") -> str:
+def unknown_key(
+    key: str, known: Sequence[str], table: str = "", chosen: str | None = None
+) -> str:
     """Say what an unknown key may have been meant to be, and where it may belong.
 
     Args:
         key: the unknown key.
         known: the keys that are allowed in its place.
         table: the table that it stands in; empty at the top of the file.
+        chosen: the law, model or kind of that table.
 
     Returns:
         The advice.
     """
     near = nearest(key, known)
+    chooser, choices = CHOICES.get(table.split(".")[0], ("", {}))
+    others = [name for name, spec in choices.items() if key in spec.model_fields]
+    if others and near is None and chosen is not None:
+        named = f"{chooser} = {show(chosen)}"
+        return (
+            f"has no meaning with {named}; take it out, or set {chooser} = "
+            f"{listed(map(show, others))}"
+        )
     owners = [
         name
         for name, specifications in TABLES.items()
@@ -143,7 +163,9 @@ def _finding(
     if kind == "missing":
         return Finding(path, _missing(last, field), shown)
     if kind == "extra_forbidden":
-        return Finding(path, unknown_key(last, list(owner.model_fields), key), shown)
+        choice = _chosen(specification, key) if owner is specification else None
+        advice = unknown_key(last, list(owner.model_fields), key, choice)
+        return Finding(path, advice, shown)
     if kind == "literal_error" and field is not None:
         return Finding(path, unknown(str(value), _choices(field), "value", quoted=True), shown)
     advice = str(cause or detail["msg"])
@@ -153,6 +175,12 @@ def _finding(
         list_key = next(part for part in reversed(location) if isinstance(part, str))
         advice += f", for example {list_key} = {field.examples[0]}"
     return Finding(path, advice, shown)
+
+
+def _chosen(specification: type[Spec], key: str) -> str | None:
+    """The name that a table's specification was chosen by; None if there is no choice."""
+    _, choices = CHOICES.get(key.split(".")[0], ("", {}))
+    return next((name for name, spec in choices.items() if spec is specification), None)
 
 
 def _missing(key: str, field: FieldInfo | None) -> str:

@@ -1,13 +1,12 @@
-"""Material laws: a strain energy each, from which everything else is derived."""
+"""Material laws: a strain energy each, from which everything else is derived.
+
+Each file of `laws` defines one, which can be imported from here, too (`Gent`, `Ogden` ...).
+"""
+
+from typing import Any
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.laws.arruda_boyce import ArrudaBoyce
-from suas_jax.constitutive.laws.gent import Gent
-from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
-from suas_jax.constitutive.laws.neo_hookean import NeoHookean
-from suas_jax.constitutive.laws.ogden import Ogden
-from suas_jax.constitutive.laws.polynomial import Polynomial
-from suas_jax.constitutive.laws.yeoh import Yeoh
+from suas_jax.constitutive.registry import LAWS, build_law
 from suas_jax.constitutive.specimens.diaphragm import Diaphragm, inflated_diaphragm
 from suas_jax.constitutive.specimens.homogeneous import (
     MODES,
@@ -23,21 +22,16 @@ from suas_jax.constitutive.specimens.inflation import TubeResponse, balloon_pres
 from suas_jax.constitutive.stability import drucker_modulus, stable_range
 
 __all__ = [
+    "LAWS",
     "MODES",
     "AbstractLaw",
-    "ArrudaBoyce",
     "Diaphragm",
-    "Gent",
-    "MooneyRivlin",
-    "NeoHookean",
-    "Ogden",
-    "Polynomial",
     "ShearStress",
     "Stress",
     "TubeResponse",
-    "Yeoh",
     "balloon_pressure",
     "biaxial",
+    "build_law",
     "drucker_modulus",
     "equibiaxial",
     "inflated_diaphragm",
@@ -47,3 +41,10 @@ __all__ = [
     "tube",
     "uniaxial",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    for law in LAWS.values():
+        if law.__name__ == name:
+            return law
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

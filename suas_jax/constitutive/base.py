@@ -6,8 +6,8 @@ a law can be right or wrong.
 """
 
 import abc
-from collections.abc import Sequence
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Self, TypeAlias
 
 import equinox as eqx
 import jax
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from suas_jax.config.law import LawSpec
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 Constants: TypeAlias = ArrayLike | Sequence[ArrayLike]
@@ -26,7 +27,36 @@ class AbstractLaw(eqx.Module):
     A law is a pytree whose leaves are its constants. A constant may carry trailing
     batch axes ("lanes"); they broadcast against the trailing axes of the deformation,
     so that one call evaluates many materials.
+
+    Attributes:
+        spec: the law's declaration, by which its constants are checked; None for a law of
+            one's own, which no file can name.
     """
+
+    spec: ClassVar[type[LawSpec] | None] = None
+
+    @classmethod
+    def of_material(cls, material: LawSpec, value: Callable[[str], Any]) -> Self:
+        """Build the law of a [material] table, whose keys are the law's arguments.
+
+        Args:
+            material: the table.
+            value: constants by their paths in it.
+        """
+        return cls(**{key: value(key) for key in material.declared()})
+
+    def __check_init__(self) -> None:
+        if self.spec is None:
+            return
+        name = self.spec.model_fields["law"].default
+        for key, declared in self.spec.declared().items():
+            check = require_positive if declared.positive else require_finite
+            check(getattr(self, key), f'law "{name}": {key}')
+        if self.spec.half_modulus:
+            require_positive(
+                self.shear_modulus,
+                f'law "{name}": the modulus 2 ({" + ".join(self.spec.half_modulus)})',
+            )
 
     @abc.abstractmethod
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:

@@ -68,7 +68,7 @@ class LoadStepping(optx.AbstractRootFinder):
     """Newton with load steps controlled by displacement.
 
     `args` of the root-find is a triple: anything the function needs, the levels to reach
-    and to start from, and the length by which displacements are judged. The function is
+    and to start from, and the mechanics, which measures displacements. The function is
     called with the levels at which its residual and its tangent are wanted and returns
     ``(residual, operator)``; the residual must be affine in the level. (The tangent is
     not: a dead load has a stiffness of its own, and that of a load still far away would
@@ -77,7 +77,8 @@ class LoadStepping(optx.AbstractRootFinder):
     Attributes:
         rtol: wanted size of the remaining error relative to the displacement.
         atol: not used: displacement has no scale of its own at tiny loads.
-        first_radius: displacement trusted in the first step, in units of the length.
+        first_radius: displacement trusted in the first step, in length scales of the
+            mechanics.
         largest_step: displacement of a step relative to that of the state it starts from.
         contraction: largest accepted ratio of successive corrections.
         path_tolerance: accepted error of a state on the way, relative to the step to it.
@@ -110,13 +111,14 @@ class LoadStepping(optx.AbstractRootFinder):
         tags: frozenset[object],
     ) -> SteppingState:
         """Start at the equilibrium `y` of the lower level."""
-        (problem, _), (target, start), length = args
-        size_of = problem.mechanics.displacement_size
+        _, (target, start), mechanics = args
+        length = mechanics.length_scale
         lane = y.stations.shape[-1:]
         dtype = y.stations.dtype
         zeros, counts = jnp.zeros(lane, dtype), jnp.zeros(lane, jnp.int32)
         level = jnp.broadcast_to(start, lane).astype(dtype)
-        radius = jnp.maximum(self.first_radius * length, size_of(y.stations))
+        size = mechanics.displacement_size(y.stations)
+        radius = jnp.maximum(self.first_radius * length, size)
         return SteppingState(
             level=jnp.broadcast_to(target, lane).astype(dtype),
             base=y,
@@ -145,15 +147,15 @@ class LoadStepping(optx.AbstractRootFinder):
         tags: frozenset[object],
     ) -> tuple[BorderedVector, SteppingState, PyTree]:
         """One Newton correction, then accept, repeat or retry the load step."""
-        problem, (target, _), length = args
-        size_of = problem[0].mechanics.displacement_size
+        problem, (target, _), mechanics = args
+        length = mechanics.length_scale
         first = state.inner == 0
         tangent_level = jnp.where(first, state.base_level, state.level)
-        residual, operator = fn(y, (problem, (state.level, tangent_level), length))
+        residual, operator = fn(y, (problem, (state.level, tangent_level), mechanics))
         solved = lx.linear_solve(operator, residual, BlockElimination(), throw=False)
-        size = size_of(solved.value.stations)
+        size = mechanics.displacement_size(solved.value.stations)
         radius = state.radius
-        size_of_state = size_of(state.base.stations)
+        size_of_state = mechanics.displacement_size(state.base.stations)
         relative = self.largest_step * jnp.maximum(size_of_state, 1e-300)
         radius = jnp.minimum(radius, relative)
         cut = jnp.where(first, jnp.minimum(1, radius / size), 1)
@@ -165,7 +167,7 @@ class LoadStepping(optx.AbstractRootFinder):
 
         # Newton contracts quadratically: e_next ~ size^3 / previous^2.
         ratio = jnp.where(first, 1.0, size / state.correction)
-        scale = size_of(trial.stations)
+        scale = mechanics.displacement_size(trial.stations)
         fine = jnp.isfinite(size) & jnp.isfinite(scale)
         expected = size * jnp.minimum(ratio, 1.0) ** 2
         settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
@@ -194,14 +196,14 @@ class LoadStepping(optx.AbstractRootFinder):
         # The step failed: forget it and trust a quarter of its first displacement.
         shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
         tiny = self.smallest_step * jnp.abs(level)
-        hopeless = failed & (shrunk < 1e-6 * length)
+        exhausted = failed & (shrunk < 1e-6 * length)
         stuck = equilibrium & ~reached & (step < tiny)
 
         live = ~state.done
         accept, retry = live & converged, live & failed
         settle = accept & (equilibrium | reached)
         result = jnp.where(stuck, index_of("limit_point"), state.result)
-        result = jnp.where(hopeless, index_of("no_convergence"), result)
+        result = jnp.where(exhausted, index_of("no_convergence"), result)
         new = SteppingState(
             level=jnp.where(accept | retry, target, level),
             base=_select(accept, trial, _select(retry, state.good, state.base)),
@@ -219,7 +221,7 @@ class LoadStepping(optx.AbstractRootFinder):
             negative=jnp.where(accept, solved.stats["negative"], state.negative),
             smallest_pivot=jnp.minimum(state.smallest_pivot, solved.stats["smallest_pivot"]),
             result=result,
-            done=(accept & (reached | stuck)) | (live & hopeless),
+            done=(accept & (reached | stuck)) | (live & exhausted),
         )
         new = _select(live, new, state)
         trial = _select(live & ~failed, trial, new.base)

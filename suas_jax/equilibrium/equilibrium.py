@@ -83,7 +83,7 @@ def _step_to(
         fn,  # type: ignore[arg-type]
         stepping,
         y,
-        args=((problem, pressure_given), (target, start), problem.mechanics.length_scale),
+        args=((problem, pressure_given), (target, start), problem.mechanics),
         has_aux=True,
         max_steps=stepping.max_steps,
         throw=False,

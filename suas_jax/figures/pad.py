@@ -10,9 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.figures.section import written
-from suas_jax.scene.build import all_numbers, geometry_of
-from suas_jax.sensing.taxels import Taxels, taxels_of
+from suas_jax.figures.style import written
+from suas_jax.scene.parts import skin_parts
 
 
 def plot_pad(
@@ -39,9 +38,9 @@ def plot_pad(
     """
     if skin.electrodes is None:
         raise ValueError("the skin has no [electrodes]: there is no pad to draw")
-    known = all_numbers(skin, continuous_inputs(skin))
-    wall = geometry_of(known).wall_radius
-    taxels: Taxels = taxels_of(skin.electrodes, known, wall)
+    parts = skin_parts(skin, continuous_inputs(skin))
+    assert parts.electrodes is not None
+    wall, taxels = parts.geometry.wall_radius, parts.electrodes.taxels
     value = np.asarray(values, float)
     if value.shape != (len(taxels.number),):
         raise ValueError(f"{value.size} values for {len(taxels.number)} taxels")

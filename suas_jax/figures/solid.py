@@ -5,7 +5,8 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from suas_jax.figures.section import WALL, arrows
+from suas_jax.figures.load_arrows import draw_loads
+from suas_jax.figures.style import WALL
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
@@ -57,7 +58,7 @@ def plot_solid(solution: Solution) -> Figure:
             axes.plot(*(1e3 * radius * normal), color="0.7", lw=0.8, ls="--")
         wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
         axes.fill(*wall, color=WALL, lw=0, zorder=0)  # a membrane beyond it stays visible
-        arrows(axes, solution, top.T, spread.ravel())
+        draw_loads(axes, solution, top.T, spread.ravel())
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()

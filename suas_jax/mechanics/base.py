@@ -2,17 +2,19 @@
 
 A mechanics is a discretised membrane with its loads: a pytree whose leaves are arrays
 with a trailing lane axis and whose structure (number of stations, blocks) is static.
-Everything is per unit width along the axis until results are reported.
+In plane strain everything is per unit of width along the axis until results are reported.
 """
 
 import abc
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.face import AbstractFace
+from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
 
@@ -59,11 +61,11 @@ class Profile(NamedTuple):
 
 
 class Displacements(NamedTuple):
-    """How the section moves at one angle per lane [component, 1, 1, lane].
+    """How the membrane moves at one place per lane, components leading.
 
     Attributes:
         mid_displacement: of the mid-surface [m].
-        inner_displacement: of the inner face's material point at the same angle [m].
+        inner_displacement: of the inner face's material point at the same place [m].
     """
 
     mid_displacement: Array
@@ -74,10 +76,13 @@ class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
     Attributes:
+        per_width: whether energies, forces and volumes are per unit of width; else they
+            are totals.
         law: the membrane's material.
         film_volume: volume of the undeformed oil film per width [m^2].
     """
 
+    per_width: ClassVar[bool]
     law: eqx.AbstractVar[AbstractLaw]
     film_volume: eqx.AbstractVar[Lanes]
 
@@ -85,11 +90,6 @@ class AbstractMechanics(eqx.Module):
     @abc.abstractmethod
     def length_scale(self) -> Lanes:
         """Displacement beyond which linearisation can't be trusted [m]."""
-
-    @property
-    @abc.abstractmethod
-    def clamp_reach(self) -> Lanes:
-        """Angle from a clamped edge within which stretches diverge on finer meshes [rad]."""
 
     @abc.abstractmethod
     def rest(self) -> StationVector:
@@ -126,21 +126,29 @@ class AbstractMechanics(eqx.Module):
         """Largest component of displacement, the measure of convergence [m]."""
 
     @abc.abstractmethod
-    def profile(self, q: StationVector, samples: int) -> Profile:
-        """The deformed section at evenly spaced points of every element.
+    def shape(self, q: StationVector) -> AbstractShape:
+        """The deformed membrane, sampled.
 
         Args:
-            q: unknowns of the whole arc.
-            samples: intervals an element is divided in.
+            q: unknowns of the whole membrane.
         """
 
     @abc.abstractmethod
-    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
-        """How the section moves at one reference angle per lane.
+    def under(self, q: StationVector, load: Any) -> Displacements:
+        """How the membrane moves under the centre of a load [component, lane].
 
         Args:
             q: unknowns.
-            angle: from the symmetry axis, within the discretised arc [rad].
+            load: one of those that the mechanics was built for.
+        """
+
+    @abc.abstractmethod
+    def face(self, q: StationVector, inner_radius: Lanes) -> AbstractFace:
+        """The deformed inner face, ready to be asked for gaps.
+
+        Args:
+            q: unknowns of the whole membrane.
+            inner_radius: of the undeformed inner face [m].
         """
 
     @abc.abstractmethod

@@ -7,7 +7,6 @@ loaded arcs), so stations move smoothly with the inputs and derivatives by a loa
 are those of the same discrete problem.
 """
 
-import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -40,7 +39,6 @@ class MeshPlan(eqx.Module):
         values: the breakpoints when the plan was made [rad].
         mirror: whether the loads are their own mirror image.
         symmetric: whether the plan covers the left half of a symmetric skin.
-        layers: elements through the thickness; none for the lumped shell.
     """
 
     stations: np.ndarray
@@ -52,7 +50,6 @@ class MeshPlan(eqx.Module):
     values: np.ndarray
     mirror: bool = eqx.field(static=True, default=False)
     symmetric: bool = eqx.field(static=True, default=False)
-    layers: int = eqx.field(static=True, default=0)
 
     @property
     def elements(self) -> int:
@@ -60,9 +57,16 @@ class MeshPlan(eqx.Module):
         return self.stations.shape[0] - 1
 
     @property
-    def model(self) -> str:
-        """The mechanics it is for."""
-        return "solid" if self.layers else "shell"
+    def mirrors_itself(self) -> bool:
+        """Whether stations and loads are their own mirror image."""
+        angles = self.stations @ self.values
+        points = np.sort(self.position @ self.values)
+        return bool(
+            self.mirror
+            and self.elements % 2 == 0
+            and np.allclose(angles, -angles[::-1], atol=1e-12)
+            and np.allclose(points, -points[::-1], atol=1e-12)
+        )
 
     def half(self) -> "MeshPlan":
         """The left half of a plan whose stations and loads are symmetric."""
@@ -82,7 +86,6 @@ class MeshPlan(eqx.Module):
             self.values,
             mirror=True,
             symmetric=True,
-            layers=self.layers,
         )
 
     def refined(self, elements: int | None = None) -> "MeshPlan":
@@ -97,24 +100,18 @@ class MeshPlan(eqx.Module):
         stations[::2] = divided
         stations[1::2] = (divided[1:] + divided[:-1]) / 2
         stations = np.concatenate([stations, self.stations[self.elements + 1 - whole :]])
-        return self._on(stations, self.layers)
+        return self._on(stations)
 
-    def comparison(self) -> "MeshPlan":
-        """The mesh that the error is estimated with.
-
-        Finer for the shell, whose solution costs little, coarser for the solid.
-        """
-        if not self.layers:
-            return self.refined()
+    def coarsened(self) -> "MeshPlan":
+        """Pairs of elements of a plan of the whole arc joined; a last one may be left."""
         pairs = self.elements // 2 * 2
         stations = np.concatenate([self.stations[: pairs + 1 : 2], self.stations[pairs + 1 :]])
-        return self._on(stations, self.layers // 2 if self.layers % 2 == 0 else self.layers)
+        return self._on(stations)
 
-    def _on(self, stations: np.ndarray, layers: int) -> "MeshPlan":
+    def _on(self, stations: np.ndarray) -> "MeshPlan":
         """The same loads on other elements."""
         spread = (self.span != 0).any(1) @ self.load.T > 0
-        plan = _with_loads(stations, self.values, spread.tolist(), self.mirror)
-        return dataclasses.replace(plan, layers=layers)
+        return _with_loads(stations, self.values, spread.tolist(), self.mirror)
 
 
 def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:

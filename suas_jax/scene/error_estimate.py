@@ -1,7 +1,7 @@
 """How far a solution is from the exact one: its mesh's share and its model's.
 
-Both are relative errors of the oil's pressure and of the mid-surface displacement under
-the line loads, the displacements relative to the largest of them. The mesh's share is a
+Both are relative errors of the oil's pressure and of the mid-surface displacement, under the
+line loads and where it is largest, relative to the largest displacement. The mesh's share is a
 Newton correction on the comparison mesh, the model's is the first-order effect of the
 energy that the mechanics leaves out. Either answers for all quantities with one linear
 solve, as adjoint weighting does for one quantity.
@@ -10,10 +10,10 @@ solve, as adjoint weighting does for one quantity.
 import functools
 
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from suas_jax.equilibrium.balance import Problem, State, Verification
-from suas_jax.numerics.array_types import Lanes
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
@@ -23,18 +23,16 @@ _MODEL_MARGIN = 2.6
 _TINY = 1e-300
 
 
-def _displacements(problem: Problem, q: Array, loads: list[LineLoad]) -> list[Lanes]:
-    """Of the mid-surface under the loads, along them: linear in the unknowns [m]."""
-    found = []
-    for load in loads:
-        moved = problem.mechanics.at_angle(q, load.angle).mid_displacement[:, 0, 0]
-        found.append(jnp.sum(moved * load.direction, 0))
-    return found
+def _under_loads(
+    mechanics: AbstractMechanics, q: StationVector, loads: list[LineLoad]
+) -> list[Lanes]:
+    """Mid-surface displacement under the loads, along them: linear in the unknowns [m]."""
+    return [jnp.sum(mechanics.under(q, x).mid_displacement * x.direction, 0) for x in loads]
 
 
-def _largest(parts: list[Lanes], like: Lanes) -> Lanes:
-    floor = jnp.full_like(like, _TINY)
-    return functools.reduce(jnp.maximum, [jnp.abs(x) for x in parts], floor)
+def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:
+    """Largest magnitude of the mid-surface displacement [m]."""
+    return jnp.maximum(mechanics.shape(q).largest_mid_displacement(), _TINY)
 
 
 def _relative(pressure: Lanes, moved: list[Lanes], to: State, size: Lanes) -> Lanes:
@@ -55,10 +53,11 @@ def discretisation_error(
         better: the state there after a Newton correction.
         loads: the line loads.
     """
-    here = _displacements(problem, state.q, loads)
-    there = _displacements(finer, better.q, loads)
+    coarse, fine = problem.mechanics, finer.mechanics
+    size = _largest(fine, better.q)
+    here = [*_under_loads(coarse, state.q, loads), _largest(coarse, state.q)]
+    there = [*_under_loads(fine, better.q, loads), size]
     moved = [a - b for a, b in zip(here, there, strict=True)]
-    size = _largest(there, state.pressure)
     share = _MESH_MARGIN * problem.mechanics.error_share
     return share * _relative(state.pressure - better.pressure, moved, better, size)
 
@@ -77,9 +76,10 @@ def model_error(
     better, change = check.correction, check.omitted
     if change is None:
         return jnp.zeros_like(better.pressure)
-    size = _largest(_displacements(problem, better.q, loads), better.pressure)
-    moved = _displacements(problem, change.q, loads)
-    indentation = problem.mechanics.indentation
+    mechanics = problem.mechanics
+    size = _largest(mechanics, better.q)
+    moved = _under_loads(mechanics, change.q, loads)
+    indentation = mechanics.indentation
     if indentation is not None:
         for i, load in enumerate(loads):
             # Spread over an arc as wide as the membrane is thick, half of it is left.
@@ -87,4 +87,6 @@ def model_error(
             share = geometry.thickness / (geometry.thickness + arc)
             per_width = load.force * better.factor / geometry.width
             moved[i] = moved[i] + indentation * share * per_width
+    if not loads:  # a line load's own field is part of the displacement beneath it alone
+        moved.append(_largest(mechanics, better.q + change.q) - size)
     return _MODEL_MARGIN * _relative(change.pressure, moved, better, size)

@@ -21,22 +21,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, continuous_inputs
+from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.scene.build import (
-    all_numbers,
-    external_pressure_of,
-    geometry_of,
-    law_of,
-    line_loads_of,
-    oil_of,
-)
-from suas_jax.sensing.electrodes import Electrodes, Readings, electrodes_of
+from suas_jax.scene.parts import scene_parts, skin_parts
+from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.oil import AbstractOil
@@ -206,15 +199,13 @@ def skin_of(
     for path in inputs or ():
         if path not in known:
             raise ValueError(f'"{path}" is no continuous input of this skin')
-    numbers = all_numbers(spec, {**known, **(inputs or {})})
-    geometry = geometry_of(numbers)
-    electrodes = electrodes_of(spec, numbers, geometry)
-    if electrodes is None:
+    parts = skin_parts(spec, {**known, **(inputs or {})})
+    if parts.electrodes is None:
         raise ValueError(
             "the skin has no [electrodes], so there is nothing to sense: add them to the "
             "skin file"
         )
-    return Skin(geometry, law_of(spec, numbers), oil_of(spec, numbers), electrodes, elements)
+    return Skin(parts.geometry, parts.law, parts.oil, parts.electrodes, elements)
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
@@ -224,18 +215,18 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
         scene: its [[load]] tables.
         inputs: SI values by TOML path that replace the scene's own.
     """
-    numbers = all_numbers(scene, {**continuous_inputs(scene), **(inputs or {})})
-    geometry = geometry_of(numbers)
+    parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
     angles, forces, turns = [], [], []
-    specs = [load for load in scene.loads if isinstance(load, LineLoadSpec)]
-    for spec, load in zip(specs, line_loads_of(scene, numbers), strict=True):
+    for load in parts.lines:
         points, weights = np.zeros(1), np.ones(1)
-        if spec.spread is not None:
+        if load.spread is not None:
             points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
             weights = weights / 2
         # A vertical force is the inward radial one turned by its angle.
         turn = load.angle if load.vertical else load.turn
-        half = 0.0 if load.spread is None else load.spread / (2 * geometry.outer_radius)
+        half = (
+            0.0 if load.spread is None else load.spread / (2 * parts.skin.geometry.outer_radius)
+        )
         for x, weight in zip(points, weights, strict=True):
             angles.append(load.angle + x * half)
             forces.append(load.force * weight)
@@ -244,5 +235,4 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
     def stacked(rows: list[Array]) -> Array:
         return jnp.stack(rows) if rows else jnp.zeros((0, 1))
 
-    pressure = external_pressure_of(scene, numbers)
-    return Loads(stacked(angles), stacked(forces), stacked(turns), pressure)
+    return Loads(stacked(angles), stacked(forces), stacked(turns), parts.external_pressure)

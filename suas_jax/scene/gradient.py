@@ -11,10 +11,11 @@ from jaxtyping import Array
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import differentiable
-from suas_jax.mesh.plan import MeshPlan
+from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import build_problem
+from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.solve import Inputs, Solution, Structure
 
 
@@ -46,14 +47,17 @@ def _pick(report: Any, path: str) -> Array:
     return report
 
 
-def _observed(scene: Structure, plan: MeshPlan, state: State, inputs: Inputs) -> dict[str, Any]:
-    problem = build_problem(scene.scene, plan, inputs)
-    return observe(scene.scene, problem, differentiable(problem, state), inputs)
+def _observed(
+    scene: Structure, plan: AbstractPlan, state: State, inputs: Inputs
+) -> dict[str, Any]:
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan)
+    return observe(parts, problem, differentiable(problem, state))
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure, path: str, plan: MeshPlan, state: State, inputs: Inputs
+    scene: Structure, path: str, plan: AbstractPlan, state: State, inputs: Inputs
 ) -> dict[str, Array]:
     def quantity(inputs: Inputs) -> Array:
         return _pick(_observed(scene, plan, state, inputs), path)[0]

@@ -1,7 +1,6 @@
 """What a user reads off an equilibrium: displacements, gaps, stretches, stability.
 
-Everything here is a smooth function of the state and the inputs (extremes are taken at
-the vertex of a parabola through neighbouring samples), so that any of it can be
+Everything here is a smooth function of the state and the inputs, so that any of it can be
 differentiated.
 """
 
@@ -9,128 +8,39 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool
+from jaxtyping import Array
 
 from suas_jax.config import LineLoadSpec, SceneSpec
-from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
-from suas_jax.mechanics.base import AbstractMechanics, Profile
-from suas_jax.numerics.array_types import Lanes
-from suas_jax.scene.build import all_numbers, geometry_of, line_loads_of
-from suas_jax.sensing.electrodes import electrodes_of
+from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
-from suas_jax.skin.geometry import SkinGeometry, outward
-
-_CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
-SAMPLES = 8  # intervals per element in which extremes are sought
 
 
-def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
-    """Largest of a sampled function, each element's samples joined by parabolas.
-
-    Parabolas never reach across an element's end, where solutions may have a kink.
-
-    Args:
-        values: samples [sample, element, lane].
-        companions: functions to evaluate at the same place.
-
-    Returns:
-        The largest value and each companion there, per lane.
-    """
-    samples, elements, lanes = values.shape
-    flat = values.reshape(samples * elements, lanes)
-    best = jnp.argmax(flat, 0)
-    row = jnp.clip(best // elements, 1, samples - 2)
-    element, lane = best % elements, jnp.arange(lanes)
-
-    def local(f: Array) -> tuple[Array, Array, Array]:
-        f = jnp.broadcast_to(f, values.shape)
-        left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
-        return middle, (right - left) / 2, left + right - 2 * middle
-
-    middle, slope, bend = local(values)
-    curved = jnp.where(bend < 0, bend, -1.0)
-    vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
-    x = jnp.clip(vertex, -1.0, 1.0)
-    found = [middle + slope * x + bend * x**2 / 2]
-    for companion in companions:
-        middle, slope, bend = local(companion)
-        found.append(middle + slope * x + bend * x**2 / 2)
-    return tuple(found)
-
-
-def _gap(shape: Profile, geometry: SkinGeometry) -> tuple[Lanes, Lanes]:
-    """Smallest gap between inner face and wall [m], and its current polar angle [rad]."""
-    x, y = geometry.inner_radius * outward(shape.angle) + shape.inner_displacement
-    gap = jnp.sqrt(x**2 + y**2) - geometry.wall_radius
-    negative, angle = peak(-gap, jnp.arctan2(x, y))
-    return -negative, angle
-
-
-def _away_from_clamps(mechanics: AbstractMechanics, shape: Profile) -> Profile:
-    """Hide the stretches where they diverge, next to the clamps."""
-    reach = mechanics.clamp_reach
-    first, last = shape.angle[0, 0] + reach, shape.angle[-1, -1] - reach
-    keep = (shape.angle >= first) & (shape.angle <= last)
-    samples, elements, _ = shape.angle.shape
-    lowest, highest = jnp.argmax(keep, 0), samples - 1 - jnp.argmax(keep[::-1], 0)
-    nearest = jnp.clip(jnp.arange(samples)[:, None, None], lowest, highest)
-    seen = jnp.any(keep, 0)
-
-    def hidden(stretch: Array) -> Array:
-        kept = jnp.take_along_axis(stretch, nearest, 0)
-        return jnp.where(seen, kept, stretch[:1, elements // 2, None])
-
-    return shape._replace(
-        inner_stretch=hidden(shape.inner_stretch), outer_stretch=hidden(shape.outer_stretch)
-    )
-
-
-def _material_stable(problem: Problem, shape: Profile) -> Bool[Array, " lane"]:
-    """Drucker stability of the fibres at both faces."""
-    stretch = jnp.stack([shape.inner_stretch, shape.outer_stretch])
-    modulus = drucker_modulus(problem.mechanics.law, stretch, jnp.ones_like(stretch))
-    return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
-
-
-def load_observables(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
-) -> list[dict[str, Any]]:
+def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
     """Position, force and displacement of every load, in the order of the file."""
-    numbers = all_numbers(scene, inputs)
-    geometry = geometry_of(numbers)
-    lines = iter(line_loads_of(scene, numbers))
+    lines, pressures = iter(parts.lines), iter(parts.pressures)
     entries: list[dict[str, Any]] = []
-    for i, spec in enumerate(scene.loads):
+    for spec in parts.scene.loads:
         if not isinstance(spec, LineLoadSpec):
-            pressure = jnp.asarray(numbers[f"load.{i}.pressure"])[..., None] * state.factor
-            entries.append({"pressure_Pa": pressure})
+            entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
         load = next(lines)
-        shape = problem.mechanics.at_angle(state.q, load.angle)
-        along = load.direction
-
-        def component(displacement: Array, along: Array = along) -> Lanes:
-            return jnp.sum(displacement[:, 0, 0] * along, 0)
-
+        moved = problem.mechanics.under(state.q, load)
         entries.append(
             {
                 "angle_deg": jnp.rad2deg(load.angle),
-                "arc_position_m": load.angle * geometry.outer_radius,
+                "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
                 "force_N": load.force * state.factor,
-                "displacement_m": component(shape.mid_displacement),
-                "inner_displacement_m": component(shape.inner_displacement),
+                "displacement_m": jnp.sum(moved.mid_displacement * load.direction, 0),
+                "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction, 0),
             }
         )
     return entries
 
 
-def taxel_observables(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
-) -> dict[str, Array]:
+def taxel_observables(parts: SceneParts, problem: Problem, state: State) -> dict[str, Array]:
     """What the taxels read, a column a quantity [taxel, lane]; empty without electrodes."""
-    numbers = all_numbers(scene, inputs)
-    electrodes = electrodes_of(scene, numbers, geometry_of(numbers))
+    electrodes = parts.skin.electrodes
     if electrodes is None:
         return {}
     readings = electrodes.read(problem.mechanics, state.q)
@@ -156,46 +66,35 @@ def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dic
     ]
 
 
-def observe(
-    scene: SceneSpec, problem: Problem, state: State, inputs: Mapping[str, ArrayLike]
-) -> dict[str, Any]:
+def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]:
     """Everything a solve reports about a state, in SI units, with a lane axis.
 
     Args:
-        scene: the scene.
-        problem: its discrete problem over the whole arc.
+        parts: of the scene.
+        problem: its discrete problem on the whole membrane.
         state: the equilibrium.
-        inputs: the continuous inputs that the problem was built from.
     """
-    numbers = all_numbers(scene, inputs)
-    geometry = geometry_of(numbers)
-    shape = problem.mechanics.profile(state.q, SAMPLES)
-    gap, gap_angle = _gap(shape, geometry)
-    shape = _away_from_clamps(problem.mechanics, shape)
-    square = jnp.sum(shape.inner_displacement**2, 0)
-    at_rest = square == 0  # where a square root has no derivative
-    moved = jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
+    geometry, mechanics = parts.skin.geometry, problem.mechanics
+    shape = mechanics.shape(state.q)
+    gap = shape.smallest_gap(geometry)
+    stretch_min, stretch_max = shape.stretch_range()
+    energy = mechanics.strain_energy(state.q)
     report = {
-        "loads": load_observables(scene, problem, state, inputs),
+        "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,
-        "max_displacement_m": peak(moved)[0],
-        "min_gap_m": gap,
-        "min_gap_angle_deg": jnp.rad2deg(gap_angle),
-        "wall_contact": gap <= 0,
-        "strain_energy_J": problem.mechanics.strain_energy(state.q) * geometry.width,
-        "stretch_min": -peak(-shape.inner_stretch)[0],
-        "stretch_max": peak(shape.inner_stretch)[0],
-        "material_stable": _material_stable(problem, shape),
+        "max_displacement_m": shape.largest_displacement().value,
+        "min_gap_m": gap.value,
+        "min_gap_angle_deg": jnp.rad2deg(gap.angle),
+        "wall_contact": gap.value <= 0,
+        "strain_energy_J": energy * geometry.width if mechanics.per_width else energy,
+        "stretch_min": stretch_min,
+        "stretch_max": stretch_max,
+        "material_stable": shape.material_stable(mechanics.law),
         "volume_residual": volume_residual(problem, state),
-        "taxels": taxel_observables(scene, problem, state, inputs),
+        "taxels": taxel_observables(parts, problem, state),
     }
-    environment = scene.environment
-    if environment is not None and environment.depth is not None:
-        path = "environment."
-        ambient = (
-            numbers[path + "specific_weight"] * numbers[path + "depth"]
-            + numbers[path + "atmospheric_pressure"]
-        )
+    ambient = parts.ambient_pressure
+    if ambient is not None:
         report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)
         report["absolute_oil_pressure_Pa"] = ambient + state.pressure
     return report

@@ -17,20 +17,15 @@ from jaxtyping import ArrayLike
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
 from suas_jax.equilibrium.balance import Problem, State, verify
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.mesh.plan import MeshPlan
+from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.program_store import Keyed
-from suas_jax.scene.build import (
-    all_numbers,
-    build_problem,
-    geometry_of,
-    line_loads_of,
-    plan_for,
-)
+from suas_jax.scene.build import build_problem, decay_angle, plan_for, problem_of
 from suas_jax.scene.error_estimate import discretisation_error, model_error
 from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.resolution import Resolution, first, forced
 
 Inputs = Mapping[str, ArrayLike]
 # Part of rtol that the model may take: some must be left for the mesh.
@@ -58,7 +53,7 @@ class Attempt(NamedTuple):
     report: dict[str, Any]
     state: State
     outcome: dict[str, Any]
-    plan: MeshPlan
+    plan: AbstractPlan
 
     @property
     def converged(self) -> bool:
@@ -84,15 +79,6 @@ class Attempt(NamedTuple):
         left = rtol if self.model_too_coarse(rtol) else rtol - self.model_error
         return self.converged and not self.mesh_error <= left
 
-    def as_chosen(self, rtol: float) -> str:
-        """Why the lumped shell was chosen, or why nothing else was tried."""
-        if not self.converged:
-            return "Lumped shell tried; the solid was not, as it starts no other path."
-        return (
-            f"Lumped shell chosen: its model error is estimated as {self.model_error:.1e}, "
-            f"rtol is {rtol:.1e}."
-        )
-
 
 @dataclasses.dataclass(frozen=True)
 class Solution:
@@ -107,7 +93,7 @@ class Solution:
 
     report: dict[str, Any]
     state: State
-    plan: MeshPlan
+    plan: AbstractPlan
     scene: SceneSpec
 
     @property
@@ -120,60 +106,46 @@ class Solution:
         return build_problem(self.scene, self.plan, continuous_inputs(self.scene))
 
 
-def working_plan(plan: MeshPlan, symmetric: bool) -> MeshPlan:
-    """The half of a symmetric plan, or the plan itself."""
-    return plan.half() if symmetric else plan
-
-
-def is_symmetric(plan: MeshPlan) -> bool:
-    """Whether stations and loads of a plan are their own mirror image."""
-    angles = plan.stations @ plan.values
-    points = np.sort(plan.position @ plan.values)
-    return bool(
-        plan.mirror
-        and plan.elements % 2 == 0
-        and np.allclose(angles, -angles[::-1], atol=1e-12)
-        and np.allclose(points, -points[::-1], atol=1e-12)
-    )
-
-
-def whole(problem: Problem, state: State, plan: MeshPlan) -> State:
-    """The state on the whole arc from the one that was solved."""
+def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
+    """The state on the whole membrane from the one that was solved."""
     return state._replace(q=problem.mechanics.mirrored(state.q)) if plan.symmetric else state
 
 
 def assess(
-    spec: SceneSpec, plan: MeshPlan, other_plan: MeshPlan, state: State, inputs: Inputs
+    parts: SceneParts, plan: AbstractPlan, other_plan: AbstractPlan, state: State
 ) -> dict[str, Any]:
     """Observe a state on `plan` and check it on the comparison mesh `other_plan`.
 
-    One assembly there, on the whole arc, answers two questions: whether the state is
+    One assembly there, on the whole membrane, answers two questions: whether the state is
     stable, sway included, and how far it is from the exact solution.
     """
-    problem = build_problem(spec, plan, inputs)
-    report = observe(spec, problem, state, inputs)
-    other = build_problem(spec, other_plan, inputs)
+    problem = problem_of(parts, plan)
+    report = observe(parts, problem, state)
+    other = problem_of(parts, other_plan)
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
     report["stable"] = check.stable
-    numbers = all_numbers(spec, inputs)
-    loads = line_loads_of(spec, numbers)
-    error = discretisation_error(problem, state, other, check.correction, loads)
-    same = plan.elements == other_plan.elements
+    error = discretisation_error(problem, state, other, check.correction, parts.lines)
+    same = plan.counts == other_plan.counts
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
-    report["model_error"] = model_error(other, check, loads, geometry_of(numbers))
+    report["model_error"] = model_error(other, check, parts.lines, parts.skin.geometry)
     return report
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure, plan: MeshPlan, half: MeshPlan, other_plan: MeshPlan, inputs: Inputs
+    scene: Structure,
+    plan: AbstractPlan,
+    reduced: AbstractPlan,
+    other_plan: AbstractPlan,
+    inputs: Inputs,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    """Solve on `half` (or `plan` itself), then assess on the whole arc."""
-    problem = build_problem(scene.scene, half, inputs)
+    """Solve on `reduced`, then assess on the whole membrane."""
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, reduced)
     found = equilibrium(problem)
-    state = whole(problem, found.state, half)
-    report = assess(scene.scene, plan, other_plan, state, inputs)
+    state = whole(problem, found.state, reduced)
+    report = assess(parts, plan, other_plan, state)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -192,11 +164,12 @@ def unloaded(scene: SceneSpec) -> bool:
 
 
 @eqx.filter_jit
-def _rest_program(scene: Structure, plan: MeshPlan, inputs: Inputs) -> tuple[Any, State]:
-    problem = build_problem(scene.scene, plan, inputs)
+def _rest_program(scene: Structure, plan: AbstractPlan, inputs: Inputs) -> tuple[Any, State]:
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan)
     zero = jnp.zeros(1)
     state = State(problem.mechanics.rest(), zero, zero + 1)
-    return observe(scene.scene, problem, state, inputs), state
+    return observe(parts, problem, state), state
 
 
 def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
@@ -208,63 +181,21 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     Args:
         scene: what to solve.
-        repeat: how often to run after compilation; the solve time is the median.
+        repeat: how often to run; the solve time is the median. More than one run is worth
+            a program that takes longer to compile and less time to run.
 
     Returns:
         The solution; a failed solve is named in its report, not raised.
     """
-    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    # Tolerance, model and mesh decide which programs run, not what they are.
-    static = Structure(with_solve(scene, model="auto", rtol=1e-3, elements=None, mesh=None))
-    once = repeat == 1
-    compiled_before, rtol = COMPILED.seconds, scene.solve.rtol
-
-    def attempt(model: str, size: Resolution | None) -> Attempt:
-        wanted = size is not None
-        size = size or first(scene, model)
-        while True:
-            plan = plan_for(scene, *size)
-            if unloaded(scene):
-                report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
-                report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
-                outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
-                return Attempt(report, state, outcome, plan)
-            half = working_plan(plan, is_symmetric(plan))
-            arguments = (static, plan, half, plan.comparison(), inputs)
-            report, state, outcome = COMPILED.run(_program, *arguments, once=once)
-            found = Attempt(report, state, outcome, plan)
-            finer = size.finer()
-            hopeless = scene.solve.model == "auto" and model == "shell"
-            hopeless = hopeless and found.model_too_coarse(rtol)
-            if wanted or finer is None or hopeless or not found.mesh_too_coarse(rtol):
-                return found
-            size = finer
-
-    def choose() -> tuple[Attempt, str]:
-        model, size = scene.solve.model, forced(scene)
-        if model != "auto":
-            return attempt(model, size), ""
-        if size is not None:
-            model = "solid" if size.layers else "shell"
-            return attempt(model, size), f"The mesh given is that of the {model}."
-        shell = attempt("shell", None)
-        if not shell.converged or not shell.model_too_coarse(rtol):
-            return shell, shell.as_chosen(rtol)
-        solid = attempt("solid", None)
-        if not solid.converged:
-            return shell, f"{shell.as_chosen(rtol)} The solid did not converge."
-        return solid, (
-            f"Solid chosen: the lumped shell's model error, estimated as "
-            f"{shell.model_error:.1e}, exceeds rtol {rtol:.1e}."
-        )
-
-    result = choose()
+    compiled_before = COMPILED.seconds
+    decay_angle(scene)  # its small program is compiled, and kept, outside the time measured
     seconds = []
-    for _ in range(repeat):
-        begin = time.perf_counter()
-        result = choose()
-        seconds.append(time.perf_counter() - begin)
-    found, reason = result
+    for run in range(repeat + (repeat > 1)):
+        begin, compiling = time.perf_counter(), COMPILED.seconds
+        found, reason = _choose(scene, once=repeat == 1)
+        elapsed = time.perf_counter() - begin - (COMPILED.seconds - compiling)
+        if run > 0 or repeat == 1:  # of several, the first one compiles
+            seconds.append(elapsed)
     outcome = plain(found.outcome) | {"model": found.plan.model, "reason": reason}
     report = report_of(scene, plain(found.report), outcome)
     report["timings_s"] = {
@@ -272,3 +203,60 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "solve": float(np.median(seconds)),
     }
     return Solution(report, found.state, found.plan, scene)
+
+
+def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
+    """Solve with the model that the scene asks for, and say why it is that one."""
+    model, rtol = scene.solve.model, scene.solve.rtol
+    if model != "auto":
+        return _attempt(scene, model, MODELS[model].given(scene), once=once), ""
+    given = {name: m.given(scene) for name, m in MODELS.items()}
+    for name, counts in reversed(given.items()):
+        if counts is not None:
+            found = _attempt(scene, name, counts, once=once)
+            return found, f"The mesh given is that of the {name}."
+    shell = _attempt(scene, "shell", None, once=once)
+    if not shell.converged:
+        return shell, "Lumped shell tried; the solid was not, as it starts no other path."
+    if not shell.model_too_coarse(rtol):
+        return shell, _shell_chosen(shell, rtol)
+    solid = _attempt(scene, "solid", None, once=once)
+    if not solid.converged:
+        return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
+    return solid, (
+        f"Solid chosen: the lumped shell's model error, estimated as "
+        f"{shell.model_error:.1e}, exceeds rtol {rtol:.1e}."
+    )
+
+
+def _shell_chosen(shell: Attempt, rtol: float) -> str:
+    return (
+        f"Lumped shell chosen: its model error is estimated as {shell.model_error:.1e}, "
+        f"rtol is {rtol:.1e}."
+    )
+
+
+def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -> Attempt:
+    """Solve with one model, on the mesh given or on finer ones until `rtol` is met."""
+    model, rtol = MODELS[name], scene.solve.rtol
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+    # Tolerance, model and mesh decide which programs run, not what they are.
+    static = Structure(with_solve(scene, model="auto", rtol=1e-3, elements=None, mesh=None))
+    counts = given or model.first(scene)
+    while True:
+        plan = plan_for(scene, name, counts)
+        if unloaded(scene):
+            report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
+            report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
+            outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
+            return Attempt(report, state, outcome, plan)
+        arguments = (static, plan, plan.reduced(), plan.comparison(), inputs)
+        report, state, outcome = COMPILED.run(_program, *arguments, once=once)
+        found = Attempt(report, state, outcome, plan)
+        # Where another model is tried next, a finer mesh of this one is wasted.
+        other_next = scene.solve.model == "auto" and name == "shell"
+        other_next = other_next and found.model_too_coarse(rtol)
+        finer = model.finer(counts)
+        if given or finer is None or other_next or not found.mesh_too_coarse(rtol):
+            return found
+        counts = finer

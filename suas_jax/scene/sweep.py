@@ -21,19 +21,13 @@ from suas_jax.config import (
 )
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import path
-from suas_jax.mesh.plan import MeshPlan
+from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import build_problem, plan_for, problem_of
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.resolution import Resolution, first_of_sweep, forced
-from suas_jax.scene.solve import (
-    Inputs,
-    Structure,
-    assess,
-    is_symmetric,
-    whole,
-    working_plan,
-)
+from suas_jax.scene.solve import Inputs, Structure, assess, whole
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
@@ -99,18 +93,19 @@ class Sweep:
 @eqx.filter_jit
 def _program(
     scene: Structure,
-    plan: MeshPlan,
-    half: MeshPlan,
-    other_plan: MeshPlan,
+    plan: AbstractPlan,
+    reduced: AbstractPlan,
+    other_plan: AbstractPlan,
     inputs: Inputs,
     levels: Array,
     start: State | None,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    problem = build_problem(scene.scene, half, inputs)
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, reduced)
     found = path(problem, levels, start)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(scene.scene, plan, other_plan, whole(problem, state, half), inputs)
+        return assess(parts, plan, other_plan, whole(problem, state, reduced))
 
     reports = jax.lax.map(one, found.state)
     outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
@@ -172,30 +167,35 @@ def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
 
 
 def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
-    model, wanted, rtol = scene.solve.model, forced(scene), scene.solve.rtol
-    size = wanted or first_of_sweep(scene, "shell" if model == "auto" else model)
+    rtol, automatic = scene.solve.rtol, scene.solve.model == "auto"
+    given = {name: model.given(scene) for name, model in MODELS.items()}
+    name: str = scene.solve.model
+    if automatic:
+        name = next((n for n in reversed(given) if given[n] is not None), "shell")
+    counts = given[name] or MODELS[name].first_of_sweep(scene)
     while True:
-        curve = _Curve(scene, size)
+        curve = _Curve(scene, name, counts)
         points = curve.points(levels)
         worst, of_model = (
             max((p[key] for p in points if p[key] is not None), default=0.0)
             for key in ("error_estimate", "model_error")
         )
-        if model == "auto" and not wanted and not size.layers and of_model > rtol:
-            size = first_of_sweep(scene, "solid")
+        if automatic and not given[name] and name == "shell" and of_model > rtol:
+            name = "solid"
+            counts = MODELS[name].first_of_sweep(scene)
             continue
-        finer = size.finer()
-        if wanted or worst <= max(rtol, 1.1 * of_model) or finer is None:
+        finer = MODELS[name].finer(counts)
+        if given[name] or worst <= max(rtol, 1.1 * of_model) or finer is None:
             return Sweep(points, curve.first_contact(levels, points), scene)
-        size = finer
+        counts = finer
 
 
 class _Curve:
     """One mesh of a scene and the states found on it."""
 
-    def __init__(self, scene: SceneSpec, size: Resolution) -> None:
-        self.scene, self.size, self.plan = scene, size, plan_for(scene, *size)
-        self.half = working_plan(self.plan, is_symmetric(self.plan))
+    def __init__(self, scene: SceneSpec, model: str, counts: Counts) -> None:
+        self.scene, self.plan = scene, plan_for(scene, model, counts)
+        self.reduced = self.plan.reduced()
         self.other = self.plan.comparison()
         self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
         self.states: State | None = None
@@ -206,7 +206,7 @@ class _Curve:
             start = self._rest()
         pressures = self.scene.solve.oil_pressure is not None
         visit = levels[levels != 0] if pressures else levels
-        arguments = (self.plan, self.half, self.other, self.inputs, jnp.asarray(visit))
+        arguments = (self.plan, self.reduced, self.other, self.inputs, jnp.asarray(visit))
         known = None if pressures and start.factor[0] == 0 else start
         once = len(visit) <= _FEW
         found = COMPILED.run(_program, Structure(self.scene), *arguments, known, once=once)
@@ -226,14 +226,14 @@ class _Curve:
         return rows
 
     def _rest(self) -> State:
-        problem = build_problem(self.scene, self.half, self.inputs)
+        problem = build_problem(self.scene, self.reduced, self.inputs)
         zero = jnp.zeros(1)
         return State(problem.mechanics.rest(), zero, zero)
 
     def _rest_report(self, like: dict[str, Any]) -> dict[str, Any]:
         """The report of the undeformed state, which no pressure control can reach."""
         loads_off = with_solve(self.scene, oil_pressure=None)
-        curve = _Curve(loads_off, self.size)
+        curve = _Curve(loads_off, self.plan.model, self.plan.counts)
         return curve.points(np.zeros(1))[0]
 
     def first_contact(

@@ -10,10 +10,10 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.config import SkinSpec
 from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.face import AbstractFace
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.sensing.capacitance import FORMULAS, AbstractCapacitance
-from suas_jax.sensing.gap import PolarFace, gap_at, polar_face
-from suas_jax.sensing.taxels import Taxels, heights_of, taxels_of
+from suas_jax.sensing.taxels import CHORDS, DISC, Taxels, heights_of, taxels_of
 from suas_jax.skin.geometry import SkinGeometry
 
 
@@ -69,25 +69,27 @@ class Electrodes(eqx.Module):
             mechanics: the membrane on the whole arc.
             q: its unknowns.
         """
-        return self.read_face(polar_face(mechanics, q, self.geometry.inner_radius))
+        return self.read_face(mechanics.face(q, self.geometry.inner_radius))
 
-    def read_face(self, face: PolarFace) -> Readings:
+    def read_face(self, face: AbstractFace) -> Readings:
         """Readings under a deformed inner face; see `read`."""
         taxels, wall = self.taxels, self.geometry.wall_radius
+        footprint = DISC if face.varies_along_axis else CHORDS
         # Ray after ray, not all in one array: a reduction over them would cost the
         # compiled program several times what the look-ups do.
-        gaps = [gap_at(face, angle, wall) - self.height for angle in taxels.rays(wall)]
+        rays = taxels.rays(footprint, wall)
+        gaps = [face.gap(angle, axial, wall) - self.height for angle, axial in rays]
         clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
-        density = taxels.average(
+        density = footprint.average(
             self.formula.per_area(
                 jnp.where(clear, gap, 1.0), wall, self.permittivity, self.layers
             )
             for gap in gaps
         )
         capacitance = jnp.where(clear, self.stray + taxels.area * density, jnp.nan)
-        centre = gaps[len(gaps) // 2]
+        centre = gaps[footprint.centre]
         return Readings(centre, capacitance, capacitance / self.lsb, ~clear)
 
 

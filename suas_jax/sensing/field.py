@@ -19,12 +19,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.section import section_of
+from suas_jax.mechanics.section_face import PolarFace, gap_at
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.electrodes import Electrodes
-from suas_jax.sensing.gap import PolarFace, gap_at, polar_face
 
 _DEGREE = 5
 _ELEMENTS = 720
@@ -98,7 +99,7 @@ def field_capacitance(
         q: its unknowns.
         elements: of the film along the arc.
     """
-    face = polar_face(mechanics, q, electrodes.geometry.inner_radius)
+    face = section_of(mechanics).face(q, electrodes.geometry.inner_radius)
     return field_capacitance_under(electrodes, face, elements)
 
 

@@ -13,9 +13,8 @@ inward radial) and `pressure_Pa`. Between rows everything changes linearly; what
 names stays as the scene has it.
 """
 
-import csv
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.config import LineLoadSpec, SceneSpec, load_scene
+from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
@@ -87,31 +87,29 @@ def load_path(file: Path) -> LoadPath:
         ValueError: naming file, line, column, value and what is allowed.
         OSError: it, or its scene, can't be read.
     """
-    scene: SceneSpec | None = None
-    names: list[str] = []
-    rows: list[list[float]] = []
-    for number, line in enumerate(file.read_text("utf-8-sig").splitlines(), start=1):
-        if line.startswith("#"):
-            key, _, value = line[1:].partition(":")
-            if key.strip() == "scene":
-                scene = load_scene(file.parent / value.strip())
-        elif line.strip():
-            fields = [text.strip() for text in next(csv.reader([line]))]
-            if names:
-                rows.append(_row(f"{file}, line {number}", names, fields))
-                if len(rows) > 1 and not rows[-1][0] > rows[-2][0]:
-                    raise ValueError(f"{file}, line {number}, column t_s: time must increase")
-            else:
-                names = _columns(f"{file}, line {number}", fields, scene)
-    if scene is None or not rows:
+    table = read_csv_table(file)
+    if not table.rows:
         raise ValueError(f"{file}: no rows; a load path is '# scene: FILE', column names, rows")
-    table = np.array(rows)
-    return LoadPath(scene, table[:, 0], dict(zip(names[1:], table[:, 1:].T, strict=True)))
-
-
-def _columns(where: str, names: list[str], scene: SceneSpec | None) -> list[str]:
-    if scene is None:
+    if "scene" not in table.header:
+        where = f"{file}, line {table.line}"
         raise ValueError(f"{where}: '# scene: FILE' is missing above the column names")
+    scene = load_scene(file.parent / table.header["scene"])
+    _check_columns(f"{file}, line {table.line}", table.names, scene)
+    numbers = np.array([[number_in(text) for text in fields] for _, fields in table.rows])
+    for (line, fields), values in zip(table.rows, numbers, strict=True):
+        for name, text, value in zip(table.names, fields, values, strict=True):
+            if np.isnan(value):
+                where = f"{file}, line {line}, column {name}"
+                raise ValueError(f'{where}: "{text}": expected a number')
+    late = np.flatnonzero(~(np.diff(numbers[:, 0]) > 0))
+    if late.size:
+        line, _ = table.rows[late[0] + 1]
+        raise ValueError(f"{file}, line {line}, column t_s: time must increase")
+    columns = dict(zip(table.names[1:], numbers[:, 1:].T, strict=True))
+    return LoadPath(scene, numbers[:, 0], columns)
+
+
+def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
     if scene.solve.oil_pressure is not None:
         raise ValueError(
             f"{where}: the scene scales its loads to solve.oil_pressure, but a load path "
@@ -134,21 +132,6 @@ def _columns(where: str, names: list[str], scene: SceneSpec | None) -> list[str]
             raise ValueError(f'{where}, column "{name}": a {load.kind} load has {allowed}')
         if isinstance(load, LineLoadSpec) and load.spread is not None:
             raise ValueError(f'{where}, column "{name}": a spread load can\'t move in a path')
-    return names
-
-
-def _row(where: str, names: list[str], fields: list[str]) -> list[float]:
-    if len(fields) != len(names):
-        raise ValueError(f"{where}: {len(fields)} fields for {len(names)} columns")
-    values = []
-    for name, text in zip(names, fields, strict=True):
-        try:
-            values.append(float(text))
-        except ValueError:
-            values.append(np.nan)
-        if not np.isfinite(values[-1]):
-            raise ValueError(f'{where}, column {name}: "{text}": expected a number')
-    return values
 
 
 def capacitances(

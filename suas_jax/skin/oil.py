@@ -5,20 +5,34 @@ ambient; the equilibrium enforces it as the border of its linear system.
 """
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
+from suas_jax.config.oil import OilSpec
 from suas_jax.numerics.array_types import Lanes
 
 
 class AbstractOil(eqx.Module):
-    """An oil film."""
+    """An oil film; its constants are the keys of its [oil] table, with a lane axis.
+
+    Attributes:
+        spec: the model's declaration.
+    """
+
+    spec: ClassVar[type[OilSpec]]
 
     @property
     def trapped(self) -> bool:
         """Whether the oil's pressure is unknown (else it is zero)."""
-        return True
+        return self.spec.trapped
+
+    @property
+    def yields(self) -> bool:
+        """Whether its volume changes with the pressure."""
+        return self.spec.yields
 
     @abc.abstractmethod
     def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
@@ -29,53 +43,8 @@ class AbstractOil(eqx.Module):
             film_volume: volume of the undeformed film per width [m^2].
         """
 
-    @abc.abstractmethod
     def compliance(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
         """Derivative of `expansion` by the pressure, negative or zero [m^2/Pa]."""
-
-
-class IncompressibleOil(AbstractOil):
-    """The film keeps its volume: dV = 0."""
-
-    def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
-        """Zero."""
-        return jnp.zeros_like(pressure * film_volume)
-
-    def compliance(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
-        """Zero."""
-        return jnp.zeros_like(pressure * film_volume)
-
-
-class CompressibleOil(AbstractOil):
-    """p = -K ln(V / V0) with the bulk modulus K and the film's volume V0 at rest.
-
-    Attributes:
-        bulk_modulus: K [Pa].
-    """
-
-    bulk_modulus: Lanes
-
-    def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
-        """V0 (exp(-p / K) - 1)."""
-        return film_volume * jnp.expm1(-pressure / self.bulk_modulus)
-
-    def compliance(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
-        """-V0 / K exp(-p / K)."""
-        return -film_volume / self.bulk_modulus * jnp.exp(-pressure / self.bulk_modulus)
-
-
-class VentedOil(AbstractOil):
-    """The film is open: p = 0 and no constraint on its volume."""
-
-    @property
-    def trapped(self) -> bool:
-        """False: there is no pressure to find."""
-        return False
-
-    def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
-        """Zero; never asked."""
-        return jnp.zeros_like(pressure * film_volume)
-
-    def compliance(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
-        """Zero; never asked."""
-        return jnp.zeros_like(pressure * film_volume)
+        pressure = jnp.asarray(pressure)
+        one = jnp.ones_like(pressure)
+        return jax.jvp(lambda p: self.expansion(p, film_volume), (pressure,), (one,))[1]

@@ -18,11 +18,11 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.model import at_rest, loads_from
-from fitting.inverse_load.report.summary import inverse
+from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES
-from fitting.sensor.fit.model import GAP, LAYERS, PATHS
+from fitting.sensor.model.counts import GAP, LAYERS, PATHS
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.equilibrium import State, differentiable
 from suas_jax.runtime.compiled import COMPILED

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.fit.model import FIT_PROGRAMS, SETTLED, Fit, Target
+from fitting.inverse_load.fit.least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.search.table import LANES, LoadTable, edge_margin
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED

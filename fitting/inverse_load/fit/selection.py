@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
-from fitting.inverse_load.fit.model import at_rest
+from fitting.inverse_load.model.evaluation import at_rest
 from fitting.inverse_load.search.nearest import APART, NodeSearch
-from fitting.inverse_load.search.pairs import PairSearch
+from fitting.inverse_load.search.pairs import PairSearch, Start
 
 SUSPECT = 2e-3
 """Chance of chi2 below which other explanations are tried."""
@@ -158,7 +158,7 @@ class Selection:
         for count in range(2, self.most_contacts + 1):
             enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
             frames = frames[enough]
-            starts = [self.pairs.starts(y[i], weight[i], best, i, count) for i in frames]
+            starts = [self._starts(y[i], weight[i], best, i, count) for i in frames]
             at = np.repeat(frames, [len(s) for s in starts])
             if not at.size:
                 return
@@ -168,6 +168,16 @@ class Selection:
             found.score += (count - 1) * self.price
             improved = self._take_better(best, at, found)
             frames = improved[self._chance(best)[improved] < _PLAUSIBLE]
+
+    def _starts(
+        self, y: Any, weight: Any, best: Explanations, i: int, count: int
+    ) -> list[Start]:
+        """Where fits of a frame by so many contacts begin; a third is added to two."""
+        if count == 2:
+            return self.pairs.of_two(y, weight)
+        if int(best.contacts[i]) != count - 1:
+            return []
+        return self.pairs.of_one_more(y, weight, best.parameters[i], best.so[i], count - 1)
 
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations

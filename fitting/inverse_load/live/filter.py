@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.report.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 
 _GATE = 25.0  # squared distance beyond which an estimate is another contact's
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.live.stream import LiveFrame
 from fitting.inverse_load.report.text import in_words
 from suas_jax.acquisition.terminal import LiveTerminal
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fitting.inverse_load.live.stream import LiveFrame
 
 _WIDTH = 61  # characters of the pad's picture
 _WINDOW = 2.0  # rates are means over this time [s]
@@ -36,7 +36,7 @@ class LoadView(LiveTerminal):
         self._title = title
         self._times: deque[float] = deque()
 
-    def update(self, frame: "LiveFrame") -> None:
+    def update(self, frame: LiveFrame) -> None:
         """Show a frame, a few times a second."""
         now = time.monotonic()
         self._times.append(now)
@@ -45,7 +45,7 @@ class LoadView(LiveTerminal):
         if self.due():
             self.draw(self._table(frame))
 
-    def _table(self, frame: "LiveFrame") -> "Table":
+    def _table(self, frame: LiveFrame) -> "Table":
         from rich.table import Table
 
         estimate = frame.estimate

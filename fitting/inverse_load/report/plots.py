@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from fitting.inverse_load.report.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from suas_jax.figures.style import written
 
 _BAND = 1.96  # standard deviations of the 95 % interval
 
@@ -68,6 +69,4 @@ def plot_loads(
     misfit.set_xlabel("time [s]")
     if names:
         misfit.legend(loc="upper right", fontsize="small")
-    if file is not None:
-        figure.savefig(file, dpi=150)
-    return figure
+    return written(figure, file)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.inverse_load.fit.posterior import Mode
+from fitting.inverse_load.posterior import Mode
 
 
 def posterior_json(modes: list[Mode]) -> dict[str, Any]:

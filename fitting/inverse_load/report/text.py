@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.report.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 
 
 def contact_json(contact: Contact) -> dict[str, Any]:

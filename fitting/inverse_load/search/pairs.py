@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.scene.forward import Skin
@@ -51,35 +50,15 @@ class PairSearch:
     def _reciprocal(self, so: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(1 / np.maximum(so - self._stray, 1e-3))
 
-    def starts(
-        self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        best: Explanations,
-        frame: int,
-        count: int,
-    ) -> list[Start]:
-        """Starting points of one frame, best first.
+    def of_two(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> list[Start]:
+        """Starting points of two contacts in one frame, best first.
 
         Args:
             y: its readings [taxel].
             weight: inverse variances [taxel].
-            best: what explains the frames so far: a third contact is added to two of them.
-            frame: which of them.
-            count: contacts wanted.
         """
-        used = weight > 0
-        u = np.where(used, self._reciprocal(np.where(used, y, 1.0)), self._rest)
-        variance = u**4 / np.where(used, weight, 1.0)  # as |du/dSO| = u^2
-        if count == 2:
-            return self._pairs(u - self._rest, variance, used)
-        if int(best.contacts[frame]) != count - 1:
-            return []
-        model = self._reciprocal(np.where(used, best.so[frame], 1.0))
-        left = np.where(used, u - model, 0.0)
-        return self._one_more(best.parameters[frame], count - 1, left, used / variance)
-
-    def _pairs(self, change: Any, variance: Any, used: Any) -> list[Start]:
+        used, u, variance = self._measured(y, weight)
+        change = u - self._rest
         # Errors of the superposition grow with the change.
         w = used / (variance + (_SUPERPOSITION * change) ** 2)
         scaled = self._change * np.sqrt(w)
@@ -99,7 +78,26 @@ class PairSearch:
             cost[np.ix_(near_b, near_a)] = np.inf
         return chosen
 
-    def _one_more(self, parameters: Any, known: int, left: Any, w: Any) -> list[Start]:
+    def of_one_more(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        parameters: NDArray[np.float64],
+        so: NDArray[np.float64],
+        known: int,
+    ) -> list[Start]:
+        """Starting points of one contact beside those that a fit has, best first.
+
+        Args:
+            y: readings of the frame [taxel].
+            weight: inverse variances [taxel].
+            parameters: of the fit: all angles, then all forces.
+            so: readings of the fit [taxel].
+            known: its number of contacts.
+        """
+        used, u, variance = self._measured(y, weight)
+        left = np.where(used, u - self._reciprocal(np.where(used, so, 1.0)), 0.0)
+        w = used / variance
         cost = (self._change**2) @ w - 2 * self._change @ (w * left)
         chosen: list[Start] = []
         for _ in range(_STARTS):
@@ -109,6 +107,12 @@ class PairSearch:
             chosen.append(_start(angle, force, self._search.nearest_to(angle, force)))
             cost[np.abs(self._angle - self._angle[a]) < _APART] = np.inf
         return chosen
+
+    def _measured(self, y: Any, weight: Any) -> tuple[Any, Any, Any]:
+        """Taxels in use, reciprocal readings, and their variances, as |du/dSO| = u^2."""
+        used = weight > 0
+        u = np.where(used, self._reciprocal(np.where(used, y, 1.0)), self._rest)
+        return used, u, u**4 / np.where(used, weight, 1.0)
 
 
 def _start(angle: Any, force: Any, node: Any) -> Start:

@@ -20,7 +20,7 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.model import at_rest, read_program
+from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
@@ -90,10 +90,6 @@ class LoadTable:
         aa = np.gradient(by_a, axis=0) - drift * af
         terms = np.stack([self.so, by_a, by_f, aa, af, ff], 2)
         return np.nan_to_num(terms.reshape(-1, 6, self.so.shape[-1]))
-
-    def largest_force(self, angle: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Force at which the membrane almost touches the wall [N]."""
-        return np.interp(angle, self.angles, self.forces[:, -1])
 
     def start(self, node: NDArray[np.intp]) -> State:
         """States of some nodes, a lane each."""

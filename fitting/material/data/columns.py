@@ -1,72 +1,10 @@
 """What a column of a data file measures, read off its name: quantity, direction, unit."""
 
-import math
 import re
 from typing import NamedTuple
 
-from suas_jax.config.quantities import DimensionName, parse_quantity
+from fitting.column_units import UNITS, unit_size
 
-# Unit spellings in column names, lower case and without blanks, to what the units library
-# calls them. Megapascals are never millipascals here.
-_UNITS: dict[str, str] = {
-    "pa": "Pa",
-    "hpa": "hPa",
-    "kpa": "kPa",
-    "mpa": "MPa",
-    "gpa": "GPa",
-    "psi": "psi",
-    "lbf/in2": "psi",
-    "ksi": "ksi",
-    "bar": "bar",
-    "mbar": "mbar",
-    "atm": "atm",
-    "mmhg": "mmHg",
-    "torr": "torr",
-    "n/mm2": "N/mm^2",
-    "n/cm2": "N/cm^2",
-    "n/m2": "N/m^2",
-    "kn/m2": "kN/m^2",
-    "mn/m2": "MN/m^2",
-    "kgf/cm2": "kgf/cm^2",
-    "kg/cm2": "kgf/cm^2",
-    "kp/cm2": "kgf/cm^2",
-    "kgf/mm2": "kgf/mm^2",
-    "kg/mm2": "kgf/mm^2",
-    "gf/cm2": "gf/cm^2",
-    "n": "N",
-    "mn": "mN",
-    "kn": "kN",
-    "kgf": "kgf",
-    "kg": "kgf",
-    "gf": "gf",
-    "g": "gf",
-    "lbf": "lbf",
-    "lb": "lbf",
-    "um": "um",
-    "µm": "um",
-    "μm": "um",
-    "mm": "mm",
-    "cm": "cm",
-    "m": "m",
-    "in": "in",
-    "inch": "in",
-    "deg": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "rad": "rad",
-    "%": "%",
-    "percent": "%",
-    "pct": "%",
-    "mm2": "mm^2",
-    "cm2": "cm^2",
-    "m2": "m^2",
-    "mm/mm": "",
-    "m/m": "",
-    "in/in": "",
-    "-": "",
-    "1": "",
-}
 STRESS_UNITS = "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
 
 
@@ -217,12 +155,12 @@ def _with_unit(
     if quantity.dimension == "word":
         return None if bare else Column(quantity.name, direction, "", 1.0)
     if quantity.dimension == "number":
-        if not bare or _UNITS.get(bare) == "":
+        if not bare or UNITS.get(bare) == "":
             return Column(quantity.name, direction, "", 1.0)
-        if _UNITS.get(bare) == "%":
+        if UNITS.get(bare) == "%":
             return Column(quantity.name, direction, "%", 0.01)
         return None
-    if quantity.name == "sigma" and _UNITS.get(bare) == "%":
+    if quantity.name == "sigma" and UNITS.get(bare) == "%":
         return Column("relative_sigma", direction, "%", 0.01)
     if not bare:
         if quantity.name in ("pressure", "length", "radius", "height") and len(name) <= 2:
@@ -231,14 +169,14 @@ def _with_unit(
             f'{where}: column "{name}" states no unit; add it, for example '
             f'"{name}_{_example(quantity.dimension)}"'
         )
-    if bare not in _UNITS:
+    if bare not in UNITS:
         if quantity.name == "stress":  # "stress_ratio" and the like
             return None
         raise ValueError(
             f'{where}: column "{name}": unknown unit "{unit}"; allowed: '
             f"{_allowed(quantity.dimension)}"
         )
-    known = _UNITS[bare]
+    known = UNITS[bare]
     if quantity.name in ("displacement",) and known == "%":
         return Column("strain", direction, "%", 0.01)
     try:
@@ -249,18 +187,6 @@ def _with_unit(
             f"{_allowed(quantity.dimension)}"
         ) from None
     return Column(quantity.name, direction, known, factor)
-
-
-def unit_size(unit: str, dimension: str) -> float:
-    """Size of a unit in SI units; an area's is the square of its length's."""
-    if dimension == "area":
-        if not unit.endswith("^2"):
-            raise ValueError(f'"{unit}" is no unit of area')
-        return parse_quantity(f"1 {unit[:-2]}", "length") ** 2
-    kind: DimensionName = dimension  # type: ignore[assignment]
-    size = parse_quantity(f"1 {unit}", kind)
-    assert math.isfinite(size)
-    return size
 
 
 def _example(dimension: str) -> str:

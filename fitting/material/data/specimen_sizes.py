@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from fitting.column_units import unit_size
 from fitting.material.data.columns import understand
 from fitting.material.data.tables import DataError, Table
 from suas_jax.config.errors import listed, nearest
@@ -56,8 +57,7 @@ def _size(table: Table, name: str, dimension: str, text: str, where: str) -> flo
             plain = unit.replace("²", "2").replace("^2", "2")
             if not plain.endswith("2"):
                 raise ValueError('an area with its unit is expected, for example "12 mm2"')
-            side = parse_quantity(f"1 {plain[:-1]}", "length")
-            value = float(number.replace(",", ".")) * side**2
+            value = float(number.replace(",", ".")) * unit_size(f"{plain[:-1]}^2", "area")
         else:
             value = parse_quantity(text, dimension)  # type: ignore[arg-type]
     except ValueError as error:

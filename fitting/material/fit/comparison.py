@@ -6,25 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.measurements import Dataset
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import NoFit, fit_material
 from fitting.material.fit.result import MaterialFit
+from fitting.material.laws.registry import candidates as usual_candidates
 from fitting.material.laws.registry import family
-
-# In order of falling simplicity; `auto` compares them all.
-CANDIDATES: tuple[tuple[str, int], ...] = (
-    ("neo-hookean", 1),
-    ("mooney-rivlin", 2),
-    ("mooney-rivlin", 3),
-    ("gent", 1),
-    ("arruda-boyce", 1),
-    ("yeoh", 3),
-    ("polynomial", 2),
-    ("ogden", 1),
-    ("ogden", 2),
-    ("ogden", 3),
-    ("ogden", 4),
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +55,7 @@ class Comparison:
 
 def compare_laws(
     sets: Sequence[Dataset],
-    candidates: Sequence[tuple[str, int]] = CANDIDATES,
+    candidates: Sequence[tuple[str, int]] | None = None,
     progress: Callable[[str], None] = lambda title: None,
     **options: Any,
 ) -> Comparison:
@@ -77,13 +63,13 @@ def compare_laws(
 
     Args:
         sets: the data.
-        candidates: laws and numbers of terms.
+        candidates: laws and numbers of terms; None for those that the laws declare.
         progress: called with each law's title before it is fitted.
         options: as for `fit_material`.
     """
     fits, failed = [], {}
     count = sum(data.size for data in sets)
-    for law, terms in candidates:
+    for law, terms in usual_candidates() if candidates is None else candidates:
         chosen = family(law, terms)
         if chosen.size + 2 > count:
             failed[chosen.title] = f"{chosen.size} constants for {count} readings"

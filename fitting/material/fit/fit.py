@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.data.data_checks import branches, contradictions, warnings_of
-from fitting.material.data.measurements import ALL_STATES, Dataset
+from fitting.material.experiments.data_checks import branches, contradictions, warnings_of
+from fitting.material.experiments.measurements import ALL_STATES, Dataset
 from fitting.material.fit.problem import Problem, pose, settle
 from fitting.material.fit.result import MaterialFit
 from fitting.material.laws.registry import family
@@ -86,7 +86,7 @@ def fit_material(
 
         others = chosen.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
         constants, minima, at_bounds = minimise_in_box(
-            problem.residuals, constants, others, bounds
+            problem.residuals, chosen, constants, others, bounds
         )
         if at_bounds:
             said.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")

@@ -5,7 +5,6 @@ from typing import Any
 
 from fitting.material.fit.result import MaterialFit
 from suas_jax.config import SceneSpec, load_scene
-from suas_jax.config.schema_material import LAWS
 
 
 def with_material(scene: SceneSpec, fit: MaterialFit) -> SceneSpec:
@@ -14,21 +13,10 @@ def with_material(scene: SceneSpec, fit: MaterialFit) -> SceneSpec:
     Raises:
         ValueError: the law is none of those that a skin can have.
     """
-    name = fit.family.law_name
-    if name not in LAWS:
-        raise ValueError(f"--scene: the law {name} can't stand in a skin's [material]")
-    values: dict[str, Any] = fit.family.tree(map(float, fit.constants))
-    if name == "ogden":
-        values["convention"] = "mu/alpha"
-    material = LAWS[name](**{key: _frozen(value) for key, value in values.items()})
     fields = {key: getattr(scene, key) for key in type(scene).model_fields}
     return type(scene).model_construct(
-        scene.model_fields_set, **{**fields, "material": material}
+        scene.model_fields_set, **{**fields, "material": fit.material()}
     )
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value
 
 
 def compare_with_scene(fit: MaterialFit, path: Path) -> tuple[dict[str, Any], list[str]]:

@@ -7,12 +7,17 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.data.data_checks import initial_modulus
-from fitting.material.data.measurements import Dataset
-from fitting.material.fit.experiments import AbstractExperiment, Bulge, Homogeneous, padded
-from fitting.material.fit.skin_curve import SkinCurve, Specimen, specimen
+from fitting.material.experiments.data_checks import initial_modulus
+from fitting.material.experiments.homogeneous import (
+    AbstractExperiment,
+    Bulge,
+    Homogeneous,
+    padded,
+)
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.skin_curve import SkinCurve, Specimen, specimen
+from fitting.material.fit.residuals import KINDS, Residuals, relative_scale, shared_error
 from fitting.statistics.parameters import AbstractFamily, Scales
-from fitting.statistics.residuals import KINDS, Residuals, relative_scale, shared_error
 
 # Relative residuals are relative to no less than these fractions of a file's median
 # reading; a difference of two stresses passes through zero without being small itself.

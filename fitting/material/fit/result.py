@@ -9,14 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.material.data.measurements import PATHS, Dataset
-from fitting.material.fit.experiments import Homogeneous, mode_factors, padded
+from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.problem import Problem
+from fitting.material.fit.residuals import readings
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
 from fitting.statistics.parameters import AbstractFamily
-from fitting.statistics.residuals import readings
+from suas_jax.config.law import LawSpec
+from suas_jax.config.schema_material import LAWS
 from suas_jax.constitutive import AbstractLaw, stable_range
 
 _DISTINCT = 0.02
@@ -72,6 +74,19 @@ class MaterialFit:
     def law(self) -> AbstractLaw:
         """The fitted law."""
         return self.family.law(jnp.asarray(self.constants))
+
+    def material(self) -> LawSpec:
+        """The fitted law as the [material] table of a skin.
+
+        Raises:
+            ValueError: it is a law of one's own, which no file can name.
+        """
+        name = self.family.law_name
+        if name not in LAWS:
+            raise ValueError(f"the law {name} can't stand in a skin's [material]")
+        tree = self.family.tree(map(float, self.constants))
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in tree.items()}
+        return LAWS[name](law=name, **values, **self.family.settings)
 
     @functools.cached_property
     def cost(self) -> float:

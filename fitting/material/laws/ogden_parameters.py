@@ -6,6 +6,7 @@ Eq. 12 and is smooth through α_p = 0, where μ_p alone is not.
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.statistics.parameters import AbstractFamily, Scales
-from suas_jax.constitutive import AbstractLaw, Ogden
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.constitutive.laws.ogden import Ogden
 
 _SMALLEST_EXPONENT = 1e-4
 _LARGEST_POWER = 80.0
@@ -48,6 +50,11 @@ class OgdenFamily(AbstractFamily):
     def title(self) -> str:
         """Name with the number of terms."""
         return f"ogden-{self.terms}"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """The convention of the constants."""
+        return {"convention": "mu/alpha"}
 
     @property
     def prior_deviation(self) -> np.ndarray:

@@ -1,87 +1,19 @@
-"""The laws that can be fitted by name, with their numbers of terms."""
+"""The parameters of a law in a fit, derived from the law's declaration."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 from fitting.material.laws.ogden_parameters import OgdenFamily
 from fitting.statistics.parameters import AbstractFamily, Constant, Family
-from suas_jax.constitutive import (
-    ArrudaBoyce,
-    Gent,
-    MooneyRivlin,
-    NeoHookean,
-    Polynomial,
-    Yeoh,
-)
+from suas_jax.config.law import Constant as Declaration
+from suas_jax.config.schema_material import LAWS
+from suas_jax.constitutive import registry
 
-_DEGREES = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
-
-
-def _free(name: str, degree: tuple[int, int]) -> Constant:
-    return Constant(name, "free", "Pa", degree, (-0.3, 0.3))
-
-
-def _mooney_rivlin(terms: int) -> AbstractFamily:
-    parts = (Constant("C1"), _free("C2", (0, 1)), _free("C3", (0, 2)))[:terms]
-    return Family("mooney-rivlin", parts, MooneyRivlin, modulus_is_sum=terms > 1)
-
-
-def _yeoh(terms: int) -> AbstractFamily:
-    parts = (Constant("C1"), _free("C2", (2, 0)), _free("C3", (3, 0)))[:terms]
-    return Family("yeoh", parts, Yeoh)
-
-
-def _polynomial(degree: int) -> AbstractFamily:
-    chosen = [(i, j) for i, j in _DEGREES if i + j <= degree]
-    parts = tuple(_free(f"C{i}{j}", (i, j)) for i, j in chosen[1:])
-    return Family("polynomial", (Constant("C10"), *parts), Polynomial, modulus_is_sum=True)
-
-
-def _fixed(*parts: Constant, law: str, build: Callable) -> Callable[[int], AbstractFamily]:
-    return lambda terms: Family(law, parts, build)
-
-
-class Choice(NamedTuple):
-    """A law that can be asked for by name.
-
-    Attributes:
-        build: family from the number of terms (polynomial: the degree).
-        usual: number of terms if none is asked for.
-        most: largest number of terms.
-    """
-
-    build: Callable[[int], AbstractFamily]
-    usual: int = 1
-    most: int = 1
-
-
-CHOICES: dict[str, Choice] = {
-    "neo-hookean": Choice(_fixed(Constant("mu"), law="neo-hookean", build=NeoHookean)),
-    "mooney-rivlin": Choice(_mooney_rivlin, 3, 3),
-    "yeoh": Choice(_yeoh, 3, 3),
-    "ogden": Choice(OgdenFamily, 3, 6),
-    "gent": Choice(
-        _fixed(
-            Constant("mu"),
-            Constant("Jm", "above I1", "1", start=(-4.0, 2.0)),
-            law="gent",
-            build=Gent,
-        )
-    ),
-    "arruda-boyce": Choice(
-        _fixed(
-            Constant("mu"),
-            Constant("lambda_m", "positive", "1", start=(0.2, 3.0)),
-            law="arruda-boyce",
-            build=ArrudaBoyce,
-        )
-    ),
-    "polynomial": Choice(_polynomial, 2, 3),
-}
+# Laws whose constants come as lists, one entry a term.
+_BY_TERMS: dict[str, Callable[[int], AbstractFamily]] = {"ogden": OgdenFamily}
 
 
 def family(law: str, terms: int | None = None) -> AbstractFamily:
-    """Choose a law by name.
+    """The constants of a law to be fitted.
 
     Args:
         law: a value of `law` in [material].
@@ -91,11 +23,34 @@ def family(law: str, terms: int | None = None) -> AbstractFamily:
     Raises:
         ValueError: the law is unknown or has no such number of terms.
     """
-    if law not in CHOICES:
-        raise ValueError(f"--law {law}: unknown law; allowed: auto, {', '.join(CHOICES)}")
-    choice = CHOICES[law]
-    count = choice.usual if terms is None else terms
-    if not 1 <= count <= choice.most:
-        allowed = "1" if choice.most == 1 else f"1 to {choice.most}"
+    if law not in LAWS:
+        raise ValueError(f"--law {law}: unknown law; allowed: auto, {', '.join(LAWS)}")
+    spec = LAWS[law]
+    most = spec.most_terms()
+    count = (spec.usual_terms or most) if terms is None else terms
+    if not 1 <= count <= most:
+        allowed = "1" if most == 1 else f"1 to {most}"
         raise ValueError(f"--terms {count}: {law} allows {allowed}")
-    return choice.build(count)
+    if law in _BY_TERMS:
+        return _BY_TERMS[law](count)
+    chosen = {k: c for k, c in spec.declared().items() if c.since <= count}
+    bound = len(spec.half_modulus) > 1 and set(spec.half_modulus) <= chosen.keys()
+    alone = spec.half_modulus[:1]
+    parts = tuple(
+        _part(key, declared, positive=declared.positive or key in alone)
+        for key, declared in chosen.items()
+    )
+    return Family(law, parts, registry.LAWS[law], modulus_is_sum=bound)
+
+
+def candidates() -> list[tuple[str, int]]:
+    """Laws and numbers of terms that are compared, by rising number of constants."""
+    every = [(law, terms) for law, spec in LAWS.items() for terms in spec.compared]
+    return sorted(every, key=lambda pair: family(*pair).size)
+
+
+def _part(name: str, declared: Declaration, *, positive: bool) -> Constant:
+    kind = "above I1" if declared.limits_i1 else "positive" if positive else "free"
+    usual = (-0.3, 0.3) if kind == "free" else (-1.0, 1.0)
+    start = declared.start or usual
+    return Constant(name, kind, declared.unit, declared.degree, start)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.material.data.measurements import PATHS, Dataset
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.result import MaterialFit
+from suas_jax.figures.style import written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,9 +46,7 @@ def plot_material(fit: MaterialFit, file: Path | None = None) -> Figure:
         ]
         _draw_mode(fit, mode, members, upper, lower)
     figure.suptitle(f"{fit.family.title}, {fit.problem.kind} residuals: {fit.status}")
-    if file is not None:
-        figure.savefig(file, dpi=150)
-    return figure
+    return written(figure, file)
 
 
 def _draw_mode(

@@ -14,16 +14,17 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from fitting.material.data.measurements import PATHS, Dataset
-from fitting.material.fit.experiments import (
+from fitting.material.experiments.homogeneous import (
     AbstractExperiment,
     Homogeneous,
     mode_factors,
     padded,
 )
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.posterior import MaterialPosterior
+from fitting.material.fit.residuals import Residuals
 from fitting.statistics.parameters import AbstractFamily
-from fitting.statistics.residuals import Residuals
+from suas_jax.figures.style import written
 from suas_jax.runtime.compiled import COMPILED
 
 if TYPE_CHECKING:
@@ -72,9 +73,7 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
         )
     noise = "known" if found.noise_known else "inferred"
     figure.suptitle(f"{found.fit.family.title}: 95 % posterior predictive, noise {noise}")
-    if file is not None:
-        figure.savefig(file, dpi=150)
-    return figure
+    return written(figure, file)
 
 
 @eqx.filter_jit

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.measurements import ALL_STATES, PATHS
+from fitting.material.experiments.measurements import ALL_STATES, PATHS
+from fitting.material.fit.residuals import relative_scale
 from fitting.material.fit.result import MaterialFit
-from fitting.statistics.residuals import relative_scale
 
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
@@ -63,9 +63,9 @@ def report_of(fit: MaterialFit) -> dict[str, Any]:
         "warnings": [*fit.remarks, *_doubts(fit, stable), *extrapolated],
         "status": fit.status,
     }
-    if family.law_name == "ogden":
-        report["convention"] = "mu/alpha"
-        report["terms"] = family.size // 2
+    report |= family.settings
+    if family.terms is not None:
+        report["terms"] = family.terms
     if fit.bounded:
         report["at_bounds"] = list(fit.bounded)
     return report

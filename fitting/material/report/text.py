@@ -7,7 +7,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from fitting.material.fit.result import MaterialFit
+from fitting.material.report.cards import card
 from suas_jax.config.quantities import format_quantity
+from suas_jax.config.schema_material import LAWS
 
 
 def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
@@ -69,7 +71,8 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
         console.print(f"[yellow]not determined:[/] {escape(text)}")
     for text in report["warnings"]:
         console.print(f"[yellow]warning:[/] {escape(text)}")
-    console.print("\n" + material_table(fit), markup=False)
+    if fit.family.law_name in LAWS:
+        console.print("\n" + card(fit.material(), "toml"), markup=False)
 
 
 def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialFit) -> None:
@@ -112,21 +115,6 @@ def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialF
     for text in posterior["prior_dominated"]:
         console.print(f"[yellow]prior, not data:[/] {text}")
     console.print(posterior["agreement"]["message"])
-
-
-def material_table(fit: MaterialFit) -> str:
-    """The fitted law as the [material] table of a skin file."""
-    lines = ["[material]", f'law = "{fit.family.law_name}"']
-    values = [
-        f'"{value / 1e6:.10g} MPa"' if unit == "Pa" else f"{value:.10g}"
-        for value, unit in zip(fit.constants, fit.family.units, strict=True)
-    ]
-    for key, value in fit.family.tree(values).items():
-        shown = "[" + ", ".join(value) + "]" if isinstance(value, list) else value
-        lines.append(f"{key} = {shown}")
-    if fit.family.law_name == "ogden":
-        lines.append('convention = "mu/alpha"')
-    return "\n".join(lines)
 
 
 def _text(value: float, unit: str) -> str:

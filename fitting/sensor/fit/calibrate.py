@@ -20,7 +20,14 @@ from fitting.sensor.fit.checks import (
     noise_warning,
     refuse_strangers,
 )
-from fitting.sensor.fit.constants import (
+from fitting.sensor.fit.priors import findings, needed_priors, what_logs_tell
+from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
+from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.fit.search import Found, robust, search
+from fitting.sensor.logs.data import NoCalibration, SensorData
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.logs.readings import gathered, measured_noise
+from fitting.sensor.model.constants import (
     DEFAULT,
     GAP,
     PATHS,
@@ -31,13 +38,6 @@ from fitting.sensor.fit.constants import (
     named,
     single_gaps,
 )
-from fitting.sensor.fit.priors import findings, needed_priors, what_logs_tell
-from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
-from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.fit.search import Found, robust, search
-from fitting.sensor.logs.data import NoCalibration, SensorData
-from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.logs.readings import gathered, measured_noise
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from fitting.statistics.diagnostics import misfit
 from fitting.statistics.identifiability import Uncertainty, uncertainty
@@ -247,7 +247,7 @@ def _judged(
         exact=1e-4 * typical,
     )
     judged = uncertainty(
-        problem.residuals(),  # type: ignore[arg-type]
+        problem.residuals(),
         constants,
         known_noise=True,
         inflation=judged_misfit.inflation,

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from fitting.sensor.fit.constants import PERMITTIVITY, is_gap
 from fitting.sensor.fit.priors import is_static
 from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.taxel_faults import Masked
+from fitting.sensor.model.constants import PERMITTIVITY, is_gap
 from suas_jax.sensing.taxels import taxel_names
 
 # A taxel-to-taxel misfit beyond this is no tolerance of assembly.

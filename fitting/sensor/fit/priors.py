@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor.fit.constants import (
+from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
+from fitting.sensor.logs.data import SensorData
+from fitting.sensor.model.constants import (
     GAP,
     LAYERS,
     PERMITTIVITY,
     SCALE,
     STRAY,
-    Constant,
+    SensorConstant,
     is_gap,
     is_material,
 )
-from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
-from fitting.sensor.logs.data import SensorData
 
 OPEN = 0.05
 """Share of its size up to which a standard error leaves a constant known."""
@@ -41,7 +41,7 @@ def is_static(problem: SensorProblem) -> bool:
     return len(np.unique(here.state[here.used.any(0)])) == 1
 
 
-def prior_of(part: Constant, stated: float | None, reason: str) -> Prior:
+def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
     """The prior of a constant that the data leave open.
 
     Args:

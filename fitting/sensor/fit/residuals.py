@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.sensor.fit.constants import SensorFamily
-from fitting.sensor.fit.model import SensorModel
 from fitting.sensor.logs.readings import Readings
+from fitting.sensor.model.constants import SensorFamily
+from fitting.sensor.model.counts import SensorModel
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 
 # Of a constant that is held at its floor: standard deviation relative to its size.
@@ -60,6 +60,24 @@ class SensorResiduals(AbstractResiduals):
         """The constants."""
         return self.model.family
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the constants."""
+        return self.family.names
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their SI units, "1" for a number."""
+        return self.family.units
+
+    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Constants in SI units from dimensionless parameters."""
+        return self.family.constants(theta)
+
+    def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Dimensionless parameters from constants."""
+        return self.family.unconstrained(constants)
+
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Readings for constants in SI units, and the constants themselves."""
         so = self.model.so(constants)[:, self.state]
@@ -77,10 +95,6 @@ class SensorResiduals(AbstractResiduals):
         along = jnp.einsum("tfk,tf->tk", self.basis, data)
         data = data - jnp.einsum("tfk,tk->tf", self.basis, along)
         return jnp.concatenate([data.reshape(-1), r[taxels * frames :]])
-
-    def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
-        """Residuals for dimensionless parameters."""
-        return self.of_constants(self.family.constants(theta))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,7 +183,7 @@ class SensorProblem:
             constants: where, SI [p].
             frames: which frames; all of them by default.
         """
-        _, jacobian = sensitivity(self.residuals(), jnp.asarray(constants))  # type: ignore[arg-type]
+        _, jacobian = sensitivity(self.residuals(), jnp.asarray(constants))
         shape = self.readings.so.shape
         rows = np.asarray(jacobian)[: self.readings.so.size].reshape(*shape, -1)
         rows = rows * self.relative_sizes(constants)

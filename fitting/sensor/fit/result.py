@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor.fit.constants import SensorFamily
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.taxel_faults import Masked
+from fitting.sensor.model.constants import SensorFamily
 from fitting.sensor.shapes.shapes import Shapes
 from fitting.statistics.diagnostics import Misfit
 from fitting.statistics.identifiability import Uncertainty

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from suas_jax.config.schema_skin import FLUIDS
+from suas_jax.config.oil import FLUIDS
 
 OIL = "oil"
 

@@ -8,7 +8,6 @@ They stand beside the counts of the log, in its header (`# load_0_angle_deg: 30`
 are constant, or in a second file with a time column.
 """
 
-import csv
 import dataclasses
 import re
 from collections.abc import Iterable, Mapping
@@ -16,14 +15,22 @@ from pathlib import Path
 
 import numpy as np
 
-_QUANTITIES = ("force", "angle", "direction", "displacement", "inner_displacement")
-_UNITS: dict[str, dict[str, float]] = {
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665},
-    "angle": {"deg": np.pi / 180, "rad": 1.0},
-    "displacement": {"mm": 1e-3, "um": 1e-6, "m": 1.0, "cm": 1e-2},
+from fitting.column_units import unit_size
+from suas_jax.config.csv_table import number_in, read_csv_table
+
+_FORCES, _ANGLES, _LENGTHS = (
+    ("N", "mN", "kN", "gf", "kgf"),
+    ("deg", "rad"),
+    ("mm", "um", "m", "cm"),
+)
+# Dimension of each quantity, and the units that its columns may have.
+_UNITS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "force": ("force", _FORCES),
+    "angle": ("angle", _ANGLES),
+    "direction": ("angle", _ANGLES),
+    "displacement": ("length", _LENGTHS),
+    "inner_displacement": ("length", _LENGTHS),
 }
-_UNITS["direction"] = _UNITS["angle"]
-_UNITS["inner_displacement"] = _UNITS["displacement"]
 _COLUMN = re.compile(
     r"(?:loads?[._]?(?P<load>\d*)[._])?(?:mid_)?"
     r"(?P<quantity>inner_displacement|displacement|force|angle|direction)"
@@ -77,7 +84,7 @@ def understood(name: str, where: str) -> tuple[Key, float] | None:
     if found is None:
         return None
     quantity = found["quantity"].lower()
-    units = _UNITS[quantity]
+    dimension, units = _UNITS[quantity]
     unit = found["unit"]
     if unit is None:
         raise ValueError(
@@ -95,7 +102,7 @@ def understood(name: str, where: str) -> tuple[Key, float] | None:
         raise ValueError(
             f'{where}, column "{name}": loads are numbered from 0 to {MOST_LOADS - 1}'
         )
-    return (load, quantity), units[unit]
+    return (load, quantity), unit_size(unit, dimension)
 
 
 def from_columns(columns: Mapping[str, Iterable[object]], where: str) -> Known:
@@ -152,29 +159,17 @@ def from_file(path: Path, time: np.ndarray, clock: str) -> tuple[Known, np.ndarr
     Raises:
         ValueError: naming file, line, column, value and what is allowed.
     """
-    lines = [
-        (number, line)
-        for number, line in enumerate(path.read_text("utf-8-sig").splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if len(lines) < 2:
+    table = read_csv_table(path)
+    if not table.rows:
         raise ValueError(f"{path}: no rows; expected t_s,load_0_force_N,... and rows below")
-    names = [name.strip() for name in next(csv.reader([lines[0][1]]))]
-    clocks = [name for name in names if name in _TIMES]
+    clocks = [name for name in table.names if name in _TIMES]
     if len(clocks) != 1:
         raise ValueError(
-            f"{path}, line {lines[0][0]}: one time column is needed ({', '.join(_TIMES)}); "
-            f"found {', '.join(clocks) or ','.join(names)[:60]}"
+            f"{path}, line {table.line}: one time column is needed ({', '.join(_TIMES)}); "
+            f"found {', '.join(clocks) or ','.join(table.names)[:60]}"
         )
-    rows = []
-    for number, line in lines[1:]:
-        fields = [text.strip() for text in next(csv.reader([line]))]
-        if len(fields) != len(names):
-            raise ValueError(
-                f"{path}, line {number}: {len(fields)} fields for {len(names)} columns"
-            )
-        rows.append(fields)
-    columns = dict(zip(names, zip(*rows, strict=True), strict=True))
+    rows = (fields for _, fields in table.rows)
+    columns = dict(zip(table.names, zip(*rows, strict=True), strict=True))
     t = np.array([_number(x, clocks[0], str(path)) for x in columns.pop(clocks[0])])
     if not np.all(np.diff(t) > 0):
         raise ValueError(f"{path}, column {clocks[0]}: time must increase from row to row")
@@ -203,11 +198,8 @@ def _number(value: object, column: str, where: str) -> float:
     text = str(value).strip()
     if text.lower() in ("", "nan", "na"):
         return float("nan")
-    try:
-        number = float(text)
-    except ValueError:
-        number = float("inf")
-    if not np.isfinite(number):
+    number = number_in(text)
+    if np.isnan(number):
         raise ValueError(
             f'{where}, column "{column}": "{text}": expected a number, or nothing where it '
             "is not known"

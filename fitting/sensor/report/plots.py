@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
-from fitting.sensor.fit.model import parts_of
 from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.counts import parts_of
 from fitting.statistics.chain import Posterior
+from suas_jax.figures.style import written
 from suas_jax.sensing.taxels import taxel_names
 
 if TYPE_CHECKING:
@@ -38,12 +39,7 @@ def plot_sensor(
     _draw_pad(fit, pad)
     _draw_corner(fit, right, posterior)
     figure.suptitle(f"Sensor calibration: {fit.status}")
-    if file is not None:
-        from suas_jax.figures.section import check_figure_file
-
-        check_figure_file(file)
-        figure.savefig(file, dpi=150)
-    return figure
+    return written(figure, file)
 
 
 def _draw_counts(fit: SensorFit, axes: "Axes") -> None:

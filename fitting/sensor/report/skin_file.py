@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fitting.sensor.fit.constants import (
+from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.constants import (
     GAP,
     LAYERS,
     PERMITTIVITY,
     SCALE,
     STRAY,
     is_gap,
-    material_unit,
 )
-from fitting.sensor.fit.result import SensorFit
 from suas_jax.config import SkinSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
 
@@ -103,7 +102,7 @@ def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> No
 
     def quantity(key: str, value: float) -> Any:
         changed = values.get(key, value)
-        return _text(changed / 1e6, "MPa") if material_unit(key) == "Pa" else changed
+        return _text(changed / 1e6, "MPa") if spec.material.unit(key) == "Pa" else changed
 
     for key in type(spec.material).model_fields:
         value = getattr(spec.material, key)

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.sensor.fit.constants import PATHS
 from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.constants import PATHS
 from suas_jax.sensing.taxels import taxel_names
 
 

@@ -17,8 +17,8 @@ from fitting.sensor.shapes.press import Meshes, Press, Response, respond
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.sensing.gap import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 

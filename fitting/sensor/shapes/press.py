@@ -16,9 +16,10 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import Problem, State, equilibrium
 from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.section import section_of
+from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.plan import plan_mesh
-from suas_jax.sensing.gap import PolarFace, polar_face
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.oil import AbstractOil
@@ -108,7 +109,7 @@ class Press(eqx.Module):
         """Of the material points under the loads, along the loads [m]."""
         rows = []
         for k in range(self.angle.shape[0]):
-            at = mechanics.at_angle(q, self.angle[k])
+            at = section_of(mechanics).at_angle(q, self.angle[k])
             mid = at.mid_displacement.reshape(2, -1)
             inner = at.inner_displacement.reshape(2, -1)
             way = LineLoad(self.angle[k], self.angle[k], self.turn[k]).direction
@@ -148,7 +149,7 @@ def respond(
     def solve(force: Array) -> tuple[Array, tuple[State, PolarFace, Array]]:
         problem = press.problem(geometry, law, oil, force)
         found = equilibrium(problem, start)
-        face = polar_face(problem.mechanics, found.state.q, geometry.inner_radius)
+        face = section_of(problem.mechanics).face(found.state.q, geometry.inner_radius)
         moved = press.displacements(problem.mechanics, found.state.q)
         return moved, (found.state, face, found.result)
 

@@ -12,13 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.sensor.fit.model import parts_of
+from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.press import Press
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.equilibrium import State, equilibrium
+from suas_jax.mechanics.section import section_of
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.sensing.gap import polar_face
 from suas_jax.skin.oil import AbstractOil
 
 
@@ -39,7 +39,7 @@ def _slopes(
         geometry, law, answer, _ = parts_of(spec, inputs | moving, oil)
         problem = press.problem(geometry, law, answer, force)
         found = equilibrium(problem, start)
-        face = polar_face(problem.mechanics, found.state.q, geometry.inner_radius)
+        face = section_of(problem.mechanics).face(found.state.q, geometry.inner_radius)
         moved = press.displacements(problem.mechanics, found.state.q)
         return moved, face.edges, face.radius
 

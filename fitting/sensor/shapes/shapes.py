@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from fitting.sensor.fit.constants import GAP, PATHS, SensorFamily, is_gap, is_material
-from fitting.sensor.fit.model import SensorModel, parts_of
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, is_material
+from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
@@ -21,9 +21,11 @@ from fitting.sensor.shapes.solid_correction import (
 )
 from suas_jax.config import continuous_inputs
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.sensing.gap import PolarFace
+from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.oil import AbstractOil, CompressibleOil, VentedOil
+from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.oils.compressible import CompressibleOil
+from suas_jax.skin.oils.vented import VentedOil
 
 ATMOSPHERE = 101325.0  # bulk modulus of trapped air, isothermal [Pa]
 MODELS = ("auto", "shell", "solid")
@@ -81,13 +83,11 @@ class ShapeSolver:
         self._shell = model == "shell" or (model == "auto" and data.simulated)
         self._air = self._answer_of(air)
         self._corrections: list[Correction] | None = None
-        compressible = data.spec.oil.model == "compressible" or isinstance(
-            self._air, CompressibleOil
-        )
+        yields = data.spec.oil.yields or (self._air is not None and self._air.yields)
         self.moving = tuple(
             i
             for i, name in enumerate(family.names)
-            if is_material(name) or (name == GAP and compressible)
+            if is_material(name) or (name == GAP and yields)
         )
 
     def stated(self, name: str) -> float | None:

@@ -17,8 +17,9 @@ from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, SolveSpec
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.mechanics.section import section_of
+from suas_jax.mechanics.section_face import PolarFace, radius_at
 from suas_jax.scene.solve import solve
-from suas_jax.sensing.gap import PolarFace, polar_face, radius_at
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 
@@ -142,7 +143,7 @@ def _correction(
         key = "inner_displacement_m" if loads.inner[0] else "displacement_m"
         difference.append(solution.report["loads"][0][key] - shell.displacement[0, k])
         mechanics = solution.problem().mechanics
-        solid = polar_face(mechanics, solution.state.q, geometry.inner_radius)
+        solid = section_of(mechanics).face(solution.state.q, geometry.inner_radius)
         own = PolarFace(
             shell.face.edges[:, k : k + 1],
             shell.face.radius[..., k : k + 1],

@@ -17,8 +17,8 @@ from itertools import groupby
 from pathlib import Path
 
 from suas_jax.acquisition.device.faults import Faults, Injector
-from suas_jax.acquisition.frames.encode import ENCODERS
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import SoLog
 
 # A device whose host doesn't take its bytes drops them after this long [s].

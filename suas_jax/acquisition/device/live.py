@@ -12,8 +12,8 @@ import typer
 
 from suas_jax.acquisition.device.device import Device, log_readings, repeated
 from suas_jax.acquisition.device.faults import Faults
-from suas_jax.acquisition.frames.encode import ENCODERS
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import read_log
 
 

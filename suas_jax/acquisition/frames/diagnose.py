@@ -1,23 +1,23 @@
 """Guess what an unintelligible stream is, and what to try."""
 
-import re
+from suas_jax.acquisition.frames.registry import FORMATS
 
-from suas_jax.acquisition.frames.formats import FORMATS, decoder
-
-_SLCAN = re.compile(rb"t[0-7][0-9A-F]{2}8[0-9A-F]{16}\r")
 _PRINTABLE = frozenset(b"\t\r\n" + bytes(range(32, 127)))
 
 
 def not_understood(name: str, wanted: str, recent: bytes) -> str:
     """A sentence for bytes that come but make no frame of the wanted format."""
     start = f'{name}: bytes come, but no frame of the format "{wanted}" among them'
-    for other in FORMATS:
-        if other != wanted and other != "roboskin":
-            attempt = decoder(other)
-            if attempt.feed(recent, 0.0) or attempt.finish():
-                return f"{start}; they look like {other}: try --format {other}"
-    if _SLCAN.search(recent):
-        return f"{start}; they look like a serial CAN adapter: try --format roboskin"
+    for other, known in FORMATS.items():
+        if other == wanted:
+            continue
+        attempt = known.decoder()
+        if (
+            known.looks_like(recent)
+            if known.looks_like is not None
+            else attempt.feed(recent, 0.0) or attempt.finish()
+        ):
+            return f"{start}; they look like {other}: try --format {other}"
     printable = sum(byte in _PRINTABLE for byte in recent) / max(len(recent), 1)
     if printable > 0.95:
         line = max(recent.decode("ascii", "replace").splitlines()[1:-1], key=len, default="")

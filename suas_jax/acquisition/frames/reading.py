@@ -1,7 +1,10 @@
-"""What one module says in one frame, and what every decoder offers."""
+"""A reading of one module, and what every frame format offers."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
+
+from suas_jax.acquisition.ports.serial_port import Source
 
 
 class Reading(NamedTuple):
@@ -65,3 +68,21 @@ class Decoder(Protocol):
 
     def finish(self) -> list[Reading]:
         """End the stream (closed, lost): return what was held back, forget the rest."""
+
+
+class FrameFormat(NamedTuple):
+    """A frame format; each file of `suas_jax.acquisition.frames.formats` has one as `FORMAT`.
+
+    Attributes:
+        decoder: makes a decoder of the format.
+        encoders: what a device sends for a reading, by the name of the format's variant.
+        open_source: opens the port that carries the format, from its name and bits per
+            second.
+        looks_like: whether bytes from a serial port are the format's, although its decoder
+            makes nothing of them; None where the decoder itself tells.
+    """
+
+    decoder: Callable[[], Decoder]
+    encoders: Mapping[str, Callable[[Reading], bytes]]
+    open_source: Callable[[str, int], Source]
+    looks_like: Callable[[bytes], bool] | None = None

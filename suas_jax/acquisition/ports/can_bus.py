@@ -2,12 +2,14 @@
 
 import contextlib
 import os
+import struct
 import time
 from typing import Any
 
-from suas_jax.acquisition.frames.roboskin import RECORD
 from suas_jax.acquisition.ports.serial_port import PortError
 
+# A CAN message as the source hands it over: identifier, time stamp [s], length, data.
+RECORD = struct.Struct("<IdB8s")
 _BITRATE = 1_000_000  # the iCub's
 _READ_TIMEOUT = 0.1  # [s]
 _MOST_AT_ONCE = 512

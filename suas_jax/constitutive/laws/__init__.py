@@ -1,1 +1,4 @@
-"""Material laws, one file each."""
+"""Material laws, one file each.
+
+The constants are declared in the file of the same name in `suas_jax.config.laws`.
+"""

@@ -2,7 +2,8 @@
 
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.constitutive.base import AbstractLaw, constant, require_positive
+from suas_jax.config.laws.arruda_boyce import ArrudaBoyceSpec
+from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 # Series of the inverse Langevin function, C_i of Arruda and Boyce (1993), Eq. 23.
@@ -37,13 +38,13 @@ class ArrudaBoyce(AbstractLaw):
         ValueError: μ or λ_m is not positive and finite.
     """
 
+    spec = ArrudaBoyceSpec
+
     mu: Float[Array, "*lanes"]
     lambda_m: Float[Array, "*lanes"]
 
     def __init__(self, mu: ArrayLike, lambda_m: ArrayLike) -> None:
         self.mu, self.lambda_m = constant(mu), constant(lambda_m)
-        require_positive(self.mu, "Arruda-Boyce law: mu")
-        require_positive(self.lambda_m, "Arruda-Boyce law: lambda_m")
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = μ Σ C_i λ_m^(2 − 2i) (I₁^i − 3^i) [J/m³]."""

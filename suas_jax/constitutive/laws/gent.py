@@ -3,7 +3,8 @@
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.constitutive.base import AbstractLaw, constant, require_positive
+from suas_jax.config.laws.gent import GentSpec
+from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 
@@ -26,13 +27,13 @@ class Gent(AbstractLaw):
         ValueError: μ or J_m is not positive and finite.
     """
 
+    spec = GentSpec
+
     mu: Float[Array, "*lanes"]
     Jm: Float[Array, "*lanes"]
 
     def __init__(self, mu: ArrayLike, Jm: ArrayLike) -> None:
         self.mu, self.Jm = constant(mu), constant(Jm)
-        require_positive(self.mu, "Gent law: mu")
-        require_positive(self.Jm, "Gent law: Jm")
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = −μ J_m/2 log(1 − (I₁ − 3)/J_m) [J/m³]."""

@@ -2,7 +2,8 @@
 
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.constitutive.base import AbstractLaw, constant, require_finite, require_positive
+from suas_jax.config.laws.mooney_rivlin import MooneyRivlinSpec
+from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 
@@ -28,14 +29,14 @@ class MooneyRivlin(AbstractLaw):
             finite.
     """
 
+    spec = MooneyRivlinSpec
+
     C1: Float[Array, "*lanes"]
     C2: Float[Array, "*lanes"]
     C3: Float[Array, "*lanes"]
 
     def __init__(self, C1: ArrayLike, C2: ArrayLike = 0.0, C3: ArrayLike = 0.0) -> None:
         self.C1, self.C2, self.C3 = constant(C1), constant(C2), constant(C3)
-        require_positive(self.shear_modulus, "Mooney-Rivlin law: the modulus 2 (C1 + C2)")
-        require_finite(self.C3, "Mooney-Rivlin law: C3")
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = C₁ (I₁ − 3) + C₂ (I₂ − 3) + C₃ (I₂ − 3)² [J/m³]."""

@@ -2,7 +2,8 @@
 
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.constitutive.base import AbstractLaw, constant, require_positive
+from suas_jax.config.laws.neo_hookean import NeoHookeanSpec
+from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 
@@ -21,11 +22,12 @@ class NeoHookean(AbstractLaw):
         ValueError: μ is not positive and finite.
     """
 
+    spec = NeoHookeanSpec
+
     mu: Float[Array, "*lanes"]
 
     def __init__(self, mu: ArrayLike) -> None:
         self.mu = constant(mu)
-        require_positive(self.mu, "neo-Hookean law: mu")
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = μ/2 (I₁ − 3) [J/m³]."""

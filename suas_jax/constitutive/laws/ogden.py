@@ -1,9 +1,14 @@
 """The Ogden law, and the two conventions in which its constants are published."""
 
+from collections.abc import Callable
+from typing import Any, Self
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.config.law import LawSpec
+from suas_jax.config.laws.ogden import OgdenSpec
 from suas_jax.constitutive.base import AbstractLaw, Constants, constants, known
 from suas_jax.constitutive.deformation import AbstractDeformation
 
@@ -31,15 +36,28 @@ class Ogden(AbstractLaw):
             μ_p α_p ≤ 0.
     """
 
+    spec = OgdenSpec
+
     mu: Float[Array, " terms *lanes"]
     alpha: Float[Array, " terms *lanes"]
 
     def __init__(self, mu: Constants, alpha: Constants) -> None:
         self.mu, self.alpha = constants(mu), constants(alpha)
+
+    @classmethod
+    def of_material(cls, material: LawSpec, value: Callable[[str], Any]) -> Self:
+        """Build the law of a [material] table, in the convention that it states."""
+        assert isinstance(material, OgdenSpec)
+        terms = range(len(material.mu))
+        mu = [value(f"mu.{p}") for p in terms]
+        alpha = [value(f"alpha.{p}") for p in terms]
+        return cls.from_convention(mu, alpha, material.convention)
+
+    def __check_init__(self) -> None:
         _check_terms(self.mu, self.alpha)
 
     @classmethod
-    def from_convention(cls, mu: Constants, alpha: Constants, convention: str) -> "Ogden":
+    def from_convention(cls, mu: Constants, alpha: Constants, convention: str) -> Self:
         """Build the law from constants published in either convention.
 
         Args:

@@ -2,7 +2,8 @@
 
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.constitutive.base import AbstractLaw, constant, require_finite, require_positive
+from suas_jax.config.laws.polynomial import PolynomialSpec
+from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 
@@ -23,6 +24,8 @@ class Polynomial(AbstractLaw):
         ValueError: the modulus 2 (C₁₀ + C₀₁) is not positive and finite, or another
             constant is not finite.
     """
+
+    spec = PolynomialSpec
 
     C10: Float[Array, "*lanes"]
     C01: Float[Array, "*lanes"]
@@ -50,9 +53,6 @@ class Polynomial(AbstractLaw):
         self.C20, self.C11, self.C02 = constant(C20), constant(C11), constant(C02)
         self.C30, self.C21 = constant(C30), constant(C21)
         self.C12, self.C03 = constant(C12), constant(C03)
-        require_positive(self.shear_modulus, "polynomial law: the modulus 2 (C10 + C01)")
-        for name in ("C20", "C11", "C02", "C30", "C21", "C12", "C03"):
-            require_finite(getattr(self, name), f"polynomial law: {name}")
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = Σ C_ij (I₁ − 3)^i (I₂ − 3)^j [J/m³]."""

@@ -2,7 +2,8 @@
 
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.constitutive.base import AbstractLaw, constant, require_finite, require_positive
+from suas_jax.config.laws.yeoh import YeohSpec
+from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import AbstractDeformation
 
 
@@ -23,15 +24,14 @@ class Yeoh(AbstractLaw):
         ValueError: C₁ is not positive and finite, or C₂ or C₃ is not finite.
     """
 
+    spec = YeohSpec
+
     C1: Float[Array, "*lanes"]
     C2: Float[Array, "*lanes"]
     C3: Float[Array, "*lanes"]
 
     def __init__(self, C1: ArrayLike, C2: ArrayLike = 0.0, C3: ArrayLike = 0.0) -> None:
         self.C1, self.C2, self.C3 = constant(C1), constant(C2), constant(C3)
-        require_positive(self.C1, "Yeoh law: C1")
-        require_finite(self.C2, "Yeoh law: C2")
-        require_finite(self.C3, "Yeoh law: C3")
 
     def energy(self, deformation: AbstractDeformation) -> Float[Array, "..."]:
         """Ψ = C₁ (I₁ − 3) + C₂ (I₁ − 3)² + C₃ (I₁ − 3)³ [J/m³]."""

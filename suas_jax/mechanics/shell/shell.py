@@ -23,12 +23,12 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch
 from suas_jax.mechanics.base import (
-    AbstractMechanics,
     Assembly,
     Displacements,
     Profile,
     largest,
 )
+from suas_jax.mechanics.section import AbstractSection
 from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, under
 from suas_jax.mechanics.shell.omitted import (
@@ -55,7 +55,7 @@ from suas_jax.skin.geometry import SkinGeometry, outward, tangent
 from suas_jax.skin.loads import LoadPoints
 
 
-class Shell(AbstractMechanics):
+class Shell(AbstractSection):
     """Discretised lumped shell, optionally the left half of a symmetric one.
 
     The unknowns of a station are the displacement (x, y) and its derivative by arc

@@ -17,12 +17,12 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import (
-    AbstractMechanics,
     Assembly,
     Displacements,
     Profile,
     largest,
 )
+from suas_jax.mechanics.section import AbstractSection
 from suas_jax.mechanics.solid.element import EDGE_AREA, NODES, TABLES, mixed, quadratic
 from suas_jax.mechanics.solid.layout import Layout, NodeValues
 from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
@@ -42,7 +42,7 @@ from suas_jax.skin.loads import LoadPoints
 _PENALTY = 10.0
 
 
-class Solid(AbstractMechanics):
+class Solid(AbstractSection):
     """Discretised continuum, optionally the left half of a symmetric one.
 
     Attributes:
@@ -202,7 +202,7 @@ class Solid(AbstractMechanics):
         coupling = mixed(TABLES.coupling, _paired(terms.cofactor))
         constraint = coupling.reshape(9, 3, 2, *tail)
         volume, face = self._volume(u)
-        stiffness = stiffness - pressure * _FOLLOWER[:, :, :, : self.layers]
+        stiffness = stiffness - pressure * _follower(self.layers)
         gradient = self.layout.on_face(face, 0)
         mask, none = self._mask(), jnp.zeros_like(p)
         border = self.layout.scatter(gradient, none, mask)
@@ -275,16 +275,13 @@ def _free(layout: Layout, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool
     return clamp, (False, True) * layout.nodes if symmetric else clamp
 
 
-def _follower() -> Float[np.ndarray, "9 9 3 layer 1 1"]:
-    """Second derivative of the enclosed volume, in the innermost of many layers."""
-    matrix = np.zeros((9, 9, 3, 64, 1, 1))
+def _follower(layers: int) -> Float[np.ndarray, "9 9 3 layer 1 1"]:
+    """Second derivative of the enclosed volume: the innermost layer's alone."""
+    matrix = np.zeros((9, 9, 3, layers, 1, 1))
     for a in range(3):
         for b in range(3):
             matrix[NODES.index((a, 0)), NODES.index((b, 0)), 2, 0] = EDGE_AREA[a, b]
     return matrix
-
-
-_FOLLOWER = _follower()
 
 
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:

@@ -1,0 +1,56 @@
+"""Progress on a terminal: a spinner, or a bar where the total is known; elsewhere nothing."""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+
+
+@contextlib.contextmanager
+def spinner(what: str) -> Iterator[Callable[[str], None]]:
+    """Show what is being done, with the elapsed time.
+
+    Args:
+        what: shown first.
+
+    Yields:
+        A function that shows something else.
+    """
+    if not sys.stderr.isatty():
+        yield lambda text: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=None)
+        yield lambda text: progress.update(task, description=text)
+
+
+@contextlib.contextmanager
+def fitting_spinner() -> Iterator[Callable[[str], None]]:
+    """A spinner of the commands that fit: first the files are read, then fits are named."""
+    with spinner("reading") as show:
+        yield lambda text: show(f"fitting {text}")
+
+
+@contextlib.contextmanager
+def bar(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show how much of a known total is done.
+
+    Args:
+        what: is being done.
+        total: how much there is.
+
+    Yields:
+        A function of how much is done.
+    """
+    if not sys.stderr.isatty():
+        yield lambda done: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(what, total=total)
+        yield lambda done: progress.update(task, completed=done)

@@ -1,0 +1,1 @@
+"""Estimated contacts with their covariances and a status by name."""

@@ -1,0 +1,152 @@
+"""From explanations to estimates: covariances, statuses, what can't be said."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.fit.covariance import covariance_of, inverse
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.selection import Mode
+from fitting.inverse_load.search.nearest import APART
+
+POOR = 1e-4
+"""Chance of chi2 below which the fit is called poor."""
+_HOPELESS = 9.0  # chi2 per degree of freedom beyond which no number is given
+_AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
+_UNSETTLED = 0.1  # decrease of chi2 still promised by a fit that has not converged
+
+
+class LoadReport:
+    """Estimates from explanations, for one skin.
+
+    Args:
+        taxel_angle: of the taxels [rad].
+        outer_radius: of the undeformed skin [m].
+        edge: angle beyond which no contact is sought [rad].
+        direction: whether directions are free.
+    """
+
+    def __init__(
+        self,
+        taxel_angle: NDArray[np.float64],
+        outer_radius: float,
+        edge: float,
+        *,
+        direction: bool,
+    ) -> None:
+        self._taxel_angle, self._outer_radius, self._edge = taxel_angle, outer_radius, edge
+        self._per_contact = 3 if direction else 2
+
+    def estimates(
+        self,
+        best: Explanations,
+        others: Sequence[Mode | None],
+        short: NDArray[np.bool_],
+        systematic: NDArray[np.float64] | None = None,
+    ) -> list[LoadEstimate]:
+        """Estimates of frames that something touches.
+
+        Args:
+            best: their explanations.
+            others: their second modes.
+            short: taxels that read full scale [frame, taxel].
+            systematic: covariance from the skin's calibration, as wide as `best`'s
+                information [frame, parameter, parameter].
+        """
+        poor = best.chance(self._per_contact) < POOR
+        covariance = covariance_of(best, self._per_contact)
+        return [
+            self._estimate(
+                best,
+                others[i],
+                i,
+                covariance[i],
+                None if systematic is None else systematic[i],
+                short[i],
+                bool(poor[i]),
+            )
+            for i in range(len(best))
+        ]
+
+    def _estimate(
+        self,
+        best: Explanations,
+        other: Mode | None,
+        i: int,
+        covariance: Any,
+        systematic: Any,
+        short: NDArray[np.bool_],
+        poor: bool,
+    ) -> LoadEstimate:
+        count, chi2 = int(best.contacts[i]), float(best.chi2[i])
+        kept = best.weight[i] > 0
+        ratio = chi2 / max(int(kept.sum()) - self._per_contact * count, 1)
+        out = tuple(np.flatnonzero(~kept).tolist())
+        if not np.isfinite(chi2):
+            return LoadEstimate(None, status="no_convergence", left_out=out)
+        angles = best.parameters[i, :count]
+        wall = bool(best.min_gap[i] <= 0) or self._pressed_short(short, angles)
+        if poor and ratio > _HOPELESS:
+            unknown = True if wall else None
+            status = "wall_contact" if wall else "model_mismatch"
+            return LoadEstimate(
+                unknown, wall_contact=unknown, chi2_per_dof=ratio, status=status, left_out=out
+            )
+        contacts = self._contacts(
+            best.parameters[i],
+            count,
+            None if wall else covariance * (ratio if poor else 1.0),
+            None if wall else systematic,
+        )
+        alternatives: tuple[Contact, ...] = ()
+        if count == 1 and other is not None and other.chi2 < chi2 + _AMBIGUOUS:
+            width = self._per_contact
+            apart = inverse(other.information[None, :width, :width])[0]
+            alternatives = self._contacts(other.parameters, 1, apart, None)
+        if wall:
+            status = "wall_contact"
+        elif best.promise[i] > _UNSETTLED:
+            status = "no_convergence"
+        elif poor:
+            status = "poor_fit"
+        elif np.abs(angles).max() >= self._edge - 1e-6:
+            status = "at_edge"
+        elif best.parameters[i, count] < 0:
+            status = "pull"
+        elif alternatives:
+            status = "ambiguous"
+        elif any(contact.imprecise for contact in contacts):
+            status = "imprecise"
+        else:
+            status = "ok"
+        pressure = float(best.pressure[i])
+        return LoadEstimate(True, contacts, pressure, wall, ratio, status, out, alternatives)
+
+    def _pressed_short(self, short: NDArray[np.bool_], angles: Any) -> bool:
+        """Whether a taxel under a contact reads full scale."""
+        reach = np.abs(self._taxel_angle[short][:, None] - angles)
+        return bool((reach < APART).any())
+
+    def _contacts(
+        self, parameters: Any, count: int, covariance: Any, systematic: Any
+    ) -> tuple[Contact, ...]:
+        contacts = []
+        for k in range(count):
+            rows = slice(k, self._per_contact * count, count)
+            turn = float(parameters[k + 2 * count]) if self._per_contact == 3 else None
+            own = None if systematic is None else systematic[rows, rows]
+            total = None if covariance is None else covariance[rows, rows]
+            contacts.append(
+                Contact(
+                    float(parameters[k]),
+                    float(parameters[k + count]),
+                    turn,
+                    total if total is None or own is None else total + own,
+                    float(parameters[k] * self._outer_radius),
+                    own,
+                )
+            )
+        return tuple(sorted(contacts, key=lambda contact: contact.angle))

@@ -1,0 +1,33 @@
+"""Covariances of estimated loads: inverses of the information of their fits."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.explanation import Explanations
+
+_SINGULAR = 1e-13  # of a scaled matrix, whose diagonal is one
+
+
+def covariance_of(best: Explanations, per_contact: int) -> NDArray[np.float64]:
+    """Covariances of the parameters, padded as the information is."""
+    covariance = np.full(best.information.shape, np.nan)
+    for count in np.unique(best.contacts):
+        frames, width = best.contacts == count, per_contact * int(count)
+        covariance[frames, :width, :width] = inverse(best.information[frames, :width, :width])
+    return covariance
+
+
+def inverse(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariances from information [frame, p, p]; infinite where nothing is determined."""
+    size = information.shape[-1]
+    scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))
+    known = scale > 0
+    safe = np.where(known, scale, 1.0)
+    outer = safe[:, :, None] * safe[:, None]
+    # Scaled, its diagonal is one: rounding can't hide a direction but below 1e-12.
+    eye = np.eye(size)
+    scaled = np.where(known[:, :, None] & known[:, None], information / outer, eye)
+    scaled = np.where(np.isfinite(scaled), scaled, eye)
+    covariance = np.linalg.inv(scaled + _SINGULAR * eye) / outer
+    unknown = ~known[:, :, None] & (eye > 0)
+    return np.asarray(np.where(unknown, np.inf, covariance))

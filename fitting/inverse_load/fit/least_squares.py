@@ -1,0 +1,204 @@
+"""Weighted least squares for the loads of many frames at once, inside bounds."""
+
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from fitting.inverse_load.model.evaluation import Evaluation, evaluate
+from suas_jax.equilibrium.equilibrium import State
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.scene.forward import Skin
+
+
+class Target(NamedTuple):
+    """What is fitted, lane by lane.
+
+    Attributes:
+        so: readings [counts]; anything where the weight is zero.
+        weight: inverse variance [1/counts^2]; zero where a taxel is left out.
+        low: lower bounds of the parameters.
+        high: upper bounds.
+    """
+
+    so: Float[Array, "taxel lane"]
+    weight: Float[Array, "taxel lane"]
+    low: Float[Array, "parameter lane"]
+    high: Float[Array, "parameter lane"]
+
+
+class Fit(NamedTuple):
+    """A weighted least-squares fit, lane by lane.
+
+    Attributes:
+        parameters: see `loads_from`.
+        evaluation: the model there.
+        chi2: weighted sum of squares; infinite where nothing was found.
+        gradient: J^T W (y - SO), half the steepest descent of chi2.
+        information: J^T W J at the parameters.
+        promise: decrease of chi2 that one more step promises: zero at a minimum.
+    """
+
+    parameters: Float[Array, "parameter lane"]
+    evaluation: Evaluation
+    chi2: Lanes
+    gradient: Float[Array, "parameter lane"]
+    information: Float[Array, "parameter parameter lane"]
+    promise: Lanes
+
+
+SETTLED = 1e-2
+"""Decrease of chi2 below which a step is the last: it moves the estimate by less than a tenth
+of its standard deviation, so linearly that its end needn't be evaluated."""
+_FIRST_DAMPING, _RAISED_DAMPING, _GIVEN_UP = 1e-3, 1e-1, 1e8
+
+
+class _Walk(NamedTuple):
+    fit: Fit
+    damping: Lanes
+    live: Array
+    evaluations: Array
+
+
+def fit_loads(
+    skin: Skin,
+    target: Target,
+    parameters: Float[Array, "parameter lane"],
+    start: State,
+    steps: Int[Array, ""],
+    *,
+    contacts: int,
+) -> Fit:
+    """Levenberg-Marquardt in all lanes at once, inside bounds.
+
+    minimise chi2(x) = sum_k w_k (y_k - SO_k(x))^2. Steps that would leave the bounds end
+    on them, and what presses against a bound is left out of the promise.
+
+    Args:
+        skin: the skin.
+        target: readings, weights, bounds.
+        parameters: where to start.
+        start: an equilibrium near there.
+        steps: most evaluations.
+        contacts: number of loads.
+    """
+
+    def body(walk: _Walk) -> _Walk:
+        old = walk.fit
+        step, _ = _step(old, target, walk.damping)
+        there = jnp.clip(old.parameters + step, target.low, target.high)
+        new = _judged(skin, target, there, old.evaluation.state, contacts)
+        better = walk.live & (new.chi2 <= old.chi2)
+        worse = walk.live & ~better
+        raised = jnp.maximum(10 * walk.damping, _RAISED_DAMPING)
+        damping = jnp.where(worse, raised, walk.damping / 10)
+        settled = better & ~(new.promise >= SETTLED)
+        lost = (better & ~jnp.isfinite(new.chi2)) | (worse & (damping > _GIVEN_UP))
+        live = walk.live & ~settled & ~lost
+        fit = jax.tree.map(lambda x, y: jnp.where(better, x, y), new, old)
+        return _Walk(fit, damping, live, walk.evaluations + 1)
+
+    # The first turn evaluates the start itself, so that the model is compiled once.
+    lanes = parameters.shape[-1]
+    walk = _Walk(
+        _nowhere(skin, parameters, start),
+        jnp.full(lanes, _FIRST_DAMPING),
+        jnp.ones(lanes, bool),
+        jnp.array(0),
+    )
+
+    def going(walk: _Walk) -> Array:
+        return jnp.any(walk.live) & (walk.evaluations < steps)
+
+    return _last_step(jax.lax.while_loop(going, body, walk).fit, target)
+
+
+def _judged(skin: Skin, target: Target, parameters: Array, state: State, contacts: int) -> Fit:
+    """Evaluate the model and compare it with the readings."""
+    e = evaluate(skin, parameters, state, contacts)
+    used = target.weight > 0
+    residual = jnp.where(used, target.so - e.so, 0.0)
+    jacobian = jnp.where(used, e.jacobian, 0.0)
+    weighted = jacobian * target.weight
+    chi2 = jnp.sum(target.weight * residual**2, 0)
+    gradient = jnp.sum(weighted * residual, 1)
+    usable = (e.result == 0) & jnp.isfinite(chi2) & jnp.all(jnp.isfinite(gradient), 0)
+    information = jnp.sum(weighted[:, None] * jacobian[None], 2)
+    fit = Fit(
+        parameters,
+        e,
+        jnp.where(usable, chi2, jnp.inf),
+        jnp.where(usable, gradient, 0.0),
+        jnp.where(usable, information, 0.0),
+        chi2,
+    )
+    _, promise = _step(fit, target, jnp.zeros_like(chi2))
+    return fit._replace(promise=jnp.where(usable, promise, jnp.inf))
+
+
+def _last_step(fit: Fit, target: Target) -> Fit:
+    """Take the step of lanes that have settled, to first order."""
+    settled = fit.promise < SETTLED
+    step, _ = _step(fit, target, jnp.zeros_like(fit.chi2))
+    end = jnp.clip(fit.parameters + step, target.low, target.high)
+    step = jnp.where(settled, end - fit.parameters, 0.0)
+    change = jnp.sum(fit.evaluation.jacobian * step[:, None], 0)
+    evaluation = fit.evaluation._replace(so=fit.evaluation.so + change)
+    chi2 = jnp.maximum(fit.chi2 - jnp.where(settled, fit.promise, 0.0), 0.0)
+    return fit._replace(parameters=fit.parameters + step, evaluation=evaluation, chi2=chi2)
+
+
+def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
+    """A fit that any other is better than, and that promises no step."""
+    (count, lanes), taxels = parameters.shape, skin.electrodes.taxels.angle.shape[0]
+    zero = jnp.zeros(lanes)
+    so = jnp.full((taxels, lanes), jnp.nan)
+    jacobian = jnp.full((count, taxels, lanes), jnp.nan)
+    evaluation = Evaluation(so, jacobian, zero, zero, start, jnp.ones(lanes, jnp.int32))
+    infinite = zero + jnp.inf
+    flat = jnp.zeros((count, count, lanes))
+    return Fit(parameters, evaluation, infinite, flat[0], flat, infinite)
+
+
+def _step(fit: Fit, target: Target, damping: Array) -> tuple[Array, Array]:
+    """Damped Gauss-Newton step [parameter, lane] and the decrease of chi2 it promises."""
+    # A parameter that presses against its bound stays there.
+    stuck = ((fit.parameters <= target.low) & (fit.gradient < 0)) | (
+        (fit.parameters >= target.high) & (fit.gradient > 0)
+    )
+    gradient = jnp.where(stuck, 0.0, fit.gradient)
+    scale = jnp.stack([row[i] for i, row in enumerate(fit.information)])
+    scale = jnp.sqrt(jnp.where(stuck | (scale <= 0), 1.0, scale))
+    free = ~(stuck[:, None] | stuck[None])
+    matrix = jnp.where(free, fit.information, 0.0) / (scale[:, None] * scale[None])
+    eye = jnp.eye(len(gradient))[..., None]
+    matrix = jnp.where(eye > 0, 1.0 + damping + 1e-12, matrix)
+    solution = _solve_spd(matrix, gradient / scale)
+    promise = jnp.sum(solution * gradient / scale, 0)
+    return solution / scale, promise
+
+
+def _solve_spd(matrix: Float[Array, "n n lane"], right: Float[Array, "n lane"]) -> Array:
+    """Solve small symmetric positive definite systems, unrolled across lanes."""
+    n = right.shape[0]
+    a = [[matrix[i, j] for j in range(n)] for i in range(n)]
+    x = [right[i] for i in range(n)]
+    for k in range(n):
+        pivot = jnp.maximum(a[k][k], 1e-14)
+        for i in range(k + 1, n):
+            factor = a[i][k] / pivot
+            for j in range(k, n):
+                a[i][j] = a[i][j] - factor * a[k][j]
+            x[i] = x[i] - factor * x[k]
+    for k in reversed(range(n)):
+        for j in range(k + 1, n):
+            x[k] = x[k] - a[k][j] * x[j]
+        x[k] = x[k] / jnp.maximum(a[k][k], 1e-14)
+    return jnp.stack(x)
+
+
+FIT_PROGRAMS = {k: eqx.filter_jit(partial(fit_loads, contacts=k)) for k in (1, 2, 3)}
+"""`fit_loads` by number of contacts, to be run by `suas_jax.runtime.compiled.COMPILED`."""

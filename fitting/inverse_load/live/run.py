@@ -1,0 +1,106 @@
+"""`suas invert --live`: a port read, its loads estimated, shown and recorded."""
+
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import typer
+
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.live.stream import live_frames, warm_up
+from fitting.inverse_load.live.view import LoadView
+from fitting.inverse_load.report.text import frame_json
+from fitting.json_text import json_text
+from suas_jax.acquisition.frames.registry import decoder, open_source
+from suas_jax.acquisition.log.log_file import LogWriter, log_header
+from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
+from suas_jax.acquisition.signals import ended_by_signal
+from suas_jax.acquisition.stream import Judged, Stream
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How to run.
+
+    Attributes:
+        port: as `suas log` takes it.
+        format_name: frame format.
+        baud: bits per second.
+        duration: stop after this long [s].
+        latency: age at which a frame is dropped [s].
+        log: where readings are recorded, if anywhere.
+        as_json: JSON lines instead of a view.
+        smooth: filter over time.
+    """
+
+    port: str
+    format_name: str = "text"
+    baud: int = 115200
+    duration: float | None = None
+    latency: float = 0.1
+    log: Path | None = None
+    as_json: bool = False
+    smooth: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.latency > 0:
+            raise ValueError(f"--latency {self.latency:g}: a time above zero is needed")
+
+
+def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
+    """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration."""
+    decode = decoder(options.format_name)
+    writer: LogWriter | None = None
+    if options.log is not None:
+        electrodes = estimator.spec.electrodes
+        assert electrodes is not None
+        header = log_header(
+            scale=f"{1e15 * electrodes.lsb:.6g} fF",
+            start_time=datetime.now(UTC),
+            port=options.port,
+            frame_format=options.format_name,
+        )
+        flags = FLAG_COLUMNS + decode.extra_columns
+        writer = LogWriter(options.log, header, flags=flags)
+    try:
+        warm_up(estimator)
+        source = open_source(options.port, options.format_name, options.baud)
+        with LoadView(estimator, options.port, show=not options.as_json) as view:
+            stream = Stream(source, decode, options.format_name, report=view.say)
+            began = time.monotonic()
+
+            def idle() -> None:
+                over = options.duration is not None
+                if over and time.monotonic() - began > options.duration:  # type: ignore[operator]
+                    stream.stop.set()
+
+            def record(judged: Judged) -> None:
+                if writer is not None:
+                    write_reading(writer, judged, began)
+
+            frames = dropped = 0
+            with ended_by_signal(stream):
+                for frame in live_frames(
+                    stream,
+                    estimator,
+                    latency=options.latency,
+                    smooth=options.smooth,
+                    on_reading=record,
+                    idle=idle,
+                ):
+                    frames, dropped = frames + 1, frame.dropped
+                    if options.as_json:
+                        line = frame_json(
+                            frame.time,
+                            frame.seq,
+                            frame.estimate,
+                            frame.filtered,
+                            dropped=frame.dropped,
+                        )
+                        typer.echo(json_text(line))
+                    view.update(frame)
+            view.say(f"{options.port}: {frames} frames estimated, {dropped} dropped")
+    finally:
+        if writer is not None:
+            writer.close()

@@ -1,0 +1,1 @@
+"""Readings of one skin under contacts, with derivatives by all of their parameters."""

@@ -1,0 +1,99 @@
+"""The forward model as load estimation needs it: readings, exact derivatives, smallest gap.
+
+One evaluation continues a neighbouring equilibrium to new loads and differentiates it by
+all of them. Columns of the Jacobian lie side by side with the lanes: each is one more lane
+of the same linear problem, in the memory order the mechanics is fastest in.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.scene.forward import Loads, Skin
+
+
+class Evaluation(NamedTuple):
+    """What the model says about some loads, lane by lane.
+
+    Attributes:
+        so: continuous sensor output [counts]; NaN where the membrane touches the wall.
+        jacobian: derivatives of `so` by the parameters [counts/rad, counts/N, counts/rad].
+        pressure: of the oil, above ambient [Pa].
+        min_gap: between membrane and wall [m].
+        state: the equilibrium, to start a neighbouring one from.
+        result: index of the outcome, 0 where converged (see `suas_jax.equilibrium.outcomes`).
+    """
+
+    so: Float[Array, "taxel lane"]
+    jacobian: Float[Array, "parameter taxel lane"]
+    pressure: Lanes
+    min_gap: Lanes
+    state: State
+    result: Int[Array, " lane"]
+
+
+def loads_from(parameters: Float[Array, "parameter lane"], contacts: int) -> Loads:
+    """Loads from parameters: all angles [rad], all forces [N], and all turns [rad] if free."""
+    angle, force = parameters[:contacts], parameters[contacts : 2 * contacts]
+    turn = parameters[2 * contacts :]
+    turn = turn if turn.shape[0] else jnp.zeros_like(angle)
+    return Loads(angle, force, turn, jnp.zeros_like(angle[0]))
+
+
+def at_rest(skin: Skin, lanes: int) -> State:
+    """The undeformed state, in lanes."""
+    zero = jnp.zeros(lanes)
+    return State(jnp.zeros((4, skin.elements + 1, lanes)), zero, zero)
+
+
+def evaluate(
+    skin: Skin, parameters: Float[Array, "parameter lane"], start: State, contacts: int
+) -> Evaluation:
+    """Readings of some loads and their exact derivatives.
+
+    Args:
+        skin: the skin.
+        parameters: see `loads_from`.
+        start: a neighbouring equilibrium, or rest.
+        contacts: number of loads.
+    """
+    count, lanes = parameters.shape
+    problem = skin.problem(loads_from(parameters, contacts))
+    found = equilibrium(problem, start)
+    state = jax.lax.stop_gradient(found.state)
+    min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
+
+    def beside(values: Array) -> Array:
+        return jnp.concatenate([values] * count, -1)
+
+    tiled = jax.tree.map(beside, state)
+
+    def so(parameters: Array) -> Array:
+        problem = skin.problem(loads_from(parameters, contacts))
+        return skin.electrodes.read(problem.mechanics, differentiable(problem, tiled).q).so
+
+    # Lane block k carries the derivative by parameter k.
+    units = jnp.repeat(jnp.eye(count, dtype=parameters.dtype), lanes, axis=1)
+    values, columns = jax.jvp(so, (beside(parameters),), (units,))
+    jacobian = jnp.moveaxis(columns.reshape(-1, count, lanes), 1, 0)
+    readings = values[:, :lanes]
+    return Evaluation(readings, jacobian, state.pressure, min_gap, state, found.result)
+
+
+def _read(
+    skin: Skin, angle: Array, force: Array, start: State
+) -> tuple[Array, Array, State, Array]:
+    problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
+    found = equilibrium(problem, start)
+    state = found.state
+    min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
+    return skin.electrodes.read(problem.mechanics, state.q).so, min_gap, state, found.result
+
+
+read_program = eqx.filter_jit(_read)
+"""Readings, smallest gap, state and result of one radial load a lane, without derivatives."""

@@ -1,0 +1,19 @@
+"""Results as JSON text."""
+
+import json
+from typing import Any
+
+
+def json_text(tree: Any) -> str:
+    """One line of JSON, in which numbers that are not finite become null."""
+    return json.dumps(_finite(tree), allow_nan=False)
+
+
+def _finite(tree: Any) -> Any:
+    if isinstance(tree, dict):
+        return {key: _finite(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [_finite(value) for value in tree]
+    if isinstance(tree, float) and (tree != tree or tree in (float("inf"), -float("inf"))):
+        return None
+    return tree

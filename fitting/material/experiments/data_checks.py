@@ -1,0 +1,209 @@
+"""Is a data set what it says? Unloading branches, mistaken units, mistaken signs.
+
+Nothing here changes data: what looks wrong is said, with the reason.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from fitting.material.experiments.measurements import PATHS, Dataset
+
+_SHORTEST_BRANCH = 3
+_LEAST_SPAN = 0.05
+# Rubber: the stiffer the network, the shorter it stretches. Gum rubber has about
+# μ λ² = 23 MPa at break, stiff filled ones 40 MPa.
+_STIFF_AND_LONG = 60e6
+_STIFF, _LONG = 3e6, 2.0
+_SOFTEST = 100.0
+_JUMP = 6.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Branches:
+    """Loading and unloading of one test, in the order of its rows.
+
+    Attributes:
+        unloading: readings on a branch that goes back, shape [n].
+        loss: mean of how much lower the stress is on the way back, relative.
+    """
+
+    unloading: np.ndarray
+    loss: float
+
+
+def branches(data: Dataset) -> Branches:
+    """Find unloading branches in a test whose rows are in the order of time.
+
+    A branch is a run of at least three steps towards the undeformed state that spans 5 %
+    of the test, after a branch that went out over the same states. Rows in no order of
+    time (turning at every third row or more) have no branches.
+    """
+    none = Branches(np.zeros(data.size, dtype=bool), 0.0)
+    if data.mode in ("biaxial", "biaxial_difference", "skin") or data.size < 6:
+        return none
+    h = _deformation(data)
+    unloading = np.zeros(data.size, dtype=bool)
+    for specimen in dict.fromkeys(data.specimen):
+        rows = np.flatnonzero(data.specimen == specimen)
+        unloading[rows] = _goes_back(h[rows])
+    if not unloading.any():
+        return none
+    out = ~unloading
+    order = np.argsort(h[out])
+    outwards = np.interp(h[unloading], h[out][order], np.abs(data.value[out][order]))
+    usable = outwards > 0.05 * np.max(np.abs(data.value))
+    if not usable.any():
+        return none
+    back = np.abs(data.value[unloading])
+    return Branches(unloading, float(np.mean(1.0 - back[usable] / outwards[usable])))
+
+
+def _deformation(data: Dataset) -> np.ndarray:
+    """How far a reading is from rest, a number that grows with loading."""
+    if data.mode == "bulge":
+        return np.asarray(data.coordinate)
+    return np.abs(data.coordinate if data.mode == "simple_shear" else data.factors[0])
+
+
+def _goes_back(h: np.ndarray) -> np.ndarray:
+    """Which rows lie on a branch back towards rest."""
+    back = np.zeros(len(h), dtype=bool)
+    span = np.max(h) - np.min(h)
+    if len(h) < 6 or span <= 0.0:
+        return back
+    # Jitter of the extensometer is no turning point.
+    steps = np.diff(h)
+    direction = np.where(np.abs(steps) < 1e-3 * span, 0, np.sign(steps))
+    for i in range(1, len(direction)):
+        if direction[i] == 0:
+            direction[i] = direction[i - 1]
+    turns = np.flatnonzero(direction[1:] * direction[:-1] < 0)
+    if len(turns) > max(2, len(h) // 5):
+        return back  # shuffled rows
+    edges = np.concatenate([[0], turns + 1, [len(direction)]])
+    went_out = 0.0
+    for first, last in itertools.pairwise(edges):
+        if direction[first] >= 0:
+            went_out = max(went_out, h[last])
+        elif (
+            last - first >= _SHORTEST_BRANCH
+            and h[first] - h[last] > _LEAST_SPAN * span
+            and went_out > h[last]
+        ):
+            back[first + 1 : last + 1] = True
+    return back
+
+
+def initial_modulus(data: Dataset) -> float:
+    """Neo-Hookean modulus of the least deformed third of a test [Pa]."""
+    e1, e2, c1, c2 = data.factors
+    tau_3 = np.exp(-2.0 * (e1 + e2))
+    unit = c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3)
+    size = np.abs(e1) + np.abs(e2)
+    near = size <= np.quantile(size, 1.0 / 3.0)
+    square = float(np.sum(unit[near] ** 2))
+    return float(np.sum(unit[near] * data.value[near])) / square if square > 0.0 else np.nan
+
+
+def warnings_of(data: Dataset) -> list[str]:
+    """What a person should look at in one data set."""
+    if data.mode == "skin":
+        return [f"{data.file}: {text}" for text in data.warnings]
+    found = []
+    path = branches(data)
+    if path.unloading.any():
+        rows = data.line[path.unloading]
+        found.append(
+            f"{data.file}: {path.unloading.sum()} readings (lines {rows.min()} to "
+            f"{rows.max()}) are an unloading branch, {100.0 * path.loss:.0f} % lower in stress "
+            f"than loading: hysteresis or softening (Mullins effect), which an elastic law "
+            f"can't follow; choose one branch with --branch loading"
+        )
+    found += [f"{data.file}: {text}" for text in _unit_doubts(data)]
+    wrong = (data.value * _sign_of(data) < 0.0) & (
+        np.abs(data.value) > 0.02 * np.max(np.abs(data.value))
+    )
+    if np.mean(wrong) > 0.5:
+        found.append(
+            f"{data.file}: most stresses have the sign opposite to their strain; compression "
+            f"is a stretch below one (negative strain) with negative stress"
+        )
+    if data.dropped:
+        what = ", ".join(f"{count} ({reason})" for reason, count in data.dropped.items())
+        found.append(f"{data.file}: rows left out: {what}")
+    return found
+
+
+def _sign_of(data: Dataset) -> np.ndarray:
+    e1, e2, c1, c2 = data.factors
+    tau_3 = np.exp(-2.0 * (e1 + e2))
+    return np.sign(c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3))
+
+
+def _unit_doubts(data: Dataset) -> list[str]:
+    modulus = initial_modulus(data)
+    longest = float(np.max(np.maximum(data.stretch_1, data.stretch_2)))
+    doubts = []
+    if np.isfinite(modulus) and modulus > 0.0:
+        stiff = modulus * longest**2 > _STIFF_AND_LONG or (modulus > _STIFF and longest > _LONG)
+        if stiff and data.mode in ("uniaxial", "equibiaxial", "pure_shear", "biaxial"):
+            doubts.append(
+                f"the unit is doubtful: a rubber of shear modulus {modulus / 1e6:.3g} MPa "
+                f"does not usually stretch to {longest:.3g}; kgf/cm2 labelled MPa is "
+                f"10.2 times too large"
+            )
+        elif modulus < _SOFTEST:
+            doubts.append(
+                f"the unit is doubtful: a shear modulus of {modulus:.3g} Pa is softer than "
+                f"any rubber or gel"
+            )
+    return doubts + _jumps(data)
+
+
+def _jumps(data: Dataset) -> list[str]:
+    """Neighbouring readings whose stiffnesses can't belong to one curve."""
+    if data.mode not in PATHS or data.size < 3:
+        return []
+    e1, e2, c1, c2 = data.factors
+    tau_3 = np.exp(-2.0 * (e1 + e2))
+    unit = c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3)
+    # Near rest a zero that is off by little changes the ratio by much.
+    rows = np.flatnonzero(np.abs(e1) > 0.1 * np.max(np.abs(e1)))
+    rows = rows[np.argsort(e1[rows], kind="stable")]
+    stiffness = data.value[rows] / unit[rows]
+    positive = (stiffness[1:] > 0.0) & (stiffness[:-1] > 0.0)
+    ratio = np.where(positive, stiffness[1:] / np.where(positive, stiffness[:-1], 1.0), 1.0)
+    change = np.abs(np.log(ratio))
+    if not len(change) or np.max(change) < np.log(_JUMP):
+        return []
+    at = int(np.argmax(change))
+    return [
+        f"the unit is doubtful: from line {data.line[rows[at]]} to line "
+        f"{data.line[rows[at + 1]]} the stiffness changes by a factor of "
+        f"{np.exp(change[at]):.3g}; are there two units in one column, or a mistyped reading?"
+    ]
+
+
+def contradictions(sets: Sequence[Dataset]) -> list[str]:
+    """Data sets whose initial stiffnesses don't belong to one material."""
+    known = [(data, initial_modulus(data)) for data in sets if data.mode in (*PATHS, "biaxial")]
+    known = [(data, modulus) for data, modulus in known if modulus > 0.0]
+    if len(known) < 2:
+        return []
+    usual = float(np.median([modulus for _, modulus in known]))
+    softest = min(known, key=lambda pair: pair[1])
+    found = []
+    for data, modulus in known:
+        ratio = modulus / (softest[1] if len(known) == 2 else usual)
+        if ratio > 3.0 or ratio < 1.0 / 3.0:
+            times = ratio if ratio > 1.0 else 1.0 / ratio
+            hint = "; kgf/cm2 labelled MPa makes a factor of 10.2" if 6.0 < times < 17.0 else ""
+            found.append(
+                f"{data.file}: the unit is doubtful: its initial stiffness is "
+                f"{times:.3g} times {'above' if ratio > 1.0 else 'below'} that of the other "
+                f"files{hint}"
+            )
+    return found

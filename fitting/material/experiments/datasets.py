@@ -1,0 +1,59 @@
+"""Read a file of measurements of one kind of test."""
+
+import os
+from collections.abc import Callable, Mapping
+
+from fitting.material.data.tables import DataError, read_table
+from fitting.material.experiments.inflation_tests import balloon, bulge
+from fitting.material.experiments.measurements import Dataset, mode_named
+from fitting.material.experiments.skin_readings import skin
+from fitting.material.experiments.stress_tests import (
+    biaxial,
+    difference,
+    one_parameter,
+    simple_shear,
+)
+from fitting.material.experiments.table_reader import Reader
+from suas_jax.config import load_scene
+
+TESTS: dict[str, Callable[[Reader], Dataset]] = {
+    "biaxial": biaxial,
+    "biaxial_difference": difference,
+    "simple_shear": simple_shear,
+    "balloon": balloon,
+    "bulge": bulge,
+}
+"""Tests that are read in a way of their own; the others are tests of one stretch."""
+
+
+def load_dataset(
+    mode: str,
+    path: str | os.PathLike[str],
+    specimen: Mapping[str, str] | None = None,
+    noise: str | None = None,
+    scene: str | os.PathLike[str] | None = None,
+) -> Dataset:
+    """Read one file of measurements.
+
+    Args:
+        mode: kind of test, one of `MODES`.
+        path: CSV file whose column names state measure and unit.
+        specimen: sizes with units, such as {"width": "6 mm"}, where the file doesn't
+            state them (as columns or as `# width: 6 mm`).
+        noise: standard deviation of the readings, "5 kPa" or "2 %", where the file
+            doesn't state it.
+        scene: scene file of the skin, for the mode "skin".
+
+    Raises:
+        DataError: the file can't be used; the message names file, line, column, the
+            value and what is allowed.
+    """
+    chosen = mode_named(mode)
+    reader = Reader(chosen, read_table(path), dict(specimen or {}), noise)
+    if chosen != "skin":
+        return TESTS.get(chosen, one_parameter)(reader)
+    if scene is None:
+        raise DataError(
+            f"--data skin={path}: a skin needs --scene SCENE: its dimensions and loads"
+        )
+    return skin(reader, load_scene(scene))

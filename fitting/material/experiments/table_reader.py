@@ -1,0 +1,312 @@
+"""Columns of a table of measurements, as the tests of every mode read them."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from fitting.material.data.columns import Column, understand
+from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
+from fitting.material.data.tables import DataError, Table, is_missing
+from fitting.material.experiments.measurements import Dataset
+from suas_jax.config.errors import listed
+from suas_jax.config.quantities import parse_quantity
+
+
+class Reader:
+    """One file on its way to a data set.
+
+    Attributes:
+        mode: kind of test.
+        table: the file.
+        noise: standard deviation of the readings, where the file doesn't state it.
+        columns: position and meaning by quantity and direction.
+        sizes: of the specimen, SI units.
+        warnings: what a person should know.
+    """
+
+    def __init__(
+        self, mode: str, table: Table, specimen: dict[str, str], noise: str | None
+    ) -> None:
+        self.mode, self.table, self.noise = mode, table, noise
+        self.warnings: list[str] = []
+        self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
+        ignored = []
+        for index, name in enumerate(table.names):
+            try:
+                column = understand(name, f"{table.file}: line {table.lines[0]}")
+            except ValueError as error:
+                raise DataError(str(error).replace(f": line {table.lines[0]}", "", 1)) from None
+            if column is None:
+                ignored.append(name)
+            elif (column.quantity, column.direction) in self.columns:
+                other = table.names[self.columns[column.quantity, column.direction][0]]
+                raise DataError(
+                    f'{table.file}: columns "{other}" and "{name}" mean the same; keep one'
+                )
+            else:
+                self.columns[column.quantity, column.direction] = (index, column)
+        if any(ignored):
+            names = ", ".join(f'"{name}"' for name in ignored if name)
+            self.warnings.append(f"column {names} is not used: not a quantity known here")
+        self.sizes = {**stated_sizes(table), **given_sizes(table, specimen)}
+
+    def column(self, quantity: str, direction: int = 0) -> np.ndarray | None:
+        """Values of a column in SI units, NaN where missing; None if there is none.
+
+        Raises:
+            DataError: a cell holds neither a number nor a usual sign of a missing one.
+        """
+        wanted = (0, 1) if direction in (0, 1) else (direction,)
+        for d in wanted:
+            if (quantity, d) in self.columns:
+                index, column = self.columns[quantity, d]
+                values = self.table.cells[:, index]
+                for row in np.flatnonzero(np.isnan(values)):
+                    text = self.table.texts[row][index]
+                    if not is_missing(text):
+                        raise DataError(
+                            f'{self.at(int(row), index)}: "{text[:40]}" is no number; leave '
+                            f"the cell empty if the value is missing"
+                        )
+                return values * column.factor
+        return None
+
+    def at(self, row: int, index: int) -> str:
+        """Where a cell is, for messages."""
+        return (
+            f"{self.table.file}: line {self.table.lines[row]}, "
+            f'column "{self.table.names[index]}"'
+        )
+
+    def position(self, quantity: str, direction: int = 0) -> int:
+        """Which column of the table holds a quantity."""
+        for d in (direction, 0, 1):
+            if (quantity, d) in self.columns:
+                return self.columns[quantity, d][0]
+        return 0
+
+    def size(self, name: str) -> np.ndarray | None:
+        """A size of the specimen, per row [m]; a column goes before a single value."""
+        values = self.column(name)
+        if values is not None:
+            self.require_positive(values, name)
+            return values
+        if name in self.sizes:
+            return np.full(len(self.table.lines), self.sizes[name])
+        return None
+
+    def require_positive(self, values: np.ndarray, quantity: str, why: str = "") -> None:
+        """Refuse values that are impossible.
+
+        Raises:
+            DataError: names the first of them, and why.
+        """
+        bad = np.flatnonzero(values <= 0.0)
+        if bad.size:
+            index = self.position(quantity)
+            text = self.table.texts[bad[0]][index]
+            raise DataError(
+                f"{self.at(bad[0], index)}: {text} is impossible: "
+                f"{why or 'it must be greater than zero'}"
+            )
+
+    def need(self, what: str, *names: str) -> DataError:
+        """What is missing, and what the file has."""
+        have = ", ".join(f'"{name}"' for name in self.table.names if name)
+        choices = listed(f'"{name}"' for name in names)
+        return DataError(
+            f"{self.table.file}: {what} is missing for the mode {self.mode}; expected a "
+            f"column such as {choices} (the file has {have})"
+        )
+
+    def stretch(self, direction: int = 0) -> np.ndarray:
+        """Stretch in a direction, whatever measure states it."""
+        tag = f"_{direction}" if direction == 2 else "_1"
+        ways: tuple[tuple[str, Callable[[np.ndarray], np.ndarray], str], ...] = (
+            ("stretch", lambda x: x, "a stretch is greater than zero (undeformed: 1)"),
+            ("strain", lambda x: 1.0 + x, "a strain is greater than -1 (-100 %)"),
+            ("log_strain", np.exp, ""),
+            (
+                "green_strain",
+                lambda x: np.sqrt(np.maximum(1.0 + 2.0 * x, 0.0)),
+                "a Green strain is greater than -1/2",
+            ),
+        )
+        for quantity, convert, why in ways:
+            values = self.column(quantity, direction)
+            if values is not None:
+                stretches = convert(values)
+                self.require_positive(stretches, quantity, why=why)
+                return stretches
+        moved = self.column("displacement", direction)
+        if moved is not None:
+            length = self.size("length")
+            if length is None:
+                raise DataError(
+                    f"{self.table.file}: displacement needs the specimen's length: add "
+                    f'"# length: 25 mm" to the file or --specimen "length=25 mm"'
+                )
+            stretches = 1.0 + moved / length
+            self.require_positive(
+                stretches, "displacement", why="the specimen would have no length left"
+            )
+            return stretches
+        raise self.need("the stretch", f"stretch{tag}", f"strain{tag}", "displacement_mm")
+
+    def area(self) -> np.ndarray:
+        """Undeformed cross-section of the specimen [m²]."""
+        area = self.size("area")
+        if area is not None:
+            return area
+        width, thickness = self.size("width"), self.size("thickness")
+        if width is not None and thickness is not None:
+            return width * thickness
+        diameter = self.size("diameter")
+        if diameter is not None:
+            return 0.25 * math.pi * diameter**2
+        raise DataError(
+            f"{self.table.file}: force needs the specimen's cross-section: add "
+            f'"# width: 6 mm" and "# thickness: 2 mm" (or "# area: 12 mm2", '
+            f'"# diameter: 29 mm") to the file or give --specimen "width=6 mm,thickness=2 mm"'
+        )
+
+    def stress(self, direction: int = 0) -> tuple[np.ndarray, str] | None:
+        """Readings of stress in a direction [Pa] and their measure; None if there are none."""
+        for quantity in ("nominal", "cauchy", "second_pk"):
+            values = self.column(quantity, direction)
+            if values is not None:
+                return values, quantity
+        values = self.column("stress", direction)
+        if values is not None:
+            name = self.table.names[self.position("stress", direction)]
+            self.warnings.append(
+                f'column "{name}" does not say whether it is nominal or Cauchy stress; taken '
+                f"as nominal (force over undeformed area)"
+            )
+            return values, "nominal"
+        force = self.column("force", direction)
+        if force is not None:
+            return force / self.area(), "nominal"
+        return None
+
+    def finish(
+        self,
+        measure: str,
+        stretch: np.ndarray,
+        factors: np.ndarray,
+        values: np.ndarray,
+        second: np.ndarray | None = None,
+        companion: np.ndarray | None = None,
+        direction: int = 1,
+        coordinate: np.ndarray | None = None,
+        bulge: np.ndarray | None = None,
+        sigma: np.ndarray | None = None,
+    ) -> Dataset:
+        """The data set, without rows that are masked or miss something.
+
+        Args:
+            measure: what was read.
+            stretch: λ₁ [row].
+            factors: e₁, e₂, c₁, c₂ [4, row].
+            values: readings [row].
+            second: λ₂ [row], if the factors don't tell.
+            companion: largest stress read at the same state [row].
+            direction: 1 or 2.
+            coordinate: what a plot is drawn against [row]; λ₁ by default.
+            bulge: thickness over radius of a diaphragm [row].
+            sigma: standard deviation of the noise [row], if it is no stress.
+
+        Raises:
+            DataError: no row is left, or a weight is negative.
+        """
+        count = len(values)
+        weight = self.column("weight")
+        weight = np.ones(count) if weight is None else weight
+        bad = np.flatnonzero(weight < 0.0)
+        if bad.size:
+            raise DataError(
+                f"{self.at(bad[0], self.position('weight'))}: a weight must not be negative"
+            )
+        masked = ~self._mask() | (weight == 0.0)
+        missing = ~np.isfinite(values) | ~np.isfinite(stretch) | ~np.isfinite(factors).all(0)
+        missing |= np.isnan(weight)
+        keep = ~missing & ~masked
+        if not keep.any():
+            raise DataError(f"{self.table.file}: no row holds both a state and a reading")
+        dropped = {
+            "missing value": int(missing.sum()),
+            "masked": int((masked & ~missing).sum()),
+        }
+        data = Dataset(
+            mode=self.mode,
+            file=self.table.file,
+            measure=measure,
+            coordinate=stretch if coordinate is None else coordinate,
+            stretch_1=stretch,
+            stretch_2=factors[1] * 0.0 + np.exp(factors[1]) if second is None else second,
+            factors=factors,
+            value=values,
+            companion=np.zeros(count) if companion is None else companion,
+            sigma=self._sigma(values) if sigma is None else sigma,
+            weight=weight,
+            direction=np.full(count, direction),
+            specimen=self._specimens(),
+            line=self.table.lines,
+            bulge=np.zeros(0) if bulge is None else bulge,
+            dropped={reason: n for reason, n in dropped.items() if n},
+            warnings=tuple(self.warnings),
+        )
+        return data.select(keep)
+
+    def _mask(self) -> np.ndarray:
+        if ("use", 0) not in self.columns:
+            return np.ones(len(self.table.lines), dtype=bool)
+        index = self.columns["use", 0][0]
+        words = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
+        mask = []
+        for row, texts in enumerate(self.table.texts):
+            word = texts[index].casefold().removesuffix(".0")
+            if word not in words:
+                raise DataError(
+                    f'{self.at(row, index)}: "{texts[index]}" is not allowed; use 1 or 0'
+                )
+            mask.append(words[word])
+        return np.array(mask)
+
+    def _specimens(self) -> np.ndarray:
+        if ("specimen", 0) not in self.columns:
+            name = self.table.metadata.get("specimen", "")
+            return np.full(len(self.table.lines), name, dtype=object)
+        index = self.columns["specimen", 0][0]
+        return np.array([texts[index] for texts in self.table.texts], dtype=object)
+
+    def _sigma(self, values: np.ndarray) -> np.ndarray:
+        sigma = self.column("sigma")
+        relative = self.column("relative_sigma")
+        if sigma is None and relative is not None:
+            sigma = relative * np.abs(values)
+        if sigma is not None:
+            quantity = "sigma" if ("sigma", 0) in self.columns else "relative_sigma"
+            self.require_positive(sigma, quantity)
+            return sigma
+        text = self.noise or next(
+            (
+                self.table.metadata[key]
+                for key in ("sigma", "noise")
+                if key in self.table.metadata
+            ),
+            None,
+        )
+        if text is None:
+            return np.full(len(values), np.nan)
+        try:
+            if text.strip().endswith("%"):
+                size = parse_quantity(text, "number") * np.abs(values)
+            else:
+                size = np.full(len(values), parse_quantity(text, "stress"))
+        except ValueError as error:
+            raise DataError(f'{self.table.file}: noise "{text}": {error}') from None
+        if np.any(size < 0.0) or not np.any(size > 0.0):
+            raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
+        return np.where(size > 0.0, size, np.max(size))

@@ -1,0 +1,179 @@
+"""Many calibrations on Dask: a file of membranes in, one line of results a membrane out.
+
+The client alone writes results, one line as each calibration ends, and never calibrates a
+membrane that the file already holds. A worker that dies takes nothing with it: Dask runs
+what it had again elsewhere, and a result that arrives a second time is dropped.
+"""
+
+import json
+import logging
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from fitting.json_text import json_text
+
+KEYS = ("name", "data", "law", "terms", "residual", "noise", "scene", "sample", "steps")
+
+
+class JobError(ValueError):
+    """The file of membranes is wrong; the message names file and key."""
+
+
+def load_jobs(file: Path) -> list[dict[str, Any]]:
+    """Read [[membrane]] tables; paths become absolute.
+
+    Raises:
+        JobError: a key is unknown or missing, or a name stands twice.
+    """
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise JobError(f"{file}: {error}") from None
+    jobs = table.get("membrane")
+    if set(table) != {"membrane"} or not isinstance(jobs, list) or not jobs:
+        raise JobError(f"{file}: [[membrane]] tables are expected, and nothing else")
+    seen: set[str] = set()
+    for i, job in enumerate(jobs):
+        where = f"{file}: membrane.{i}"
+        for key in job:
+            if key not in KEYS:
+                raise JobError(f"{where}.{key}: unknown key; allowed: {', '.join(KEYS)}")
+        name, data = job.get("name"), job.get("data")
+        if not isinstance(name, str) or name in seen:
+            raise JobError(f"{where}.name = {name!r}: a name of its own is needed")
+        seen.add(name)
+        if not isinstance(data, dict) or not data:
+            raise JobError(f'{where}.data: expected {{ uniaxial = "A.csv", ... }}')
+        job["data"] = {mode: str(file.parent / path) for mode, path in data.items()}
+        if "scene" in job:
+            job["scene"] = str(file.parent / job["scene"])
+    return jobs
+
+
+def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
+    """Calibrate one membrane; what goes wrong is its result, not an exception."""
+    from suas_jax.runtime.settings import configure
+
+    configure()
+    from fitting.material.experiments.datasets import load_dataset
+    from fitting.material.experiments.measurements import mode_named
+    from fitting.material.fit.fit import NoFit, fit_material
+    from fitting.material.report.summary import report_of
+    from fitting.statistics.posterior import PosteriorError, Settings
+
+    try:
+        sets = [
+            load_dataset(mode_named(mode), path, None, job.get("noise"), job.get("scene"))
+            for mode, path in job["data"].items()
+        ]
+        fit = fit_material(
+            sets,
+            job.get("law", "ogden"),
+            job.get("terms"),
+            residual=job.get("residual", "relative"),
+        )
+        report = report_of(fit)
+        if job.get("sample", False):
+            from fitting.material.fit.posterior import sample_material
+
+            report["posterior"] = sample_material(
+                fit, Settings(steps=job.get("steps", 20_000))
+            ).report
+    except (ValueError, OSError) as error:
+        report = {"status": "bad_input", "message": str(error)}
+    except (NoFit, PosteriorError) as error:
+        report = {"status": "no_fit", "message": str(error)}
+    return {"name": job["name"], **report}
+
+
+def finished(results: Path) -> set[str]:
+    """Names of the membranes that a file of results holds; a cut-off line is none."""
+    names = set()
+    if results.exists():
+        for line in results.read_text(encoding="utf-8").splitlines():
+            try:
+                names.add(json.loads(line)["name"])
+            except (json.JSONDecodeError, KeyError, TypeError):
+                continue
+    return names
+
+
+def calibrate_all(
+    jobs: list[dict[str, Any]],
+    results: Path,
+    client: Any,
+    progress: Callable[[int, int, str], None] = lambda done, total, name: None,
+) -> int:
+    """Calibrate every membrane that has no result yet.
+
+    Args:
+        jobs: from `load_jobs`.
+        results: JSON lines, appended to.
+        client: `distributed.Client`.
+        progress: called with membranes done, all of them, and the last one's name.
+
+    Returns:
+        How many results were added.
+    """
+    from distributed import as_completed
+
+    known = finished(results)
+    waiting = [job for job in jobs if job["name"] not in known]
+    futures = client.map(
+        calibrate,
+        waiting,
+        key=[f"calibrate-{job['name']}" for job in waiting],
+        pure=False,
+        retries=3,
+    )
+    names = dict(zip((future.key for future in futures), waiting, strict=True))
+    text = results.read_bytes() if results.exists() else b""
+    added = 0
+    with results.open("a", encoding="utf-8") as file:
+        if text and not text.endswith(b"\n"):
+            file.write("\n")  # what a kill cut off stays alone on its line
+        for future in as_completed(futures):
+            name = names[future.key]["name"]
+            if name in known:
+                continue
+            if future.status == "finished":
+                line = future.result()
+            else:
+                line = {"name": name, "status": "failed", "message": str(future.exception())}
+            file.write(json_text(line) + "\n")
+            file.flush()
+            known.add(name)
+            added += 1
+            progress(len(known), len(jobs), name)
+    return added
+
+
+def connect(scheduler: str | None, workers: int) -> Any:
+    """A client of a scheduler, or of a local cluster of worker processes.
+
+    Workers are started fresh, never forked: a fork of a process that runs JAX hangs.
+
+    Raises:
+        ValueError: Dask is not installed.
+        OSError: no scheduler answers at this address.
+    """
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise ValueError(
+            'many calibrations need Dask: pip install "suas-jax[cluster]"'
+        ) from None
+    if scheduler is not None:
+        return Client(scheduler, timeout="10s")
+    dask.config.set({"distributed.worker.multiprocessing-method": "spawn"})
+    cluster = LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=None,
+        silence_logs=logging.ERROR,
+    )
+    return Client(cluster)

@@ -1,0 +1,1 @@
+"""Counts of a skin as a function of the constants that a calibration finds."""

@@ -1,0 +1,162 @@
+"""The constants that a sensor calibration can find, by the names that people give them."""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.sensing.taxels import taxel_names
+
+PERMITTIVITY, GAP, SCALE = "relative_permittivity", "oil_gap", "lsb"
+STRAY, LAYERS = "stray", "layers"
+ALIASES = {"permittivity": PERMITTIVITY, "gap": GAP, "scale": SCALE}
+DEFAULT = (PERMITTIVITY, GAP)
+PATHS = {
+    PERMITTIVITY: "oil.relative_permittivity",
+    GAP: "geometry.oil_gap",
+    SCALE: "electrodes.lsb",
+    STRAY: "electrodes.stray",
+}
+"""TOML paths of the electrical constants. Layers are a sum over several keys."""
+GAPS = ("global", "module", "taxel")
+_MATERIAL = "material."
+_VACUUM = 8.854e-12
+_DIAMETER = 4e-3  # of a usual taxel [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorConstant:
+    """One constant to be calibrated.
+
+    Attributes:
+        name: key of the skin file; of a material constant with its table.
+        unit: SI unit, "1" for a number.
+        size: natural size, SI.
+        positive: whether it is an exponential of its parameter; else it is linear.
+        floor: the smallest value that there is, SI.
+    """
+
+    name: str
+    unit: str
+    size: float
+    positive: bool = True
+    floor: float = -np.inf
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorFamily:
+    """The constants of a calibration and the bijection to dimensionless parameters.
+
+    c = s exp(theta) for constants that are positive, c = s theta for the others, with the
+    natural size s.
+    """
+
+    parts: tuple[SensorConstant, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the constants."""
+        return tuple(part.name for part in self.parts)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their SI units."""
+        return tuple(part.unit for part in self.parts)
+
+    @property
+    def size(self) -> int:
+        """How many they are."""
+        return len(self.parts)
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Natural sizes, SI [p]."""
+        return np.array([part.size for part in self.parts])
+
+    @property
+    def positive(self) -> np.ndarray:
+        """Which are exponentials of their parameters [p]."""
+        return np.array([part.positive for part in self.parts])
+
+    @property
+    def floors(self) -> np.ndarray:
+        """Smallest values that there are, SI [p]."""
+        return np.array([part.floor for part in self.parts])
+
+    def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Constants in SI units."""
+        return jnp.asarray(self.sizes) * jnp.where(self.positive, jnp.exp(theta), theta)
+
+    def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Parameters from constants."""
+        x = constants / self.sizes
+        return jnp.where(self.positive, jnp.log(jnp.where(self.positive, x, 1.0)), x)
+
+
+def is_gap(name: str) -> bool:
+    """Whether a constant is a gap, of all taxels, a module or one taxel."""
+    return name.split(".")[0] == GAP
+
+
+def is_material(name: str) -> bool:
+    """Whether a constant is the membrane's, so that it moves the shape."""
+    return name.startswith(_MATERIAL)
+
+
+def named(spec: SkinSpec, name: str) -> SensorConstant:
+    """The constant of a skin that a name stands for.
+
+    Raises:
+        ValueError: there is none; names those that there are.
+    """
+    own = ALIASES.get(name.strip(), name.strip())
+    assert spec.electrodes is not None
+    gap, permittivity = spec.geometry.oil_gap, spec.oil.relative_permittivity or 2.0
+    if own == PERMITTIVITY:
+        return SensorConstant(own, "1", permittivity)
+    if own == GAP:
+        return SensorConstant(own, "m", gap)
+    if own == SCALE:
+        return SensorConstant(own, "F", spec.electrodes.lsb)
+    if own == STRAY:
+        # Of the order of a taxel's own capacitance.
+        return SensorConstant(own, "F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0)
+    if own == LAYERS:
+        return SensorConstant(own, "m", gap / permittivity, False, 0.0)
+    inputs = continuous_inputs(spec)
+    material = {k: v for k, v in inputs.items() if is_material(k)}
+    if own not in material:
+        raise ValueError(
+            f'--fit "{name}": unknown; allowed: permittivity, gap, scale, stray, layers, '
+            + ", ".join(material)
+        )
+    value = material[own]
+    size = abs(value) or max(abs(v) for v in material.values())
+    unit = spec.material.unit(own.removeprefix(_MATERIAL))
+    return SensorConstant(own, unit, size, value > 0)
+
+
+def single_gaps(
+    spec: SkinSpec, parts: tuple[SensorConstant, ...], gaps: str
+) -> tuple[tuple[SensorConstant, ...], tuple[int, ...] | None]:
+    """Constants with a gap for each module or taxel, and which of them a taxel has.
+
+    Raises:
+        ValueError: `gaps` is none of GAPS.
+    """
+    if gaps not in GAPS:
+        raise ValueError(f"--gap {gaps}: unknown; allowed: {', '.join(GAPS)}")
+    shared = [part for part in parts if part.name == GAP]
+    if gaps == "global" or not shared:
+        return parts, None
+    modules, numbers = taxel_names(spec.electrodes)  # type: ignore[arg-type]
+    keys = [
+        f"{GAP}.{m}" if gaps == "module" else f"{GAP}.{m}.{k}"
+        for m, k in zip(modules, numbers, strict=True)
+    ]
+    own = list(dict.fromkeys(keys))
+    others = tuple(part for part in parts if part.name != GAP)
+    single = tuple(dataclasses.replace(shared[0], name=key) for key in own)
+    return others + single, tuple(len(others) + own.index(key) for key in keys)

@@ -1,0 +1,135 @@
+"""From electrical and material constants to counts, state by state.
+
+The membrane's shape under known loads does not depend on the electrodes: it is computed
+once, and the counts follow from it in microseconds. Constants that do move the membrane
+(its material, or the gap where the oil is compressible) enter through the exact derivative
+of the shape; the shape is computed again where a fit has moved them.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
+from suas_jax.config import SkinSpec
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.mechanics.section_face import PolarFace
+from suas_jax.scene.parts import skin_parts
+from suas_jax.sensing.electrodes import Electrodes
+from suas_jax.sensing.field import field_capacitance_under
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.oil import AbstractOil
+
+
+def parts_of(
+    spec: SkinSpec, inputs: Mapping[str, Array], oil: AbstractOil | None = None
+) -> tuple[SkinGeometry, AbstractLaw, AbstractOil, Electrodes]:
+    """Geometry, law, oil and electrodes of a skin for the numbers at hand.
+
+    Args:
+        spec: says which law and formula.
+        inputs: SI values by TOML path, every continuous input; `layers` in metres.
+        oil: how the fluid answers, if not as the skin file says.
+    """
+    parts = skin_parts(spec, inputs)
+    electrodes = parts.electrodes
+    assert electrodes is not None
+    if LAYERS in inputs:
+        layers = jnp.asarray(inputs[LAYERS], float)[..., None]
+        electrodes = eqx.tree_at(lambda e: e.layers, electrodes, layers)
+    return parts.geometry, parts.law, oil or parts.oil, electrodes
+
+
+class SensorModel(eqx.Module):
+    """Counts of every taxel in every state as a function of the constants.
+
+    Attributes:
+        inputs: SI values by TOML path of all that is not calibrated.
+        face: inner faces at the constants `at` [..., state].
+        slope: derivatives of edges and radii of the faces by the constants, along a leading
+            axis; its length is zero where no constant moves the membrane.
+        at: constants where the faces were computed [p].
+        moving: positions of the constants that the derivatives belong to.
+        permittivity: of the fluid; NaN where it is the oil [state].
+        spec: the skin.
+        family: the constants.
+        factor: capacitances of the field over the formula's [taxel, state]; None for the
+            formula alone.
+        gap_of: position of each taxel's own gap among the constants; None where all share
+            one.
+    """
+
+    inputs: dict[str, Array]
+    face: PolarFace
+    slope: tuple[Array, Array] | None
+    at: Float[Array, " p"]
+    permittivity: Float[Array, " state"]
+    factor: Float[Array, "taxel state"] | None
+    spec: SkinSpec = eqx.field(static=True)
+    family: SensorFamily = eqx.field(static=True)
+    moving: tuple[int, ...] = eqx.field(static=True, default=())
+    gap_of: tuple[int, ...] | None = eqx.field(static=True, default=None)
+
+    def so(self, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
+        """Continuous counts, without offsets and drift; NaN where the wall is touched."""
+        *_, electrodes = parts_of(self.spec, self.numbers(constants))
+        if self.gap_of is not None:
+            single = electrodes.geometry.oil_gap - constants[jnp.array(self.gap_of)][:, None]
+            electrodes = eqx.tree_at(
+                lambda e: e.height, electrodes, single, is_leaf=lambda x: x is None
+            )
+        oil = jnp.isnan(self.permittivity)
+        known = jnp.where(oil, 1.0, self.permittivity)
+        fluid = jnp.where(oil, electrodes.permittivity, known)
+        electrodes = eqx.tree_at(lambda e: e.permittivity, electrodes, fluid)
+        readings = electrodes.read_face(self._face(constants))
+        if self.factor is None:
+            return readings.so
+        own = readings.capacitance - electrodes.stray
+        return (electrodes.stray + self.factor * own) / electrodes.lsb
+
+    def with_field(self, constants: Float[Array, " p"]) -> "SensorModel":
+        """The same with the electrostatic field's capacitances at some constants.
+
+        The formula stays, times the ratio of field to formula, which depends on constants
+        so little that a second round at the constants found is enough.
+        """
+        *_, electrodes = parts_of(self.spec, self.numbers(constants))
+        electrodes = eqx.tree_at(
+            lambda e: (e.permittivity, e.stray), electrodes, (jnp.ones(1), jnp.zeros(1))
+        )
+        face = self._face(constants)
+        chunks = np.array_split(
+            np.arange(len(self.permittivity)), -(-len(self.permittivity) // 32)
+        )
+        rows = []
+        for index in chunks:
+            part = jax.tree.map(lambda x: x[..., index], face)  # noqa: B023
+            field = _field(electrodes, part)
+            rows.append(field / electrodes.read_face(part).capacitance)
+        return dataclasses.replace(self, factor=jnp.concatenate(rows, -1))
+
+    def numbers(self, constants: Float[Array, " p"]) -> dict[str, Array]:
+        """SI values by TOML path with the calibrated ones in their places."""
+        return self.inputs | {
+            PATHS.get(name, name): constants[i]
+            for i, name in enumerate(self.family.names)
+            if not name.startswith(f"{GAP}.")
+        }
+
+    def _face(self, constants: Array) -> PolarFace:
+        if self.slope is None:
+            return self.face
+        change = (constants - self.at)[jnp.array(self.moving)]
+        edges, radius = (jnp.tensordot(change, slope, 1) for slope in self.slope)
+        return PolarFace(self.face.edges + edges, self.face.radius + radius, self.face.folded)
+
+
+@eqx.filter_jit
+def _field(electrodes: Electrodes, face: PolarFace) -> Array:
+    return field_capacitance_under(electrodes, face)

@@ -1,0 +1,66 @@
+"""Tables of comma-separated values: `# key: value` lines, a line of names, rows.
+
+Load paths and files of known inputs are such tables. Logs have a reader of their own, which
+survives a file that was cut off, and so have the files of test machines, whose separators,
+decimal signs and units have to be found out.
+"""
+
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+
+class CsvTable(NamedTuple):
+    """A table as it stands in a file.
+
+    Attributes:
+        header: `# key: value` lines above the names.
+        line: number of the line of names, from one; zero in a file without names.
+        names: of the columns.
+        rows: line number and fields of each row, as many fields as names.
+    """
+
+    header: dict[str, str]
+    line: int
+    names: tuple[str, ...]
+    rows: tuple[tuple[int, tuple[str, ...]], ...]
+
+
+def read_csv_table(file: Path) -> CsvTable:
+    """Read a table.
+
+    Raises:
+        ValueError: a row has another number of fields than there are names; says which line.
+        OSError: the file can't be read.
+    """
+    header: dict[str, str] = {}
+    names: tuple[str, ...] = ()
+    first = 0
+    rows = []
+    for number, line in enumerate(file.read_text("utf-8-sig").splitlines(), start=1):
+        bare = line.strip()
+        if bare.startswith("#"):
+            key, _, value = bare[1:].partition(":")
+            if not names:
+                header[key.strip()] = value.strip()
+        elif bare:
+            fields = tuple(text.strip() for text in next(csv.reader([line])))
+            if not names:
+                names, first = fields, number
+            elif len(fields) != len(names):
+                raise ValueError(
+                    f"{file}, line {number}: {len(fields)} fields for {len(names)} columns"
+                )
+            else:
+                rows.append((number, fields))
+    return CsvTable(header, first, names, tuple(rows))
+
+
+def number_in(text: str) -> float:
+    """The finite number that a field holds; NaN if there is none."""
+    try:
+        number = float(text)
+    except ValueError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan

@@ -1,0 +1,145 @@
+"""What the declaration of a material law consists of; the laws are in `suas_jax.config.laws`.
+
+A law is declared once: the names, units, signs and bounds of its constants, and how large
+they are in a fit. The [material] table of a file, the checks of the law itself, its parameters
+in a fit, the comparison of laws, the command line's help and the export of material cards are
+derived from that declaration; its energy is a file of `suas_jax.constitutive.laws`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar, Literal, Self, get_args
+
+from pydantic import GetCoreSchemaHandler, model_validator
+from pydantic_core import CoreSchema
+
+from suas_jax.config.fields import PlacedError, Spec, quantity
+from suas_jax.config.quantities import format_quantity
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant:
+    """One constant of a law; stands in the annotation of its key.
+
+    Attributes:
+        dimension: ``"stress"`` [Pa] or ``"number"``.
+        positive: whether it must be greater than zero.
+        degree: (i, j) of the product (I1 - 3)^i (I2 - 3)^j that a stress multiplies. It sets
+            the constant's natural size in a fit, and its place in a polynomial law.
+        since: smallest number of terms (or degree) of the law that has this constant.
+        limits_i1: whether I1 - 3 can't exceed it, so that a fit keeps it above all data.
+        start: range of the dimensionless parameter that a fit starts from: the logarithm of
+            a positive constant, else the constant over its natural size.
+    """
+
+    dimension: Literal["stress", "number"] = "stress"
+    positive: bool = False
+    degree: tuple[int, int] = (1, 0)
+    since: int = 1
+    limits_i1: bool = False
+    start: tuple[float, float] | None = None
+
+    @property
+    def unit(self) -> str:
+        """SI unit, ``"1"`` for a number."""
+        return "Pa" if self.dimension == "stress" else "1"
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Validate the key as a quantity of this dimension and sign."""
+        check = quantity(self.dimension, above=0.0 if self.positive else None)
+        return check.__get_pydantic_core_schema__(source, handler)
+
+
+class LawSpec(Spec):
+    """The [material] table of a law: base of the declarations in `suas_jax.config.laws`.
+
+    A declaration has one field a constant, annotated with its `Constant`, and the class
+    variables below where its values differ from these.
+
+    Attributes:
+        law: the law's name.
+        half_modulus: keys whose sum is half the shear modulus of small strain, which must be
+            positive; empty where the signs of the constants alone see to that.
+        usual_terms: number of terms (or degree) of a fit that asks for none; 0 for all.
+        compared: numbers of terms that ``--law auto`` tries.
+        is_polynomial: whether the constants are the coefficients of
+            (I1 - 3)^i (I2 - 3)^j, with (i, j) their degrees.
+    """
+
+    law: str
+
+    half_modulus: ClassVar[tuple[str, ...]] = ()
+    usual_terms: ClassVar[int] = 0
+    compared: ClassVar[tuple[int, ...]] = ()
+    is_polynomial: ClassVar[bool] = False
+
+    @classmethod
+    def declared(cls) -> dict[str, Constant]:
+        """The law's constants by key. An entry of a list is declared as all its entries."""
+        found = {}
+        for name, field in cls.model_fields.items():
+            inside = (entry for part in get_args(field.annotation) for entry in _marks(part))
+            for mark in (*field.metadata, *inside):
+                if isinstance(mark, Constant):
+                    found[name] = mark
+        return found
+
+    @classmethod
+    def most_terms(cls) -> int:
+        """Largest number of terms (or degree) of the law."""
+        return max(constant.since for constant in cls.declared().values())
+
+    @classmethod
+    def unit(cls, key: str) -> str:
+        """SI unit of a constant, ``"1"`` for a number.
+
+        Args:
+            key: in [material], with or without an index, such as ``mu.0``.
+        """
+        return cls.declared()[key.split(".")[0]].unit
+
+    def coefficients(self) -> dict[tuple[int, int], float] | None:
+        """Coefficients C_ij of (I1 - 3)^i (I2 - 3)^j by (i, j); None for other laws."""
+        if not self.is_polynomial:
+            return None
+        return {
+            constant.degree: getattr(self, key)
+            for key, constant in self.declared().items()
+            if key in self.model_fields_set
+        }
+
+    def table(self) -> dict[str, Any]:
+        """The [material] table of a file: what was given, quantities as text with units."""
+
+        def shown(key: str, value: Any) -> Any:
+            if isinstance(value, tuple):
+                return [shown(key, entry) for entry in value]
+            if isinstance(value, str) or self.unit(key) == "1":
+                return value
+            return f"{value / 1e6:.12g} MPa"
+
+        keys = [key for key in type(self).model_fields if key in self.model_fields_set]
+        table = {key: shown(key, getattr(self, key)) for key in keys if key != "law"}
+        return {"law": self.law, **table}
+
+    @model_validator(mode="after")
+    def _stiff_at_small_strain(self) -> Self:
+        keys = self.half_modulus
+        if keys and sum(getattr(self, key) for key in keys) <= 0.0:
+            given = [key for key in keys if key in self.model_fields_set]
+            sizes = [
+                f"{key} is {format_quantity(getattr(self, key), 'stress')}" for key in keys
+            ]
+            raise PlacedError(
+                given[-1],
+                f"{' + '.join(keys)}, half the shear modulus of small strain, must be greater "
+                f"than zero, but {' and '.join(sizes)}",
+            )
+        return self
+
+
+def _marks(annotation: Any) -> tuple[Any, ...]:
+    return getattr(annotation, "__metadata__", ())

@@ -1,0 +1,26 @@
+"""The Arruda-Boyce law: its constants."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from suas_jax.config.law import Constant, LawSpec
+
+
+class ArrudaBoyceSpec(LawSpec):
+    """Arruda-Boyce law, Psi = mu sum C_i lambda_m^(2 - 2i) (I1^i - 3^i), five terms.
+
+    Attributes:
+        mu: rubbery modulus [Pa]; the shear modulus of small strain is larger.
+        lambda_m: locking stretch of a chain.
+    """
+
+    law: Literal["arruda-boyce"] = Field(default="arruda-boyce", examples=['"arruda-boyce"'])
+    mu: Annotated[float, Constant(positive=True)] = Field(examples=['"0.28 MPa"'])
+    lambda_m: Annotated[float, Constant("number", positive=True, start=(0.2, 3.0))] = Field(
+        examples=["5.1"]
+    )
+
+    compared: ClassVar[tuple[int, ...]] = (1,)

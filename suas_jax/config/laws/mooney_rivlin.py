@@ -1,0 +1,32 @@
+"""The Mooney-Rivlin law: its constants."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from suas_jax.config.law import Constant, LawSpec
+
+
+class MooneyRivlinSpec(LawSpec):
+    """Mooney-Rivlin law of Eq. 23, Psi = C1 (I1 - 3) + C2 (I2 - 3) + C3 (I2 - 3)^2.
+
+    Attributes:
+        C1: first constant [Pa].
+        C2: second constant [Pa]; 2 (C1 + C2) is the shear modulus of small strain.
+        C3: third constant [Pa].
+    """
+
+    law: Literal["mooney-rivlin"] = Field(default="mooney-rivlin", examples=['"mooney-rivlin"'])
+    C1: Annotated[float, Constant()] = Field(examples=['"20.7 MPa"'])
+    C2: Annotated[float, Constant(degree=(0, 1), since=2)] = Field(
+        default=0.0, examples=['"-4.4 MPa"']
+    )
+    C3: Annotated[float, Constant(degree=(0, 2), since=3)] = Field(
+        default=0.0, examples=['"77 kPa"']
+    )
+
+    half_modulus: ClassVar[tuple[str, ...]] = ("C1", "C2")
+    compared: ClassVar[tuple[int, ...]] = (2, 3)
+    is_polynomial: ClassVar[bool] = True

@@ -1,0 +1,26 @@
+"""The neo-Hookean law: its constant."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from suas_jax.config.law import Constant, LawSpec
+
+
+class NeoHookeanSpec(LawSpec):
+    """Neo-Hookean law, Psi = mu/2 (I1 - 3).
+
+    Attributes:
+        mu: shear modulus [Pa].
+    """
+
+    law: Literal["neo-hookean"] = Field(default="neo-hookean", examples=['"neo-hookean"'])
+    mu: Annotated[float, Constant(positive=True)] = Field(examples=['"32.6 MPa"'])
+
+    compared: ClassVar[tuple[int, ...]] = (1,)
+
+    def coefficients(self) -> dict[tuple[int, int], float]:
+        """mu/2 of I1 - 3."""
+        return {(1, 0): 0.5 * self.mu}

@@ -1,0 +1,33 @@
+"""The general polynomial law: its constants."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from suas_jax.config.law import Constant, LawSpec
+
+
+class PolynomialSpec(LawSpec):
+    """General polynomial law, Psi = sum C_ij (I1 - 3)^i (I2 - 3)^j up to the third degree.
+
+    Attributes:
+        C10: ..., each constant C_ij [Pa]; 2 (C10 + C01) is the shear modulus of small strain.
+    """
+
+    law: Literal["polynomial"] = Field(default="polynomial", examples=['"polynomial"'])
+    C10: Annotated[float, Constant(degree=(1, 0), since=1)] = Field(examples=['"0.17 MPa"'])
+    C01: Annotated[float, Constant(degree=(0, 1), since=1)] = Field(0.0, examples=['"5 kPa"'])
+    C20: Annotated[float, Constant(degree=(2, 0), since=2)] = Field(0.0, examples=['"-1 kPa"'])
+    C11: Annotated[float, Constant(degree=(1, 1), since=2)] = Field(0.0, examples=['"0 Pa"'])
+    C02: Annotated[float, Constant(degree=(0, 2), since=2)] = Field(0.0, examples=['"0 Pa"'])
+    C30: Annotated[float, Constant(degree=(3, 0), since=3)] = Field(0.0, examples=['"40 Pa"'])
+    C21: Annotated[float, Constant(degree=(2, 1), since=3)] = Field(0.0, examples=['"0 Pa"'])
+    C12: Annotated[float, Constant(degree=(1, 2), since=3)] = Field(0.0, examples=['"0 Pa"'])
+    C03: Annotated[float, Constant(degree=(0, 3), since=3)] = Field(0.0, examples=['"0 Pa"'])
+
+    half_modulus: ClassVar[tuple[str, ...]] = ("C10", "C01")
+    usual_terms: ClassVar[int] = 2
+    compared: ClassVar[tuple[int, ...]] = (2,)
+    is_polynomial: ClassVar[bool] = True

@@ -1,0 +1,58 @@
+"""What the declaration of an oil model consists of; the models are in `suas_jax.config.oils`.
+
+The equation between pressure and volume is the file of the same name in
+`suas_jax.skin.oils`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BeforeValidator, Field, ValidationInfo
+
+from suas_jax.config.fields import Spec, quantity
+
+FLUIDS = {
+    "air": 1.0006,
+    "transformer-oil": 2.2,
+    "mineral-oil": 2.2,
+    "silicone-oil": 2.7,
+}
+"""Relative permittivities at 20 to 25 degrees Celsius and below 1 MHz, by name.
+
+Air: the usual textbook figure at 1 bar. Mineral oil, of which transformer oil is a grade:
+2.2 to 2.4 by grade and temperature; silicone oil (polydimethylsiloxane): 2.5 to 2.8 by
+viscosity: typical handbook and suppliers' figures (measured to IEC 60247). Measure yours, or
+fit it: moisture alone raises them by per cents.
+"""
+
+
+def _fluid(value: object, info: ValidationInfo) -> float:
+    """A fluid by its name, or its relative permittivity."""
+    if isinstance(value, str) and value.strip()[:1].isalpha():
+        if value in FLUIDS:
+            return FLUIDS[value]
+        names = ", ".join(f'"{name}"' for name in FLUIDS)
+        raise ValueError(f"unknown fluid; give its relative permittivity, or one of {names}")
+    at_least_one: Any = quantity("number", at_least=1.0)
+    return float(at_least_one.func(value, info))
+
+
+class OilSpec(Spec):
+    """The oil between the wall and the membrane: base of the models in `suas_jax.config.oils`.
+
+    Attributes:
+        model: name of the model.
+        relative_permittivity: of the oil, or the name of a fluid (see `FLUIDS`); None where
+            nothing is sensed.
+        trapped: whether the oil's pressure is unknown (else it is zero).
+        yields: whether its volume changes with the pressure.
+    """
+
+    model: str
+    relative_permittivity: Annotated[float, BeforeValidator(_fluid)] | None = Field(
+        default=None, examples=["2.2"]
+    )
+
+    trapped: ClassVar[bool] = True
+    yields: ClassVar[bool] = True

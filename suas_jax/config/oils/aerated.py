@@ -1,0 +1,27 @@
+"""Oil with air in it: its constants."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from suas_jax.config.fields import PositivePressure, quantity
+from suas_jax.config.oil import OilSpec
+
+
+class AeratedOilSpec(OilSpec):
+    """V/V0 = (1 - f) exp(-p / K) + f p0 / (p0 + p): bubbles that a filling left behind.
+
+    Attributes:
+        air_fraction: f, the share of the film's volume at rest that is air.
+        ambient_pressure: p0, absolute pressure around the skin, and in the air at rest [Pa].
+        bulk_modulus: K of the oil itself [Pa].
+    """
+
+    model: Literal["aerated"] = Field(default="aerated", examples=['"aerated"'])
+    air_fraction: Annotated[float, quantity("number", above=0.0, below=1.0)] = Field(
+        examples=["0.01"]
+    )
+    ambient_pressure: PositivePressure = Field(default=101.3e3, examples=['"101.3 kPa"'])
+    bulk_modulus: PositivePressure = Field(default=1.5e9, examples=['"1.5 GPa"'])

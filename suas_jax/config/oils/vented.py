@@ -1,0 +1,18 @@
+"""Oil that is free to flow in and out."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from suas_jax.config.oil import OilSpec
+
+
+class VentedOilSpec(OilSpec):
+    """p = 0, no constraint on the volume."""
+
+    model: Literal["vented"] = Field(default="vented", examples=['"vented"'])
+
+    trapped: ClassVar[bool] = False
+    yields: ClassVar[bool] = False

@@ -1,0 +1,104 @@
+"""What a scene asks of a model of the membrane: its meshes, and its mechanics on them.
+
+A model is a folder of `suas_jax.mechanics` that exports one `AbstractModel`. It is found by
+its name in `suas_jax.mechanics.registry`; nothing else tells models apart.
+"""
+
+import abc
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import equinox as eqx
+
+from suas_jax.config import SceneSpec
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LineLoad
+
+Counts = tuple[int, ...]
+"""Size of a mesh: numbers of elements, direction by direction, as the model orders them."""
+
+
+class AbstractPlan(eqx.Module):
+    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled."""
+
+    @property
+    @abc.abstractmethod
+    def model(self) -> str:
+        """Name of the model that it is a mesh of."""
+
+    @property
+    @abc.abstractmethod
+    def counts(self) -> Counts:
+        """Numbers of elements."""
+
+    @property
+    @abc.abstractmethod
+    def symmetric(self) -> bool:
+        """Whether it covers a part that stands for the whole by symmetry."""
+
+    @abc.abstractmethod
+    def reduced(self) -> Self:
+        """The part that has to be solved; the plan itself where loads have no symmetry."""
+
+    @abc.abstractmethod
+    def comparison(self) -> Self:
+        """The mesh that errors are estimated with, finer or coarser."""
+
+
+class AbstractModel(abc.ABC):
+    """A discretised membrane as `[solve] model` names it.
+
+    Attributes:
+        name: in scenes and reports.
+        setting: key of [solve] that gives the mesh.
+    """
+
+    name: ClassVar[str]
+    setting: ClassVar[str]
+
+    @abc.abstractmethod
+    def first(self, scene: SceneSpec) -> Counts:
+        """The mesh to try first for a solve."""
+
+    @abc.abstractmethod
+    def first_of_sweep(self, scene: SceneSpec) -> Counts:
+        """The mesh to try first for a curve, where some load is harder than the others."""
+
+    @abc.abstractmethod
+    def finer(self, counts: Counts) -> Counts | None:
+        """The mesh to try next, or None where the limit is reached."""
+
+    @abc.abstractmethod
+    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> AbstractPlan:
+        """Mesh of the whole membrane.
+
+        Args:
+            scene: says where loads and clamps are.
+            counts: size of the mesh.
+            decay: length over which the boundary layers at loads and clamps fade, as an
+                angle [rad].
+        """
+
+    @abc.abstractmethod
+    def build(
+        self,
+        plan: AbstractPlan,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        loads: Sequence[LineLoad],
+    ) -> AbstractMechanics:
+        """The mechanics on a mesh.
+
+        Args:
+            plan: a mesh of this model.
+            geometry: dimensions, with a lane axis.
+            law: material, its constants with a lane axis.
+            loads: what acts on the outer face.
+        """
+
+    def given(self, scene: SceneSpec) -> Counts | None:
+        """The mesh that the scene insists on, if it is one of this model."""
+        mesh = getattr(scene.solve, self.setting)
+        return (mesh,) if isinstance(mesh, int) else mesh

@@ -1,0 +1,124 @@
+"""A deformed section in plane strain, sampled along the arc.
+
+Extremes are taken at the vertex of a parabola through neighbouring samples, so that they
+can be differentiated.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.stability import drucker_modulus
+from suas_jax.mechanics.base import Profile
+from suas_jax.mechanics.shape import AbstractShape, Extreme
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.geometry import SkinGeometry, outward
+
+_CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
+SAMPLES = 8  # intervals per element in which extremes are sought
+
+
+def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
+    """Largest of a sampled function, each element's samples joined by parabolas.
+
+    Parabolas never reach across an element's end, where solutions may have a kink.
+
+    Args:
+        values: samples [sample, element, lane].
+        companions: functions to evaluate at the same place.
+
+    Returns:
+        The largest value and each companion there, per lane.
+    """
+    samples, elements, lanes = values.shape
+    flat = values.reshape(samples * elements, lanes)
+    best = jnp.argmax(flat, 0)
+    row = jnp.clip(best // elements, 1, samples - 2)
+    element, lane = best % elements, jnp.arange(lanes)
+
+    def local(f: Array) -> tuple[Array, Array, Array]:
+        f = jnp.broadcast_to(f, values.shape)
+        left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
+        return middle, (right - left) / 2, left + right - 2 * middle
+
+    middle, slope, bend = local(values)
+    curved = jnp.where(bend < 0, bend, -1.0)
+    vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
+    x = jnp.clip(vertex, -1.0, 1.0)
+    found = [middle + slope * x + bend * x**2 / 2]
+    for companion in companions:
+        middle, slope, bend = local(companion)
+        found.append(middle + slope * x + bend * x**2 / 2)
+    return tuple(found)
+
+
+def _magnitude(displacement: Array) -> Array:
+    square = jnp.sum(displacement**2, 0)
+    at_rest = square == 0  # where a square root has no derivative
+    return jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
+
+
+class SectionShape(AbstractShape):
+    """Samples of a deformed section.
+
+    Attributes:
+        profile: the samples.
+        clamp_reach: angle from a clamped edge within which stretches diverge [rad].
+    """
+
+    profile: Profile
+    clamp_reach: Lanes
+
+    def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
+        """Radius [m] and polar angle [rad] of the inner face as it is now."""
+        profile = self.profile
+        rest = geometry.inner_radius * outward(profile.angle)
+        x, y = rest + profile.inner_displacement
+        return jnp.sqrt(x**2 + y**2), jnp.arctan2(x, y)
+
+    def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
+        """See the base class."""
+        radius, angle = self._inner_face(geometry)
+        negative, at = peak(geometry.wall_radius - radius, angle)
+        return Extreme(-negative, at)
+
+    def largest_displacement(self) -> Extreme:
+        """See the base class."""
+        size = _magnitude(self.profile.inner_displacement)
+        return Extreme(*peak(size, self.profile.angle))
+
+    def largest_mid_displacement(self) -> Lanes:
+        """See the base class."""
+        return peak(_magnitude(self.profile.mid_displacement))[0]
+
+    def bulge(self, geometry: SkinGeometry) -> Extreme:
+        """See the base class."""
+        radius, angle = self._inner_face(geometry)
+        return Extreme(*peak(radius - geometry.inner_radius, angle))
+
+    def _stretches(self) -> tuple[Array, Array]:
+        """Hoop stretches of both faces, those next to the clamps hidden."""
+        profile, reach = self.profile, self.clamp_reach
+        first, last = profile.angle[0, 0] + reach, profile.angle[-1, -1] - reach
+        keep = (profile.angle >= first) & (profile.angle <= last)
+        samples, elements, _ = profile.angle.shape
+        lowest, highest = jnp.argmax(keep, 0), samples - 1 - jnp.argmax(keep[::-1], 0)
+        nearest = jnp.clip(jnp.arange(samples)[:, None, None], lowest, highest)
+        seen = jnp.any(keep, 0)
+
+        def hidden(stretch: Array) -> Array:
+            kept = jnp.take_along_axis(stretch, nearest, 0)
+            return jnp.where(seen, kept, stretch[:1, elements // 2, None])
+
+        return hidden(profile.inner_stretch), hidden(profile.outer_stretch)
+
+    def stretch_range(self) -> tuple[Lanes, Lanes]:
+        """See the base class."""
+        inner, _ = self._stretches()
+        return -peak(-inner)[0], peak(inner)[0]
+
+    def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """See the base class."""
+        stretch = jnp.stack(self._stretches())
+        modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
+        return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))

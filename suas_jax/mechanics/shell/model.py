@@ -1,0 +1,87 @@
+"""The lumped shell as a model that scenes can ask for."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from suas_jax.config import SceneSpec
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.mesh.plan import MeshPlan, load_points
+from suas_jax.mesh.section import plan_section
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LineLoad
+
+_MOST_ELEMENTS = 512
+
+
+class ShellPlan(AbstractPlan):
+    """Elements along the arc.
+
+    Attributes:
+        arc: where they lie.
+    """
+
+    arc: MeshPlan
+
+    @property
+    def model(self) -> str:
+        """See the base class."""
+        return ShellModel.name
+
+    @property
+    def counts(self) -> Counts:
+        """Elements along the arc."""
+        return (self.arc.elements,)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it covers the left half only."""
+        return self.arc.symmetric
+
+    def reduced(self) -> "ShellPlan":
+        """The left half where stations and loads are symmetric."""
+        return ShellPlan(self.arc.half()) if self.arc.mirrors_itself else self
+
+    def comparison(self) -> "ShellPlan":
+        """A finer one: solutions cost little."""
+        return ShellPlan(self.arc.refined())
+
+
+class ShellModel(AbstractModel):
+    """Elements along the arc, the thickness integrated beforehand."""
+
+    name: ClassVar[str] = "shell"
+    setting: ClassVar[str] = "elements"
+
+    def first(self, scene: SceneSpec) -> Counts:
+        """Enough for every interval between loads."""
+        intervals = 2 * (1 + len(scene.loads))
+        return (max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals),)
+
+    def first_of_sweep(self, scene: SceneSpec) -> Counts:
+        """More than for one solve."""
+        return (32,)
+
+    def finer(self, counts: Counts) -> Counts | None:
+        """Twice as many elements."""
+        return (2 * counts[0],) if 2 * counts[0] <= _MOST_ELEMENTS else None
+
+    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> ShellPlan:
+        """Stations at clamps and loads, and gathered there; see the base class."""
+        return ShellPlan(plan_section(scene, counts[0], decay))
+
+    def build(
+        self,
+        plan: AbstractPlan,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        loads: Sequence[LineLoad],
+    ) -> Shell:
+        """The shell on a mesh; see the base class."""
+        assert isinstance(plan, ShellPlan)
+        angles, points = load_points(plan.arc, geometry, loads)
+        return Shell.build(geometry, law, angles, points, symmetric=plan.symmetric)
+
+
+SHELL = ShellModel()

@@ -1,0 +1,136 @@
+"""The parts of a scene, made once from its numbers: geometry, law, oil, loads, electrodes.
+
+The forward model is a pure function of `continuous_inputs`: this file maps those numbers,
+traced or not, to objects. The scene itself only says which classes.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike
+
+from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, structure
+from suas_jax.constitutive import AbstractLaw, build_law
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.sensing.electrodes import Electrodes, electrodes_of
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LineLoad
+from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.registry import build_oil
+
+
+class SkinParts(NamedTuple):
+    """A skin's objects; arrays have a lane axis.
+
+    Attributes:
+        geometry: dimensions.
+        law: the membrane's material.
+        oil: how the oil answers.
+        electrodes: taxels and the converter's scale; None where nothing is sensed.
+    """
+
+    geometry: SkinGeometry
+    law: AbstractLaw
+    oil: AbstractOil
+    electrodes: Electrodes | None
+
+
+class SceneParts(NamedTuple):
+    """A scene's objects; arrays have a lane axis.
+
+    Attributes:
+        skin: the skin's objects.
+        lines: the line loads, in the order of the file.
+        pressures: of the uniform pressure loads, in the order of the file [Pa].
+        oil_pressure: wanted oil pressure [Pa]; None where loads are given as they are.
+        ambient_pressure: of the water around [Pa]; None where no depth is given.
+        scene: the specification, which says how to solve and what to call things.
+    """
+
+    skin: SkinParts
+    lines: list[LineLoad]
+    pressures: list[Lanes]
+    oil_pressure: Lanes | None
+    ambient_pressure: Lanes | None
+    scene: SceneSpec
+
+    @property
+    def external_pressure(self) -> Lanes:
+        """Sum of the uniform pressures [Pa]."""
+        return sum(self.pressures, jnp.zeros(1))
+
+
+def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
+    """Make a skin's objects.
+
+    Args:
+        spec: says which classes; its numbers are not used where `inputs` has them.
+        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+    """
+    return _skin(spec, _all_numbers(spec, inputs))
+
+
+def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts:
+    """Make a scene's objects.
+
+    Args:
+        scene: says which classes; its numbers are not used where `inputs` has them.
+        inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+    """
+    numbers = _all_numbers(scene, inputs)
+    lines, pressures = [], []
+    for i, spec in enumerate(scene.loads):
+        if isinstance(spec, LineLoadSpec):
+            lines.append(_line(spec, f"load.{i}.", numbers))
+        else:
+            pressures.append(_lane(numbers[f"load.{i}.pressure"]))
+    wanted = ambient = None
+    if scene.solve.oil_pressure is not None:
+        wanted = _lane(numbers["solve.oil_pressure"])
+    environment = scene.environment
+    if environment is not None and environment.depth is not None:
+        names = ("specific_weight", "depth", "atmospheric_pressure")
+        weight, depth, atmosphere = (_lane(numbers[f"environment.{name}"]) for name in names)
+        ambient = weight * depth + atmosphere
+    return SceneParts(_skin(scene, numbers), lines, pressures, wanted, ambient, scene)
+
+
+def law_of(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> AbstractLaw:
+    """Material law from [material], its constants with a lane axis."""
+    return _law(spec, _all_numbers(spec, inputs))
+
+
+def _all_numbers(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, Any]:
+    """Every value by TOML path, the continuous inputs replaced by those given."""
+    return {**dict(structure(spec)), **inputs}
+
+
+def _lane(value: Any) -> Array:
+    return jnp.asarray(value, float)[..., None]
+
+
+def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
+    names = ("inner_radius", "thickness", "half_angle", "width", "oil_gap")
+    geometry = SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
+    electrodes = electrodes_of(spec, numbers, geometry)
+    return SkinParts(geometry, _law(spec, numbers), _oil(spec, numbers), electrodes)
+
+
+def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
+    return build_law(spec.material, lambda path: _lane(numbers[f"material.{path}"]))
+
+
+def _oil(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
+    return build_oil(spec.oil, lambda key: _lane(numbers[f"oil.{key}"]))
+
+
+def _line(spec: LineLoadSpec, path: str, numbers: Mapping[str, Any]) -> LineLoad:
+    turn = 0.0 if isinstance(spec.direction, str) else numbers[path + "direction"]
+    return LineLoad(
+        _lane(numbers[path + "angle"]),
+        _lane(numbers[path + "force"]),
+        _lane(turn),
+        None if spec.spread is None else _lane(numbers[path + "spread"]),
+        vertical=spec.direction == "vertical",
+    )

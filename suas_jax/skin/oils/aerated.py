@@ -1,0 +1,32 @@
+"""Oil with air in it."""
+
+import jax.numpy as jnp
+
+from suas_jax.config.oils.aerated import AeratedOilSpec
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.oil import AbstractOil
+
+
+class AeratedOil(AbstractOil):
+    """V/V0 = (1 - f) exp(-p / K) + f p0 / (p0 + p): oil, and air that keeps its temperature.
+
+    The air obeys Boyle's law. One per cent of it at the sea's surface makes the film as soft
+    as a bulk modulus of 10 MPa would. There is no volume at p <= -p0, where it boils off.
+
+    Attributes:
+        air_fraction: f, share of the film's volume at rest that is air.
+        ambient_pressure: p0, absolute pressure of the air at rest [Pa].
+        bulk_modulus: K of the oil [Pa].
+    """
+
+    spec = AeratedOilSpec
+
+    air_fraction: Lanes
+    ambient_pressure: Lanes
+    bulk_modulus: Lanes
+
+    def expansion(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
+        """V0 ((1 - f) (exp(-p / K) - 1) - f p / (p0 + p))."""
+        oil = (1.0 - self.air_fraction) * jnp.expm1(-pressure / self.bulk_modulus)
+        air = -self.air_fraction * pressure / (self.ambient_pressure + pressure)
+        return film_volume * (oil + air)
