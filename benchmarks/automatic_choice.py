@@ -10,8 +10,8 @@ from pathlib import Path
 
 from benchmarks.error_estimate import true_error
 from benchmarks.pages import write_section
+from suas_jax import configure
 from suas_jax.config import load_scene, with_inputs, with_solve
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.solve import solve
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"

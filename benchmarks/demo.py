@@ -11,17 +11,17 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from suas_jax import (
+    configure,
     continuous_inputs,
-    force_sweep,
     gradient,
     load_scene,
     plot_solution,
     plot_sweep,
     solve,
+    sweep,
     with_inputs,
     with_solve,
 )
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.solve import Solution
 from suas_jax.scene.sweep import Sweep
 
@@ -61,7 +61,7 @@ def solved(case: Case) -> tuple[Solution, Sweep]:
     solution = solve(scene, repeat=21)
     plot_solution(solution, OUTPUT / f"{label}.png")
     forces = [case.contact * 1.05 * i / 20 for i in range(21)]
-    curve = force_sweep(with_solve(scene, oil_pressure=None), forces)
+    curve = sweep(scene, forces=forces)
     plot_sweep(curve, OUTPUT / f"{label}_curve.png")
     curve.write_csv(OUTPUT / f"{label}_curve.csv")
     return solution, curve

@@ -24,11 +24,11 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
+from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts

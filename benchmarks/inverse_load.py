@@ -15,12 +15,12 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from scipy.stats import binom, chi2
 
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
+from suas_jax import configure, jit
 from suas_jax.config import (
     ElectrodesSpec,
     LineLoadSpec,
@@ -29,7 +29,6 @@ from suas_jax.config import (
     SolveSpec,
     load_skin,
 )
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import Loads, load_jacobian
 from suas_jax.scene.solve import solve
 
@@ -38,7 +37,7 @@ NOISE = 2.0
 _MESH = (160, 2)
 _DIGITS = 1 / 12  # variance of the converter's rounding
 _LANES = 64
-_JACOBIAN = eqx.filter_jit(load_jacobian)
+_JACOBIAN = jit(load_jacobian)
 KINDS = {"single": (300, 1), "two": (200, 2), "weak": (100, 2), "turned": (100, 1)}
 """Sets of loads: frames and contacts."""
 

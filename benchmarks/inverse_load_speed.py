@@ -19,14 +19,13 @@ import tempfile
 import time
 from pathlib import Path
 
-import equinox as eqx
 import numpy as np
 from inverse_load import SKIN, measured, skin_of_40
 from scipy.optimize import least_squares
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import warm_up
-from suas_jax.runtime.settings import configure
+from suas_jax import configure, jit
 from suas_jax.scene.forward import Loads, forward
 
 FRAMES = 10_000
@@ -37,7 +36,7 @@ def slide(estimator: LoadEstimator) -> np.ndarray:
     """Counts of a contact that slides to and fro under a changing force [frame, taxel]."""
     t = np.arange(FRAMES) / _RATE
     angle, force = np.deg2rad(50 * np.sin(0.9 * t)), 12 + 8 * np.sin(1.7 * t)
-    run, parts = eqx.filter_jit(forward), []
+    run, parts = jit(forward), []
     for begin in range(0, FRAMES, 500):
         part = slice(begin, begin + 500)
         parts.append(np.asarray(run(estimator.skin, Loads.line(angle[part], force[part])).so).T)
@@ -67,7 +66,7 @@ def against_scipy(
     batch: LoadEstimator, live: LoadEstimator, counts: np.ndarray, frames: int = 256
 ) -> None:
     """The same fits by SciPy, each from the nearest state of the table."""
-    run = eqx.filter_jit(forward)
+    run = jit(forward)
     y, weight = batch.weigh(counts[:frames])
     nodes, _ = batch.selection.nodes.nearest(y, weight)
     starts = [batch.table.start(nodes[k : k + 1]) for k in range(frames)]

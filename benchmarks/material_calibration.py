@@ -19,11 +19,11 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import NoFit, fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.laws.registry import family
-from fitting.material.report.summary import report_of
+from fitting.material.report.summary import material_report
 from fitting.statistics.least_squares import minimise
 from fitting.statistics.parameters import AbstractFamily
+from suas_jax import configure
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.runtime.settings import configure
 
 DATA = "configs/data/"
 TABLE_1 = np.array([6.3e5, 0.012e5, -0.1e5, 1.3, 5.0, -2.0])
@@ -249,7 +249,7 @@ def random_cases(count: int = 1000) -> None:
         kind = ("relative", "absolute", "noise")[rng.integers(3)]
         try:
             fit = fit_material(made, name, terms, residual=kind, starts=16, seed=case)
-            report = report_of(fit)
+            report = material_report(fit)
             outcome = report["status"]
             finite = np.all(np.isfinite(fit.constants)) and np.all(
                 np.isfinite(fit.uncertainty.standard_errors)

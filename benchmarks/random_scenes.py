@@ -20,6 +20,7 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
+from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_inputs
 from suas_jax.equilibrium.balance import residual
 from suas_jax.equilibrium.equilibrium import equilibrium
@@ -27,7 +28,6 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts

@@ -25,11 +25,11 @@ from rich.progress import Progress
 from benchmarks.pages import DOCS, write_section
 from benchmarks.run_time_report import Row, draw, equal_error, table_of
 from benchmarks.skipping import skipping_table
+from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, equilibrium
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.runtime.program_store import uncached
-from suas_jax.runtime.settings import configure
+from suas_jax.runtime.machine_code import uncached
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts

@@ -19,9 +19,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from suas_jax import configure, jit
 from suas_jax.config import ElectrodesSpec, SceneSpec, continuous_inputs, load_scene, with_solve
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
 from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
@@ -69,7 +69,7 @@ def mesh() -> None:
     taxels = [{"angle": a} for a in np.linspace(-1.4, 1.4, 57)]
     spec = with_electrodes(spec, ElectrodesSpec(taxels=taxels))
     loads = Loads.line(np.deg2rad(np.linspace(-65, 65, 61) + 0.37), 15.0)
-    run = eqx.filter_jit(forward)
+    run = jit(forward)
     fine = run(skin_of(spec, elements=512), loads)
     for n in (16, 24, 32, 48, 64):
         found = run(skin_of(spec, elements=n), loads)
@@ -133,8 +133,8 @@ def cost() -> None:
         "no taxels": (eqx.filter_jit(no_sensing), skins["8 taxels"])
     }
     for name, skin in skins.items():
-        calls[name] = (eqx.filter_jit(forward), skin)
-        calls[f"{name}, Jacobian"] = (eqx.filter_jit(load_jacobian), skin)
+        calls[name] = (jit(forward), skin)
+        calls[f"{name}, Jacobian"] = (jit(load_jacobian), skin)
     for lanes in (1, 128):
         loads = Loads.line(np.linspace(-1, 1, lanes) + 0.03, np.linspace(5, 15, lanes))
         times: dict[str, list[float]] = {name: [] for name in calls}

@@ -21,11 +21,12 @@ from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.logs.data import LogFile, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
+from suas_jax import configure
 from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs, load_skin, scene_from_dict
-from suas_jax.runtime.settings import configure
 
-TRUTH = Path("tests/data/solid_press.csv")
-SKIN = Path("configs/skins/suas.toml")
+ROOT = Path(__file__).parent.parent
+TRUTH = ROOT / "tests/data/solid_press.csv"
+SKIN = ROOT / "configs/skins/suas.toml"
 ANGLE, PERMITTIVITY, GAP, LSB, NOISE = np.deg2rad(20.0), 2.35, 5.2e-3, 0.305e-15, 2.0
 AIR = 1.0006
 
@@ -67,8 +68,9 @@ def solve_truth(mesh: tuple[int, int] = (300, 4)) -> None:
     taxels = (len(rows[0]) - 3) // 2
     with TRUTH.open("w", newline="") as file:
         file.write(
-            f"# Solid finite-element model, {mesh[0]} x {mesh[1]} elements, of {SKIN} with gap "
-            f"{GAP} m and relative permittivity {PERMITTIVITY}; line load at 20 deg. "
+            f"# Solid finite-element model, {mesh[0]} x {mesh[1]} elements, of "
+            f"{SKIN.relative_to(ROOT)} with gap {GAP} m and relative permittivity "
+            f"{PERMITTIVITY}; line load at 20 deg. "
             "so_k: counts of the parallel-plate formula; field_k: of the electrostatic field. "
             "Written by benchmarks/sensor_calibration.py truth\n"
         )

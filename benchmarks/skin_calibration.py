@@ -26,9 +26,8 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.posterior import sample_material
 from fitting.material.fit.result import MaterialFit
 from fitting.statistics.posterior import Settings
+from suas_jax import configure, sweep
 from suas_jax.config import load_scene, with_solve
-from suas_jax.runtime.settings import configure
-from suas_jax.scene.sweep import force_sweep
 
 SCENE = pathlib.Path(__file__).parent.parent / "configs" / "scenes" / "case_a.toml"
 FORCE = np.linspace(1.5, 30.0, 20)
@@ -40,7 +39,7 @@ MODULUS = 2.0 * (C1 + C2)
 def exact() -> tuple[np.ndarray, np.ndarray]:
     """Displacements [m] and oil pressures [Pa] of the solid."""
     scene = with_solve(load_scene(SCENE), oil_pressure=None, model="solid", mesh=[120, 2])
-    points = force_sweep(scene, FORCE).points
+    points = sweep(scene, forces=FORCE).points
     moved = [point["loads"][0]["displacement_m"] for point in points]
     return np.array(moved), np.array([point["oil_pressure_Pa"] for point in points])
 

@@ -21,6 +21,7 @@ from jaxtyping import Array
 from rich.progress import track
 
 from benchmarks.pages import write_section
+from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import State, equilibrium, residual
@@ -28,7 +29,6 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.runtime.settings import configure
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts

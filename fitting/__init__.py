@@ -1,1 +1,38 @@
-"""Tools that fit the skin's model to measurements."""
+"""Tools that fit the skin's model to measurements: docs/api.md."""
+
+import importlib
+from typing import Any
+
+# Public names and where they live, imported when first used, as in suas_jax.
+_HOMES = {
+    "LoadEstimator": "fitting.inverse_load.estimator",
+    "LoadFilter": "fitting.inverse_load.live.filter",
+    "MaterialFit": "fitting.material.fit.result",
+    "NoCalibration": "fitting.sensor.logs.data",
+    "NoFit": "fitting.material.fit.fit",
+    "SensorFit": "fitting.sensor.fit.result",
+    "calibrated_skin": "fitting.sensor.report.skin_file",
+    "compare_laws": "fitting.material.fit.comparison",
+    "fit_material": "fitting.material.fit.fit",
+    "fit_sensor": "fitting.sensor.fit.calibrate",
+    "load_dataset": "fitting.material.experiments.datasets",
+    "load_sensor_data": "fitting.sensor.logs.data",
+    "material_report": "fitting.material.report.summary",
+    "readings_of": "fitting.inverse_load.readings",
+    "sample_material": "fitting.material.fit.posterior",
+    "sample_sensor": "fitting.sensor.fit.posterior",
+    "sensor_report": "fitting.sensor.report.summary",
+    "write_card": "fitting.material.report.cards",
+}
+
+__all__ = sorted(_HOMES)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *_HOMES]

@@ -9,6 +9,7 @@ from import_graph import PAGE, ROOT, cycle, folder_imports, imports, modules, wr
 # The data flow; a file may import from its own layer and from those before it.
 LAYERS = {
     "suas_jax": [
+        ["files"],
         ["numerics", "runtime", "config"],
         ["acquisition"],  # the serial logger: without the model, and without JAX
         ["constitutive", "skin"],

@@ -22,6 +22,20 @@ COBS_EXAMPLE = bytes.fromhex(
 )
 TEXT_EXAMPLE = b"258,1.500000,3,13675,0,65535\n"
 CHECKED_EXAMPLE = b"258,1.500000,3,13675,0,65535*D375\n"
+# Two CAN messages of module 3: high bytes 53, 0 and 255 turned round, no other taxels.
+SLCAN_EXAMPLE = b"t303840CAFF00FFFFFF80\rt3038C0FFFFFF80FF0000\r"
+WIRES = {
+    "cobs": COBS_EXAMPLE,
+    "jsonl": b'{"seq":258,"t":1.500000,"module":3,"so":[13675,0,65535]}\n',
+    "roboskin": SLCAN_EXAMPLE,
+    "text": TEXT_EXAMPLE,
+    "text-checked": CHECKED_EXAMPLE,
+}
+
+
+def format_of(encoder: str) -> str:
+    """The format that a variant belongs to."""
+    return next(name for name, known in FORMATS.items() if encoder in known.encoders)
 
 
 def decoded(name: str, *chunks: bytes) -> list[Reading]:
@@ -36,18 +50,31 @@ def same(a: Reading, b: Reading) -> bool:
     )
 
 
-@pytest.mark.parametrize(
-    ("name", "wire", "encoder"),
-    [
-        ("cobs", COBS_EXAMPLE, "cobs"),
-        ("text", TEXT_EXAMPLE, "text"),
-        ("text", CHECKED_EXAMPLE, "text-checked"),
-    ],
-)
-def test_hand_written_example(name, wire, encoder):
-    (reading,) = decoded(name, wire)
+def test_every_format_has_an_example():
+    assert set(WIRES) == set(ENCODERS)
+
+
+@pytest.mark.parametrize("encoder", list(WIRES))
+def test_encoder_writes_the_hand_written_example(encoder):
+    assert ENCODERS[encoder](EXAMPLE) == WIRES[encoder]
+
+
+@pytest.mark.parametrize("encoder", [name for name in WIRES if name != "roboskin"])
+def test_decoder_reads_the_hand_written_example(encoder):
+    (reading,) = decoded(format_of(encoder), WIRES[encoder])
     assert same(reading, EXAMPLE)
-    assert ENCODERS[encoder](EXAMPLE) == wire
+
+
+@settings(max_examples=30)
+@given(data=st.data())
+@pytest.mark.parametrize("encoder", [name for name in WIRES if name != "roboskin"])
+def test_frames_round_trip_however_they_are_cut(encoder, data):
+    frames = data.draw(st.lists(st.integers(0, 65535), min_size=2, max_size=9))
+    cut = data.draw(st.integers(1, 40))
+    sent = [Reading(i, 0.01 * i, i % 2, (c, 7)) for i, c in enumerate(frames)]
+    wire = b"".join(map(ENCODERS[encoder], sent))
+    back = decoded(format_of(encoder), *(wire[i : i + cut] for i in range(0, len(wire), cut)))
+    assert [r[:4] for r in back] == [(r[0], pytest.approx(r[1]), *r[2:4]) for r in sent]
 
 
 def test_roboskin_example():
@@ -271,7 +298,7 @@ def test_fuzz(name):
     chunks=st.lists(
         st.one_of(
             st.binary(max_size=80),
-            st.sampled_from([TEXT_EXAMPLE, CHECKED_EXAMPLE, COBS_EXAMPLE, b"\0", b"\n", b"1,"]),
+            st.sampled_from([*WIRES.values(), b"\0", b"\n", b"1,"]),
         ),
         max_size=30,
     ),

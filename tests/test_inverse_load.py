@@ -78,10 +78,12 @@ def truth(study: ModuleType) -> dict[str, Any]:
     }
 
 
+run = eqx.filter_jit(forward)
+
+
 @pytest.fixture(scope="module")
 def readings(estimator: LoadEstimator) -> Callable[..., np.ndarray]:
     """Exact readings of the estimator's own model under single loads [frame, taxel]."""
-    run = eqx.filter_jit(forward)
 
     def of(angle: float, force: float) -> np.ndarray:
         return np.asarray(run(estimator.skin, Loads.line(angle, force)).so).T
@@ -146,7 +148,7 @@ def test_stuck_and_missing_taxels_cost_little(
     assert all({3, 17, 30} <= set(e.left_out) for e in found)
 
 
-def test_what_is_no_contact_gets_its_own_name(
+def test_frames_without_a_contact_have_statuses_of_their_own(
     estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:
     rest = estimator.table.rest
@@ -196,7 +198,6 @@ def test_calibration_errors_move_the_estimate_as_stated(
     spec = estimator.spec.model_copy(update={"calibration": record})
     calibrated = LoadEstimator(spec, most_contacts=1)
     load = Loads.line(0.3, 12.0)
-    run = eqx.filter_jit(forward)
     expected = calibrated.estimate(np.asarray(run(calibrated.skin, load).so).T)[0].contacts[0]
     moved = []
     for path, size in zip(paths, sigma.values(), strict=True):
@@ -329,7 +330,7 @@ def test_command_prints_one_line_a_frame(
 @pytest.mark.parametrize(
     ("taxels", "frames", "status"), [(30, 2, "layout_mismatch"), (TAXELS, 0, "empty_log")]
 )
-def test_logs_that_say_nothing_end_the_command(
+def test_unusable_logs_exit_with_a_status(
     folder: Path, estimator: LoadEstimator, taxels: int, frames: int, status: str
 ) -> None:
     log = write_log(folder / "bad.csv", np.full((frames, taxels), 160))

@@ -197,7 +197,8 @@ def test_frames():
     assert frames.seq.tolist() == [0, 1, 0]
     assert frames.modules.tolist() == [0, 1, 2]
     expected = [[0, 1, 3], [2, math.nan, 4], [6, 7, 8]]
-    np.testing.assert_equal(frames.so[:, :, 0], expected)
+    found = np.stack([frames.of_module(k)[:, 0] for k in range(3)], 1)
+    np.testing.assert_equal(found, expected)
     assert frames.t_host.tolist() == [0, 2, 6]
 
 

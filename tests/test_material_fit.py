@@ -9,21 +9,18 @@ import numpy as np
 import pytest
 import scipy.optimize
 
+from fitting.material.experiments.bulge import Bulge
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.homogeneous import (
-    Bulge,
-    Homogeneous,
-    mode_factors,
-    shear_factors,
-)
+from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, shear_factors
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.laws.registry import family
-from fitting.material.report.summary import report_of
+from fitting.material.report.summary import material_report
 from fitting.statistics.least_squares import minimise
 from fitting.statistics.parameters import Constant, Family, Scales
+from fitting.statistics.residuals import sensitivity
 from suas_jax.config import LAWS
 from suas_jax.constitutive import (
     AbstractLaw,
@@ -85,8 +82,8 @@ def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
     assert fit.cost <= best * (1.0 + 1e-6)
 
 
-def test_one_mode_alone_is_not_trusted(treloar: list[Dataset]) -> None:
-    report = report_of(fit_material(treloar[:1], "ogden", 3))
+def test_a_single_mode_leaves_other_modes_unidentified(treloar: list[Dataset]) -> None:
+    report = material_report(fit_material(treloar[:1], "ogden", 3))
     text = " ".join(report["unidentifiable"])
     assert "equibiaxial stress: not measured" in text
     assert any("only uniaxial was measured" in warning for warning in report["warnings"])
@@ -108,7 +105,7 @@ def test_plane_strain_determines_the_sum_of_c1_and_c2(treloar: list[Dataset]) ->
     ],
 )
 def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
-    report = report_of(fit_material([load_dataset(mode, DATA / file)], "ogden", 2))
+    report = material_report(fit_material([load_dataset(mode, DATA / file)], "ogden", 2))
     assert report["status"] == "converged"
     assert (
         report["modes"][mode]["rms_MPa"] < {"biaxial": 0.015, "biaxial_difference": 0.07}[mode]
@@ -117,7 +114,7 @@ def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
 
 
 @pytest.mark.parametrize("law", [name for name in LAWS if name != "ogden"])
-def test_exact_data_give_their_constants_back(treloar: list[Dataset], law: str) -> None:
+def test_exact_data_recover_the_constants(treloar: list[Dataset], law: str) -> None:
     chosen = family(law)
     scales = pose(treloar, chosen, "relative").residuals.scales
     theta = np.linspace(-0.15, 0.1, chosen.size)
@@ -182,7 +179,7 @@ def test_settled_bulge_predicts_the_membranes_pressure() -> None:
     np.testing.assert_allclose(rough.settled(law).predict(law), exact.pressure, rtol=1e-8)
 
 
-def test_own_energy_in_a_few_lines(treloar: list[Dataset]) -> None:
+def test_a_user_defined_energy_is_fitted(treloar: list[Dataset]) -> None:
     class Hencky(AbstractLaw):
         mu: jax.Array
 
@@ -216,7 +213,7 @@ def test_intervals_cover_the_truth(treloar: list[Dataset], kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["relative", "noise"])
-def test_a_wrong_law_is_said_and_its_intervals_widened(
+def test_a_wrong_law_is_reported_and_widens_intervals(
     treloar: list[Dataset], kind: str
 ) -> None:
     truth = Ogden(TABLE_1[:3], TABLE_1[3:])
@@ -230,7 +227,7 @@ def test_a_wrong_law_is_said_and_its_intervals_widened(
     assert not right.misfit.significant
 
 
-def test_a_law_near_the_truth_is_told_from_it(treloar: list[Dataset]) -> None:
+def test_lack_of_fit_distinguishes_two_similar_laws(treloar: list[Dataset]) -> None:
     # Both agree to about the noise; residuals of the wrong one bend along the tests.
     truth = Gent(3e5, 90.0)
     said = np.zeros(2, dtype=int)
@@ -252,15 +249,28 @@ def test_laws_are_ranked_by_information(treloar: list[Dataset]) -> None:
     assert aicc == sorted(aicc)
 
 
-def test_hard_bounds_hold(treloar: list[Dataset]) -> None:
+def test_hard_bounds_hold_and_agree_with_scipy(treloar: list[Dataset]) -> None:
     fit = fit_material(treloar, "yeoh", bounds={"C3": (0.0, 20.0)}, starts=16)
     assert fit.bounded == ("C3",)
     np.testing.assert_allclose(fit.constants[2], 20.0, rtol=1e-6)
+    residuals, size = fit.problem.residuals, np.array([1e5, 1e3, 1e1])
+    found = scipy.optimize.least_squares(
+        lambda q: np.asarray(residuals.of_constants(jnp.asarray(q * size))),
+        [1.0, 1.0, 1.0],
+        lambda q: np.asarray(sensitivity(residuals, jnp.asarray(q * size))[1]) * size,
+        bounds=([0.0, -np.inf, 0.0], [np.inf, np.inf, 2.0]),
+        method="dogbox",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-12,
+    )
+    np.testing.assert_allclose(fit.cost, found.cost, rtol=1e-9)
+    np.testing.assert_allclose(fit.constants, found.x * size, rtol=1e-5)
     with pytest.raises(ValueError, match=r"no such constant; allowed: C1, C2, C3"):
         fit_material(treloar, "yeoh", bounds={"C4": (0.0, 1.0)}, starts=16)
 
 
-def test_random_cases_converge_or_are_named(treloar: list[Dataset]) -> None:
+def test_random_cases_end_with_a_named_status(treloar: list[Dataset]) -> None:
     rng = np.random.default_rng(8)
     named = {"converged", "single_minimum", "not_converged"}
     for case in range(21):
@@ -271,6 +281,37 @@ def test_random_cases_converge_or_are_named(treloar: list[Dataset]) -> None:
         value *= rng.choice([1.0, 1.0, -1.0, 0.0]) * 10.0 ** rng.uniform(-3.0, 3.0)
         made = dataclasses.replace(part, value=value)
         law, terms = [("ogden", 2), ("gent", 1), ("mooney-rivlin", 3)][case % 3]
-        report = report_of(fit_material([made], law, terms, starts=16, seed=case))
+        report = material_report(fit_material([made], law, terms, starts=16, seed=case))
         assert report["status"] in named
         assert np.all(np.isfinite(report["covariance"]))
+
+
+REST, PULLED = "1,0\n", "1.2,0.3\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        (REST * 4, "every reading is at rest"),
+        ("1,0.001\n1,-0.001\n1,0.0005\n1,0\n", "every reading is at rest"),
+        ("1,0\n1.2,0\n1.5,0\n", "every reading is zero"),
+    ],
+)
+def test_data_without_information_are_refused(
+    tmp_path: pathlib.Path, rows: str, message: str
+) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("stretch_1,nominal_stress_MPa\n" + rows)
+    data = load_dataset("uniaxial", file)
+    with pytest.raises(ValueError, match=message):
+        fit_material([data], "neo-hookean")
+
+
+def test_readings_at_rest_are_no_degrees_of_freedom(tmp_path: pathlib.Path) -> None:
+    """One reading of one constant has no residual: nothing is known of its accuracy."""
+    file = tmp_path / "a.csv"
+    file.write_text("stretch_1,nominal_stress_MPa\n" + 5 * REST + PULLED)
+    fit = fit_material([load_dataset("uniaxial", file)], "neo-hookean")
+    assert fit.judged.dof == 0
+    assert fit.judged.standard_errors[0] >= fit.constants[0]
+    assert any("1 readings for 1 constants" in text for text in fit.judged.unidentifiable)

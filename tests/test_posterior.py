@@ -59,7 +59,7 @@ def test_skewed_posterior_is_not_called_gaussian() -> None:
     assert not found.agreement["agree"]
 
 
-def test_impossible_points_are_left_alone() -> None:
+def test_walkers_stay_out_of_impossible_points() -> None:
     found = sample(
         lambda x: jnp.where(x[:, 0] > 0.0, -0.5 * x[:, 0] ** 2, jnp.nan),
         Gaussian(np.ones(1), np.eye(1)),
@@ -98,7 +98,7 @@ sample(normal, START, NAMES, settings, progress=slow)
 """
 
 
-def test_killed_run_resumes_as_if_nothing_had_happened(tmp_path: pathlib.Path) -> None:
+def test_a_killed_run_resumes_to_the_same_chain(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "chain.h5"
     run = subprocess.Popen([sys.executable, "-c", PROGRAM, str(path)], cwd=ROOT)
     deadline = time.monotonic() + 60.0
@@ -166,7 +166,7 @@ if __name__ == "__main__":
 """
 
 
-def test_lost_worker_loses_and_doubles_nothing(tmp_path: pathlib.Path) -> None:
+def test_a_lost_worker_neither_loses_nor_repeats_results(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("distributed")
     data = ROOT / "configs" / "data" / "treloar1944_uniaxial.csv"
     jobs, results = tmp_path / "jobs.toml", tmp_path / "results.jsonl"

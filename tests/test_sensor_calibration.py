@@ -5,14 +5,13 @@ import json
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import benchmarks.sensor_calibration
+from benchmarks.sensor_calibration import press, study
 from fitting.cli.app import app
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
@@ -29,19 +28,10 @@ runner = CliRunner()
 
 
 @pytest.fixture(scope="module")
-def study() -> ModuleType:
-    """The benchmark, whose experiments these tests repeat in short."""
-    module = benchmarks.sensor_calibration
-    module.TRUTH = ROOT / "tests/data/solid_press.csv"
-    module.SKIN = SKIN
-    return module
-
-
-@pytest.fixture(scope="module")
-def truth(study: ModuleType) -> dict[str, np.ndarray]:
+def truth() -> dict[str, np.ndarray]:
     """Counts of the solid model at known displacements and forces."""
     displacement = np.repeat(np.linspace(0.0, 3e-3, 100), FRAMES // 100)
-    force, so = study.press(displacement)
+    force, so = press(displacement)
     return {"displacement": displacement, "force": force, "so": so}
 
 
@@ -128,9 +118,9 @@ def test_standard_errors_are_the_cramer_rao_bound(truth: dict, reference: Sensor
     assert reference.uncertainty.standard_errors == pytest.approx(bound, rel=0.05)
 
 
-def test_coverage_on_seeded_experiments(study: ModuleType, reference: SensorFit) -> None:
+def test_coverage_on_seeded_experiments(reference: SensorFit) -> None:
     """Short version of the benchmark: z-scores of 16 experiments look standard normal."""
-    fits = study.study(16, steps=100, like=reference)
+    fits = study(16, steps=100, like=reference)
     z = np.array(
         [
             (fit.constants - [PERMITTIVITY, GAP]) / fit.uncertainty.standard_errors
@@ -187,7 +177,7 @@ def test_air_adds_the_gap(truth: dict, tmp_path: Path) -> None:
         assert abs(found - true) < 4 * error
         assert error < 2e-3 * true
     assert not fit.priors
-    tells = {row["logs"]: row["standard_errors"] for row in fit.tells}
+    tells = {row["logs"]: row["standard_errors"] for row in fit.contributions}
     assert tells["oil alone"] == {"relative_permittivity": None, "oil_gap": None}
     assert tells["known fluid alone"]["relative_permittivity"] is None
     assert tells["known fluid alone"]["oil_gap"] > 0

@@ -158,7 +158,7 @@ def test_energy_of_a_rotation_vanishes_with_refinement() -> None:
         shell = build_problem(spec, plan, continuous_inputs(spec)).mechanics
         turned = moved(shell, shell.rest(), 1.0, np.zeros(2))
         energies.append(float(strain_energy(shell, turned)[0]))
-        plan = plan.refined()
+        plan = plan.comparison()
     rates = np.log2(np.array(energies[:-1]) / energies[1:])
     assert np.all(rates > 5.5)
     stretched = shell_of("mooney-rivlin, whole arc")
@@ -323,16 +323,16 @@ def test_small_displacements_are_those_of_the_exact_arch(
 
 
 def test_thin_limit_is_the_classical_ring() -> None:
-    # Extension E't and bending E't^3/12 without coupling, E' = 4 mu. The section above
+    # Extension E't and bending E't^3/12 without coupling, E' = 4 mu, from which the shell
     # differs by the order of (t/R)^2.
     differences = []
-    for thickness in (1e-4, 5e-5, 2.5e-5):
+    for thickness in (0.006, 0.003, 0.0015):
         radius = 0.0575 + thickness / 2
         classical = 4e6 * np.diag([thickness, thickness**3 / 12])
         want = np.array(arch(radius, np.pi / 2, classical))
-        got = np.array(arch(radius, np.pi / 2, section_stiffness(4e6, radius, thickness)))
+        got = np.array(linear_response(thickness, np.pi / 2, 128))
         differences.append(np.max(np.abs(got / want - 1)))
-    assert differences[-1] < 1e-7
+    assert differences[-1] < 1e-3
     np.testing.assert_allclose(
-        np.log2(np.divide(differences[:-1], differences[1:])), 2, atol=0.01
+        np.log2(np.divide(differences[:-1], differences[1:])), 2, atol=0.1
     )

@@ -11,6 +11,7 @@ from fitting.material.data.tables import DataError
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.skin_curve import predicted, specimen
+from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.posterior import sample_material
 from fitting.material.fit.residuals import readings, shared_error
@@ -46,7 +47,7 @@ def fit(data: Dataset) -> MaterialFit:
     return fit_material([data], "mooney-rivlin", 2, residual="noise")
 
 
-def test_curve_gives_the_sum_and_not_its_parts(fit: MaterialFit) -> None:
+def test_skin_curve_determines_the_sum_of_c1_and_c2_only(fit: MaterialFit) -> None:
     assert fit.status == "converged"
     assert any("C1 - C2" in text for text in fit.uncertainty.unidentifiable)
     cov = fit.uncertainty.covariance
@@ -69,7 +70,7 @@ def test_shared_errors_make_dense_covariances() -> None:
     assert not shared_error(np.zeros(4)).any()
 
 
-def test_the_shells_own_error_is_in_the_intervals(fit: MaterialFit) -> None:
+def test_intervals_include_the_shell_model_error(fit: MaterialFit) -> None:
     assert 2e-4 < fit.problem.model_error < 5e-3
     residuals = fit.problem.residuals
     alone = eqx.tree_at(lambda r: r.shared, residuals, 0.0 * residuals.shared)
@@ -89,10 +90,10 @@ def test_posterior_of_the_curve(fit: MaterialFit, tmp_path: pathlib.Path) -> Non
     figure = plot_predictive(found, tmp_path / "predictive.png")
     assert [ax.get_ylabel() for ax in figure.axes] == ["displacement [mm]", "pressure [kPa]"]
     assert (tmp_path / "predictive.png").stat().st_size > 10_000
-    for ax, data in zip(figure.axes, ([1], [2]), strict=True):
+    for ax, channel in zip(figure.axes, (DISPLACEMENT, PRESSURE), strict=True):
         (line,) = ax.lines
-        rows = np.isin(fit.sets[0].direction, data)
-        unit = 1e-3 if data == [1] else 1e3
+        rows = fit.sets[0].channel == channel
+        unit = 1e-3 if channel == DISPLACEMENT else 1e3
         assert np.allclose(line.get_ydata(), fit.sets[0].value[rows] / unit)
     report = found.report
     assert report["warnings"] == []

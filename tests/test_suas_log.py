@@ -21,7 +21,7 @@ import pytest
 from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.device.faults import Faults, parse_faults
 from suas_jax.acquisition.frames.reading import Reading
-from suas_jax.acquisition.frames.registry import ENCODERS
+from suas_jax.acquisition.frames.registry import ENCODERS, FORMATS
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 
 ROOT = Path(__file__).parent.parent
@@ -87,7 +87,7 @@ def test_nothing_is_lost(name, tmp_path):
     assert log.header["format"] == "suas-so-log"
     assert np.all(np.diff(log.t_host) >= 0)
     if name == "roboskin":
-        first = group_frames(log).so[0, 0]
+        first = group_frames(log).of_module(0)[0]
         np.testing.assert_array_equal(first, [255 - c // 256 for c in counts(0, 0)])
     else:
         assert len(check(log)) == len(log)
@@ -145,9 +145,9 @@ def test_a_plain_program_on_the_other_end(tmp_path):
     frames = group_frames(log)
     assert frames.modules.tolist() == [0, 3]
     for seq in range(50):
-        np.testing.assert_array_equal(frames.so[seq, 0], counts(seq, 0))
+        np.testing.assert_array_equal(frames.of_module(0)[seq], counts(seq, 0))
         expected = [*map(float, counts(seq, 3)[:4]), *[np.nan] * 6]
-        np.testing.assert_array_equal(frames.so[seq, 1], expected)
+        np.testing.assert_array_equal(frames.of_module(1)[seq], expected)
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
@@ -246,7 +246,7 @@ def test_a_busy_port_is_named(tmp_path):
     [
         (["/dev/ttyNOPE", "--format", "text"], ["/dev/ttyNOPE", "no such port"]),
         (["/etc/hosts", "--format", "text"], ["not a serial port"]),
-        (["/dev/null", "--format", "morse"], ["morse", "cobs, roboskin, text"]),
+        (["/dev/null", "--format", "morse"], ["morse", ", ".join(FORMATS)]),
         (["socket://127.0.0.1:9", "--format", "text"], ["can't connect"]),
         (["0000:0000:X", "--format", "text"], ["no such USB device"]),
     ],

@@ -1,11 +1,21 @@
 """The console script `suas`."""
 
+import sys
 from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
-from fitting.cli import fit_material, fit_materials, fit_sensor, invert, log, simulate, solve
+from fitting.cli import (
+    contract,
+    fit_material,
+    fit_materials,
+    fit_sensor,
+    invert,
+    log,
+    simulate,
+    solve,
+)
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
@@ -34,6 +44,7 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     show_version: Annotated[
         bool,
         typer.Option(
@@ -41,9 +52,11 @@ def _options(
         ),
     ] = False,
 ) -> None:
-    pass
+    from suas_jax.files.command import command_files
+
+    context.with_resource(command_files())
 
 
 def main() -> None:
     """Run the command line."""
-    app()
+    sys.exit(contract.run(app))

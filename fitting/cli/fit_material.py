@@ -1,15 +1,18 @@
 """`suas fit material`. JAX is imported inside the command."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import fitting_spinner
-from fitting.cli.solve import NO_SOLUTION, bad_input
 from fitting.json_text import json_text
+from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
+
+if TYPE_CHECKING:
+    from fitting.material.fit.result import MaterialFit
 
 
 def register(app: typer.Typer) -> None:
@@ -92,6 +95,7 @@ def material(
         ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
     """Fit a material law to test data, and say what the data can't determine.
@@ -108,21 +112,39 @@ def material(
 
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
+        outputs = [arviz, corner, predictive, plot, *(Path(file) for _, file in cards)]
+        check_outputs(outputs, overwrite=overwrite)
+        for figure in (plot, corner, predictive):
+            if figure is not None:
+                from suas_jax.figures.style import check_figure_file
+
+                check_figure_file(figure)
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
         ]
         with fitting_spinner() as show:
-            report, fit = _fit(
-                sets,
-                law,
-                terms,
-                show,
-                residual=residual,
-                starts=starts,
-                seed=seed,
-                branch=branch,
-                bounds=bounds,
-            )
+            from suas_jax.runtime.settings import configure
+
+            configure()
+            from fitting.material.calibration import calibrate
+            from fitting.material.fit.fit import NoFit
+
+            report: dict[str, Any]
+            fit: MaterialFit | None = None
+            try:
+                fit, report = calibrate(
+                    sets,
+                    law,
+                    terms,
+                    progress=show,
+                    residual=residual,
+                    starts=starts,
+                    seed=seed,
+                    branch=branch,
+                    bounds=bounds,
+                )
+            except NoFit as error:
+                report = {"law": law, "status": "no_fit", "message": str(error)}
             if fit is not None and scene is not None and not _on_skin(sets):
                 from fitting.material.fit.in_service import compare_with_scene
 
@@ -163,38 +185,6 @@ def material(
     if fit is None:
         typer.echo(f"suas: {report['message']}", err=True)
         raise typer.Exit(NO_SOLUTION)
-
-
-def _fit(
-    sets: list[Any],
-    law: str,
-    terms: int | None,
-    show: Callable[[str], None],
-    **options: Any,
-) -> tuple[dict[str, Any], Any]:
-    from suas_jax.runtime.settings import configure
-
-    configure()
-    from fitting.material.fit.comparison import compare_laws
-    from fitting.material.fit.fit import NoFit, fit_material
-    from fitting.material.report.summary import report_of
-
-    try:
-        if law == "auto":
-            if terms is not None:
-                raise ValueError("--terms: --law auto chooses the number of terms itself")
-            if options.pop("bounds"):
-                raise ValueError("--bound: name the law whose constants are bounded")
-            comparison = compare_laws(sets, progress=show, **options)
-            report = report_of(comparison.best)
-            report["candidates"] = comparison.table
-            report["candidates_failed"] = comparison.failed
-            return report, comparison.best
-        show(law)
-        fit = fit_material(sets, law, terms, **options)
-        return report_of(fit), fit
-    except NoFit as error:
-        return {"law": law, "status": "no_fit", "message": str(error)}, None
 
 
 def _on_skin(sets: list[Any]) -> bool:

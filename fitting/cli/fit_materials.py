@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from fitting.cli.contract import bad_input
 from fitting.cli.progress import bar
-from fitting.cli.solve import bad_input
 
 
 def register(app: typer.Typer) -> None:

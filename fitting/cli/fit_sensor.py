@@ -1,14 +1,16 @@
 """`suas fit sensor`. JAX is imported inside the command."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.progress import fitting_spinner
-from fitting.cli.solve import bad_input
 from fitting.json_text import json_text
+from suas_jax.config.toml_file import MOST_BYTES
+from suas_jax.files.reading import read_bytes
+from suas_jax.files.writing import check_outputs, write_text
 
 _MARK = "written by suas fit sensor"
 
@@ -103,7 +105,7 @@ def sensor(
         Path | None, typer.Option(help="HDF5 file that keeps the chain and resumes it.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
-    overwrite: Annotated[bool, typer.Option(help="Replace an existing file.")] = False,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
     """Calibrate permittivity, gap and scale from logs with known inputs.
@@ -114,7 +116,9 @@ def sensor(
         if chain and not sample:
             raise ValueError("--chain needs --sample")
         target = output or Path(f"{skin.stem.removesuffix('.calibrated')}.calibrated.toml")
-        _must_be_free(target, skin, overwrite, own=output is None)
+        if target.exists() and target.samefile(skin):
+            raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
+        check_outputs([target, plot], overwrite=overwrite or _is_own(target, output is None))
         if plot is not None:
             from suas_jax.figures.style import check_figure_file
 
@@ -167,7 +171,7 @@ def sensor(
                 from fitting.sensor.report.plots import plot_sensor
 
                 plot_sensor(found, plot, posterior)
-            _write(target, calibrated_skin(skin, found))
+            write_text(target, calibrated_skin(skin, found))
             report["skin_file"] = str(target)
     if as_json:
         typer.echo(json_text(report))
@@ -178,24 +182,13 @@ def sensor(
         typer.echo(f"written: {target}", err=True)
 
 
-def _must_be_free(target: Path, skin: Path, overwrite: bool, own: bool) -> None:
-    """Refuse before the work is done, not after."""
-    if target.exists() and target.resolve() == skin.resolve():
-        raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
-    if not target.parent.is_dir():
-        raise FileNotFoundError(f"{target}: there is no folder {target.parent}")
-    if overwrite or not target.exists():
-        return
-    # What an earlier run wrote under its own name may be replaced by the next.
-    if not (own and _MARK in target.read_text("utf-8", errors="replace")):
-        raise FileExistsError(f"{target}: exists; choose another name or give --overwrite")
-
-
-def _write(target: Path, text: str) -> None:
-    """Write whole or not at all."""
-    draft = target.with_name(f"{target.name}.part")
-    draft.write_text(text, encoding="utf-8")
-    os.replace(draft, target)
+def _is_own(target: Path, own_name: bool) -> bool:
+    """Whether an earlier run wrote a file under its own name: the next may replace it."""
+    return (
+        own_name
+        and target.is_file()
+        and _MARK in read_bytes(target, MOST_BYTES, remember=False).decode(errors="replace")
+    )
 
 
 def _prior(text: str) -> tuple[str, tuple[float, float]]:

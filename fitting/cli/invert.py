@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import bar
-from fitting.cli.solve import BAD_INPUT, bad_input
 from fitting.json_text import json_text
+from suas_jax.files.reading import check_readable
+from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
-    from fitting.inverse_load.posterior import Mode
+    from fitting.inverse_load.posterior import LoadMode
     from fitting.inverse_load.readings import LogReadings
 
 
@@ -73,6 +75,7 @@ def invert(
         int | None,
         typer.Option(metavar="SEQ", help="Sample the loads of the frame with this number."),
     ] = None,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line a frame.")] = False,
 ) -> None:
     """Estimate contacts from readings: where, how strong, how sure.
@@ -82,6 +85,12 @@ def invert(
     with bad_input():
         if (log is None) == (live is None) and live is None:
             raise ValueError("LOG: missing; give an SO log, or --live PORT")
+        from suas_jax.acquisition.log.reader import MOST_BYTES
+
+        record = log if live is not None else None
+        check_outputs([plot, record], overwrite=overwrite)
+        if live is None and log is not None:  # before the estimator is made, which takes long
+            check_readable(log, MOST_BYTES)
         from suas_jax.runtime.settings import configure
 
         configure()
@@ -102,7 +111,7 @@ def invert(
             from fitting.inverse_load.live.run import LiveOptions, run_live
 
             options = LiveOptions(
-                live, format_name, baud, duration, latency, log, as_json, smooth
+                live, format_name, baud, duration, latency, log, as_json, smooth, overwrite
             )
             run_live(estimator, options)
             return
@@ -139,8 +148,7 @@ def _offline(
     posterior: int | None,
 ) -> None:
     from fitting.inverse_load.readings import EmptyLogError, LayoutMismatchError, readings_of
-    from fitting.inverse_load.report.posterior_text import in_words as modes_in_words
-    from fitting.inverse_load.report.posterior_text import posterior_json
+    from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
     from fitting.inverse_load.report.text import frame_json, print_table
     from suas_jax.acquisition.log.log_file import read_log
 
@@ -189,10 +197,10 @@ def _offline(
     else:
         print_table(readings.time, estimates)
         if modes is not None:
-            typer.echo("\n".join(modes_in_words(modes)))
+            typer.echo("\n".join(posterior_lines(modes)))
 
 
-def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[Mode]":
+def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[LoadMode]":
     """Modes of the frame with a number."""
     import numpy as np
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.solve import BAD_INPUT, bad_input
+from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
+from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def log(
     rotate: Annotated[
         float | None, typer.Option(min=0.01, metavar="MB", help="New file at this size [MB].")
     ] = None,
-    overwrite: Annotated[bool, typer.Option(help="Replace an existing log.")] = False,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
 ) -> None:
     """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
@@ -67,8 +68,9 @@ def log(
         from suas_jax.acquisition.log.record import FLAG_COLUMNS, record
         from suas_jax.acquisition.signals import ended_by_signal
         from suas_jax.acquisition.stream import Stream
-        from suas_jax.acquisition.view import View, in_words
+        from suas_jax.acquisition.view import View, totals_text
 
+        check_output(output, overwrite=overwrite)
         decode = decoder(format_name)
         header = _skin_header(skin)
         source = open_source(port, format_name, baud)
@@ -110,7 +112,7 @@ def log(
     if as_json:
         typer.echo(json.dumps({"path": str(output)} | result, allow_nan=False))
     elif result["rows"]:
-        typer.echo(f"{output}: {in_words(result)}", err=True)
+        typer.echo(f"{output}: {totals_text(result)}", err=True)
     if not result["rows"]:
         typer.echo(
             f"suas: {port}: no frame came in {result['elapsed_s']:.1f} s; {output} is empty",
@@ -159,7 +161,7 @@ def baseline(
     model_tolerance: Annotated[
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
     ] = 0.05,
-    overwrite: Annotated[bool, typer.Option(help="Replace an existing baseline.")] = False,
+    overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
 ) -> None:
     """Average a log of the skin at rest; refused while the skin is loaded or drifting.
@@ -168,17 +170,19 @@ def baseline(
     """
     with bad_input():
         from suas_jax.acquisition.baseline import (
+            baseline_json,
             read_baseline,
             refuse_loaded,
             rest_of,
             take_baseline,
             write_baseline,
         )
-        from suas_jax.acquisition.log.log_file import read_log
+        from suas_jax.acquisition.log.log_file import read_log, sequence_notes
 
-        if output.exists() and not overwrite:
-            raise FileExistsError(f"{output}: exists; choose another name or give --overwrite")
+        check_output(output, overwrite=overwrite)
         log = read_log(path)
+        for note in (*log.notes, *sequence_notes(log)):
+            typer.echo(f"suas: {path}: {note}", err=True)
         taken = take_baseline(log, tolerance=tolerance)
         if reference is not None:
             rest = rest_of(read_baseline(reference), taken)
@@ -196,7 +200,7 @@ def baseline(
             )
         write_baseline(taken, output)
     if as_json:
-        typer.echo(output.read_text(encoding="utf-8"), nl=False)
+        typer.echo(baseline_json(taken), nl=False)
     else:
         taxels = int((taken.so == taken.so).sum())
         typer.echo(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)

@@ -8,6 +8,7 @@ from fitting.material.fit.posterior import sample_material
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.posterior_files import plot_corner, to_arviz
 from fitting.statistics.posterior import PosteriorError, Settings
+from suas_jax.files.writing import written
 
 
 def run(
@@ -30,7 +31,9 @@ def run(
     except PosteriorError as error:
         return {"converged": False, "status": "no_posterior", "message": str(error)}
     if arviz is not None:
-        to_arviz(found).to_netcdf(str(arviz), engine="h5netcdf")
+        with written(arviz) as draft:
+            draft.unlink()  # HDF5 makes its files itself
+            to_arviz(found).to_netcdf(str(draft), engine="h5netcdf")
     if corner is not None:
         plot_corner(found, corner)
     if predictive is not None:

@@ -1,17 +1,15 @@
 """`suas simulate` and `suas convert`; imports inside the commands, as in `solve`."""
 
 import re
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.progress import bar
-from fitting.cli.solve import NO_SOLUTION, bad_input
-
-Overwrite = Annotated[bool, typer.Option(help="Replace an existing file.")]
+from fitting.cli.progress import spinner
+from suas_jax.files.writing import check_output
 
 
 def register(app: typer.Typer) -> None:
@@ -108,7 +106,7 @@ def simulate(
         if output is None and not live:
             raise ValueError("suas simulate: give -o LOG.csv, or --live, or both")
         if output is not None:
-            _must_be_free(output, overwrite)
+            check_output(output, overwrite=overwrite)
         from suas_jax.acquisition.log.log_file import is_log
 
         on_air = None
@@ -124,64 +122,50 @@ def simulate(
                 raise ValueError(f"{scene}: is an SO log; it can be played with --live only")
             play_log(scene, on_air)
             return
-        import numpy as np
-
-        from suas_jax.acquisition.integrity import Flags, Integrity
-        from suas_jax.acquisition.log.log_file import LogWriter, log_header
-        from suas_jax.config import load_scene
         from suas_jax.runtime.settings import configure
 
         configure()
-        from suas_jax.sensing.taxels import taxel_names
-        from suas_jax.simulation import load_path as play
+        from suas_jax.simulation.simulated_log import (
+            LogFaults,
+            NoSolutionError,
+            simulate_log,
+            write_simulated_log,
+        )
 
-        path = None if scene.suffix.lower() == ".toml" else play.load_path(scene)
-        spec = load_scene(scene) if path is None else path.scene
-        settings = {"noise": noise, "drift": drift, "bits": bits, "refresh": refresh}
-        converter = play.converter_of(spec, offset=offset, **settings)
-        faults = play.Faults(drop, missing, dict(_stuck(text) for text in stuck or ()))
-        length = duration
-        if length is None:
-            length = 10.0 if path is None else float(path.time[-1] - path.time[0])
-        count = max(1, int(np.floor(length * rate * (1 + 1e-12))) + (path is not None))
-        time = np.arange(count) / rate
-        random = np.random.default_rng(seed)
+        faults = LogFaults(drop, missing, dict(_stuck(text) for text in stuck or ()))
+        settings = {
+            "noise": noise,
+            "drift": drift,
+            "bits": bits,
+            "offset": offset,
+            "refresh": refresh,
+        }
         try:
-            if path is None:
-                capacitance = np.tile(play.static_capacitance(spec), (count, 1))
-            else:
-                with bar("simulating", count) as advance:
-                    capacitance = play.capacitances(path, path.time[0] + time, advance)
-        except play.NoSolutionError as error:
+            with spinner("simulating"):
+                log = simulate_log(
+                    scene,
+                    rate=rate,
+                    duration=duration,
+                    faults=faults,
+                    seed=seed,
+                    settings=settings,
+                )
+        except NoSolutionError as error:
             typer.echo(f"suas: {scene}: {error}", err=True)
             raise typer.Exit(NO_SOLUTION) from None
-        sample = converter.sample(capacitance, time, random)
-        frames = list(play.readings(spec, time, sample, faults, random))
-        judge = Integrity(None, checked=True)
-        header = log_header(
-            skin=str(scene),
-            scale=f"{1e15 * converter.lsb:.9g} fF",
-            start_time=datetime.now(UTC),
-            simulated=f"seed {seed}, {rate:g} Hz, {converter}",
-        )
-        assert spec.electrodes is not None  # or there would be no converter
-        taxels = max(taxel_names(spec.electrodes)[1])
         if output is not None:
-            with LogWriter(
-                output, header, taxels=taxels, flags=Flags._fields, overwrite=overwrite
-            ) as writer:
-                for r in frames:
-                    t_device, flags = judge.judge(r)
-                    writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)
-    note = f"{output or scene}: {count} frames at {rate:g} Hz, {len(frames)} rows"
-    if sample.saturated.any():
-        note += f"; {int(sample.saturated.sum())} counts saturated"
-    if np.isnan(capacitance).any():
-        note += f"; {int(np.isnan(capacitance).any(1).sum())} frames touch the wall"
+            write_simulated_log(log, output, scene)
+    frames, rows = len(log.capacitance), len(log.readings)
+    note = f"{output or scene}: {frames} frames at {rate:g} Hz, {rows} rows"
+    if log.sample.saturated.any():
+        note += f"; {int(log.sample.saturated.sum())} counts saturated"
+    touching = int((log.capacitance != log.capacitance).any(1).sum())
+    if touching:
+        note += f"; {touching} frames touch the wall"
     typer.echo(note, err=True)
     if on_air is not None:
         with bad_input():
-            play_live(frames, on_air)
+            play_live(log.readings, on_air)
 
 
 def convert(
@@ -200,16 +184,6 @@ def convert(
     for note in log.notes:
         typer.echo(f"suas: {source}: {note}", err=True)
     typer.echo(f"{target}: {len(log)} rows", err=True)
-
-
-def _must_be_free(output: Path, overwrite: bool) -> None:
-    """Refuse before the work is done, not after."""
-    if not overwrite and output.exists() and output.stat().st_size > 0:
-        raise FileExistsError(
-            f"{output}: exists and is not empty; choose another name or give --overwrite"
-        )
-    if not output.parent.is_dir():
-        raise FileNotFoundError(f"{output}: there is no folder {output.parent}")
 
 
 def _stuck(text: str) -> tuple[tuple[int, int], float]:

@@ -4,22 +4,21 @@ JAX is imported inside the commands, so that the help and commands that don't co
 start at once.
 """
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
+from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from suas_jax.config import SceneSpec
     from suas_jax.scene.sweep import Sweep
 
-BAD_INPUT = 2
-NO_SOLUTION = 3
+_MOST_POINTS = 10_000
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
@@ -34,16 +33,6 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands to the program."""
     app.command("solve")(solve)
     app.command("sweep")(sweep)
-
-
-@contextlib.contextmanager
-def bad_input() -> Iterator[None]:
-    """Turn errors that the user can mend into a message and exit status 2."""
-    try:
-        yield
-    except (ValueError, OSError) as error:
-        typer.echo(f"suas: {error}", err=True)
-        raise typer.Exit(BAD_INPUT) from None
 
 
 def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
@@ -89,8 +78,12 @@ def solve(
         Path | None, typer.Option(help="Write the solid model's fields for ParaView.")
     ] = None,
     repeat: Annotated[
-        int, typer.Option(min=1, help="Time the solve as the median of this many runs.")
+        int,
+        typer.Option(
+            min=1, max=100_000, help="Time the solve as the median of this many runs."
+        ),
     ] = 1,
+    overwrite: Overwrite = False,
 ) -> None:
     """Find the equilibrium of a scene: displacement, oil pressure, gaps, stability.
 
@@ -102,6 +95,7 @@ def solve(
             _refuse("--vtu", "fields through the thickness come with the solid model only")
         _check_figure(plot)
         _check_figure(pad)
+        check_outputs([plot, pad, vtu], overwrite=overwrite)
         if pad is not None and spec.electrodes is None:
             _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
         with spinner("solving"):
@@ -159,6 +153,7 @@ def sweep(
         Path | None, typer.Option("--csv", help="Write the curve as CSV.")
     ] = None,
     plot: Plot = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Trace a load-displacement curve in one continuation, up to first wall contact and on.
 
@@ -169,14 +164,15 @@ def sweep(
             _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
+        check_outputs([csv_file, plot], overwrite=overwrite)
         values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
         with spinner("sweeping"):
             from suas_jax.runtime.settings import configure
 
             configure()
-            from suas_jax.scene.sweep import force_sweep, pressure_sweep
+            from suas_jax.scene.sweep import sweep as run
 
-            curve = (force_sweep if force else pressure_sweep)(spec, values)
+            curve = run(spec, **{"forces" if force else "oil_pressures": values})
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
@@ -197,11 +193,12 @@ def _range(option: str, text: str | None) -> list[float]:
     try:
         first, last, count = (text or "").split(":")
         start, stop, n = float(first), float(last), int(count)
-        if n < 1:
+        if not 1 <= n <= _MOST_POINTS:
             raise ValueError
     except ValueError:
         raise ValueError(
-            f'{option} = "{text}": expected FROM:TO:COUNT in SI units, for example 0:30:31'
+            f'{option} = "{(text or "")[:80]}": expected FROM:TO:COUNT in SI units, for '
+            f"example 0:30:31; COUNT is at most {_MOST_POINTS}"
         ) from None
     if n == 1:
         return [start]
@@ -220,9 +217,12 @@ def _print_report(report: dict[str, Any]) -> None:
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
     for i, load in enumerate(report["loads"]):
-        if load["kind"] == "line":
+        if load["kind"] != "pressure":
+            place = f"{load['angle_deg']:.4g} deg"
+            if "axial_m" in load:
+                place += f", {1e3 * load['axial_m']:.4g} mm"
             text = (
-                f"{load['force_N']:.5g} N at {load['angle_deg']:.4g} deg moves "
+                f"{load['force_N']:.5g} N at {place} moves "
                 f"{1e3 * load['displacement_m']:.4g} mm (inner face "
                 f"{1e3 * load['inner_displacement_m']:.4g} mm)"
             )
@@ -233,9 +233,15 @@ def _print_report(report: dict[str, Any]) -> None:
     if "absolute_oil_pressure_Pa" in report:
         absolute = 1e-3 * report["absolute_oil_pressure_Pa"]
         table.add_row("", f"{absolute:.5g} kPa absolute")
-    gap, angle = 1e3 * report["min_gap_m"], report["min_gap_angle_deg"]
-    table.add_row("smallest gap", f"{gap:.4g} mm at {angle:.3g} deg")
-    table.add_row("largest displacement", f"{1e3 * report['max_displacement_m']:.4g} mm")
+    for name, key in (
+        ("smallest gap", "min_gap"),
+        ("largest displacement", "max_displacement"),
+        ("largest bulge", "bulge"),
+    ):
+        text = f"{1e3 * report[key + '_m']:.4g} mm at {report[key + '_angle_deg']:.3g} deg"
+        if key + "_axial_m" in report:
+            text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
+        table.add_row(name, text)
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
         table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.estimate.assessment import POOR, LoadReport
+from fitting.inverse_load.estimate.assessment import POOR, LoadAssessment
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.fit.detection import Detector, threshold
 from fitting.inverse_load.fit.explanation import LoadFitter
-from fitting.inverse_load.fit.selection import Mode, Selection
+from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import SkinSpec
@@ -109,14 +109,14 @@ class LoadEstimator:
         # less than Schwarz's criterion asks for two parameters.
         one = np.ones((1, self.taxels))
         everywhere = float(self._detector.test(0 * one, one).length[0])
-        price = threshold(self.false_alarm / 10, everywhere) ** 2
+        penalty = threshold(self.false_alarm / 10, everywhere) ** 2
         self.selection = Selection(
             self._fitter,
             NodeSearch(self.table),
-            max(price, 2 * np.log(self.taxels)),
+            max(penalty, 2 * np.log(self.taxels)),
             self.most_contacts,
         )
-        self._report = LoadReport(
+        self._report = LoadAssessment(
             np.asarray(self.skin.electrodes.taxels.angle)[:, 0],
             float(self.skin.geometry.outer_radius[0]),
             self._fitter.edge,
@@ -237,30 +237,32 @@ class LoadEstimator:
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
             results[i] = _untouched(so[i], weight[i] > 0, bool(enough[i]), ratio)
-        short = (so >= FULL_SCALE) & ~faulty
+        full_scale = (so >= FULL_SCALE) & ~faulty
         for index, pulled in (
             (np.flatnonzero(touched), False),
             (np.flatnonzero(enough & ~touched & ~at_rest), True),
         ):
             if index.size:
-                found = self._explained(y[index], weight[index], short[index], pulled)
+                found = self._explained(y[index], weight[index], full_scale[index], pulled)
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
         spent /= len(so)
         return [replace(result, latency=spent) for result in results]
 
-    def _explained(self, y: Any, weight: Any, short: Any, pulled: bool) -> list[LoadEstimate]:
+    def _explained(
+        self, y: Any, weight: Any, full_scale: Any, pulled: bool
+    ) -> list[LoadEstimate]:
         """Estimates of frames that are not at rest, whether pressed or pulled."""
         if pulled:
             best = self.selection.pulled(y, weight)
-            others: list[Mode | None] = [None] * len(y)
+            others: list[Alternative | None] = [None] * len(y)
         else:
             best, others = self.selection.explain(y, weight)
         systematic = None
         if self.calibration is not None:
             systematic = self.calibration.covariance(best, 3 if self.direction else 2)
-        return self._report.estimates(best, others, short, systematic)
+        return self._report.estimates(best, others, full_scale, systematic)
 
 
 def _untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:

@@ -42,7 +42,7 @@ _STEPS = 6000
 
 
 @dataclass(frozen=True)
-class Mode:
+class LoadMode:
     """One explanation of a frame.
 
     Attributes:
@@ -72,7 +72,7 @@ def frame_posterior(
     faulty: NDArray[np.bool_] | None = None,
     settings: Settings | None = None,
     progress: Callable[[str], None] = lambda text: None,
-) -> list[Mode]:
+) -> list[LoadMode]:
     """Sample what one frame's readings say about its loads.
 
     Args:
@@ -95,7 +95,7 @@ def frame_posterior(
     y, weight = estimator.weigh(so[None], faulty)
     weight[0, list(estimate.left_out)] = 0.0
     found, probability = likely_modes(estimator, y, weight)
-    modes: list[Mode] = []
+    modes: list[LoadMode] = []
     for i in np.flatnonzero(probability >= PROBABLE):
         one = found.rows(np.array([i]))
         progress(f"sampling mode {len(modes) + 1}: {int(one.contacts[0])} contacts")
@@ -196,7 +196,7 @@ def _same(a: Explanations, b: Explanations) -> bool:
     return bool((np.abs(apart) < _SAME).all())
 
 
-def _kind(best: Mode, one: Explanations) -> str:
+def _kind(best: LoadMode, one: Explanations) -> str:
     count = int(one.contacts[0])
     if count != best.contacts:
         return "contacts"
@@ -211,7 +211,7 @@ def _sampled(
     probability: float,
     kind: str,
     settings: Settings | None,
-) -> Mode:
+) -> LoadMode:
     count, per_contact = int(one.contacts[0]), estimator.selection.fitter.per_contact
     width = per_contact * count
     parameters = one.parameters[0, :width]
@@ -233,7 +233,7 @@ def _sampled(
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         chain, message = None, f"not sampled: {error}"
     chi2 = float(one.chi2[0])
-    return Mode(count, parameters, covariance, chi2, probability, kind, chain, message)
+    return LoadMode(count, parameters, covariance, chi2, probability, kind, chain, message)
 
 
 def _log_probability(

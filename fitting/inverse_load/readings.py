@@ -1,13 +1,15 @@
 """From logs and baselines to readings taxel by taxel, in the order of a skin's layout."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
+from suas_jax.acquisition.equal_runs import equal_runs
+from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
 
@@ -17,12 +19,30 @@ _LEAST_NOISE = 0.4  # counts: below it a healthy taxel may well repeat itself
 _SCALE_AGREES = 1e-3
 
 
+CountsOf = Callable[[int], NDArray[np.float64]]
+"""Readings [..., taxel] of a module, by its index among the modules that are there."""
+
+
 class LayoutMismatchError(ValueError):
     """A log or baseline whose modules or taxels aren't the skin's."""
 
 
 class EmptyLogError(ValueError):
     """A log without a frame."""
+
+
+class _Places(NamedTuple):
+    """Where the taxels of a layout stand in readings of some modules [module, taxel].
+
+    Attributes:
+        sizes: taxels that each module should have [module]; -1 for a foreign module.
+        row: of each taxel's module [taxel]; -1 where the module is absent.
+        column: of each taxel [taxel].
+    """
+
+    sizes: NDArray[np.int64]
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
 
 
 class Layout:
@@ -39,6 +59,17 @@ class Layout:
             )
         module, number = taxel_names(spec.electrodes)
         self.module, self.number = np.array(module), np.array(number)
+        self._places: dict[tuple[int, ...], _Places] = {}
+
+    def _in(self, modules: Sequence[int]) -> _Places:
+        """Places in readings of some modules; found once for each list of modules."""
+        key = tuple(modules)
+        if key not in self._places:
+            counts = np.array([np.sum(self.module == m) for m in key])
+            where = {m: row for row, m in enumerate(key)}
+            row = np.array([where.get(m, -1) for m in self.module.tolist()])
+            self._places[key] = _Places(np.where(counts > 0, counts, -1), row, self.number - 1)
+        return self._places[key]
 
     @property
     def taxels(self) -> int:
@@ -53,24 +84,29 @@ class Layout:
             return f"module {module} with {size} taxels"
         return f"modules {min(sizes)} to {max(sizes)}, {self.taxels} taxels in all"
 
-    def check(self, modules: Sequence[int], so: NDArray[np.float64], source: str) -> None:
-        """Refuse readings [..., module, taxel] of another layout.
+    def check(self, modules: Sequence[int], counts: CountsOf, source: str) -> None:
+        """Refuse readings of another layout.
+
+        Args:
+            modules: their numbers.
+            counts: readings of a module, by its index in `modules`.
+            source: where they are from, for the message.
 
         Raises:
             LayoutMismatchError: modules or taxels that the skin doesn't have, or a log too
                 narrow for its modules.
         """
-        own = set(self.module.tolist())
-        strange = sorted(set(modules) - own)
-        if strange:
+        sizes = self._in(modules).sizes
+        if (sizes < 0).any():
+            foreign = min(m for m, size in zip(modules, sizes, strict=True) if size < 0)
             raise LayoutMismatchError(
-                f"{source}: layout_mismatch: module {strange[0]} is none of the skin's, which "
+                f"{source}: layout_mismatch: module {foreign} is none of the skin's, which "
                 f"has {self.describe()}; is this the log's skin file?"
             )
-        width = so.shape[-1]
-        for row, module in enumerate(modules):
-            size = int((self.module == module).sum())
-            present = np.flatnonzero(np.isfinite(so[..., row, :]).reshape(-1, width).any(0))
+        for k, (module, size) in enumerate(zip(modules, sizes.tolist(), strict=True)):
+            so = counts(k)
+            width = so.shape[-1]
+            present = np.flatnonzero(np.isfinite(so).reshape(-1, width).any(0))
             most = int(present.max()) + 1 if present.size else 0
             if most > size or width < size:
                 has = most if most > size else width
@@ -79,14 +115,22 @@ class Layout:
                     f"the skin has {self.describe()}; is this the log's skin file?"
                 )
 
-    def pick(self, modules: Sequence[int], so: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Readings [..., taxel] from [..., module, taxel]; NaN where a module is absent."""
-        row = {int(m): k for k, m in enumerate(modules)}
-        out = np.full((*so.shape[:-2], self.taxels), np.nan)
-        for k, (module, number) in enumerate(zip(self.module, self.number, strict=True)):
-            if int(module) in row:
-                out[..., k] = so[..., row[int(module)], number - 1]
-        return out
+    def pick(self, modules: Sequence[int], counts: CountsOf) -> NDArray[np.float64]:
+        """Readings [..., taxel] of the whole layout; NaN where a module is absent.
+
+        Args:
+            modules: as for `check`.
+            counts: likewise.
+        """
+        _, row, column = self._in(modules)
+        out: NDArray[np.float64] | None = None
+        for k in range(len(modules)):
+            so = counts(k)
+            if out is None:
+                out = np.full((*so.shape[:-1], self.taxels), np.nan)
+            here = row == k
+            out[..., here] = so[..., column[here]]
+        return np.full(self.taxels, np.nan) if out is None else out
 
     def baseline(self, baseline: Baseline, source: str) -> tuple[NDArray, NDArray]:
         """A baseline's readings at rest and their variance [taxel].
@@ -95,9 +139,9 @@ class Layout:
             LayoutMismatchError: it belongs to another layout.
         """
         modules = baseline.modules.tolist()
-        self.check(modules, baseline.so, source)
-        rest = self.pick(modules, baseline.so)
-        noise = np.nan_to_num(self.pick(modules, baseline.noise))
+        self.check(modules, baseline.so.__getitem__, source)
+        rest = self.pick(modules, baseline.so.__getitem__)
+        noise = np.nan_to_num(self.pick(modules, baseline.noise.__getitem__))
         return rest, (noise**2 + 1 / 12) / max(baseline.frames, 1)
 
 
@@ -137,11 +181,11 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     if not len(frames):
         raise EmptyLogError(f"{log.path}: empty_log: no frame in it")
     modules = frames.modules.tolist()
-    layout.check(modules, frames.so, str(log.path))
-    so = layout.pick(modules, frames.so)
+    layout.check(modules, frames.of_module, str(log.path))
+    so = layout.pick(modules, frames.of_module)
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
     stuck = stuck_taxels(so, noise)
-    notes = list(log.notes) + _scale_note(log.header, spec)
+    notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if stuck.any():
         names = ", ".join(
             f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))
@@ -189,17 +233,14 @@ def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
     fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
     needed = repeats_needed(noise, taxels)
     for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
-        breaks = np.flatnonzero(~same[:, k])
-        starts = np.concatenate([[0], breaks + 1])
-        ends = np.concatenate([breaks, [frames - 1]])  # inclusive
-        for start, end in zip(starts, ends, strict=True):
-            if fresh[start:end].sum() >= needed:
-                stuck[start : end + 1, k] = True
+        for begin, end in equal_runs(so[:, k]):
+            if fresh[begin : end - 1].sum() >= needed:
+                stuck[begin:end, k] = True
     return stuck
 
 
 class StuckWatch:
-    """`stuck_taxels` for frames as they come.
+    """`stuck_taxels` frame by frame, for a stream.
 
     Args:
         noise: standard deviation of a reading [counts].

@@ -7,12 +7,16 @@ what it had again elsewhere, and a result that arrives a second time is dropped.
 
 import json
 import logging
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from fitting.json_text import json_text
+from suas_jax.config import ConfigError
+from suas_jax.config.toml_file import read_toml
+from suas_jax.files.reading import MEGABYTE, read_bytes
+
+_MOST_BYTES = 256 * MEGABYTE
 
 KEYS = ("name", "data", "law", "terms", "residual", "noise", "scene", "sample", "steps")
 
@@ -28,9 +32,9 @@ def load_jobs(file: Path) -> list[dict[str, Any]]:
         JobError: a key is unknown or missing, or a name stands twice.
     """
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise JobError(f"{file}: {error}") from None
+        table = read_toml(file)
+    except ConfigError as error:
+        raise JobError(str(error)) from None
     jobs = table.get("membrane")
     if set(table) != {"membrane"} or not isinstance(jobs, list) or not jobs:
         raise JobError(f"{file}: [[membrane]] tables are expected, and nothing else")
@@ -57,10 +61,10 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
     from suas_jax.runtime.settings import configure
 
     configure()
+    from fitting.material.calibration import calibrate as calibrate_law
     from fitting.material.experiments.datasets import load_dataset
     from fitting.material.experiments.measurements import mode_named
-    from fitting.material.fit.fit import NoFit, fit_material
-    from fitting.material.report.summary import report_of
+    from fitting.material.fit.fit import NoFit
     from fitting.statistics.posterior import PosteriorError, Settings
 
     try:
@@ -68,13 +72,12 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             load_dataset(mode_named(mode), path, None, job.get("noise"), job.get("scene"))
             for mode, path in job["data"].items()
         ]
-        fit = fit_material(
+        fit, report = calibrate_law(
             sets,
             job.get("law", "ogden"),
             job.get("terms"),
             residual=job.get("residual", "relative"),
         )
-        report = report_of(fit)
         if job.get("sample", False):
             from fitting.material.fit.posterior import sample_material
 
@@ -92,7 +95,7 @@ def finished(results: Path) -> set[str]:
     """Names of the membranes that a file of results holds; a cut-off line is none."""
     names = set()
     if results.exists():
-        for line in results.read_text(encoding="utf-8").splitlines():
+        for line in read_bytes(results, _MOST_BYTES).decode(errors="replace").splitlines():
             try:
                 names.add(json.loads(line)["name"])
             except (json.JSONDecodeError, KeyError, TypeError):
@@ -129,7 +132,7 @@ def calibrate_all(
         retries=3,
     )
     names = dict(zip((future.key for future in futures), waiting, strict=True))
-    text = results.read_bytes() if results.exists() else b""
+    text = read_bytes(results, _MOST_BYTES) if results.exists() else b""
     added = 0
     with results.open("a", encoding="utf-8") as file:
         if text and not text.endswith(b"\n"):

@@ -91,7 +91,7 @@ def _box(
 def _solve(
     residuals: AbstractResiduals, point: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
-    """Constants, cost, and the relative decrease that a step inside the box promises."""
+    """Constants, cost, and the relative decrease that a step inside the box predicts."""
     with warnings.catch_warnings():
         # The library announces on import that it is no longer developed.
         warnings.simplefilter("ignore", DeprecationWarning)

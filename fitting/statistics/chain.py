@@ -1,4 +1,4 @@
-"""Samples of a posterior, and whether they can be trusted.
+"""Samples of a posterior and their convergence.
 
 A chain is judged by its integrated autocorrelation time tau (Goodman & Weare 2010): it is
 called converged when it is 50 tau long for every parameter and tau no longer changes. The
@@ -97,18 +97,18 @@ class Posterior:
                 f"not converged: {self.steps} steps are too few to estimate the "
                 f"autocorrelation time of {name}; raise --steps"
             )
-        said = (
+        numbers = (
             f"{self.steps} steps are {self.length:.1f} autocorrelation times "
             f"({tau:.1f} steps for {name}, the slowest; {LONG_ENOUGH:.0f} are needed)"
         )
         if self.converged:
-            return f"converged: {said}; acceptance {self.acceptance:.2f}"
+            return f"converged: {numbers}; acceptance {self.acceptance:.2f}"
         if self.length >= LONG_ENOUGH:
             reason = f"its estimate still changed by {100.0 * self.tau_change:.1f} %"
             advice = f"raise --steps to {2 * self.steps}"
         else:
             reason, advice = "", f"raise --steps to {_round_up(1.2 * LONG_ENOUGH * tau)}"
-        return f"not converged: {said}{'; ' if reason else ''}{reason}; {advice}"
+        return f"not converged: {numbers}{'; ' if reason else ''}{reason}; {advice}"
 
     @property
     def agreement(self) -> dict[str, Any]:

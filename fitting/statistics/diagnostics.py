@@ -1,4 +1,4 @@
-"""Is the misfit noise? Residual patterns, chi-square, information criteria.
+"""Residual diagnostics: runs of one sign, lack of fit, chi-square, information criteria.
 
 Residuals of the right law change sign at random along a test; a wrong law leaves runs of
 one sign. Runs are counted (Wald and Wolfowitz); smooth patterns, low polynomials along each
@@ -57,7 +57,7 @@ class Misfit:
         return {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """The misfit in a sentence; empty if it looks like noise."""
         if not self.significant:
             return ""

@@ -1,4 +1,4 @@
-"""What the data determine, what they don't, and how sure the constants are.
+"""Covariance and identifiability of fitted constants.
 
 With r(c) the residuals and J = ∂r/∂c, the covariance of the constants is s² (JᵀJ)⁻¹, s the
 standard deviation of the residuals. It is computed from the singular values of J D, where
@@ -112,9 +112,12 @@ def uncertainty(
     few = len(scaled_rows) < scaled_rows.shape[1]
     _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
-    dof = len(r) - int(kept.sum())
+    # A reading at rest, such as the first row of a test, is met by any constants: it is none.
+    told = (np.abs(scaled_rows).max(1, initial=0.0) > _RANK * s[0]) | (np.abs(r) > 0.0)
+    count = int(told.sum())
+    dof = count - int(kept.sum())
     estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan
-    typical = whole / np.sqrt(max(len(r), 1))
+    typical = whole / np.sqrt(max(count, 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
     # A free direction is only as exact as the derivatives; made longer than it takes to be
@@ -137,7 +140,7 @@ def uncertainty(
         if free[i]
     ]
     if dof <= 0:
-        named.insert(0, f"everything: {len(r)} readings for {len(constants)} constants")
+        named.insert(0, f"everything: {count} readings for {len(constants)} constants")
     return Uncertainty(
         noise=noise,
         dof=dof,

@@ -3,7 +3,7 @@
 All starts advance together in one `vmap` of Optimistix's Levenberg-Marquardt: a short run
 of all of them, then a long run of the best few. Whether a start has converged is decided
 here and not by the solver's flag: at a minimum no Gauss-Newton step, cut to length one in
-every singular direction of the Jacobian, promises to lower the cost noticeably.
+every singular direction of the Jacobian, lowers the cost noticeably.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from fitting.statistics.residuals import AbstractResiduals, linearised
 from suas_jax.runtime.compiled import COMPILED
 
-# A start has converged when the promised decrease of its cost is below this fraction,
+# A start has converged when the predicted decrease of its cost is below this fraction,
 # or when nothing but rounding is left to fit.
 CONVERGED = 1e-9
 _ROUNDING = 1e-20
@@ -36,13 +36,13 @@ class Minima(NamedTuple):
         theta: parameters, shape [lanes, p].
         cost: ½ Σ r², shape [lanes]; infinite where nothing finite was found.
         converged: whether it is a minimum, shape [lanes].
-        promised: relative decrease that one more step promises, shape [lanes].
+        predicted_decrease: of the cost by one more step, relative, shape [lanes].
     """
 
     theta: np.ndarray
     cost: np.ndarray
     converged: np.ndarray
-    promised: np.ndarray
+    predicted_decrease: np.ndarray
 
     @property
     def agreeing(self) -> int:
@@ -81,15 +81,15 @@ def minimise(
         )
         for batch in jnp.asarray(filled).reshape(-1, lanes, points.shape[1])
     ]
-    theta, cost, promised = (
+    theta, cost, predicted_decrease = (
         np.concatenate([np.asarray(batch[i]) for batch in batches])[: len(points)]
         for i in range(3)
     )
     order = np.argsort(cost, kind="stable")[:lanes]
-    theta, cost, promised = theta[order], cost[order], promised[order]
+    theta, cost, predicted_decrease = theta[order], cost[order], predicted_decrease[order]
     used = int(residuals.used.sum())
     for _ in range(passes):
-        if np.all(_is_minimum(cost, promised, used) | ~np.isfinite(cost)):
+        if np.all(_is_minimum(cost, predicted_decrease, used) | ~np.isfinite(cost)):
             break
         again = np.resize(theta, (lanes, theta.shape[1]))
         advanced = COMPILED.run(_advance, residuals, jnp.asarray(again), once=once)
@@ -97,23 +97,26 @@ def minimise(
         better = moved[1] <= cost
         stuck = not np.any(moved[1] < cost * (1.0 - _PROGRESS))
         theta = np.where(better[:, None], moved[0], theta)
-        cost, promised = np.where(better, moved[1], cost), np.where(better, moved[2], promised)
+        cost, predicted_decrease = (
+            np.where(better, moved[1], cost),
+            np.where(better, moved[2], predicted_decrease),
+        )
         if stuck:
             break
     order = np.argsort(cost, kind="stable")
-    theta, cost, promised = theta[order], cost[order], promised[order]
-    return Minima(theta, cost, _is_minimum(cost, promised, used), promised)
+    theta, cost, predicted_decrease = theta[order], cost[order], predicted_decrease[order]
+    return Minima(theta, cost, _is_minimum(cost, predicted_decrease, used), predicted_decrease)
 
 
-def _is_minimum(cost: np.ndarray, promised: np.ndarray, used: int) -> np.ndarray:
-    return np.isfinite(cost) & ((promised <= CONVERGED) | (cost <= used * _ROUNDING))
+def _is_minimum(cost: np.ndarray, predicted_decrease: np.ndarray, used: int) -> np.ndarray:
+    return np.isfinite(cost) & ((predicted_decrease <= CONVERGED) | (cost <= used * _ROUNDING))
 
 
 @eqx.filter_jit
 def _advance(
     residuals: AbstractResiduals, starts: Float[Array, "lanes p"]
 ) -> tuple[Array, Array, Array]:
-    """One run of Levenberg-Marquardt on every lane: parameters, cost, promise."""
+    """One run of Levenberg-Marquardt on every lane: parameters, cost, predicted decrease."""
     solver: optx.LevenbergMarquardt = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
 
     # Traced once, whoever asks.
@@ -151,15 +154,15 @@ def _advance(
 def _judged(
     r: Float[Array, " n"], J: Float[Array, "n p"]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Cost, and the relative decrease that a bounded Gauss-Newton step promises."""
+    """Cost, and the relative decrease that a bounded Gauss-Newton step predicts."""
     finite = jnp.all(jnp.isfinite(r)) & jnp.all(jnp.isfinite(J))
     u, s, _ = jnp.linalg.svd(jnp.where(finite, J, 0.0), full_matrices=False)
     along = jnp.abs(u.T @ jnp.where(finite, r, 0.0))
     # Decrease of ½|r|²: in full if the step s⁻¹ along is at most one, else up to there.
     decrease = jnp.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
     cost = 0.5 * jnp.sum(r * r)
-    promised = jnp.where(cost > 0.0, jnp.sum(decrease) / cost, 0.0)
-    return jnp.where(finite, cost, jnp.inf), jnp.where(finite, promised, jnp.inf)
+    predicted_decrease = jnp.where(cost > 0.0, jnp.sum(decrease) / cost, 0.0)
+    return jnp.where(finite, cost, jnp.inf), jnp.where(finite, predicted_decrease, jnp.inf)
 
 
 @eqx.filter_jit

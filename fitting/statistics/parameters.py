@@ -237,14 +237,14 @@ class Family(AbstractFamily):
 
     @property
     def theta_names(self) -> tuple[str, ...]:
-        """Logarithms are said."""
-        said = []
+        """Names of the parameters: log(name) where a parameter is a logarithm."""
+        names = []
         for i, part in enumerate(self.parts):
             name = part.name
             if i == 0 and self.modulus_is_sum:
                 name = f"{self.parts[0].name} + {self.parts[1].name}"
-            said.append(name if part.kind == "free" else f"log({name})")
-        return tuple(said)
+            names.append(name if part.kind == "free" else f"log({name})")
+        return tuple(names)
 
     def signs(
         self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]

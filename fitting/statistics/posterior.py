@@ -6,7 +6,6 @@ written in JAX, and a Gaussian to start from.
 
 import dataclasses
 import hashlib
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,9 @@ import numpy as np
 from fitting.statistics.chain import LONG_ENOUGH, TAU_SETTLED, Posterior
 from fitting.statistics.laplace import Gaussian, laplace
 from fitting.statistics.log_probability import Batch, LogProbability
+from suas_jax.files.command import allow_replacing
+from suas_jax.files.reading import MEGABYTE, check_readable
+from suas_jax.files.writing import written
 
 MOVES: dict[str, Callable[[], Any]] = {
     "stretch": lambda: None,
@@ -28,6 +30,7 @@ MOVES: dict[str, Callable[[], Any]] = {
     ],
 }
 _GROUP = "mcmc"
+_MOST_BYTES = 2000 * MEGABYTE
 
 
 class PosteriorError(ArithmeticError):
@@ -196,6 +199,7 @@ class _Chain:
     def _load(self) -> None:
         assert self.path is not None
         try:
+            check_readable(self.path, _MOST_BYTES, remember=False)
             stored = emcee.backends.HDFBackend(str(self.path), name=_GROUP, read_only=True)
             with stored.open() as file:
                 key = file[_GROUP].attrs.get("key", "")
@@ -209,6 +213,7 @@ class _Chain:
                 f"--chain {self.path}: this chain belongs to other data, another law, or other "
                 f"settings (residual, walkers, moves, seed); choose another file or delete it"
             )
+        allow_replacing(self.path)  # it is resumed
         if stored.iteration == 0:
             return
         memory = self.memory
@@ -222,10 +227,13 @@ class _Chain:
         """Replace the file by the chain so far."""
         if self.path is None:
             return
+        with written(self.path) as draft:
+            draft.unlink()  # HDF5 makes its files itself
+            self._write(draft)
+
+    def _write(self, place: Path) -> None:
         memory = self.memory
-        beside = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-        beside.unlink(missing_ok=True)
-        stored = emcee.backends.HDFBackend(str(beside), name=_GROUP)
+        stored = emcee.backends.HDFBackend(str(place), name=_GROUP)
         stored.reset(*memory.shape)
         stored.grow(memory.iteration, None)
         with stored.open("a") as file:
@@ -237,4 +245,3 @@ class _Chain:
             group.attrs["key"] = self.key
             for i, part in enumerate(memory.random_state):
                 group.attrs[f"random_state_{i}"] = part
-        os.replace(beside, self.path)

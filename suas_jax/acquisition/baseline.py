@@ -17,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
+from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.writing import write_text
 
 FORMAT = "suas-baseline"
+_MOST_BYTES = 16 * MEGABYTE
 # Fewer frames say nothing about drift.
 MIN_FRAMES = 20
 # The log is compared part by part: with this many standard errors, which the noise of some
@@ -70,8 +73,9 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
             f"{log.path}: {len(frames)} frames; a baseline needs at least {MIN_FRAMES}, "
             "better a few seconds"
         )
-    _refuse_moving(log, frames, tolerance)
-    mean, noise = _mean(frames.so), _noise(frames.so)
+    found = [_statistics(frames.of_module(k)) for k in range(len(frames.modules))]
+    means, steps, mean, noise = (np.stack(x, axis=-2) for x in zip(*found, strict=True))
+    _refuse_moving(log, frames, means, steps, tolerance)
     kept = ("skin", "scale", "start_time")
     header = {key: log.header[key] for key in kept if key in log.header}
     return Baseline(frames.modules, mean, noise, len(frames), header)
@@ -120,7 +124,12 @@ def refuse_loaded(
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:
-    """Write a baseline as JSON: header, then counts and noise by module."""
+    """Write a baseline as JSON; see `baseline_json`."""
+    write_text(path, baseline_json(baseline))
+
+
+def baseline_json(baseline: Baseline) -> str:
+    """A baseline as JSON: header, then counts and noise by module."""
     modules = [
         {"module": int(module), "so": _jsonable(so), "noise": _jsonable(noise)}
         for module, so, noise in zip(baseline.modules, baseline.so, baseline.noise, strict=True)
@@ -133,7 +142,7 @@ def write_baseline(baseline: Baseline, path: Path) -> None:
         "frames": baseline.frames,
         "modules": modules,
     }
-    path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def read_baseline(path: Path) -> Baseline:
@@ -143,8 +152,8 @@ def read_baseline(path: Path) -> Baseline:
         ValueError: it is none; names the key.
     """
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        content: Any = json.loads(read_bytes(path, _MOST_BYTES))
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise ValueError(f"{path}: no baseline file: {error}") from None
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise ValueError(f'{path}: no baseline file: "format" must be "{FORMAT}"')
@@ -174,13 +183,38 @@ def rest_of(baseline: Baseline, like: Baseline) -> NDArray[np.float64]:
     return rest
 
 
-def _refuse_moving(log: SoLog, frames: Frames, tolerance: float | None) -> None:
-    so = frames.so
+def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Of one module's counts [frame, taxel]: what a baseline is judged by and made of.
+
+    Returns:
+        Means of the parts [part, taxel]; standard deviation of the differences of
+        neighbouring frames, mean and standard deviation, each [taxel].
+    """
     size = len(so) // _PARTS
     means = np.stack([_mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
+    return means, _noise(np.diff(so, axis=0)), _mean(so), _noise(so)
+
+
+def _refuse_moving(
+    log: SoLog,
+    frames: Frames,
+    means: NDArray[np.float64],
+    steps: NDArray[np.float64],
+    tolerance: float | None,
+) -> None:
+    """Refuse a log whose parts differ by more than its noise explains.
+
+    Args:
+        log: the log.
+        frames: its frames.
+        means: of the parts [part, module, taxel].
+        steps: standard deviation of the differences of neighbouring frames [module, taxel].
+        tolerance: allowed difference to the mean of all parts [counts].
+    """
+    size = len(frames) // _PARTS
     # The part's noise from differences of neighbouring frames, which a drift hardly touches;
     # rounding to whole counts is noise, too.
-    noise = np.maximum(_noise(np.diff(so, axis=0)) / math.sqrt(2), 1 / math.sqrt(12))
+    noise = np.maximum(steps / math.sqrt(2), 1 / math.sqrt(12))
     change = np.abs(means - _mean(means))
     allowed = np.maximum(_SIGNIFICANT * noise / math.sqrt(size), _FLOOR)
     if tolerance is not None:

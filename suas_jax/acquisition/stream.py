@@ -105,7 +105,7 @@ class Stream:
         return self._integrity.modules
 
     def batches(self) -> Iterator[list[Judged]]:
-        """Readings as they come; an empty list at least ten times a second."""
+        """Readings in the order of arrival; an empty list at least ten times a second."""
         reader = threading.Thread(target=self._read, name="suas port", daemon=True)
         reader.start()
         try:

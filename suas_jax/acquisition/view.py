@@ -70,7 +70,7 @@ class View(LiveTerminal):
         return table
 
 
-def in_words(totals: dict[str, Any]) -> str:
+def totals_text(totals: dict[str, Any]) -> str:
     """The totals of a recording in a sentence."""
     troubles = [
         f"{totals[key]} {words}"

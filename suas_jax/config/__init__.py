@@ -17,6 +17,7 @@ from suas_jax.config.schema_load import (
     EnvironmentSpec,
     LineLoadSpec,
     LoadSpec,
+    PatchLoadSpec,
     PressureLoadSpec,
 )
 from suas_jax.config.schema_material import LAWS, MaterialSpec
@@ -30,6 +31,7 @@ from suas_jax.config.schema_skin import (
     TaxelSpec,
 )
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import SoftLayerSpec, WallSpec
 
 __all__ = [
     "LAWS",
@@ -45,12 +47,15 @@ __all__ = [
     "MaterialSpec",
     "ModuleSpec",
     "OilSpec",
+    "PatchLoadSpec",
     "PressureLoadSpec",
     "Problem",
     "SceneSpec",
     "SkinSpec",
+    "SoftLayerSpec",
     "SolveSpec",
     "TaxelSpec",
+    "WallSpec",
     "continuous_inputs",
     "format_quantity",
     "load_preset",

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from suas_jax.config.quantities import format_quantity
 
 if TYPE_CHECKING:
-    from suas_jax.config.schema_load import LineLoadSpec
+    from suas_jax.config.schema_load import LineLoadSpec, PatchLoadSpec, PressureLoadSpec
     from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, ModuleSpec
     from suas_jax.config.schema_solve import SolveSpec
+    from suas_jax.config.schema_wall import WallSpec
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
@@ -33,9 +34,9 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
     """Compare tables with one another.
 
     Args:
-        tables: specifications by field name (``geometry``, ``oil``, ``electrodes``, ``loads``,
-            ``solve``). What is missing or None (such as a table that is itself wrong, or one
-            of the loads) is left out of the comparison.
+        tables: specifications by field name (``geometry``, ``oil``, ``electrodes``, ``wall``,
+            ``loads``, ``solve``). What is missing or None (such as a table that is itself
+            wrong, or one of the loads) is left out of the comparison.
 
     Returns:
         Every contradiction, in the order of the tables.
@@ -47,10 +48,14 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
         found += _off_the_wall(geometry, tables["electrodes"])
     if tables.get("electrodes") is not None and tables.get("oil") is not None:
         found += _unknown_permittivity(tables["oil"].relative_permittivity)
+    if geometry is not None and tables.get("wall") is not None:
+        found += _thicker_than_the_wall(geometry, tables["wall"])
     if geometry is not None:
         for index, load in enumerate(loads or ()):
-            if load is not None and load.kind == "line":
-                found += _off_the_skin(f"load.{index}", geometry, load)
+            if load is not None:
+                found += _misplaced(f"load.{index}", geometry, load)
+        if solve is not None:
+            found += _of_another_dimension(geometry, solve)
     if solve is not None and solve.oil_pressure is not None:
         found += _unreachable_pressure(solve, tables)
     return found
@@ -61,6 +66,16 @@ def _unknown_permittivity(relative_permittivity: float | None) -> Iterator[Contr
         yield Contradiction(
             "oil.relative_permittivity",
             "missing; [electrodes] needs it, for example relative_permittivity = 2.2",
+        )
+
+
+def _thicker_than_the_wall(geometry: GeometrySpec, wall: WallSpec) -> Iterator[Contradiction]:
+    radius = geometry.inner_radius - geometry.oil_gap
+    if wall.layer is not None and wall.layer.thickness >= radius:
+        yield Contradiction(
+            "wall.layer.thickness",
+            f"must be less than the wall's radius, {format_quantity(radius, 'length')} "
+            f"(inner_radius - oil_gap); the layer lies under the oil film",
         )
 
 
@@ -76,7 +91,7 @@ def _unreachable_pressure(
             '"incompressible"',
         )
     if loads is not None and all(load is not None for load in loads):
-        sizes = [load.force if load.kind == "line" else load.pressure for load in loads]
+        sizes = [load.pressure if load.kind == "pressure" else load.force for load in loads]
         if not any(sizes):
             have = "all loads are zero" if sizes else "there is no load"
             yield Contradiction(
@@ -84,6 +99,84 @@ def _unreachable_pressure(
                 f"{have}, and loads are scaled to reach this pressure; add a [[load]] that is "
                 f"not zero, or take oil_pressure out",
             )
+
+
+def _misplaced(
+    key: str, geometry: GeometrySpec, load: LineLoadSpec | PatchLoadSpec | PressureLoadSpec
+) -> Iterator[Contradiction]:
+    """A load off the skin, or one that its dimension has no place for."""
+    if load.kind == "patch":
+        if geometry.dimension == 3:
+            yield from _off_the_pad(key, geometry, load, load.half_extents)
+        else:
+            yield Contradiction(
+                f"{key}.kind",
+                "a patch needs a pad whose curved ends are clamped, which is solved in three "
+                'dimensions: set geometry.ends = "clamped", or use kind = "line"',
+            )
+    elif load.kind == "line":
+        if geometry.dimension == 3:
+            half = ((load.spread or 0.0) / 2, (load.length or 0.0) / 2)
+            yield from _off_the_pad(key, geometry, load, half)
+            return
+        for name in ("axial", "length", "tilt"):
+            if getattr(load, name):
+                yield Contradiction(
+                    f"{key}.{name}",
+                    'belongs to three dimensions, and geometry.ends = "sliding" is plane '
+                    'strain; take it out, or set geometry.ends = "clamped"',
+                )
+        yield from _off_the_skin(key, geometry, load)
+
+
+def _of_another_dimension(geometry: GeometrySpec, solve: SolveSpec) -> Iterator[Contradiction]:
+    """Meshes and models that the skin's dimension doesn't have."""
+    if geometry.dimension == 2:
+        if isinstance(solve.elements, tuple):
+            yield Contradiction(
+                "solve.elements",
+                "two numbers belong to three dimensions; in plane strain give one, along the "
+                "arc, for example 16",
+            )
+        return
+    if solve.model == "solid" or solve.mesh is not None:
+        yield Contradiction(
+            "solve.model" if solve.model == "solid" else "solve.mesh",
+            "the solid is a section in plane strain; with clamped ends (geometry.ends) the "
+            'thin shell is solved in three dimensions: use model = "auto" or "shell"',
+        )
+    if isinstance(solve.elements, int):
+        yield Contradiction(
+            "solve.elements",
+            "two numbers are needed in three dimensions, along the arc and along the axis, "
+            "for example [24, 20]",
+        )
+
+
+def _off_the_pad(
+    key: str,
+    geometry: GeometrySpec,
+    load: LineLoadSpec | PatchLoadSpec,
+    half_extents: tuple[float, float],
+) -> Iterator[Contradiction]:
+    """Check that a loaded part of the outer face lies between the clamped edges."""
+    outer = geometry.inner_radius + geometry.thickness
+    half_arc, half_length = half_extents
+    reach = abs(load.angle) + half_arc / outer
+    if reach >= geometry.half_angle:
+        yield Contradiction(
+            f"{key}.angle",
+            f"the loaded part reaches {format_quantity(reach, 'angle')}, over the clamped edge "
+            f"at {format_quantity(geometry.half_angle, 'angle')} (geometry.half_angle)",
+        )
+    end, reach = geometry.width / 2, abs(load.axial) + half_length
+    over = reach >= end if load.kind == "patch" else reach > end * _SLACK
+    if over or abs(load.axial) >= end:
+        yield Contradiction(
+            f"{key}.axial",
+            f"the loaded part reaches {format_quantity(reach, 'length')} from the middle, over "
+            f"the clamped end at {format_quantity(end, 'length')} (half of geometry.width)",
+        )
 
 
 def _off_the_skin(

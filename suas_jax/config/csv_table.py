@@ -10,6 +10,10 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+from suas_jax.files.reading import MEGABYTE, read_bytes
+
+_MOST_BYTES = 64 * MEGABYTE
+
 
 class CsvTable(NamedTuple):
     """A table as it stands in a file.
@@ -34,11 +38,12 @@ def read_csv_table(file: Path) -> CsvTable:
         ValueError: a row has another number of fields than there are names; says which line.
         OSError: the file can't be read.
     """
+    text = read_bytes(file, _MOST_BYTES).decode("utf-8-sig")
     header: dict[str, str] = {}
     names: tuple[str, ...] = ()
     first = 0
     rows = []
-    for number, line in enumerate(file.read_text("utf-8-sig").splitlines(), start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         bare = line.strip()
         if bare.startswith("#"):
             key, _, value = bare[1:].partition(":")

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import datetime
 import difflib
+import itertools
 import re
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
+
+_LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
 
 
 class Problem(NamedTuple):
@@ -55,10 +58,12 @@ def show(value: object, limit: int = 60) -> str:
             '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
         )
     elif isinstance(value, Mapping):
-        inside = ", ".join(f"{key} = {show(item)}" for key, item in value.items())
+        # More entries than characters that are shown need not be looked at.
+        entries = itertools.islice(value.items(), limit)
+        inside = ", ".join(f"{key} = {show(item)}" for key, item in entries)
         text = f"{{ {inside} }}" if inside else "{}"
     elif isinstance(value, list | tuple):
-        text = "[" + ", ".join(show(item) for item in value) + "]"
+        text = "[" + ", ".join(show(item) for item in value[:limit]) + "]"
     elif isinstance(value, datetime.date | datetime.time):
         text = value.isoformat()
     else:
@@ -74,6 +79,8 @@ def show_key(key: object) -> str:
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """Find the known word that ``word`` was probably meant to be, whatever its case."""
+    if len(word) > _LONGEST_WORD:
+        return None
     folded = {name.casefold(): name for name in known}
     close = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
     return folded[close[0]] if close else None

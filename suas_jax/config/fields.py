@@ -81,7 +81,8 @@ def quantity(
     return BeforeValidator(check)
 
 
-def _whole_number(value: object) -> int:
+def whole_number(value: object) -> int:
+    """A count from a file: a whole number of at least 1."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise ValueError("must be a whole number of at least 1")
     return value
@@ -90,10 +91,17 @@ def _whole_number(value: object) -> int:
 NOT_A_LIST = "a list in square brackets is expected"
 
 
-def _as_list(value: Any) -> tuple[Any, ...]:
-    if not isinstance(value, list | tuple):
-        raise ValueError(NOT_A_LIST)
-    return tuple(value)
+def at_most(count: int) -> BeforeValidator:
+    """A validator of the same kind as `AsList` for lists of limited length."""
+
+    def check(value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            raise ValueError(NOT_A_LIST)
+        if len(value) > count:
+            raise ValueError(f"has {len(value)} entries; at most {count} are allowed")
+        return tuple(value)
+
+    return BeforeValidator(check)
 
 
 Length = Annotated[float, quantity("length")]
@@ -106,6 +114,6 @@ PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
 Force = Annotated[float, quantity("force")]
 Number = Annotated[float, quantity("number")]
 PositiveNumber = Annotated[float, quantity("number", above=0.0)]
-Count = Annotated[int, BeforeValidator(_whole_number)]
-AsList = BeforeValidator(_as_list)
+Count = Annotated[int, BeforeValidator(whole_number)]
+AsList = at_most(1_000_000)
 """Accepts a TOML list for a tuple, and refuses everything else (text is no list)."""

@@ -97,7 +97,8 @@ def with_solve(scene: SceneSpec, *, source: str = "command line", **changes: Any
         raise ConfigError(problems)
     fields = {**_given(scene), "solve": solve}
     # Only what concerns [solve] can be wrong now; the rest of the scene was right before.
-    unfit = contradictions({name: fields.get(name) for name in ("oil", "loads", "solve")})
+    concerned = ("geometry", "oil", "loads", "solve")
+    unfit = contradictions({name: fields.get(name) for name in concerned})
     if unfit:
         shown = {f"solve.{key}": show(value) for key, value in wanted.items()}
         raise ConfigError(Problem(source, key, text, shown.get(key)) for key, text in unfit)

@@ -26,8 +26,9 @@ from suas_jax.config.validation import (
     validate_table,
 )
 
-SKIN_TABLES = ("geometry", "material", "oil", "electrodes", "calibration")
+SKIN_TABLES = ("geometry", "material", "oil", "electrodes", "wall", "calibration")
 SCENE_TABLES = (*SKIN_TABLES, "load", "environment", "solve")
+MOST_LOADS = 64
 REQUIRED_TABLES = ("geometry", "material", "oil")
 
 
@@ -202,6 +203,10 @@ class _Draft:
         if not isinstance(tables, list | tuple):
             hint = "in double brackets" if isinstance(tables, Mapping) else "one for each load"
             self._note(Finding("load", f"write loads as tables [[load]], {hint}", show(tables)))
+            return None
+        if len(tables) > MOST_LOADS:
+            advice = f"{len(tables)} loads; at most {MOST_LOADS} are solved"
+            self._note(Finding("load", advice))
             return None
         loads = []
         for index, table in enumerate(tables):

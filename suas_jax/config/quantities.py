@@ -124,7 +124,16 @@ liter = 1e-3 meter ** 3 = l = L = litre
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)\b")
 _COMMA = re.compile(r"([+-]?[\d.]+(?:,[\d.]+)+)(\D*)")
-_UNIT_TEXT = re.compile(r"[A-Za-zµμ°%][\w\s*/^·.()°%⁰¹²³⁴⁵⁶⁷⁸⁹⁻+-]*")
+# Units by name, each with at most one power of one digit, multiplied or divided, and one
+# level of parentheses: all that people write, and nothing whose evaluation takes long.
+_LONGEST = 200  # characters of a quantity
+_NAME = r"[A-Za-zµμ°%]+(?:_[A-Za-z]+)*"
+_POWER = r"(?:\s*(?:\*\*|\^)\s*(?:[+-]?[1-9]|\(\s*[+-]?[1-9]\s*\))|[⁺⁻]?[¹²³⁴⁵⁶⁷⁸⁹]|[1-9])?"
+_FACTOR = rf"{_NAME}{_POWER}(?![\d.])"
+_BETWEEN = r"(?:\s*[*/·]\s*|\s+)"
+_PRODUCT = rf"{_FACTOR}(?:{_BETWEEN}{_FACTOR})*"
+_PART = rf"(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\){_POWER})"
+_UNIT_TEXT = re.compile(rf"{_PART}(?:{_BETWEEN}{_PART})*")
 _BARE_POWER = re.compile(r"(?<=[A-Za-z])(\d)")
 
 
@@ -189,6 +198,8 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
             says what is expected, with an example.
     """
     kind = DIMENSIONS[dimension]
+    if len(text) > _LONGEST:
+        raise ValueError(f"has {len(text)} characters; {_expected(kind)}")
     stripped = text.strip().replace("\N{MINUS SIGN}", "-")
     if not stripped:
         raise ValueError(f"is empty; {_expected(kind)}")

@@ -2,47 +2,122 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import math
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from suas_jax.config.errors import unknown
-from suas_jax.config.fields import Angle, Force, PositiveLength, Pressure, Spec, quantity
+from suas_jax.config.fields import (
+    Angle,
+    AsList,
+    Force,
+    Length,
+    PlacedError,
+    PositiveLength,
+    Pressure,
+    Spec,
+    quantity,
+)
 from suas_jax.config.quantities import to_si
 
 DIRECTIONS = ("radial", "vertical")
+Tilt = Annotated[float, quantity("angle", above=-math.pi / 2, below=math.pi / 2)]
+
+
+def _word_or_angle(value: Any, info: ValidationInfo) -> Any:
+    if value in DIRECTIONS:
+        return value
+    if isinstance(value, str) and value.strip().isalpha():
+        advice = unknown(value, DIRECTIONS, "direction", quoted=True)
+        raise ValueError(f'{advice}, or an angle such as "10 deg"')
+    strict = bool(info.context and info.context.get("units_required"))
+    return to_si(value, "angle", bare_numbers=not strict)
+
+
+Direction = Annotated[Literal["radial", "vertical"] | float, BeforeValidator(_word_or_angle)]
 
 
 class LineLoadSpec(Spec):
-    """A dead force, uniform over the width, on the outer face.
+    """A dead force on the outer face, even along a line parallel to the axis.
 
     Attributes:
         angle: where it acts, from the symmetry axis, positive towards +x [rad].
-        force: total over the width, positive along the direction (inward) [N].
+        force: total, positive along the direction (inward) [N].
         direction: ``"radial"`` (inward), ``"vertical"`` (down), or the angle by which the
             inward radial vector is turned counter-clockwise [rad].
         spread: length of the undeformed outer face's arc that it is spread over [m]; None for
             a line.
+        axial: of the line's middle, from the middle of the pad [m]; in three dimensions.
+        length: of the line [m]; None for the whole width. In three dimensions.
+        tilt: of the force out of the section's plane towards +axial [rad]; in three
+            dimensions.
     """
 
     kind: Literal["line"] = Field(default="line", examples=['"line"'])
     angle: Angle = Field(examples=['"45 deg"'])
     force: Force = Field(examples=['"20.7 N"'])
-    direction: Literal["radial", "vertical"] | float = Field(
-        default="radial", examples=['"radial"']
-    )
+    direction: Direction = Field(default="radial", examples=['"radial"'])
     spread: PositiveLength | None = Field(default=None, examples=['"5 mm"'])
+    axial: Length = Field(default=0.0, examples=['"10 mm"'])
+    length: PositiveLength | None = Field(default=None, examples=['"40 mm"'])
+    tilt: Tilt = Field(default=0.0, examples=['"0 deg"'])
 
-    @field_validator("direction", mode="before")
+
+class PatchLoadSpec(Spec):
+    """A dead force, even over a patch of the undeformed outer face; in three dimensions.
+
+    Attributes:
+        angle: of the patch's centre, from the symmetry axis, positive towards +x [rad].
+        axial: of its centre, from the middle of the pad [m].
+        size: of a rectangle, along the arc and along the axis [m].
+        diameter: of a disc [m]; a patch has either a size or a diameter.
+        force: total, positive along the direction (inward) [N].
+        direction: as for a line load.
+        tilt: of the force out of the section's plane towards +axial [rad].
+    """
+
+    kind: Literal["patch"] = Field(default="patch", examples=['"patch"'])
+    angle: Angle = Field(examples=['"30 deg"'])
+    axial: Length = Field(default=0.0, examples=['"-21.5 mm"'])
+    size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = Field(
+        default=None, examples=['["6 mm", "6 mm"]']
+    )
+    diameter: PositiveLength | None = Field(default=None, examples=['"8 mm"'])
+    force: Force = Field(examples=['"8 N"'])
+    direction: Direction = Field(default="radial", examples=['"radial"'])
+    tilt: Tilt = Field(default=0.0, examples=['"0 deg"'])
+
+    @field_validator("size", mode="before")
     @classmethod
-    def _word_or_angle(cls, value: Any, info: ValidationInfo) -> Any:
-        if value in DIRECTIONS:
-            return value
-        if isinstance(value, str) and value.strip().isalpha():
-            advice = unknown(value, DIRECTIONS, "direction", quoted=True)
-            raise ValueError(f'{advice}, or an angle such as "10 deg"')
-        strict = bool(info.context and info.context.get("units_required"))
-        return to_si(value, "angle", bare_numbers=not strict)
+    def _two_extents(cls, size: Any) -> Any:
+        if isinstance(size, list | tuple) and len(size) != 2:
+            raise ValueError(
+                "two lengths are expected, along the arc and along the axis, for example "
+                '["6 mm", "6 mm"]'
+            )
+        return size
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if (self.size is None) == (self.diameter is None):
+            raise PlacedError(
+                "size" if self.size is not None else "diameter",
+                'a patch has either size = ["6 mm", "6 mm"] or diameter = "8 mm"',
+            )
+        return self
+
+    @property
+    def half_extents(self) -> tuple[float, float]:
+        """Along the arc of the outer face and along the axis [m]."""
+        arc, axial = self.size or (self.diameter or 0.0,) * 2
+        return arc / 2, axial / 2
 
 
 class PressureLoadSpec(Spec):
@@ -56,10 +131,13 @@ class PressureLoadSpec(Spec):
     pressure: Pressure = Field(examples=['"1 kPa"'])
 
 
-LoadSpec = Annotated[LineLoadSpec | PressureLoadSpec, Field(discriminator="kind")]
+LoadSpec = Annotated[
+    LineLoadSpec | PatchLoadSpec | PressureLoadSpec, Field(discriminator="kind")
+]
 
-LOADS: dict[str, type[LineLoadSpec | PressureLoadSpec]] = {
+LOADS: dict[str, type[LineLoadSpec | PatchLoadSpec | PressureLoadSpec]] = {
     "line": LineLoadSpec,
+    "patch": PatchLoadSpec,
     "pressure": PressureLoadSpec,
 }
 

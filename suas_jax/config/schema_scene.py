@@ -14,6 +14,7 @@ from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_oil import AnyOilSpec
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import WallSpec
 
 
 class SkinSpec(Spec):
@@ -24,6 +25,7 @@ class SkinSpec(Spec):
         material: the membrane's law and constants.
         oil: how the oil answers.
         electrodes: what is sensed; None for nothing.
+        wall: what holds the membrane.
         calibration: where fitted numbers come from; None in a file written by hand.
     """
 
@@ -31,7 +33,23 @@ class SkinSpec(Spec):
     material: MaterialSpec
     oil: AnyOilSpec
     electrodes: ElectrodesSpec | None = None
+    wall: WallSpec = WallSpec()
     calibration: CalibrationSpec | None = None
+
+    def require_plane_strain(self, what: str) -> None:
+        """Refuse a skin whose curved ends are clamped.
+
+        Args:
+            what: works in plane strain alone; begins the message.
+
+        Raises:
+            ValueError: the skin is three-dimensional.
+        """
+        if self.geometry.dimension != 2:
+            raise ValueError(
+                f'{what} works in plane strain alone, and geometry.ends = "clamped" makes '
+                'this skin three-dimensional; set geometry.ends = "sliding" for its section'
+            )
 
     @model_validator(mode="after")
     def _without_contradictions(self) -> Self:
@@ -53,6 +71,12 @@ class SceneSpec(SkinSpec):
     loads: tuple[LoadSpec, ...] = Field(default=(), alias="load")
     environment: EnvironmentSpec | None = None
     solve: SolveSpec = SolveSpec()
+
+    @property
+    def rtol(self) -> float:
+        """Wanted relative error; by default 1e-3 in plane strain, 1e-2 in three dimensions."""
+        default = 1e-3 if self.geometry.dimension == 2 else 1e-2
+        return self.solve.rtol or default
 
     @property
     def skin(self) -> SkinSpec:

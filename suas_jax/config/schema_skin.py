@@ -13,6 +13,7 @@ from suas_jax.config.fields import (
     Length,
     PositiveLength,
     Spec,
+    at_most,
     quantity,
 )
 from suas_jax.config.quantities import format_quantity
@@ -27,6 +28,8 @@ class GeometrySpec(Spec):
         half_angle: angle from the symmetry axis to a clamped edge [rad].
         width: extent along the axis [m].
         oil_gap: distance from the membrane's inner face to the rigid wall [m].
+        ends: whether the two curved ends are clamped too, so that the membrane is solved in
+            three dimensions, or slide, which is plane strain.
     """
 
     inner_radius: PositiveLength = Field(examples=['"57.5 mm"'])
@@ -36,6 +39,12 @@ class GeometrySpec(Spec):
     )
     width: PositiveLength = Field(examples=['"123 mm"'])
     oil_gap: PositiveLength = Field(examples=['"5 mm"'])
+    ends: Literal["sliding", "clamped"] = Field(default="sliding", examples=['"clamped"'])
+
+    @property
+    def dimension(self) -> int:
+        """3 where the curved ends are clamped, else 2 (plane strain)."""
+        return 3 if self.ends == "clamped" else 2
 
     @field_validator("thickness")
     @classmethod
@@ -92,6 +101,9 @@ class TaxelSpec(Spec):
 
 MODULE_TAXELS = 10
 """Taxels of a triangular module, in rows of 1, 2, 3 and 4."""
+
+MOST_TAXELS = 2000
+"""Taxels of a skin that are computed; the hardware has up to 320."""
 
 
 class ModuleSpec(Spec):
@@ -177,7 +189,7 @@ class ElectrodesSpec(Spec):
     stray: Annotated[float, quantity("capacitance", at_least=0.0)] = Field(
         default=0.0, examples=['"0 fF"']
     )
-    layers: Annotated[tuple[LayerSpec, ...], AsList] = Field(
+    layers: Annotated[tuple[LayerSpec, ...], at_most(32)] = Field(
         default=(), examples=['[ { thickness = "50 um", relative_permittivity = 3.3 } ]']
     )
     lsb: Annotated[float, quantity("capacitance", above=0.0)] = Field(
@@ -187,10 +199,10 @@ class ElectrodesSpec(Spec):
         default=0.0, examples=["2.0"]
     )
     layout: Literal["list", "roboskin"] = Field(default="list", examples=['"list"'])
-    taxels: Annotated[tuple[TaxelSpec, ...], AsList] = Field(
+    taxels: Annotated[tuple[TaxelSpec, ...], at_most(MOST_TAXELS)] = Field(
         default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
     )
-    modules: Annotated[tuple[ModuleSpec, ...], AsList] = Field(
+    modules: Annotated[tuple[ModuleSpec, ...], at_most(MOST_TAXELS // MODULE_TAXELS)] = Field(
         default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
     )
 

@@ -2,11 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
-from suas_jax.config.fields import AsList, Count, Spec, quantity
+from suas_jax.config.fields import AsList, Count, Spec, quantity, whole_number
+
+
+def _one_count_or_two(value: Any) -> Any:
+    if not isinstance(value, list | tuple):
+        return whole_number(value)
+    if len(value) != 2:
+        raise ValueError(
+            "one number is expected, along the arc, or two, along the arc and along the "
+            "axis, for example [24, 20]"
+        )
+    return tuple(whole_number(count) for count in value)
+
+
+Elements = Annotated[int | tuple[int, int], BeforeValidator(_one_count_or_two)]
+
+# Ten times what any tolerance above rounding needs.
+_MOST_ELEMENTS = 20_000
 
 
 class SolveSpec(Spec):
@@ -14,24 +32,28 @@ class SolveSpec(Spec):
 
     Attributes:
         model: ``"shell"``, ``"solid"``, or ``"auto"``, the cheapest that meets ``rtol``.
-        rtol: wanted relative error of displacement and pressure.
+        rtol: wanted relative error of displacement and pressure; None for the default of
+            `SceneSpec.rtol`.
         oil_pressure: scale all loads until the oil reaches this pressure [Pa]; None applies
             the loads as they are.
-        elements: shell elements along the whole arc; overrides ``rtol``.
+        elements: shell elements along the whole arc and, in three dimensions, along the
+            axis; overrides ``rtol``.
         mesh: solid elements along the arc and through the thickness; overrides ``rtol``.
+        symmetry: whether a half or a quarter is solved where the scene has it.
     """
 
     model: Literal["auto", "shell", "solid"] = Field(default="auto", examples=['"auto"'])
-    rtol: Annotated[float, quantity("number", above=0.0, below=1.0)] = Field(
-        default=1e-3, examples=["1e-3"]
+    rtol: Annotated[float, quantity("number", above=0.0, below=1.0)] | None = Field(
+        default=None, examples=["1e-3"]
     )
     oil_pressure: Annotated[float, quantity("pressure", nonzero=True)] | None = Field(
         default=None, examples=['"10 kPa"']
     )
-    elements: Count | None = Field(default=None, examples=["16"])
+    elements: Elements | None = Field(default=None, examples=["16"])
     mesh: Annotated[tuple[Count, Count], AsList] | None = Field(
         default=None, examples=["[600, 4]"]
     )
+    symmetry: bool = Field(default=True, examples=["true"])
 
     @field_validator("mesh", mode="before")
     @classmethod
@@ -43,9 +65,19 @@ class SolveSpec(Spec):
             )
         return mesh
 
+    @field_validator("elements", "mesh")
+    @classmethod
+    def _not_too_many(cls, counts: int | tuple[int, int] | None) -> Any:
+        size = math.prod(counts) if isinstance(counts, tuple) else counts or 0
+        if size > _MOST_ELEMENTS:
+            raise ValueError(f"{size} elements; at most {_MOST_ELEMENTS} are solved")
+        return counts
+
     @field_validator("elements")
     @classmethod
-    def _elements_of_a_shell(cls, elements: int | None, info: ValidationInfo) -> int | None:
+    def _elements_of_a_shell(
+        cls, elements: int | tuple[int, int] | None, info: ValidationInfo
+    ) -> int | tuple[int, int] | None:
         if elements is not None and info.data.get("model") == "solid":
             raise ValueError('belongs to the shell, but model is "solid"; use mesh instead')
         return elements

@@ -9,8 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from suas_jax.config.errors import ConfigError, Problem, nearest
+from suas_jax.files.reading import MEGABYTE, read_bytes
+
+MOST_BYTES = 3 * MEGABYTE
+"""Size of a TOML file that is still read."""
 
 _PLACE = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+# A dotted key at the start of a line or of an entry: the parser's time grows with the square
+# of its parts, and what is nested deeply can't be shown.
+_MOST_PARTS = 12
+_PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
+_DEEP_KEY = re.compile(
+    rf"(?:^[ \t]*+(?:\[\[?[ \t]*+)?|[{{,][ \t]*+){_PART}(?:\.[ \t]*+{_PART}){{{_MOST_PARTS}}}",
+    re.MULTILINE,
+)
+_MOST_KEYS = 2000  # of one table
 _BARE_QUANTITY = re.compile(r"=\s*\[?\s*([+-]?\d[\d.,]*(?:[eE][+-]?\d+)?)\s*([A-Za-zµμ°%]\S*)")
 _BARE_WORD = re.compile(r"=\s*([A-Za-z][\w/^-]*)\s*(?:#.*)?$")
 
@@ -32,7 +45,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     if trouble:
         raise ConfigError([Problem(file, "", trouble)])
     try:
-        raw = Path(file).read_bytes()
+        raw = read_bytes(file, MOST_BYTES)
     except OSError as error:
         reason = error.strerror or str(error)
         raise ConfigError([Problem(file, "", f"can't be read: {reason}")]) from None
@@ -41,15 +54,39 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         advice = _not_text(error.object, error.start)
         raise ConfigError([Problem(file, "", advice)]) from None
+    deep = _DEEP_KEY.search(text)
+    if deep:
+        line = text.count("\n", 0, deep.start()) + 1
+        advice = f"line {line}: a key of more than {_MOST_PARTS} parts; no key here has so many"
+        raise ConfigError([Problem(file, "", advice)])
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError([Problem(file, "", _not_toml(text, str(error)))]) from None
+    except ValueError:
+        advice = "a whole number has thousands of digits"
+        raise ConfigError([Problem(file, "", advice)]) from None
     except RecursionError:
         raise ConfigError([Problem(file, "", "brackets are nested too deeply")]) from None
+    if _depth(tables) > _MOST_PARTS:
+        raise ConfigError([Problem(file, "", "tables are nested too deeply")])
+    if len(tables) > _MOST_KEYS or any(
+        len(t) > _MOST_KEYS for t in tables.values() if isinstance(t, dict)
+    ):
+        raise ConfigError([Problem(file, "", f"a table of more than {_MOST_KEYS} keys")])
     if not tables:
         raise ConfigError([Problem(file, "", "the file is empty: it holds no table")])
     return tables
+
+
+def _depth(tables: Any) -> int:
+    """How deeply tables and lists are nested, without recursion."""
+    depth, level = 0, [tables]
+    while level:
+        depth += 1
+        inner = [x.values() if isinstance(x, dict) else x for x in level]
+        level = [x for values in inner for x in values if isinstance(x, dict | list)]
+    return depth
 
 
 def missing_file(file: str, named_in: str = "") -> str | None:

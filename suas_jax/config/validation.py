@@ -16,12 +16,14 @@ from suas_jax.config.schema_material import LAWS
 from suas_jax.config.schema_oil import OILS
 from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
 from suas_jax.config.schema_solve import SolveSpec
+from suas_jax.config.schema_wall import WallSpec
 
 TABLES: dict[str, tuple[type[Spec], ...]] = {
     "geometry": (GeometrySpec,),
     "material": tuple(LAWS.values()),
     "oil": tuple(OILS.values()),
     "electrodes": (ElectrodesSpec,),
+    "wall": (WallSpec,),
     "calibration": (CalibrationSpec,),
     "load": tuple(LOADS.values()),
     "environment": (EnvironmentSpec,),

@@ -174,13 +174,13 @@ class InPlaneStrain(AbstractDeformation):
 
     @property
     def I1_minus_3(self) -> Float[Array, "..."]:
-        """tr C + 1/det C − 3."""
+        """Tr C + 1/det C − 3."""
         d = self.trace + self.determinant
         return d * d / (1.0 + d) - self.determinant
 
     @property
     def I2_minus_3(self) -> Float[Array, "..."]:
-        """det C + tr C/det C − 3."""
+        """Det C + tr C/det C − 3."""
         d = self.trace + self.determinant
         return (d * d - self.determinant) / (1.0 + d)
 

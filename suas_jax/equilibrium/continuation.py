@@ -84,11 +84,14 @@ class LoadStepping(optx.AbstractRootFinder):
         path_tolerance: accepted error of a state on the way, relative to the step to it.
         max_inner: Newton corrections before a step is given up.
         smallest_step: step relative to the load level at which the path counts as ended.
+        smallest_radius: trusted displacement, in units of the length, at which Newton's
+            method counts as failed.
         max_steps: Newton corrections before the slowest lane is given up.
+        finished: lanes that stay as they are.
         until: accepts a state early (and ends the lane) where it returns true.
     """
 
-    rtol: float = 1e-12
+    rtol: float | Array = 1e-12  # type: ignore[assignment]
     atol: float = 0.0
     first_radius: float | Array = 4.0
     largest_step: float | Array = math.inf
@@ -96,7 +99,9 @@ class LoadStepping(optx.AbstractRootFinder):
     path_tolerance: float = 1e-2
     max_inner: int = 12
     smallest_step: float = 1e-7
+    smallest_radius: float | Array = 1e-6
     max_steps: int = 400
+    finished: Bool[Array, " lane"] | None = None
     until: Callable[[BorderedVector], Array] | None = None
     norm: Callable[[PyTree], Array] = optx.max_norm
 
@@ -134,7 +139,7 @@ class LoadStepping(optx.AbstractRootFinder):
             negative=counts,
             smallest_pivot=jnp.full(lane, jnp.inf, dtype),
             result=counts,
-            done=jnp.zeros(lane, bool),
+            done=jnp.zeros(lane, bool) if self.finished is None else self.finished,
         )
 
     def step(
@@ -196,7 +201,7 @@ class LoadStepping(optx.AbstractRootFinder):
         # The step failed: forget it and trust a quarter of its first displacement.
         shrunk = 0.25 * jnp.where(jnp.isfinite(tried), tried, state.radius)
         tiny = self.smallest_step * jnp.abs(level)
-        exhausted = failed & (shrunk < 1e-6 * length)
+        exhausted = failed & (shrunk < self.smallest_radius * length)
         stuck = equilibrium & ~reached & (step < tiny)
 
         live = ~state.done

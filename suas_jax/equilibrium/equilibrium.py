@@ -15,24 +15,23 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
-import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
-from suas_jax.equilibrium.balance import Problem, State, border_of, residual
+from suas_jax.equilibrium.balance import Problem, State, residual
 from suas_jax.equilibrium.continuation import LoadStepping
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure
+from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
-from suas_jax.numerics.bordered_solve import (
-    BlockElimination,
-    BorderedBlockTridiagonal,
-    BorderedVector,
-)
+from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
 from suas_jax.numerics.lanes import in_chunks
+from suas_jax.skin.wall import Wall
 
 # Unknowns, over all lanes, that go through the loop together: few enough that the arrays
 # made of them stay in cache. Measured: with 32 elements, chunks of 64 lanes took a third of
 # the time per lane that chunks of 128 took.
 _CHUNK = 8192
+# How far a path without a wall goes beyond it, relative to its radius.
+_BEYOND = 1e-4
 
 
 class Equilibrium(NamedTuple):
@@ -53,120 +52,70 @@ class Equilibrium(NamedTuple):
     smallest_pivot: Lanes
 
 
-class _Found(NamedTuple):
-    y: BorderedVector
-    level: Lanes
-    result: Int[Array, " lane"]
-    iterations: LaneCounts
-    smallest_pivot: Lanes
-
-    @property
-    def border(self) -> Lanes:
-        return border_of(self.y)
-
-
-def _step_to(
-    problem: Problem,
-    y: BorderedVector,
-    start: Lanes,
-    target: Lanes,
-    stepping: LoadStepping,
-    pressure_given: Bool[Array, ""] | None = None,
-) -> _Found:
-    """Follow the path of equilibria from one level to another, in all lanes."""
-
-    def fn(y: BorderedVector, args: Any) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
-        (problem, pressure_given), (level, tangent_level), _ = args
-        return residual(problem, y, level, pressure_given, tangent_level)
-
-    solution: optx.Solution = optx.root_find(
-        fn,  # type: ignore[arg-type]
-        stepping,
-        y,
-        args=((problem, pressure_given), (target, start), problem.mechanics),
-        has_aux=True,
-        max_steps=stepping.max_steps,
-        throw=False,
-    )
-    end = solution.state
-    result = jnp.where(end.done, end.result, index_of("max_steps"))
-    return _Found(end.good, end.good_level, result, end.total, end.smallest_pivot)
-
-
-def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) -> _Found:
+def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
     lanes = max(x.shape[-1] for x in jax.tree.leaves((problem, start)))
     rest = problem.mechanics.rest()
     rest = jnp.broadcast_to(rest, (*rest.shape[:-1], lanes))
     zero = jnp.zeros(lanes, rest.dtype)
+    near = start is not None
     if problem.oil_pressure is None:
         border = zero if problem.oil.trapped else None
         y, level = BorderedVector(rest, border), zero
         if start is not None:
             y = BorderedVector(start.q, None if border is None else start.pressure)
             level = start.factor
-        return _step_to(problem, y, level, zero + 1, stepping)
+        return follow(problem, y, level, zero + 1, stepping, near=near)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
     # The pressure grows with the square of the factor: a step longer than the
     # displacement could land on the branch of the opposite sign.
     careful = dataclasses.replace(stepping, largest_step=1.0)
     if start is not None:
         y = BorderedVector(start.q, start.factor)
-        return _step_to(problem, y, start.pressure, wanted, careful, jnp.array(True))
-    return _from_rest_to_pressure(problem, rest, wanted, careful)
+        return follow(problem, y, start.pressure, wanted, careful, jnp.array(True), near=near)
+    return from_rest_to_pressure(problem, rest, wanted, careful)
 
 
-def _from_rest_to_pressure(
-    problem: Problem, rest: StationVector, wanted: Lanes, careful: LoadStepping
-) -> _Found:
-    """Reach an oil pressure from rest.
+def smallest_gap(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> Lanes:
+    """Smallest gap to a wall, which needn't be the mechanics' own [m]."""
+    gap = mechanics.contact(q, wall).gap
+    return jnp.min(gap, tuple(range(gap.ndim - 1)))
 
-    At rest the pressure is stationary in the load factor, so two stages are needed: away
-    from rest under growing loads until the pressure has the wanted sign, then along the
-    pressure with the factor unknown. Both run through one loop, traced once.
+
+def _solve_on_demand(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
+    """Leave the wall out where the membrane does not reach it.
+
+    A state without the wall whose gap is open everywhere is one with it, too.
     """
+    wall = problem.mechanics.wall
+    free = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(None))
+    found = _solve_lanes(free, start, stepping)
+    if wall is None:
+        return found
+    held = smallest_gap(free.mechanics, found.y.stations, wall) < 0
 
-    def stage(carry: State, pressure_given: Bool[Array, ""]) -> tuple[State, _Found]:
-        stations, pressure, factor = carry
-        border = jnp.where(pressure_given, factor, pressure)
-        level = jnp.where(pressure_given, pressure, factor)
-        stepping = dataclasses.replace(
-            careful,
-            first_radius=jnp.where(pressure_given, careful.first_radius, 0.5),
-            largest_step=jnp.where(pressure_given, careful.largest_step, jnp.inf),
-            until=lambda y: ~pressure_given & (border_of(y) * jnp.sign(wanted) > 0),
-        )
-        target = jnp.where(pressure_given, wanted, 1e30)
-        y = BorderedVector(stations, border)
-        found = _step_to(problem, y, level, target, stepping, pressure_given)
-        other, level = found.border, found.level
-        factor = jnp.where(pressure_given, other, level)
-        pressure = jnp.where(pressure_given, level, other)
-        return State(found.y.stations, pressure, factor), found
+    def solve(found: Found) -> Found:
+        with_wall = _solve_lanes(problem, start, stepping)
+        return jax.tree.map(lambda a, b: jnp.where(held, a, b), with_wall, found)
 
-    start = State(rest, jnp.zeros_like(wanted), jnp.zeros_like(wanted))
-    _, found = jax.lax.scan(stage, start, jnp.array([False, True]))
-    failed = jnp.any(found.result != 0, 0)
-    last = jax.tree.map(lambda x: x[-1], found)
-    return last._replace(
-        result=jnp.where(failed, index_of("unreachable_pressure"), 0),
-        iterations=jnp.sum(found.iterations, 0),
-        smallest_pivot=jnp.min(found.smallest_pivot, 0),
-    )
+    return jax.lax.cond(jnp.any(held), solve, lambda found: found, found)
 
 
-def _find(problem: Problem, start: State | None, stepping: LoadStepping) -> _Found:
+def _find(
+    problem: Problem, start: State | None, stepping: LoadStepping, on_demand: bool
+) -> Found:
     """Solve all lanes in chunks; `jax.vmap` adds lanes instead of a batch axis."""
     rest = problem.mechanics.rest()
     chunk = max(4, _CHUNK * rest.shape[-1] // rest.size)
+    method = _solve_on_demand if on_demand else _solve_lanes
 
-    def solve(arguments: tuple[Problem, State | None]) -> _Found:
+    def solve(arguments: tuple[Problem, State | None]) -> Found:
         problem, start = arguments
-        return _solve_lanes(problem, start, stepping)
+        return method(problem, start, stepping)
 
     return in_chunks(solve, (problem, start), chunk)
 
 
-def _implicit(problem: Problem, found: _Found, t_problem: Problem) -> _Found:
+def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
     """Tangent of a root by the implicit function theorem."""
     level = jax.lax.stop_gradient(found.level)
     given = None if problem.oil_pressure is None else jnp.array(True)
@@ -188,28 +137,30 @@ def _implicit(problem: Problem, found: _Found, t_problem: Problem) -> _Found:
 
 
 @eqx.filter_custom_jvp
-def _root(problem: Problem, start: State | None, stepping: LoadStepping) -> _Found:
-    return _find(problem, start, stepping)
+def _root(
+    problem: Problem, start: State | None, stepping: LoadStepping, on_demand: bool
+) -> Found:
+    return _find(problem, start, stepping, on_demand)
 
 
 @_root.def_jvp
-def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
+def _(primals: Any, tangents: Any) -> tuple[Found, Found]:
     found = _root(*primals)
     return found, _implicit(primals[0], found, tangents[0])
 
 
 @eqx.filter_custom_jvp
-def _known(problem: Problem, found: _Found) -> _Found:
+def _known(problem: Problem, found: Found) -> Found:
     return found
 
 
 @_known.def_jvp
-def _(primals: Any, tangents: Any) -> tuple[_Found, _Found]:
+def _(primals: Any, tangents: Any) -> tuple[Found, Found]:
     found = _known(*primals)
     return found, _implicit(primals[0], found, tangents[0])
 
 
-def _outcome(problem: Problem, found: _Found) -> Equilibrium:
+def _outcome(problem: Problem, found: Found) -> Equilibrium:
     """Name what was found."""
     if problem.oil_pressure is not None:
         fixed = jax.lax.stop_gradient(problem.oil_pressure)
@@ -221,7 +172,11 @@ def _outcome(problem: Problem, found: _Found) -> Equilibrium:
 
 
 def equilibrium(
-    problem: Problem, start: State | None = None, stepping: LoadStepping | None = None
+    problem: Problem,
+    start: State | None = None,
+    stepping: LoadStepping | None = None,
+    *,
+    wall_on_demand: bool = False,
 ) -> Equilibrium:
     """Find the equilibrium connected to the undeformed state (or to a given one).
 
@@ -233,11 +188,14 @@ def equilibrium(
         problem: membrane, oil and loads.
         start: an equilibrium of the same membrane to continue from.
         stepping: settings of the load stepping.
+        wall_on_demand: solve without the wall first and with it only where the membrane
+            reaches it: for many lanes few of which do.
 
     Returns:
         The state with its outcome; derivatives flow through `state`.
     """
-    return _outcome(problem, _root(problem, start, stepping or LoadStepping()))
+    found = _root(problem, start, stepping or LoadStepping(), wall_on_demand)
+    return _outcome(problem, found)
 
 
 def differentiable(problem: Problem, state: State) -> State:
@@ -256,11 +214,14 @@ def differentiable(problem: Problem, state: State) -> State:
         y = BorderedVector(state.q, state.pressure if problem.oil.trapped else None)
         level = state.factor
     count = jnp.zeros(level.shape, jnp.int32)
-    return _outcome(problem, _known(problem, _Found(y, level, count, count, level))).state
+    return _outcome(problem, _known(problem, Found(y, level, count, count, level))).state
 
 
 def path(
-    problem: Problem, levels: Float[Array, " point"], start: State | None = None
+    problem: Problem,
+    levels: Float[Array, " point"],
+    start: State | None = None,
+    end: Wall | None = None,
 ) -> Equilibrium:
     """Equilibria along a path of loads, each continued from the one before.
 
@@ -269,6 +230,8 @@ def path(
         levels: factors on the loads or, where the problem has a wanted oil pressure, oil
             pressures [Pa], of one sign, in the order to visit.
         start: equilibrium to start from; at rest where not given.
+        end: a wall at which a membrane that no wall holds has gone too far: the first
+            state beyond it is the last, and is repeated.
 
     Returns:
         Equilibria with a leading axis over the points. After a failure the last state is
@@ -277,23 +240,32 @@ def path(
     stepping = LoadStepping()
     pressures = problem.oil_pressure is not None
 
-    def visit(carry: tuple[State, Array], level: Array) -> tuple[Any, Equilibrium]:
-        state, failed = carry
+    def visit(carry: tuple[State, Array, Array], level: Array) -> tuple[Any, Equilibrium]:
+        state, failed, beyond = carry
+        finished = (failed != 0) | beyond
         level = jnp.broadcast_to(level, state.factor.shape)
         if pressures:
             careful = dataclasses.replace(stepping, largest_step=1.0)
             y = BorderedVector(state.q, state.factor)
             given = jnp.array(True)
-            root = _step_to(problem, y, state.pressure, level, careful, given)
+            root = follow(
+                problem, y, state.pressure, level, careful, given, near=True, finished=finished
+            )
             found = _outcome(problem, root)
             found = found._replace(state=found.state._replace(pressure=found.level))
         else:
             border = state.pressure if problem.oil.trapped else None
             y = BorderedVector(state.q, border)
-            found = _outcome(problem, _step_to(problem, y, state.factor, level, stepping))
+            root = follow(
+                problem, y, state.factor, level, stepping, near=True, finished=finished
+            )
+            found = _outcome(problem, root)
         result = jnp.where(failed != 0, failed, found.result)
         state = jax.tree.map(lambda a, b: jnp.where(failed != 0, a, b), state, found.state)
-        return (state, result), found._replace(state=state, result=result)
+        if end is not None:
+            gap = smallest_gap(problem.mechanics, state.q, end)
+            beyond = beyond | (gap < -_BEYOND * end.radius)
+        return (state, result, beyond), found._replace(state=state, result=result)
 
     rest = problem.mechanics.rest()
     zero = jnp.zeros(rest.shape[-1:], rest.dtype)
@@ -303,4 +275,4 @@ def path(
         start, result = first.state, first.result
     elif start is None:
         start = State(rest, zero, zero)
-    return jax.lax.scan(visit, (start, result), levels)[1]
+    return jax.lax.scan(visit, (start, result, jnp.zeros_like(result, bool)), levels)[1]

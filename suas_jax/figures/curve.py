@@ -18,7 +18,7 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
         file: where to write the figure; its ending chooses the format.
     """
     points = [p for p in sweep.points if p["status"] == "converged"]
-    lines = [i for i, load in enumerate(sweep.scene.loads) if load.kind == "line"]
+    lines = [i for i, load in enumerate(sweep.scene.loads) if load.kind != "pressure"]
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     total = [sum(abs(p["loads"][i]["force_N"]) for i in lines) for p in points]

@@ -12,7 +12,7 @@ def draw_loads(axes: Axes, solution: Solution, outer: np.ndarray, angle: np.ndar
     """Draw every line load as an arrow that ends at the outer face."""
     parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
     length = 0.18 * np.ptp(outer[0])
-    for load in parts.lines:
+    for load in parts.forces:
         at = outer[:, int(np.argmin(np.abs(angle - float(load.angle[0]))))]
         push = np.asarray(load.direction)[:, 0] * np.sign(float(load.force[0]))
         axes.annotate(

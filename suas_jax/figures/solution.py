@@ -5,13 +5,17 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from suas_jax.figures.pad_surface import plot_pad_surface
 from suas_jax.figures.section import plot_section
 from suas_jax.figures.solid import plot_solid
 from suas_jax.figures.style import written
 from suas_jax.scene.solve import Solution
 
-FIGURES: dict[str, Callable[[Solution], Figure]] = {"shell": plot_section, "solid": plot_solid}
-"""How solutions of each model are drawn, by its name."""
+FIGURES: dict[int, dict[str, Callable[[Solution], Figure]]] = {
+    2: {"shell": plot_section, "solid": plot_solid},
+    3: {"shell": plot_pad_surface},
+}
+"""How solutions of each model are drawn, by dimension and by its name."""
 
 
 def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
@@ -21,4 +25,4 @@ def plot_solution(solution: Solution, file: Path | None = None) -> Figure:
         solution: what to draw.
         file: where to write the figure; its ending chooses the format.
     """
-    return written(FIGURES[solution.plan.model](solution), file)
+    return written(FIGURES[solution.plan.dimension][solution.plan.model](solution), file)

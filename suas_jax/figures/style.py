@@ -1,9 +1,12 @@
 """What all figures share: colours, resolution, and how they are written."""
 
+import io
 from pathlib import Path
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+
+from suas_jax.files.writing import write_bytes
 
 WALL = "0.55"
 """Colour of the rigid wall."""
@@ -34,5 +37,7 @@ def written(figure: Figure, file: Path | None) -> Figure:
     if file is not None:
         check_figure_file(file)
         with mpl.rc_context({"savefig.dpi": _DOTS_PER_INCH}):
-            figure.savefig(file)
+            content = io.BytesIO()
+            figure.savefig(content, format=file.suffix.removeprefix("."))
+        write_bytes(file, content.getvalue())
     return figure

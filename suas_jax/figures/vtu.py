@@ -5,6 +5,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 
+from suas_jax.files.writing import written
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
@@ -52,4 +53,5 @@ def write_vtu(solution: Solution, file: Path) -> None:
         "dilatation": flat(fields.dilatation),
     }
     mesh = meshio.Mesh(spatial(fields.position), [("quad9", cells)], point_data=data)
-    mesh.write(file, file_format="vtu")
+    with written(file) as draft:
+        mesh.write(draft, file_format="vtu")

@@ -6,7 +6,8 @@ In plane strain everything is per unit of width along the axis until results are
 """
 
 import abc
-from typing import Any, ClassVar, NamedTuple
+import dataclasses
+from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,6 +18,7 @@ from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
+from suas_jax.skin.wall import Wall
 
 
 class Assembly(NamedTuple):
@@ -72,6 +74,24 @@ class Displacements(NamedTuple):
     inner_displacement: Array
 
 
+class ContactState(NamedTuple):
+    """The inner face at the points where it may touch the wall [point, element, lane].
+
+    Attributes:
+        angle: reference angle [rad].
+        polar_angle: current polar angle [rad].
+        gap: to the wall's surface, negative inside it [m].
+        pressure: of the wall on the face, per area of the undeformed face [Pa].
+        area: of the undeformed face that a point stands for, per width [m].
+    """
+
+    angle: Array
+    polar_angle: Array
+    gap: Array
+    pressure: Array
+    area: Array
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -80,11 +100,13 @@ class AbstractMechanics(eqx.Module):
             are totals.
         law: the membrane's material.
         film_volume: volume of the undeformed oil film per width [m^2].
+        wall: what holds the inner face; None where the membrane passes through it.
     """
 
     per_width: ClassVar[bool]
     law: eqx.AbstractVar[AbstractLaw]
     film_volume: eqx.AbstractVar[Lanes]
+    wall: eqx.AbstractVar[Wall | None]
 
     @property
     @abc.abstractmethod
@@ -120,6 +142,19 @@ class AbstractMechanics(eqx.Module):
     @abc.abstractmethod
     def work(self, q: StationVector) -> Lanes:
         """Work of the line loads at unit factor, per width [J/m]."""
+
+    @abc.abstractmethod
+    def contact_energy(self, q: StationVector) -> Lanes:
+        """Energy of contact with the wall per width [J/m]; zero without a wall."""
+
+    @abc.abstractmethod
+    def contact(self, q: StationVector, wall: Wall) -> ContactState:
+        """The inner face against a wall, which needn't be the mechanics' own.
+
+        Args:
+            q: unknowns.
+            wall: where it is, and how it answers.
+        """
 
     @abc.abstractmethod
     def displacement_size(self, q: StationVector) -> Lanes:
@@ -167,6 +202,10 @@ class AbstractMechanics(eqx.Module):
     def error_share(self) -> float:
         """Error of a solution relative to its difference to that on the comparison mesh."""
 
+    def with_wall(self, wall: Wall | None) -> Self:
+        """The same membrane held by another wall, or by none."""
+        return dataclasses.replace(self, wall=wall)
+
     def omitted_gradient(self, q: StationVector) -> StationVector | None:
         """Derivative, by the free unknowns, of the energy that the model leaves out [N/m].
 
@@ -191,7 +230,8 @@ class AbstractMechanics(eqx.Module):
 
         Its gradient by q is the residual of `assemble`, its Hessian the tangent.
         """
-        return self.strain_energy(q) - pressure * self.volume_change(q) - factor * self.work(q)
+        stored = self.strain_energy(q) + self.contact_energy(q)
+        return stored - pressure * self.volume_change(q) - factor * self.work(q)
 
 
 def largest(values: Float[Array, "*axes lane"]) -> Lanes:

@@ -1,6 +1,7 @@
 """The deformed inner face as taxels see it: its distance from the wall along rays."""
 
 import abc
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
@@ -17,6 +18,20 @@ class AbstractFace(eqx.Module):
     """
 
     varies_along_axis: ClassVar[bool]
+
+    def gaps(
+        self, rays: Sequence[tuple[Array, Array]], wall_radius: Lanes
+    ) -> list[Float[Array, "taxel lane"]]:
+        """Gaps along several rays for each taxel, ray after ray [m].
+
+        Not all in one array: a reduction over them would cost the compiled program several
+        times what the look-ups do.
+
+        Args:
+            rays: polar angles [rad] and axial positions [m] of the taxels, a pair a ray.
+            wall_radius: [m].
+        """
+        return [self.gap(angle, axial, wall_radius) for angle, axial in rays]
 
     @abc.abstractmethod
     def gap(

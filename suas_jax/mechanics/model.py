@@ -6,7 +6,7 @@ its name in `suas_jax.mechanics.registry`; nothing else tells models apart.
 
 import abc
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 
@@ -14,14 +14,19 @@ from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LineLoad
 
 Counts = tuple[int, ...]
 """Size of a mesh: numbers of elements, direction by direction, as the model orders them."""
 
 
 class AbstractPlan(eqx.Module):
-    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled."""
+    """A mesh as plain numbers, made once for a scene; its shapes decide what is compiled.
+
+    Attributes:
+        dimension: of the model, 2 in plane strain.
+    """
+
+    dimension: ClassVar[int]
 
     @property
     @abc.abstractmethod
@@ -46,15 +51,38 @@ class AbstractPlan(eqx.Module):
     def comparison(self) -> Self:
         """The mesh that errors are estimated with, finer or coarser."""
 
+    def meshes(self) -> "Meshes":
+        """The meshes that a solve works on, for this one of the whole membrane."""
+        return Meshes(self, self.reduced(), self.comparison(), None)
+
+
+class Meshes(NamedTuple):
+    """The meshes of one solve.
+
+    Attributes:
+        whole: of the whole membrane.
+        solved: of the part that is solved, or of the whole.
+        error: where errors are estimated, and stability is tested.
+        stability: of the whole, for the test of stability where `error` is a part that can't
+            sway; else None.
+    """
+
+    whole: AbstractPlan
+    solved: AbstractPlan
+    error: AbstractPlan
+    stability: AbstractPlan | None
+
 
 class AbstractModel(abc.ABC):
     """A discretised membrane as `[solve] model` names it.
 
     Attributes:
+        dimension: of the scenes that it solves, 2 in plane strain.
         name: in scenes and reports.
         setting: key of [solve] that gives the mesh.
     """
 
+    dimension: ClassVar[int]
     name: ClassVar[str]
     setting: ClassVar[str]
 
@@ -87,7 +115,7 @@ class AbstractModel(abc.ABC):
         plan: AbstractPlan,
         geometry: SkinGeometry,
         law: AbstractLaw,
-        loads: Sequence[LineLoad],
+        loads: Sequence[Any],
     ) -> AbstractMechanics:
         """The mechanics on a mesh.
 

@@ -27,6 +27,8 @@ Ends = Literal["clamped", "sliding"]
 # Element sizes in decay lengths of bending, sqrt(R t): along edges, under a load, far away;
 # and how fast they grow with the distance.
 _EDGE, _LOAD, _LARGEST, _GROWTH = 0.7, 0.32, 1.5, 0.5
+# Places that loads may have between the middle and an edge, as far as the mesh knows.
+_PLACES = 48
 # Points in a clipped element: exact for cubic displacement.
 _LOAD_GAUSS = 2
 
@@ -93,6 +95,23 @@ class PadPlan(eqx.Module):
         return (
             jnp.asarray(self.arc)[:, None] * geometry.half_angle,
             jnp.asarray(self.axial)[:, None] * (geometry.width / 2),
+        )
+
+    def unfolded(self) -> "PadPlan":
+        """The whole pad from a half or a quarter."""
+        arc, axial = (
+            np.concatenate([x, -x[-2::-1]]) if mirrored else x
+            for x, mirrored in zip((self.arc, self.axial), self.mirrored, strict=True)
+        )
+        # What reaches over a mirror plane reaches over elements on both sides.
+        twice = tuple(1 + mirrored for mirrored in self.mirrored)
+        most = (len(arc) - 1, len(axial) - 1)
+        spread = tuple(
+            s if disc else (min(s[0] * twice[0], most[0]), min(s[1] * twice[1], most[1]))
+            for s, disc in zip(self.spread, self.discs, strict=True)
+        )
+        return dataclasses.replace(
+            self, arc=arc, axial=axial, mirrored=(False, False), spread=spread
         )
 
     def refined(self) -> "PadPlan":
@@ -250,7 +269,12 @@ Rule = Callable[..., tuple[Array, Array, Array]]
 
 def _rectangle_rule(spread: tuple[int, int]) -> Rule:
     def rule(
-        arc_breaks: Array, axial_breaks: Array, angle: Lanes, axial: Lanes, arc: Lanes, length: Lanes
+        arc_breaks: Array,
+        axial_breaks: Array,
+        angle: Lanes,
+        axial: Lanes,
+        arc: Lanes,
+        length: Lanes,
     ) -> tuple[Array, Array, Array]:
         x, wx = _clipped(arc_breaks, angle, arc, spread[0])
         z, wz = _clipped(axial_breaks, axial, length, spread[1])
@@ -291,7 +315,12 @@ def _disc_rule(spread: tuple[int, int], mirrored: tuple[bool, bool]) -> Rule:
     share = np.repeat(weights / around, around)
 
     def rule(
-        arc_breaks: Array, axial_breaks: Array, angle: Array, axial: Array, arc: Array, length: Array
+        arc_breaks: Array,
+        axial_breaks: Array,
+        angle: Array,
+        axial: Array,
+        arc: Array,
+        length: Array,
     ) -> tuple[Array, Array, Array]:
         angles, positions = angle + arc * x.reshape(-1), axial + length * z.reshape(-1)
         weight = jnp.asarray(share)
@@ -316,25 +345,30 @@ def _breakpoints(
     clamped: bool,
 ) -> np.ndarray:
     """Breakpoints as fractions of half the extent, by a density of elements."""
-    x = np.linspace(-half, half, 4001)
-    size = np.full_like(x, _LARGEST * decay)
-    sources = [(-half, 0.0, _EDGE), (half, 0.0, _EDGE)] if clamped else []
+    # Lengths in decay lengths, rounded: scenes that differ by little are divided alike, so
+    # that the difference of two solves is what the gradient says.
+    extent = rounded(half / decay)
+    x = np.linspace(-extent, extent, 4001)
+    size = np.full_like(x, _LARGEST)
+    sources = [(-extent, 0.0, _EDGE), (extent, 0.0, _EDGE)] if clamped else []
     for centre, reach in marks:
-        sources.append((centre, reach, _LOAD))
+        place = np.round(centre / half * _PLACES) / _PLACES
+        sources.append((place * extent, rounded(reach / half) * extent, _LOAD))
     for centre, reach, smallest in sources:
         distance = np.maximum(np.abs(x - centre) - reach, 0)
-        size = np.minimum(size, smallest * decay + _GROWTH * distance)
+        size = np.minimum(size, smallest + _GROWTH * distance)
     if mirrored:
         size = np.minimum(size, size[::-1])
         if elements is not None and elements % 2:
             raise ValueError(
-                f"a plan mirrored in the middle needs an even number of elements, got {elements}"
+                f"a plan mirrored in the middle needs an even number of elements, got "
+                f"{elements}"
             )
         x, size, elements = x[:2001], size[:2001], elements and elements // 2
     density = (1 / size[1:] + 1 / size[:-1]) / 2 * np.diff(x)
     total = np.concatenate([[0.0], np.cumsum(density)])
     count = elements or max(4, int(np.ceil(total[-1] * scale)))
-    places = np.interp(np.arange(count + 1) / count, total / total[-1], x / half)
+    places = np.interp(np.arange(count + 1) / count, total / total[-1], x / extent)
     places[0], places[-1] = -1.0, 0.0 if mirrored else 1.0
     return places
 

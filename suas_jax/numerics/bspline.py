@@ -209,7 +209,9 @@ class SplineAxis:
         return jnp.einsum("iae,eis->aes", extraction, where)
 
 
-def _between(left: list[Array], right: list[Array], u: Array, a: Array, b: Array) -> list[Array]:
+def _between(
+    left: list[Array], right: list[Array], u: Array, a: Array, b: Array
+) -> list[Array]:
     """Linear interpolation from `left` at a to `right` at b."""
     share = (u - a) / (b - a)
     return [(1 - share) * p + share * q for p, q in zip(left, right, strict=True)]

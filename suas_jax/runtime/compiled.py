@@ -1,20 +1,16 @@
 """Compiled programs, and how much effort goes into compiling them."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
-import numpy as np
+import jax.export
 
-from suas_jax.runtime.program_store import (
-    Hole,
-    ProgramStore,
-    filled_by,
-    self_contained,
-    uncached,
-)
+from suas_jax.runtime.frame import Hole, filled_by
+from suas_jax.runtime.program_store import KeptProgram, ProgramStore
 
 # XLA's newer way of generating code for the CPU takes twice as long to compile these
 # programs of many small operations, which then run no faster.
@@ -49,54 +45,64 @@ class Compiled:
         """
         leaves, structure = jax.tree.flatten(arguments)
         arrays = [x for x in leaves if eqx.is_array_like(x)]
-        shapes = tuple(np.shape(x) if eqx.is_array_like(x) else x for x in leaves)
-        key = (function, structure, shapes, once)
-        options = _OPTIONS_ONCE if once else OPTIONS
-        if key not in self._programs:
-            self._make(key, function, leaves, structure, options)
-        try:
+        types = tuple(_type_of(x) if eqx.is_array_like(x) else x for x in leaves)
+        key = (function, structure, types, once)
+        if key in self._programs:
             return jax.block_until_ready(self._programs[key](*arrays))
-        except jax.errors.JaxRuntimeError:
-            if key not in self.loaded:
-                raise
-        # A kept program that can't be run, whatever the reason, is compiled after all.
-        self._make(key, function, leaves, structure, options, load=False)
-        return jax.block_until_ready(self._programs[key](*arrays))
+        options = _OPTIONS_ONCE if once else OPTIONS
+        begin = time.perf_counter()
+        program = self._loaded_or_compiled(key, function, leaves, structure, types, options)
+        self.seconds += time.perf_counter() - begin
+        found = jax.block_until_ready(program(*arrays))
+        self._programs[key] = program
+        if self.store is not None:
+            self.store.settled()
+        return found
 
-    def _make(
+    def _loaded_or_compiled(
         self,
         key: Any,
         function: Callable[..., Any],
         leaves: list[Any],
         structure: Any,
+        types: tuple[Any, ...],
         options: dict[str, Any],
-        load: bool = True,
-    ) -> None:
-        """Load or compile a program, to be called with the arrays alone."""
-        begin = time.perf_counter()
-        file = program = None
+    ) -> Callable[..., Any]:
+        """A program, to be called with the arrays alone."""
+        arrays = [x for x in leaves if eqx.is_array_like(x)]
+        name = kept = None
         if self.store is not None:
-            types = [_type_of(x) if eqx.is_array_like(x) else x for x in leaves]
             described = jax.tree.unflatten(structure, types)
-            file = self.store.file(function, described, options)
-            program = self.store.load(file) if file is not None and load else None
-        if program is not None:
-            self.loaded.add(key)
-        else:
-            self.loaded.discard(key)
+            name = self.store.name(function, described, options)
+        if self.store is None or name is None:
             flat = _Flat(function, leaves, structure)
-            arrays = [x for x in leaves if eqx.is_array_like(x)]
-            lowered = jax.jit(flat).lower(*arrays)
-            # Libraries that are called from outside are not there when a program is loaded.
-            if self.store is not None and file is not None and self_contained(lowered):
-                with uncached():
-                    compiled = lowered.compile(compiler_options=options)
-                self.store.save(file, compiled, len(arrays), flat.frame)
-            else:
-                compiled = lowered.compile(compiler_options=options)
-            program = filled_by(compiled, flat.frame)
-        self._programs[key] = program
-        self.seconds += time.perf_counter() - begin
+            compiled = jax.jit(flat).lower(*arrays).compile(compiler_options=options)
+            return filled_by(compiled, flat.frame)
+        kept = self.store.load(name)
+        if kept is not None:
+            # A kept program that can't be compiled, whatever the reason, is traced after all.
+            with contextlib.suppress(Exception):
+                program = _compile(kept, arrays, options)
+                self.loaded.add(key)
+                return program
+        flat = _Flat(function, leaves, structure)
+        jitted = jax.jit(flat)
+        try:
+            exported = jax.export.export(jitted)(*arrays)
+        except (ValueError, NotImplementedError):  # has no portable form
+            return filled_by(
+                jitted.lower(*arrays).compile(compiler_options=options), flat.frame
+            )
+        kept = KeptProgram(exported, flat.frame)
+        self.store.save(name, kept)
+        return _compile(kept, arrays, options)
+
+
+def _compile(
+    kept: KeptProgram, arrays: list[Any], options: dict[str, Any]
+) -> Callable[..., Any]:
+    lowered = jax.jit(kept.exported.call).lower(*arrays)
+    return filled_by(lowered.compile(compiler_options=options), kept.frame)
 
 
 class _Flat:

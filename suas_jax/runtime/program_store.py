@@ -2,177 +2,111 @@
 
 JAX's own cache is found by the lowered program, so every run traces and lowers anew to look
 it up: most of what a command waits for. Here a program is found by what it is made from: the
-function, its static arguments, the shapes of its arrays, and the source code itself.
+function, its static arguments, the shapes of its arrays, and the source code itself. What is
+kept is its portable form (StableHLO, see `jax.export`) and the frame of its results as JSON;
+the machine code is kept by JAX's own cache, see `machine_code`.
 """
 
 import contextlib
 import functools
 import hashlib
-import io
+import json
 import os
-import pickle
 import platform
-import tempfile
-from collections.abc import Callable, Iterator
+import struct
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import jax.export
 import jax.numpy as jnp
-from jax.experimental.compilation_cache import compilation_cache
-from jax.experimental.serialize_executable import deserialize_and_load, serialize
-from jaxtyping import Array
 
-_MOST = 300  # programs kept; the oldest go first
+from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.runtime.content_key import (
+    NoContentKeyError,
+    content_key,
+    source_digest,
+)
+from suas_jax.runtime.frame import count_holes, frame_from_json, frame_to_json
+
 _BUILT_WITH = ("jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
-Program = Callable[..., Any]
+_LENGTH = struct.Struct("<q")
 
 
-class Keyed:
-    """A static argument of a program that is compared by its key alone.
+class KeptProgram(NamedTuple):
+    """A program in its portable form.
 
     Attributes:
-        key: what decides the compiled program; hashable, and plain enough to be pickled.
+        exported: a function of arrays that returns a tuple of arrays.
+        frame: what a call returns, with a `Hole` for each of them.
     """
 
-    key: Any
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, type(self)) and self.key == other.key
+    exported: jax.export.Exported
+    frame: Any
 
 
 class ProgramStore:
-    """A folder of compiled programs.
+    """Programs in a folder.
 
     Args:
-        folder: where they are kept; made when the first is saved.
+        folder: where they are kept.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: CacheFolder) -> None:
         self._folder = folder
 
-    def file(self, function: Program, arguments: Any, options: Any) -> Path | None:
-        """Where the program of a call belongs; None if it can't be told apart from others."""
-        name = f"{function.__module__}.{getattr(function, '__qualname__', '<locals>')}"
-        if "<locals>" in name:  # closes over what no key sees
-            return None
-        described = io.BytesIO()
+    def name(self, function: Callable[..., Any], arguments: Any, options: Any) -> str | None:
+        """The name of the program of a call; None if it can't be told apart from others."""
         try:
-            _Describer(described, protocol=5).dump((name, arguments, sorted(options.items())))
-        except (pickle.PicklingError, TypeError, AttributeError):
+            return content_key((function, arguments, options, _circumstances()))
+        except NoContentKeyError:
             return None
-        digest = hashlib.sha256(described.getvalue() + _circumstances())
-        return self._folder / f"{digest.hexdigest()[:40]}.program"
 
-    def load(self, file: Path) -> Program | None:
-        """The program of a file, to be called with its arrays; None if there is none."""
-        # Whatever is wrong with a file, compiling again is the remedy.
+    def load(self, name: str) -> KeptProgram | None:
+        """The program of a name; None if there is none."""
+        content = self._folder.get(name)
+        if content is None:
+            return None
+        # Whatever is wrong with an entry, compiling again is the remedy.
         with contextlib.suppress(Exception):
-            payload, count, frame = pickle.loads(file.read_bytes())
-            holes = sum(isinstance(x, Hole) for x in jax.tree.leaves(frame))
-            taken = jax.tree.structure(((0,) * count, {}))
-            call = deserialize_and_load(payload, taken, jax.tree.structure((0,) * holes))
-            os.utime(file)
-            return filled_by(call, frame)
+            begin = _LENGTH.size
+            (size,) = _LENGTH.unpack_from(content)
+            frame = frame_from_json(json.loads(content[begin : begin + size]))
+            exported = jax.export.deserialize(bytearray(content[begin + size :]))
+            if count_holes(frame) == len(exported.out_avals):
+                return KeptProgram(exported, frame)
+        self._folder.discard(name)
         return None
 
-    def save(self, file: Path, compiled: Any, count: int, frame: Any) -> None:
-        """Keep a program.
+    def save(self, name: str, program: KeptProgram) -> None:
+        """Keep a program; one that can't be kept is compiled again."""
+        with contextlib.suppress(NoContentKeyError, ValueError):
+            frame = json.dumps(frame_to_json(program.frame)).encode()
+            body = bytes(program.exported.serialize())
+            self._folder.put(name, _LENGTH.pack(len(frame)) + frame + body)
 
-        Args:
-            file: where it belongs.
-            compiled: as JAX compiled it, from `count` arrays to a tuple of arrays.
-            count: number of its arguments.
-            frame: what the call returns, with a `Hole` for each of the arrays.
-        """
-        try:
-            content = pickle.dumps((serialize(compiled)[0], count, frame), protocol=5)
-            self._folder.mkdir(parents=True, exist_ok=True)
-            handle, draft = tempfile.mkstemp(dir=self._folder)
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(content)
-            os.replace(draft, file)
-            kept = sorted(self._folder.glob("*.program"), key=lambda f: f.stat().st_mtime)
-            for old in kept[:-_MOST]:
-                old.unlink(missing_ok=True)
-        except (OSError, ValueError, TypeError, AttributeError, pickle.PicklingError):
-            return  # a program that isn't kept is compiled again
-
-
-class Hole:
-    """Stands for an array in what a program returns."""
-
-
-def filled_by(call: Program, frame: Any) -> Program:
-    """The program that puts the arrays of a call in their places.
-
-    Args:
-        call: returns a tuple of arrays.
-        frame: what is to be returned, with a `Hole` for each of them.
-    """
-    leaves, structure = jax.tree.flatten(frame)
-
-    def filled(*arrays: Array) -> Any:
-        found = iter(call(*arrays))
-        results = [next(found) if isinstance(x, Hole) else x for x in leaves]
-        return jax.tree.unflatten(structure, results)
-
-    return filled
-
-
-def self_contained(lowered: Any) -> bool:
-    """Whether a lowered program calls nothing but itself.
-
-    LAPACK and other libraries are made ready when a call to them is lowered, which a program
-    that is loaded never is.
-    """
-    return "custom_call" not in lowered.as_text()
-
-
-@contextlib.contextmanager
-def uncached() -> Iterator[None]:
-    """Compile anew, past JAX's own cache: what comes from there can't be kept once more."""
-    name = "jax_enable_compilation_cache"
-    before = getattr(jax.config, name)
-    jax.config.update(name, False)
-    compilation_cache.reset_cache()  # it looks at the setting once only
-    try:
-        yield
-    finally:
-        jax.config.update(name, before)
-        compilation_cache.reset_cache()
-
-
-class _Describer(pickle.Pickler):
-    """Writes what decides a program; nothing that is written is ever read."""
-
-    def reducer_override(self, obj: Any) -> Any:
-        return (type(obj), (obj.key,)) if isinstance(obj, Keyed) else NotImplemented
+    def settled(self) -> None:
+        """Say that the programs loaded so far work."""
+        self._folder.settled()
 
 
 @functools.cache
-def _circumstances() -> bytes:
-    """What else a program depends on: source code, libraries, processor, settings."""
-    digest = hashlib.sha256()
-    package = Path(__file__).parents[1]
-    for folder in (package, package.parent / "fitting"):
-        for source in sorted(folder.rglob("*.py")):
-            digest.update(source.read_bytes())
-    device = jax.devices()[0]
+def circumstances_of_machine() -> str:
+    """What machine code depends on besides its program: libraries and processor."""
     facts = [f"{name} {version(name)}" for name in _BUILT_WITH]
-    facts += [platform.python_version(), platform.machine(), device.platform]
-    facts += [
-        device.device_kind,
-        str(jax.device_count()),
-        str(jnp.zeros(()).dtype),
-    ]
+    facts += [platform.python_version(), platform.machine()]
     facts += [os.environ.get("XLA_FLAGS", "")]
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         facts += sorted({x for x in lines if x.startswith(("flags", "model name", "Features"))})
-    digest.update("\n".join(facts).encode())
-    return digest.digest()
+    return hashlib.sha256("\n".join(facts).encode()).hexdigest()
+
+
+def _circumstances() -> tuple[Any, ...]:
+    """What else a program depends on: source code, libraries, devices, settings."""
+    device = jax.devices()[0]
+    devices = (device.platform, device.device_kind, jax.device_count())
+    number = str(jnp.zeros(()).dtype)
+    return (source_digest(), circumstances_of_machine(), devices, number)

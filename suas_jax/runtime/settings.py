@@ -1,11 +1,14 @@
 """Settings of the JAX runtime, made by entry points and never on import."""
 
 import gc
+import warnings
 
 import jax
 import platformdirs
 
+from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.machine_code import keep_machine_code
 from suas_jax.runtime.program_store import ProgramStore
 
 
@@ -15,8 +18,13 @@ def configure() -> None:
     # few hundred allocations takes a sixth of a command's time.
     gc.set_threshold(100_000)
     jax.config.update("jax_enable_x64", True)
-    cache = platformdirs.user_cache_path("suas_jax") / "compiled"
-    jax.config.update("jax_compilation_cache_dir", str(cache))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
-    COMPILED.store = ProgramStore(cache / "programs")
+    cache = platformdirs.user_cache_path("suas_jax")
+    # Where an operation stands in the source code is of no use in a program that is kept.
+    jax.config.update("jax_traceback_in_locations_limit", 0)
+    programs = CacheFolder(cache / "programs")
+    if programs.refusal is not None:
+        warnings.warn(f"{programs.refusal}: nothing is kept between runs", stacklevel=2)
+        jax.config.update("jax_enable_compilation_cache", False)
+        return
+    keep_machine_code(programs, cache / "programs")
+    COMPILED.store = ProgramStore(programs)

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs
+from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
@@ -22,18 +22,31 @@ def plan_for(scene: SceneSpec, model: str, counts: Counts) -> AbstractPlan:
         model: name of the model.
         counts: size of the mesh, as the model orders it.
     """
-    return MODELS[model].plan(scene, counts, decay_angle(scene))
+    return MODELS[scene.geometry.dimension][model].plan(scene, counts, decay_angle(scene))
 
 
-def problem_of(parts: SceneParts, plan: AbstractPlan) -> Problem:
-    """The discrete problem of a scene's parts on a mesh."""
+def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> Problem:
+    """The discrete problem of a scene's parts on a mesh.
+
+    Args:
+        parts: of the scene.
+        plan: the mesh.
+        wall: whether the skin's wall is there; it changes nothing of a state whose gap is
+            open everywhere, and costs.
+    """
     skin = parts.skin
-    mechanics = MODELS[plan.model].build(plan, skin.geometry, skin.law, parts.lines)
+    model = MODELS[plan.dimension][plan.model]
+    mechanics = model.build(plan, skin.geometry, skin.law, parts.forces)
+    mechanics = mechanics.with_wall(skin.wall if wall else None)
     return Problem(mechanics, skin.oil, parts.external_pressure, parts.oil_pressure)
 
 
 def build_problem(
-    scene: SceneSpec, plan: AbstractPlan, inputs: Mapping[str, ArrayLike]
+    scene: SceneSpec,
+    plan: AbstractPlan,
+    inputs: Mapping[str, ArrayLike],
+    *,
+    wall: bool = False,
 ) -> Problem:
     """The discrete problem of a scene as a function of its continuous inputs.
 
@@ -42,8 +55,9 @@ def build_problem(
             them.
         plan: the mesh.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+        wall: whether the wall is there, see `problem_of`.
     """
-    return problem_of(scene_parts(scene, inputs), plan)
+    return problem_of(scene_parts(scene, inputs), plan, wall=wall)
 
 
 @functools.lru_cache(maxsize=64)
@@ -61,8 +75,8 @@ def decay_angle(scene: SceneSpec) -> float:
     if scene.solve.oil_pressure is not None:
         tension = abs(scene.solve.oil_pressure) * radius
     else:
-        forces = [abs(s.force) for s in scene.loads if isinstance(s, LineLoadSpec)]
-        pressures = [abs(s.pressure) for s in scene.loads if not isinstance(s, LineLoadSpec)]
+        pressures = [abs(s.pressure) for s in scene.loads if s.kind == "pressure"]
+        forces = [abs(s.force) for s in scene.loads if s.kind != "pressure"]
         trapped = scene.oil.trapped
         tension = (3 * sum(forces) / g.width if trapped else 0.0) + sum(pressures) * radius
     if tension <= 0:

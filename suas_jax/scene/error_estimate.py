@@ -16,6 +16,7 @@ from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
+from suas_jax.skin.pad_loads import DeadLoad
 
 # An estimate is wanted that the true error rarely exceeds; see docs/errors.md for how often.
 _MESH_MARGIN = 2.0
@@ -24,7 +25,7 @@ _TINY = 1e-300
 
 
 def _under_loads(
-    mechanics: AbstractMechanics, q: StationVector, loads: list[LineLoad]
+    mechanics: AbstractMechanics, q: StationVector, loads: list[DeadLoad]
 ) -> list[Lanes]:
     """Mid-surface displacement under the loads, along them: linear in the unknowns [m]."""
     return [jnp.sum(mechanics.under(q, x).mid_displacement * x.direction, 0) for x in loads]
@@ -42,7 +43,7 @@ def _relative(pressure: Lanes, moved: list[Lanes], to: State, size: Lanes) -> La
 
 
 def discretisation_error(
-    problem: Problem, state: State, finer: Problem, better: State, loads: list[LineLoad]
+    problem: Problem, state: State, finer: Problem, better: State, loads: list[DeadLoad]
 ) -> Lanes:
     """The mesh's share.
 
@@ -63,7 +64,7 @@ def discretisation_error(
 
 
 def model_error(
-    problem: Problem, check: Verification, loads: list[LineLoad], geometry: SkinGeometry
+    problem: Problem, check: Verification, loads: list[DeadLoad], geometry: SkinGeometry
 ) -> Lanes:
     """The model's share; zero for the continuum.
 
@@ -82,6 +83,7 @@ def model_error(
     indentation = mechanics.indentation
     if indentation is not None:
         for i, load in enumerate(loads):
+            assert isinstance(load, LineLoad)  # in plane strain alone
             # Spread over an arc as wide as the membrane is thick, half of it is left.
             arc = 0.0 if load.spread is None else load.spread
             share = geometry.thickness / (geometry.thickness + arc)

@@ -28,11 +28,13 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.wall import Wall
 
 ELEMENTS = 32
 """Elements of a skin's mesh along the whole arc, unless told otherwise."""
@@ -63,7 +65,11 @@ class Loads(eqx.Module):
             angle: one value, or one a lane [rad].
             force: likewise [N].
             turn: likewise, from the inward radial [rad].
+
+        Raises:
+            Float64Error: float64 is off.
         """
+        require_float64()
         row = [jnp.atleast_1d(jnp.asarray(x, float))[None] for x in (angle, force, turn)]
         return cls(row[0], row[1], row[2], jnp.zeros(1))
 
@@ -104,6 +110,7 @@ class Skin(eqx.Module):
         law: the membrane's material.
         oil: how the oil answers.
         electrodes: taxels and converter's scale.
+        wall: what holds the membrane; None where it passes through.
         elements: of the even mesh along the whole arc.
     """
 
@@ -111,6 +118,7 @@ class Skin(eqx.Module):
     law: AbstractLaw
     oil: AbstractOil
     electrodes: Electrodes
+    wall: Wall | None = None
     elements: int = eqx.field(static=True, default=ELEMENTS)
 
     def problem(self, loads: Loads) -> Problem:
@@ -122,7 +130,9 @@ class Skin(eqx.Module):
         line = LineLoad(loads.angle, loads.force, loads.turn)
         force = loads.force * line.direction / self.geometry.width
         points = LoadPoints(select, (loads.angle - start) / (end - start), force)
-        shell = Shell.build(self.geometry, self.law, angles, points, symmetric=False)
+        shell = Shell.build(
+            self.geometry, self.law, angles, points, symmetric=False, wall=self.wall
+        )
         return Problem(shell, self.oil, loads.external_pressure)
 
 
@@ -131,7 +141,7 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
 
     Differentiable by every array of the skin and of the loads, in forward and reverse mode,
     through the implicit derivative of the equilibrium. Compile it
-    (``equinox.filter_jit(forward)``): one program serves all loads of the same shape, and a
+    (``suas_jax.jit(forward)``): one program serves all loads of the same shape, and a
     lane is cheaper than a call. A load that doesn't converge is named in `result`, a taxel
     that touches the wall in `readings.touching`; nothing is raised.
 
@@ -140,9 +150,13 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
         loads: what acts on it.
         start: state of a neighbouring equilibrium, such as the last frame's; without it
             the solution starts from rest, which takes about three times as long.
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     problem = skin.problem(loads)
-    found = equilibrium(problem, start)
+    found = equilibrium(problem, start, wall_on_demand=True)
     readings = skin.electrodes.read(problem.mechanics, found.state.q)
     return SensorOutput(readings, found.state.pressure, found.state, found.result)
 
@@ -161,7 +175,11 @@ def load_jacobian(
 
     Returns:
         The output, and the derivatives of SO by (angle [rad], force [N], turn [rad]).
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     loads = loads.in_lanes()
     count, lanes = loads.angle.shape
 
@@ -183,6 +201,7 @@ def skin_of(
     inputs: Mapping[str, ArrayLike] | None = None,
     *,
     elements: int = ELEMENTS,
+    contact: bool = True,
 ) -> Skin:
     """Build a skin from its specification.
 
@@ -191,10 +210,16 @@ def skin_of(
         inputs: SI values by TOML path (see `continuous_inputs`) that replace the
             specification's own: pass traced numbers here to differentiate by them.
         elements: of the mesh along the whole arc.
+        contact: whether the wall holds the membrane, if the specification says so. Without
+            it programs compile in half the time; states at the wall are still told by
+            `Readings.touching`.
 
     Raises:
         ValueError: the skin has no electrodes, or a path is none of its inputs.
+        Float64Error: float64 is off.
     """
+    require_float64()
+    spec.require_plane_strain("`skin_of`")
     known = continuous_inputs(spec)
     for path in inputs or ():
         if path not in known:
@@ -205,7 +230,8 @@ def skin_of(
             "the skin has no [electrodes], so there is nothing to sense: add them to the "
             "skin file"
         )
-    return Skin(parts.geometry, parts.law, parts.oil, parts.electrodes, elements)
+    wall = parts.wall if contact else None
+    return Skin(parts.geometry, parts.law, parts.oil, parts.electrodes, wall, elements)
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
@@ -214,10 +240,16 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
     Args:
         scene: its [[load]] tables.
         inputs: SI values by TOML path that replace the scene's own.
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
+    scene.require_plane_strain("`loads_of`")
     parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
     angles, forces, turns = [], [], []
-    for load in parts.lines:
+    for load in parts.forces:
+        assert isinstance(load, LineLoad)  # all there is in plane strain
         points, weights = np.zeros(1), np.ones(1)
         if load.spread is not None:
             points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)

@@ -13,6 +13,7 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
@@ -51,7 +52,7 @@ def _observed(
     scene: Structure, plan: AbstractPlan, state: State, inputs: Inputs
 ) -> dict[str, Any]:
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, plan)
+    problem = problem_of(parts, plan, wall=scene.wall)
     return observe(parts, problem, differentiable(problem, state))
 
 
@@ -70,6 +71,8 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
 
     Costs one linear solve with the tangent at the equilibrium, whatever the number of
     inputs. Stations move with clamps and loads, as they do when the scene is solved again.
+    Where the membrane lies on the wall, it is that of the contact law's own tangent; at the
+    very load at which a point touches, that of the open side.
 
     Args:
         solution: a converged solution.
@@ -81,10 +84,13 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
 
     Raises:
         UnknownQuantityError: the path is not a differentiable quantity of the report.
+        Float64Error: float64 is off.
     """
-    scene = Structure(solution.scene)
+    require_float64()
+    scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
-    shapes = eqx.filter_eval_shape(_observed, scene, solution.plan, solution.state, inputs)
+    known = (solution.plan, solution.state, inputs)
+    shapes = eqx.filter_eval_shape(_observed, scene, *known)
     shapes = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), eqx.filter(shapes, _is_shape))
     allowed = quantities(shapes)
     taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
@@ -94,8 +100,7 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
             + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
             + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
         )
-    arguments = (scene, path, solution.plan, solution.state, inputs)
-    found = COMPILED.run(_program, *arguments, once=True)
+    found = COMPILED.run(_program, scene, path, *known, once=True)
     return {name: float(value) for name, value in found.items()}
 
 

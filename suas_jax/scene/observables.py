@@ -10,31 +10,35 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.config import LineLoadSpec, SceneSpec
+from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
+from suas_jax.mechanics.base import ContactState
 from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.pad_loads import PadLoad
 
 
 def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
     """Position, force and displacement of every load, in the order of the file."""
-    lines, pressures = iter(parts.lines), iter(parts.pressures)
+    forces, pressures = iter(parts.forces), iter(parts.pressures)
     entries: list[dict[str, Any]] = []
     for spec in parts.scene.loads:
-        if not isinstance(spec, LineLoadSpec):
+        if spec.kind == "pressure":
             entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
-        load = next(lines)
+        load = next(forces)
         moved = problem.mechanics.under(state.q, load)
-        entries.append(
-            {
-                "angle_deg": jnp.rad2deg(load.angle),
-                "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
-                "force_N": load.force * state.factor,
-                "displacement_m": jnp.sum(moved.mid_displacement * load.direction, 0),
-                "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction, 0),
-            }
-        )
+        entry = {
+            "angle_deg": jnp.rad2deg(load.angle),
+            "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
+            "force_N": load.force * state.factor,
+            "displacement_m": jnp.sum(moved.mid_displacement * load.direction, 0),
+            "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction, 0),
+        }
+        if isinstance(load, PadLoad):
+            entry["axial_m"] = load.axial + jnp.zeros_like(load.angle)
+        entries.append(entry)
     return entries
 
 
@@ -76,15 +80,19 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
     """
     geometry, mechanics = parts.skin.geometry, problem.mechanics
     shape = mechanics.shape(state.q)
-    gap = shape.smallest_gap(geometry)
+    gap, bulge = shape.smallest_gap(geometry), shape.bulge(geometry)
+    largest = shape.largest_displacement()
     stretch_min, stretch_max = shape.stretch_range()
     energy = mechanics.strain_energy(state.q)
     report = {
         "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,
-        "max_displacement_m": shape.largest_displacement().value,
+        "max_displacement_m": largest.value,
+        "max_displacement_angle_deg": jnp.rad2deg(largest.angle),
         "min_gap_m": gap.value,
         "min_gap_angle_deg": jnp.rad2deg(gap.angle),
+        "bulge_m": bulge.value,
+        "bulge_angle_deg": jnp.rad2deg(bulge.angle),
         "wall_contact": gap.value <= 0,
         "strain_energy_J": energy * geometry.width if mechanics.per_width else energy,
         "stretch_min": stretch_min,
@@ -93,8 +101,48 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
         "volume_residual": volume_residual(problem, state),
         "taxels": taxel_observables(parts, problem, state),
     }
+    if problem.mechanics.wall is not None:
+        contact = problem.mechanics.contact(state.q, problem.mechanics.wall)
+        lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
+        report |= {
+            "wall_contact": jnp.any(contact.gap < 0, (0, 1)),
+            "wall": wall_observables(contact, geometry),
+            "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
+        }
+    places = {"max_displacement": largest, "min_gap": gap, "bulge": bulge}
+    report |= {f"{k}_axial_m": x.axial for k, x in places.items() if x.axial is not None}
     ambient = parts.ambient_pressure
     if ambient is not None:
         report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)
         report["absolute_oil_pressure_Pa"] = ambient + state.pressure
     return report
+
+
+def wall_observables(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any]:
+    """What the wall carries, and where; the zone means something only where there is one.
+
+    Args:
+        contact: the inner face at its contact points.
+        geometry: of the skin.
+    """
+    # Along the arc [point, lane]; between two points the gap is taken as linear.
+    gap, angle = (
+        jnp.moveaxis(jnp.broadcast_to(x, contact.gap.shape), 1, 0).reshape(-1, x.shape[-1])
+        for x in (contact.gap, contact.polar_angle)
+    )
+    first, second = gap[:-1], gap[1:]
+    crosses = (first < 0) != (second < 0)
+    share = jnp.where(crosses, first / jnp.where(crosses, first - second, 1.0), 0.0)
+    step = angle[1:] - angle[:-1]
+    crossing = angle[:-1] + share * step
+    closed = (first < 0) | (second < 0)
+    start = jnp.where(closed, jnp.where(first < 0, angle[:-1], crossing), jnp.inf)
+    end = jnp.where(closed, jnp.where(second < 0, angle[1:], crossing), -jnp.inf)
+    covered = jnp.sum(jnp.where(closed, end - start, 0.0), 0)
+    half = geometry.width / 2
+    return {
+        "force_N": jnp.sum(contact.area * contact.pressure, (0, 1)) * geometry.width,
+        "area_m2": covered * geometry.wall_radius * geometry.width,
+        "angle_deg": [jnp.rad2deg(jnp.min(start, 0)), jnp.rad2deg(jnp.max(end, 0))],
+        "axial_m": [-half, half],
+    }

@@ -4,6 +4,7 @@ The forward model is a pure function of `continuous_inputs`: this file maps thos
 traced or not, to objects. The scene itself only says which classes.
 """
 
+import functools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -17,7 +18,9 @@ from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.pad_loads import DeadLoad, PadLoad
 from suas_jax.skin.registry import build_oil
+from suas_jax.skin.wall import Wall
 
 
 class SkinParts(NamedTuple):
@@ -28,12 +31,14 @@ class SkinParts(NamedTuple):
         law: the membrane's material.
         oil: how the oil answers.
         electrodes: taxels and the converter's scale; None where nothing is sensed.
+        wall: what may hold the membrane; None where it passes through.
     """
 
     geometry: SkinGeometry
     law: AbstractLaw
     oil: AbstractOil
     electrodes: Electrodes | None
+    wall: Wall | None
 
 
 class SceneParts(NamedTuple):
@@ -41,7 +46,7 @@ class SceneParts(NamedTuple):
 
     Attributes:
         skin: the skin's objects.
-        lines: the line loads, in the order of the file.
+        forces: the dead loads, in the order of the file.
         pressures: of the uniform pressure loads, in the order of the file [Pa].
         oil_pressure: wanted oil pressure [Pa]; None where loads are given as they are.
         ambient_pressure: of the water around [Pa]; None where no depth is given.
@@ -49,7 +54,7 @@ class SceneParts(NamedTuple):
     """
 
     skin: SkinParts
-    lines: list[LineLoad]
+    forces: list[DeadLoad]
     pressures: list[Lanes]
     oil_pressure: Lanes | None
     ambient_pressure: Lanes | None
@@ -79,12 +84,19 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
     """
     numbers = _all_numbers(scene, inputs)
-    lines, pressures = [], []
+    skin = _skin(scene, numbers)
+    forces: list[DeadLoad] = []
+    pressures = []
     for i, spec in enumerate(scene.loads):
-        if isinstance(spec, LineLoadSpec):
-            lines.append(_line(spec, f"load.{i}.", numbers))
+        path = f"load.{i}."
+        if spec.kind == "pressure":
+            pressures.append(_lane(numbers[path + "pressure"]))
+        elif scene.geometry.dimension == 3:
+            value = functools.partial(_value, numbers, path)
+            forces.append(PadLoad.of(spec, value, skin.geometry.width))
         else:
-            pressures.append(_lane(numbers[f"load.{i}.pressure"]))
+            assert spec.kind == "line"  # a scene with a patch in plane strain is refused
+            forces.append(_line(spec, path, numbers))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:
         wanted = _lane(numbers["solve.oil_pressure"])
@@ -93,7 +105,7 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         names = ("specific_weight", "depth", "atmospheric_pressure")
         weight, depth, atmosphere = (_lane(numbers[f"environment.{name}"]) for name in names)
         ambient = weight * depth + atmosphere
-    return SceneParts(_skin(scene, numbers), lines, pressures, wanted, ambient, scene)
+    return SceneParts(skin, forces, pressures, wanted, ambient, scene)
 
 
 def law_of(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> AbstractLaw:
@@ -106,6 +118,10 @@ def _all_numbers(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, A
     return {**dict(structure(spec)), **inputs}
 
 
+def _value(numbers: Mapping[str, Any], path: str, name: str) -> Any:
+    return numbers[path + name]
+
+
 def _lane(value: Any) -> Array:
     return jnp.asarray(value, float)[..., None]
 
@@ -114,7 +130,21 @@ def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
     names = ("inner_radius", "thickness", "half_angle", "width", "oil_gap")
     geometry = SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
     electrodes = electrodes_of(spec, numbers, geometry)
-    return SkinParts(geometry, _law(spec, numbers), _oil(spec, numbers), electrodes)
+    law = _law(spec, numbers)
+    wall = _wall(spec, geometry, law, numbers)
+    return SkinParts(geometry, law, _oil(spec, numbers), electrodes, wall)
+
+
+def _wall(
+    spec: SkinSpec, geometry: SkinGeometry, law: AbstractLaw, numbers: Mapping[str, Any]
+) -> Wall | None:
+    if not spec.wall.contact:
+        return None
+    layer = None
+    if spec.wall.layer is not None:
+        path = "wall.layer."
+        layer = (_lane(numbers[path + "thickness"]), _lane(numbers[path + "stiffness"]))
+    return Wall.of(geometry, law.shear_modulus, layer)
 
 
 def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:

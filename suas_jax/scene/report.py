@@ -9,9 +9,11 @@ import numpy as np
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.scene.observables import taxel_rows
+from suas_jax.sensing.converter import Converter
 
 _ORDER = (
     "model",
+    "dimension",
     "status",
     "message",
     "rtol_met",
@@ -20,9 +22,17 @@ _ORDER = (
     "ambient_pressure_Pa",
     "absolute_oil_pressure_Pa",
     "max_displacement_m",
+    "max_displacement_angle_deg",
+    "max_displacement_axial_m",
     "min_gap_m",
     "min_gap_angle_deg",
+    "min_gap_axial_m",
+    "bulge_m",
+    "bulge_angle_deg",
+    "bulge_axial_m",
     "wall_contact",
+    "wall",
+    "gap_tolerance_m",
     "strain_energy_J",
     "stretch_min",
     "stretch_max",
@@ -63,6 +73,12 @@ def report_of(
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
     taxels = taxel_rows(scene, observed.pop("taxels", {}))
+    if not observed["wall_contact"] or "wall" not in observed:
+        # Without the wall a gap that is open has no tolerance, one that is closed no meaning.
+        tolerance = observed.get("gap_tolerance_m", 0.0 if scene.wall.contact else None)
+        observed |= {"wall": None, "gap_tolerance_m": tolerance}
+    elif scene.electrodes is not None:
+        taxels = [_short_circuited(taxel) for taxel in taxels]
     report = {
         **_header(scene, observed | {"loads": loads}, outcome, taxels),
         "iterations": outcome["iterations"],
@@ -92,9 +108,10 @@ def _header(
         message += _blind(taxels)
     return {
         "model": outcome["model"],
+        "dimension": scene.geometry.dimension,
         "status": status,
         "message": " ".join(filter(None, message)),
-        "rtol_met": known and error <= scene.solve.rtol,
+        "rtol_met": known and error <= scene.rtol,
         **report,
         "error_estimate": error if known else None,
         "discretisation_error": mesh_error if known else None,
@@ -107,12 +124,15 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     remarks = []
     if error is None:
         remarks.append("The error could not be estimated.")
-    elif error > scene.solve.rtol:
-        remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.solve.rtol:.1e}.")
-    if report["wall_contact"]:
+    elif error > scene.rtol:
+        remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.rtol:.1e}.")
+    if report["wall"] is not None:
+        force = report["wall"]["force_N"]
+        remarks.append(f"The inner face lies on the wall, which carries {force:.4g} N.")
+    elif report["wall_contact"]:
         remarks.append(
-            "The inner face has reached the rigid wall: contact is not modelled, the state "
-            "is not valid."
+            "The inner face has passed the wall, which does not hold it (contact = false): "
+            "the state is not valid."
         )
     if not report["stable"]:
         remarks.append("The equilibrium is unstable: a real membrane leaves it.")
@@ -121,9 +141,16 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     return remarks
 
 
+def _short_circuited(taxel: dict[str, Any]) -> dict[str, Any]:
+    """A taxel that nothing parts from the membrane reads full scale."""
+    if math.isfinite(taxel["so"]):
+        return taxel
+    return taxel | {"so": float(Converter().full_scale)}
+
+
 def _blind(taxels: list[dict[str, Any]]) -> list[str]:
     """Which taxels have no reading, where there are such."""
-    blind = sum(not math.isfinite(taxel["so"]) for taxel in taxels)
+    blind = sum(not math.isfinite(taxel["capacitance_F"]) for taxel in taxels)
     if not blind:
         return []
     return [

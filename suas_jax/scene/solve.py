@@ -17,10 +17,11 @@ from jaxtyping import ArrayLike
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
 from suas_jax.equilibrium.balance import Problem, State, verify
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.runtime.program_store import Keyed
+from suas_jax.runtime.content_key import Keyed
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle, plan_for, problem_of
 from suas_jax.scene.error_estimate import discretisation_error, model_error
 from suas_jax.scene.observables import observe
@@ -33,11 +34,17 @@ _MODEL_SHARE = 0.9
 
 
 class Structure(Keyed):
-    """A scene compared by what decides the compiled program: all but its numbers."""
+    """A scene compared by what decides the compiled program: all but its numbers.
 
-    def __init__(self, scene: SceneSpec) -> None:
+    Args:
+        scene: the scene.
+        wall: whether the wall is there, see `problem_of`.
+    """
+
+    def __init__(self, scene: SceneSpec, *, wall: bool = False) -> None:
         self.scene = scene
-        self.key = structure(scene)
+        self.wall = wall
+        self.key = (structure(scene), wall)
 
 
 class Attempt(NamedTuple):
@@ -48,12 +55,14 @@ class Attempt(NamedTuple):
         state: the equilibrium on the whole arc.
         outcome: how it was found.
         plan: its mesh.
+        wall: whether the wall was there.
     """
 
     report: dict[str, Any]
     state: State
     outcome: dict[str, Any]
     plan: AbstractPlan
+    wall: bool = False
 
     @property
     def converged(self) -> bool:
@@ -69,6 +78,11 @@ class Attempt(NamedTuple):
     def model_error(self) -> float:
         """Estimated error by the model."""
         return float(np.ravel(self.report["model_error"])[0])
+
+    @property
+    def at_the_wall(self) -> bool:
+        """Whether the inner face reaches the wall, or has passed it."""
+        return bool(np.ravel(self.report["wall_contact"])[0])
 
     def model_too_coarse(self, rtol: float) -> bool:
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
@@ -89,12 +103,14 @@ class Solution:
         state: the equilibrium on the whole arc.
         plan: its mesh.
         scene: what was solved.
+        wall: whether the wall was there.
     """
 
     report: dict[str, Any]
     state: State
     plan: AbstractPlan
     scene: SceneSpec
+    wall: bool = False
 
     @property
     def converged(self) -> bool:
@@ -103,49 +119,57 @@ class Solution:
 
     def problem(self) -> Problem:
         """The discrete problem on the whole arc."""
-        return build_problem(self.scene, self.plan, continuous_inputs(self.scene))
-
-
-def whole(problem: Problem, state: State, plan: AbstractPlan) -> State:
-    """The state on the whole membrane from the one that was solved."""
-    return state._replace(q=problem.mechanics.mirrored(state.q)) if plan.symmetric else state
+        inputs = continuous_inputs(self.scene)
+        return build_problem(self.scene, self.plan, inputs, wall=self.wall)
 
 
 def assess(
-    parts: SceneParts, plan: AbstractPlan, other_plan: AbstractPlan, state: State
-) -> dict[str, Any]:
-    """Observe a state on `plan` and check it on the comparison mesh `other_plan`.
+    parts: SceneParts, meshes: Meshes, solved: Problem, found: State, *, wall: bool
+) -> tuple[dict[str, Any], State]:
+    """Observe a state on the whole membrane, and check it.
 
-    One assembly there, on the whole membrane, answers two questions: whether the state is
-    stable, sway included, and how far it is from the exact solution.
+    One assembly on the mesh for the error answers two questions: whether the state is stable
+    and how far it is from the exact solution. Sway needs the whole membrane.
+
+    Args:
+        parts: of the scene.
+        meshes: of the solve.
+        solved: the problem that was solved, of the whole or of a part.
+        found: its state.
+        wall: whether the wall is there.
+
+    Returns:
+        What is observed, and the state on the whole membrane.
     """
-    problem = problem_of(parts, plan)
+    problem, state = solved, found
+    if meshes.solved.symmetric:
+        problem = problem_of(parts, meshes.whole, wall=wall)
+        state = found._replace(q=solved.mechanics.mirrored(found.q))
     report = observe(parts, problem, state)
-    other = problem_of(parts, other_plan)
+    whole, stable = state, None
+    if meshes.stability is not None:
+        stable = verify(problem_of(parts, meshes.stability, wall=wall), state).stable
+        problem, state = solved, found
+    other = problem_of(parts, meshes.error, wall=wall)
     start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
     check = verify(other, start)
-    report["stable"] = check.stable
-    error = discretisation_error(problem, state, other, check.correction, parts.lines)
-    same = plan.counts == other_plan.counts
+    report["stable"] = check.stable if stable is None else check.stable & stable
+    error = discretisation_error(problem, state, other, check.correction, parts.forces)
+    same = meshes.whole.counts == meshes.error.counts
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
-    report["model_error"] = model_error(other, check, parts.lines, parts.skin.geometry)
-    return report
+    report["model_error"] = model_error(other, check, parts.forces, parts.skin.geometry)
+    return report, whole
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure,
-    plan: AbstractPlan,
-    reduced: AbstractPlan,
-    other_plan: AbstractPlan,
-    inputs: Inputs,
+    scene: Structure, meshes: Meshes, inputs: Inputs
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    """Solve on `reduced`, then assess on the whole membrane."""
+    """Solve the whole membrane or a part of it, then assess the whole."""
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced)
+    problem = problem_of(parts, meshes.solved, wall=scene.wall)
     found = equilibrium(problem)
-    state = whole(problem, found.state, reduced)
-    report = assess(parts, plan, other_plan, state)
+    report, state = assess(parts, meshes, problem, found.state, wall=scene.wall)
     outcome = {
         "result": found.result,
         "level": found.level,
@@ -186,7 +210,11 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     Returns:
         The solution; a failed solve is named in its report, not raised.
+
+    Raises:
+        Float64Error: float64 is off.
     """
+    require_float64()
     compiled_before = COMPILED.seconds
     decay_angle(scene)  # its small program is compiled, and kept, outside the time measured
     seconds = []
@@ -202,15 +230,19 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
-    return Solution(report, found.state, found.plan, scene)
+    return Solution(report, found.state, found.plan, scene, found.wall)
 
 
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     """Solve with the model that the scene asks for, and say why it is that one."""
-    model, rtol = scene.solve.model, scene.solve.rtol
+    model, rtol = scene.solve.model, scene.rtol
+    models = MODELS[scene.geometry.dimension]
     if model != "auto":
-        return _attempt(scene, model, MODELS[model].given(scene), once=once), ""
-    given = {name: m.given(scene) for name, m in MODELS.items()}
+        return _attempt(scene, model, models[model].given(scene), once=once), ""
+    if len(models) == 1:
+        (name,) = models
+        return _attempt(scene, name, models[name].given(scene), once=once), ""
+    given = {name: m.given(scene) for name, m in models.items()}
     for name, counts in reversed(given.items()):
         if counts is not None:
             found = _attempt(scene, name, counts, once=once)
@@ -220,8 +252,11 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
         return shell, "Lumped shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol):
         return shell, _shell_chosen(shell, rtol)
-    solid = _attempt(scene, "solid", None, once=once)
+    at_the_wall = shell.at_the_wall and scene.wall.contact
+    solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall)
     if not solid.converged:
+        if at_the_wall and not shell.wall:
+            shell = _attempt(scene, "shell", None, once=once, wall=True)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
     return solid, (
         f"Solid chosen: the lumped shell's model error, estimated as "
@@ -236,26 +271,35 @@ def _shell_chosen(shell: Attempt, rtol: float) -> str:
     )
 
 
-def _attempt(scene: SceneSpec, name: str, given: Counts | None, *, once: bool) -> Attempt:
-    """Solve with one model, on the mesh given or on finer ones until `rtol` is met."""
-    model, rtol = MODELS[name], scene.solve.rtol
+def _attempt(
+    scene: SceneSpec, name: str, given: Counts | None, *, once: bool, wall: bool = False
+) -> Attempt:
+    """Solve with one model, on the mesh given or on finer ones until `rtol` is met.
+
+    The wall is left out until the membrane reaches it: a state without it whose gap is open
+    is one with it, and most scenes need no program that knows contact.
+    """
+    model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     # Tolerance, model and mesh decide which programs run, not what they are.
-    static = Structure(with_solve(scene, model="auto", rtol=1e-3, elements=None, mesh=None))
+    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
     counts = given or model.first(scene)
     while True:
-        plan = plan_for(scene, name, counts)
+        plan, static = plan_for(scene, name, counts), Structure(pattern, wall=wall)
         if unloaded(scene):
             report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
             return Attempt(report, state, outcome, plan)
-        arguments = (static, plan, plan.reduced(), plan.comparison(), inputs)
+        arguments = (static, plan.meshes(), inputs)
         report, state, outcome = COMPILED.run(_program, *arguments, once=once)
-        found = Attempt(report, state, outcome, plan)
+        found = Attempt(report, state, outcome, plan, wall)
         # Where another model is tried next, a finer mesh of this one is wasted.
-        other_next = scene.solve.model == "auto" and name == "shell"
-        other_next = other_next and found.model_too_coarse(rtol)
+        other_next = scene.solve.model == "auto" and name == "shell" and not given
+        other_next = other_next and found.converged and found.model_too_coarse(rtol)
+        if found.at_the_wall and scene.wall.contact and not (wall or other_next):
+            wall = True
+            continue
         finer = model.finer(counts)
         if given or finer is None or other_next or not found.mesh_too_coarse(rtol):
             return found

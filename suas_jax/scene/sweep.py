@@ -2,6 +2,7 @@
 
 import csv
 import dataclasses
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,6 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.config import (
-    LineLoadSpec,
     SceneSpec,
     continuous_inputs,
     with_inputs,
@@ -21,13 +21,15 @@ from suas_jax.config import (
 )
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import path
-from suas_jax.mechanics.model import AbstractPlan, Counts
+from suas_jax.files.writing import write_text
+from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.solve import Inputs, Structure, assess, whole
+from suas_jax.scene.solve import Inputs, Structure, assess
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
@@ -49,8 +51,8 @@ _COLUMNS = (
 
 
 def _total_force(report: dict[str, Any]) -> float:
-    lines = [load for load in report["loads"] if load["kind"] == "line"]
-    return sum(abs(load["force_N"]) for load in lines)
+    forces = [load["force_N"] for load in report["loads"] if load["kind"] != "pressure"]
+    return sum(abs(force) for force in forces)
 
 
 class SweepError(ValueError):
@@ -84,34 +86,64 @@ class Sweep:
     def write_csv(self, path: Path) -> None:
         """Write the table; column names carry the SI units."""
         rows = self.rows()
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(rows[0]))
-            writer.writeheader()
-            writer.writerows(rows)
+        text = io.StringIO(newline="")
+        writer = csv.DictWriter(text, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+        write_text(path, text.getvalue())
 
 
 @eqx.filter_jit
 def _program(
     scene: Structure,
-    plan: AbstractPlan,
-    reduced: AbstractPlan,
-    other_plan: AbstractPlan,
+    meshes: Meshes,
     inputs: Inputs,
     levels: Array,
     start: State | None,
 ) -> tuple[dict[str, Any], State, dict[str, Any]]:
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, reduced)
-    found = path(problem, levels, start)
+    problem = problem_of(parts, meshes.solved, wall=scene.wall)
+    found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(parts, plan, other_plan, whole(problem, state, reduced))
+        return assess(parts, meshes, problem, state, wall=scene.wall)[0]
 
     reports = jax.lax.map(one, found.state)
     outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
     unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
     outcome["unknowns"] = jnp.full_like(found.result, unknowns)
     return reports, found.state, outcome
+
+
+def sweep(
+    scene: SceneSpec,
+    *,
+    forces: Sequence[float] | None = None,
+    oil_pressures: Sequence[float] | None = None,
+) -> Sweep:
+    """Follow a scene's equilibrium through rising loads.
+
+    Args:
+        scene: the scene; its loads give the pattern, which is kept.
+        forces: sums of the line loads' magnitudes, in the order to visit [N].
+        oil_pressures: instead of forces: all loads are scaled until the oil reaches these
+            pressures above ambient, all of one sign, in the order to visit [Pa].
+
+    Returns:
+        A report for each point, and the first contact with the wall if there is one.
+
+    Raises:
+        SweepError: the loads can't be scaled so, or the values are not allowed.
+        TypeError: neither forces nor oil pressures are given, or both.
+        Float64Error: float64 is off.
+    """
+    require_float64()
+    if (forces is None) == (oil_pressures is None):
+        raise TypeError("sweep: give either forces or oil_pressures")
+    if forces is not None:
+        return force_sweep(scene, forces)
+    assert oil_pressures is not None
+    return pressure_sweep(scene, oil_pressures)
 
 
 def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
@@ -122,16 +154,16 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
         forces: sums of the loads' magnitudes, in the order to visit [N].
 
     Raises:
-        SweepError: the scene has no line load to scale, or forces aren't finite and >= 0.
+        SweepError: the scene has no force to scale, or forces aren't finite and >= 0.
     """
     lines = {
         f"load.{i}.force": load.force
         for i, load in enumerate(scene.loads)
-        if isinstance(load, LineLoadSpec)
+        if load.kind != "pressure"
     }
     total = sum(abs(force) for force in lines.values())
     if total == 0:
-        raise SweepError("there is no line load with a force to scale; add [[load]] with force")
+        raise SweepError("there is no load with a force to scale; add [[load]] with force")
     values = _checked(forces, "--force")
     top = float(values.max()) or total
     scaled = with_inputs(scene, {key: f * top / total for key, f in lines.items()})
@@ -167,12 +199,13 @@ def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:
 
 
 def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
-    rtol, automatic = scene.solve.rtol, scene.solve.model == "auto"
-    given = {name: model.given(scene) for name, model in MODELS.items()}
+    rtol, automatic = scene.rtol, scene.solve.model == "auto"
+    models = MODELS[scene.geometry.dimension]
+    given = {name: model.given(scene) for name, model in models.items()}
     name: str = scene.solve.model
     if automatic:
         name = next((n for n in reversed(given) if given[n] is not None), "shell")
-    counts = given[name] or MODELS[name].first_of_sweep(scene)
+    counts = given[name] or models[name].first_of_sweep(scene)
     while True:
         curve = _Curve(scene, name, counts)
         points = curve.points(levels)
@@ -180,11 +213,12 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
             max((p[key] for p in points if p[key] is not None), default=0.0)
             for key in ("error_estimate", "model_error")
         )
-        if automatic and not given[name] and name == "shell" and of_model > rtol:
+        other = "solid" in models and name == "shell"
+        if automatic and not given[name] and other and of_model > rtol:
             name = "solid"
-            counts = MODELS[name].first_of_sweep(scene)
+            counts = models[name].first_of_sweep(scene)
             continue
-        finer = MODELS[name].finer(counts)
+        finer = models[name].finer(counts)
         if given[name] or worst <= max(rtol, 1.1 * of_model) or finer is None:
             return Sweep(points, curve.first_contact(levels, points), scene)
         counts = finer
@@ -195,42 +229,58 @@ class _Curve:
 
     def __init__(self, scene: SceneSpec, model: str, counts: Counts) -> None:
         self.scene, self.plan = scene, plan_for(scene, model, counts)
-        self.reduced = self.plan.reduced()
-        self.other = self.plan.comparison()
+        self.meshes = self.plan.meshes()
         self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-        self.states: State | None = None
 
-    def points(self, levels: np.ndarray, start: State | None = None) -> list[dict[str, Any]]:
+    def points(self, levels: np.ndarray) -> list[dict[str, Any]]:
         """Reports at the given levels; a level of zero is the undeformed state."""
-        if start is None:
-            start = self._rest()
         pressures = self.scene.solve.oil_pressure is not None
         visit = levels[levels != 0] if pressures else levels
-        arguments = (self.plan, self.reduced, self.other, self.inputs, jnp.asarray(visit))
-        known = None if pressures and start.factor[0] == 0 else start
-        once = len(visit) <= _FEW
-        found = COMPILED.run(_program, Structure(self.scene), *arguments, known, once=once)
-        reports, self.states, outcomes = found
+        rows, states = self.follow(visit, None, wall=False)
+        beyond = [row["wall_contact"] for row in rows]
+        if self.scene.wall.contact and any(beyond):
+            # From the last state that is free of the wall, whatever comes after.
+            k = beyond.index(True)
+            start = jax.tree.map(lambda x: x[k - 1], states) if k else None
+            rows[k:] = self.follow(visit[k:], start, wall=True)[0]
+        if len(visit) < len(levels):
+            rest = self._rest_report()
+            rows_left = iter(rows)
+            rows = [rest if level == 0 else next(rows_left) for level in levels]
+        return rows
+
+    def follow(
+        self, levels: np.ndarray, start: State | None, *, wall: bool
+    ) -> tuple[list[dict[str, Any]], State]:
+        """Reports and states at levels that no rest is among, with or without the wall.
+
+        Args:
+            levels: in the order to visit.
+            start: where to start; None at rest.
+            wall: whether it is there; without it the first state beyond it is repeated.
+        """
+        pressures = self.scene.solve.oil_pressure is not None
+        known = start if start is not None or pressures else self._rest()
+        arguments = (self.meshes, self.inputs, jnp.asarray(levels))
+        static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
+        found = COMPILED.run(_program, static, *arguments, known, once=once)
+        reports, states, outcomes = found
         rows = [
             report_of(
                 self.scene,
                 plain(reports, i),
                 plain(outcomes, i) | {"model": self.plan.model, "reason": ""},
             )
-            for i in range(len(visit))
+            for i in range(len(levels))
         ]
-        if len(visit) < len(levels):
-            rest = self._rest_report(rows[0])
-            rows_left = iter(rows)
-            rows = [rest if level == 0 else next(rows_left) for level in levels]
-        return rows
+        return rows, states
 
     def _rest(self) -> State:
-        problem = build_problem(self.scene, self.reduced, self.inputs)
+        problem = build_problem(self.scene, self.meshes.solved, self.inputs)
         zero = jnp.zeros(1)
         return State(problem.mechanics.rest(), zero, zero)
 
-    def _rest_report(self, like: dict[str, Any]) -> dict[str, Any]:
+    def _rest_report(self) -> dict[str, Any]:
         """The report of the undeformed state, which no pressure control can reach."""
         loads_off = with_solve(self.scene, oil_pressure=None)
         curve = _Curve(loads_off, self.plan.model, self.plan.counts)
@@ -240,8 +290,11 @@ class _Curve:
         self, levels: np.ndarray, points: list[dict[str, Any]]
     ) -> dict[str, float] | None:
         """Close in on the load at which the smallest gap vanishes."""
-        gaps = [p["min_gap_m"] for p in points]
-        hits = [i for i, p in enumerate(points) if p["status"] == "converged" and gaps[i] <= 0]
+        hits = [
+            i
+            for i, point in enumerate(points)
+            if point["status"] == "converged" and point["wall_contact"]
+        ]
         if not hits:
             return None
         after = hits[0]
@@ -253,21 +306,23 @@ class _Curve:
         count = int(np.count_nonzero(levels)) if self.scene.solve.oil_pressure else len(levels)
         while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
             inner = np.linspace(low, high, count + 2)[1:-1]
-            rows = self.points(inner, start)
-            inside = [row["min_gap_m"] <= 0 for row in rows]
+            rows, states = self.follow(inner, start, wall=False)
+            inside = [row["wall_contact"] for row in rows]
             k = inside.index(True) if any(inside) else len(rows)
-            states = self.states
             if k < len(rows):
                 high, best = float(inner[k]), rows[k]
-            if k > 0 and states is not None:
+            if k > 0:
                 low = float(inner[k - 1])
                 start = jax.tree.map(lambda x, k=k: x[k - 1], states)
         return _contact_of(best)
 
 
 def _contact_of(report: dict[str, Any]) -> dict[str, float]:
-    return {
+    contact = {
         "force_N": _total_force(report),
         "oil_pressure_Pa": report["oil_pressure_Pa"],
         "angle_deg": report["min_gap_angle_deg"],
     }
+    if "min_gap_axial_m" in report:
+        contact["axial_m"] = report["min_gap_axial_m"]
+    return contact

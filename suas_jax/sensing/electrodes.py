@@ -22,7 +22,8 @@ class Readings(NamedTuple):
 
     Attributes:
         gap: along the ray through a taxel's centre [m].
-        capacitance: stray included [F]; NaN where `touching`.
+        capacitance: stray included [F]; NaN where nothing parts membrane and electrode, or
+            where `touching` is all that is known.
         so: continuous sensor output, C / lsb [counts]: no noise, rounding or saturation.
         touching: whether the membrane reaches the wall somewhere over the footprint, or
             folds over: no capacitance can be told there.
@@ -69,26 +70,36 @@ class Electrodes(eqx.Module):
             mechanics: the membrane on the whole arc.
             q: its unknowns.
         """
-        return self.read_face(mechanics.face(q, self.geometry.inner_radius))
+        face = mechanics.face(q, self.geometry.inner_radius)
+        return self.read_face(face, held=mechanics.wall is not None)
 
-    def read_face(self, face: AbstractFace) -> Readings:
-        """Readings under a deformed inner face; see `read`."""
+    def read_face(self, face: AbstractFace, *, held: bool = False) -> Readings:
+        """Readings under a deformed inner face; see `read`.
+
+        Args:
+            face: the inner face.
+            held: whether the wall holds the membrane: where they touch, the film is gone
+                and further dielectrics remain. If there are none, it is a short circuit.
+        """
         taxels, wall = self.taxels, self.geometry.wall_radius
         footprint = DISC if face.varies_along_axis else CHORDS
-        # Ray after ray, not all in one array: a reduction over them would cost the
-        # compiled program several times what the look-ups do.
         rays = taxels.rays(footprint, wall)
-        gaps = [face.gap(angle, axial, wall) - self.height for angle, axial in rays]
+        gaps = [gap - self.height for gap in face.gaps(rays, wall)]
         clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
+        parted = clear
+        if held:
+            known = functools.reduce(jnp.logical_and, [~jnp.isnan(gap) for gap in gaps])
+            parted = clear | (known & (self.layers > 0))
+            gaps = [jnp.maximum(gap, 0.0) for gap in gaps]
         # Untouched taxels keep their derivatives whatever happens to the others: the
         # formula never sees a gap that it has no value for.
         density = footprint.average(
             self.formula.per_area(
-                jnp.where(clear, gap, 1.0), wall, self.permittivity, self.layers
+                jnp.where(parted, gap, 1.0), wall, self.permittivity, self.layers
             )
             for gap in gaps
         )
-        capacitance = jnp.where(clear, self.stray + taxels.area * density, jnp.nan)
+        capacitance = jnp.where(parted, self.stray + taxels.area * density, jnp.nan)
         centre = gaps[footprint.centre]
         return Readings(centre, capacitance, capacitance / self.lsb, ~clear)
 

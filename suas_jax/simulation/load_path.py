@@ -1,4 +1,4 @@
-"""Play a scene, or a path of loads, as the readings of the skin's electronics.
+"""Loads of a scene that change over time.
 
 A load path is a CSV file beside the scene whose loads it moves::
 
@@ -14,31 +14,17 @@ names stays as the scene has it.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.config import LineLoadSpec, SceneSpec, load_scene
 from suas_jax.config.csv_table import number_in, read_csv_table
-from suas_jax.equilibrium.outcomes import NAMES, advice
-from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
-from suas_jax.scene.solve import solve
-from suas_jax.sensing.converter import Converter, Sample
-from suas_jax.sensing.taxels import taxel_names
 
-# Frames solved in one call, and the shape that is compiled.
-_BLOCK = 256
 _COLUMN = re.compile(r"loads\.(\d+)\.(force_N|angle_deg|direction_deg|pressure_Pa)")
-
-
-class NoSolutionError(Exception):
-    """No equilibrium was found for a load; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -58,26 +44,6 @@ class LoadPath:
     def at(self, time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Values at some times [s], linear between rows, constant beyond them."""
         return {k: np.interp(time, self.time, v) for k, v in self.columns.items()}
-
-
-@dataclass(frozen=True)
-class Faults:
-    """What goes wrong between skin and log.
-
-    Attributes:
-        drop: probability that a frame is lost.
-        missing: probability that a single count is missing.
-        stuck: time from which a taxel (module, number) keeps its count [s].
-    """
-
-    drop: float = 0.0
-    missing: float = 0.0
-    stuck: Mapping[tuple[int, int], float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for name in ("drop", "missing"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} = {getattr(self, name)}: a probability is needed")
 
 
 def load_path(file: Path) -> LoadPath:
@@ -132,130 +98,3 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
             raise ValueError(f'{where}, column "{name}": a {load.kind} load has {allowed}')
         if isinstance(load, LineLoadSpec) and load.spread is not None:
             raise ValueError(f'{where}, column "{name}": a spread load can\'t move in a path')
-
-
-def capacitances(
-    path: LoadPath,
-    time: NDArray[np.float64],
-    progress: Callable[[int], None] = lambda done: None,
-) -> NDArray[np.float64]:
-    """Capacitance of every taxel along a load path [frame, taxel] [F].
-
-    Args:
-        path: loads over time.
-        time: of the frames [s].
-        progress: called with the number of frames done.
-
-    Raises:
-        NoSolutionError: some loads have no equilibrium.
-    """
-    skin, run = skin_of(path.scene), eqx.filter_jit(forward)
-    loads = _loads(path, time)
-    edge = float(skin.geometry.half_angle[0])
-    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:
-        raise ValueError(f"a load leaves the skin, which ends at {np.rad2deg(edge):.4g} deg")
-    blocks = []
-    for begin in range(0, len(time), _BLOCK):
-        index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
-        output = run(skin, Loads(*(x[..., index] for x in _fields(loads))))
-        failed = np.flatnonzero(np.asarray(output.result))
-        if failed.size:
-            name = NAMES[int(output.result[failed[0]])]
-            raise NoSolutionError(f"t = {time[index[failed[0]]]:g} s: {name}. {advice(name)}")
-        blocks.append(np.asarray(output.readings.capacitance).T)
-        progress(min(begin + _BLOCK, len(time)))
-    return np.concatenate(blocks)[: len(time)]
-
-
-def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:
-    return loads.angle, loads.force, loads.turn, loads.external_pressure
-
-
-def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
-    """The scene's loads with what the path moves, a lane a frame."""
-    base, values = loads_of(path.scene), path.at(time)
-    frames = len(time)
-    angle, force, turn, _ = (
-        np.array(np.broadcast_to(x, (*x.shape[:-1], frames))) for x in _fields(base)
-    )
-    pressure, row = np.zeros(frames), 0
-    for i, load in enumerate(path.scene.loads):
-        if not isinstance(load, LineLoadSpec):
-            pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
-            continue
-        if load.spread is not None:
-            row += SPREAD_POINTS
-            continue
-        angle[row] = np.deg2rad(values.get(f"loads.{i}.angle_deg", np.rad2deg(angle[row])))
-        force[row] = values.get(f"loads.{i}.force_N", force[row])
-        if load.direction == "vertical":
-            turn[row] = angle[row]
-        if f"loads.{i}.direction_deg" in values:
-            turn[row] = np.deg2rad(values[f"loads.{i}.direction_deg"])
-        row += 1
-    return Loads(*(jnp.asarray(x) for x in (angle, force, turn, pressure)))
-
-
-def static_capacitance(scene: SceneSpec) -> NDArray[np.float64]:
-    """Capacitance of every taxel of a scene at rest under its loads [taxel] [F].
-
-    Raises:
-        NoSolutionError: the scene has no equilibrium.
-    """
-    report = solve(scene).report
-    if report["status"] != "converged":
-        raise NoSolutionError(f"{report['status']}. {report['message']}")
-    return np.array([taxel["capacitance_F"] for taxel in report["taxels"]])
-
-
-def readings(
-    scene: SceneSpec,
-    time: NDArray[np.float64],
-    sample: Sample,
-    faults: Faults,
-    random: np.random.Generator,
-) -> Iterator[Reading]:
-    """Frames as a device would send them: module after module, frame after frame.
-
-    Args:
-        scene: with the electrodes.
-        time: of the frames on the device's clock [s].
-        sample: the converter's counts.
-        faults: what goes wrong on the way.
-        random: source of the faults.
-    """
-    assert scene.electrodes is not None
-    module, number = (np.array(x) for x in taxel_names(scene.electrodes))
-    counts = sample.counts.copy()
-    for (m, k), since in faults.stuck.items():
-        taxel = np.flatnonzero((module == m) & (number == k))
-        if not taxel.size:
-            raise ValueError(f"stuck taxel {m}.{k}: the skin has no such taxel")
-        first = int(np.searchsorted(time, since))
-        if first < len(time):
-            counts[first:, taxel] = counts[first, taxel]
-    for seq, (t, row) in enumerate(zip(time, counts, strict=True)):
-        lost = random.random() < faults.drop
-        missing = random.random(len(row)) < faults.missing
-        if lost:
-            continue
-        for m in np.unique(module):
-            mine = np.flatnonzero(module == m)
-            values = tuple(None if missing[i] else int(row[i]) for i in mine)
-            yield Reading(seq, float(t), int(m), values, t_host=float(t))
-
-
-def converter_of(scene: SceneSpec, **changes: float | None) -> Converter:
-    """The converter of [electrodes], with changes where they aren't None.
-
-    Raises:
-        ValueError: the scene has no electrodes, or a setting makes no sense.
-    """
-    if scene.electrodes is None:
-        raise ValueError("the scene's skin has no [electrodes]: there is nothing to simulate")
-    own: dict[str, float | None] = {
-        "lsb": scene.electrodes.lsb,
-        "noise": scene.electrodes.noise,
-    }
-    own |= {key: value for key, value in changes.items() if value is not None}
-    return Converter(**own)  # type: ignore[arg-type]

@@ -1,11 +1,16 @@
 """What acts on the pad in three dimensions: dead forces even over parts of the outer face."""
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
+from suas_jax.config import LineLoadSpec, PatchLoadSpec
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.geometry import outward
+from suas_jax.skin.loads import LineLoad
 
 
 class PadLoad(eqx.Module):
@@ -35,6 +40,45 @@ class PadLoad(eqx.Module):
     length: Lanes | None = None
     diameter: Lanes | None = None
     vertical: bool = eqx.field(static=True, default=False)
+
+    @classmethod
+    def of(
+        cls,
+        spec: LineLoadSpec | PatchLoadSpec,
+        value: Callable[[str], ArrayLike],
+        width: ArrayLike,
+    ) -> "PadLoad":
+        """A load of a scene.
+
+        Args:
+            spec: says which shape and kind of direction.
+            value: gives the load's numbers by key (``angle``, ``size.0`` ...) [SI].
+            width: of the pad, the length of a line that states none [m].
+        """
+
+        def lane(x: ArrayLike) -> Lanes:
+            return jnp.asarray(x, float)[..., None]
+
+        def given(name: str) -> Lanes | None:
+            return None if getattr(spec, name, None) is None else lane(value(name))
+
+        arc, length = given("spread"), given("length")
+        if isinstance(spec, PatchLoadSpec) and spec.size is not None:
+            arc, length = lane(value("size.0")), lane(value("size.1"))
+        elif isinstance(spec, LineLoadSpec) and length is None:
+            length = jnp.atleast_1d(jnp.asarray(width, float))
+        turn = 0.0 if isinstance(spec.direction, str) else value("direction")
+        return cls(
+            lane(value("angle")),
+            lane(value("axial")),
+            lane(value("force")),
+            lane(turn),
+            lane(value("tilt")),
+            arc,
+            length,
+            given("diameter"),
+            vertical=spec.direction == "vertical",
+        )
 
     def __check_init__(self) -> None:
         """Reject a shape that is none.
@@ -68,6 +112,10 @@ class PadLoad(eqx.Module):
         assert self.length is not None
         arc = jnp.zeros_like(self.length) if self.arc is None else self.arc
         return arc / 2, self.length / 2
+
+
+DeadLoad: TypeAlias = LineLoad | PadLoad
+"""What acts on a membrane, in plane strain or in three dimensions."""
 
 
 class PadLoadPoints(eqx.Module):

@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.selection import Mode
+from fitting.inverse_load.fit.selection import Alternative
 from fitting.inverse_load.search.nearest import APART
 
 POOR = 1e-4
-"""Chance of chi2 below which the fit is called poor."""
-_HOPELESS = 9.0  # chi2 per degree of freedom beyond which no number is given
+"""p-value of chi2 below which the fit is called poor."""
+_BEYOND_MODEL = 9.0  # chi2 per degree of freedom beyond which no number is given
 _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
-_UNSETTLED = 0.1  # decrease of chi2 still promised by a fit that has not converged
+_UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
 
-class LoadReport:
+class LoadAssessment:
     """Estimates from explanations, for one skin.
 
     Args:
@@ -43,8 +43,8 @@ class LoadReport:
     def estimates(
         self,
         best: Explanations,
-        others: Sequence[Mode | None],
-        short: NDArray[np.bool_],
+        others: Sequence[Alternative | None],
+        full_scale: NDArray[np.bool_],
         systematic: NDArray[np.float64] | None = None,
     ) -> list[LoadEstimate]:
         """Estimates of frames that something touches.
@@ -52,11 +52,11 @@ class LoadReport:
         Args:
             best: their explanations.
             others: their second modes.
-            short: taxels that read full scale [frame, taxel].
+            full_scale: taxels that read full scale [frame, taxel].
             systematic: covariance from the skin's calibration, as wide as `best`'s
                 information [frame, parameter, parameter].
         """
-        poor = best.chance(self._per_contact) < POOR
+        poor = best.p_value(self._per_contact) < POOR
         covariance = covariance_of(best, self._per_contact)
         return [
             self._estimate(
@@ -65,7 +65,7 @@ class LoadReport:
                 i,
                 covariance[i],
                 None if systematic is None else systematic[i],
-                short[i],
+                full_scale[i],
                 bool(poor[i]),
             )
             for i in range(len(best))
@@ -74,11 +74,11 @@ class LoadReport:
     def _estimate(
         self,
         best: Explanations,
-        other: Mode | None,
+        other: Alternative | None,
         i: int,
         covariance: Any,
         systematic: Any,
-        short: NDArray[np.bool_],
+        full_scale: NDArray[np.bool_],
         poor: bool,
     ) -> LoadEstimate:
         count, chi2 = int(best.contacts[i]), float(best.chi2[i])
@@ -88,8 +88,8 @@ class LoadReport:
         if not np.isfinite(chi2):
             return LoadEstimate(None, status="no_convergence", left_out=out)
         angles = best.parameters[i, :count]
-        wall = bool(best.min_gap[i] <= 0) or self._pressed_short(short, angles)
-        if poor and ratio > _HOPELESS:
+        wall = bool(best.min_gap[i] <= 0) or self._presses_full_scale(full_scale, angles)
+        if poor and ratio > _BEYOND_MODEL:
             unknown = True if wall else None
             status = "wall_contact" if wall else "model_mismatch"
             return LoadEstimate(
@@ -108,7 +108,7 @@ class LoadReport:
             alternatives = self._contacts(other.parameters, 1, apart, None)
         if wall:
             status = "wall_contact"
-        elif best.promise[i] > _UNSETTLED:
+        elif best.predicted_decrease[i] > _UNSETTLED:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"
@@ -125,9 +125,9 @@ class LoadReport:
         pressure = float(best.pressure[i])
         return LoadEstimate(True, contacts, pressure, wall, ratio, status, out, alternatives)
 
-    def _pressed_short(self, short: NDArray[np.bool_], angles: Any) -> bool:
+    def _presses_full_scale(self, full_scale: NDArray[np.bool_], angles: Any) -> bool:
         """Whether a taxel under a contact reads full scale."""
-        reach = np.abs(self._taxel_angle[short][:, None] - angles)
+        reach = np.abs(self._taxel_angle[full_scale][:, None] - angles)
         return bool((reach < APART).any())
 
     def _contacts(

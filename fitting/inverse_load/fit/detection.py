@@ -1,4 +1,4 @@
-"""Whether anything touches the skin: a test with a stated rate of false alarms.
+"""Contact detection: a test with a stated rate of false alarms.
 
 Of all contacts the one that raises the likelihood most is looked for, so the chance that
 noise alone looks like one of them grows with the variety of patterns. With readings scaled
@@ -23,7 +23,7 @@ class Detection(NamedTuple):
 
     Attributes:
         statistic: z, the significance of the best light contact.
-        p_value: chance that noise alone reaches it.
+        p_value: probability that noise alone reaches it.
         length: of the curve of patterns.
     """
 
@@ -57,10 +57,12 @@ class Detector:
         z = np.where(size > 0, along / safe, -np.inf).max(1)
         cosine = (weight @ self._products.T) / (safe[:, 1:] * safe[:, :-1])
         length = np.arccos(np.clip(cosine, -1, 1)).sum(1)
-        return Detection(z, chance(z, length), length)
+        return Detection(z, false_alarm_rate(z, length), length)
 
 
-def chance(z: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.float64]:
+def false_alarm_rate(
+    z: NDArray[np.float64], length: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Probability that noise alone reaches z."""
     bounded = np.maximum(z, 0.0)
     tail = length / (2 * np.pi) * np.exp(-(bounded**2) / 2)
@@ -70,5 +72,7 @@ def chance(z: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.fl
 def threshold(rate: float, length: float) -> float:
     """The z that noise alone reaches at a given rate."""
     return float(
-        brentq(lambda z: float(chance(np.array(z), np.array(length))) - rate, -8.0, 40.0)
+        brentq(
+            lambda z: float(false_alarm_rate(np.array(z), np.array(length))) - rate, -8.0, 40.0
+        )
     )

@@ -2,7 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import jax
@@ -21,18 +21,18 @@ _FIRST_STEPS, _MORE_STEPS = 2, 30
 _UNKNOWN = 1e300  # chi2 of what could not be solved
 
 
-@dataclass
+@dataclass(frozen=True)
 class Explanations:
     """One explanation a frame; arrays lead with the frame.
 
     Attributes:
-        score: chi2 and the price of what it takes: contacts, taxels left out.
+        score: chi2, and what further contacts and taxels left out count.
         chi2: weighted sum of squares; infinite where nothing was found.
         contacts: their number.
         parameters: all angles, all forces, all turns; padded with NaN.
         jacobian: derivatives of the readings by them, likewise [frame, parameter, taxel].
         information: J^T W J, likewise.
-        promise: decrease of chi2 that one more step promises.
+        predicted_decrease: of chi2, by one more step.
         pressure: of the oil [Pa].
         min_gap: between membrane and wall [m].
         so: the model's readings [counts].
@@ -46,7 +46,7 @@ class Explanations:
     parameters: NDArray[np.float64]
     jacobian: NDArray[np.float64]
     information: NDArray[np.float64]
-    promise: NDArray[np.float64]
+    predicted_decrease: NDArray[np.float64]
     pressure: NDArray[np.float64]
     min_gap: NDArray[np.float64]
     so: NDArray[np.float64]
@@ -60,12 +60,39 @@ class Explanations:
         """Those of some frames."""
         return Explanations(*(getattr(self, field.name)[frames] for field in fields(self)))
 
-    def replace(
+    def penalised(self, penalty: NDArray[np.float64] | float) -> "Explanations":
+        """The same with a penalty added to the scores."""
+        return replace(self, score=self.score + penalty)
+
+    def with_frames(
         self, frames: NDArray[np.intp], other: "Explanations", rows: NDArray[np.intp]
-    ) -> None:
-        """Take explanations of some frames from elsewhere."""
+    ) -> "Explanations":
+        """These, but for some frames, whose explanations are rows of others."""
+        changed = {}
         for field in fields(self):
-            getattr(self, field.name)[frames] = getattr(other, field.name)[rows]
+            array = getattr(self, field.name).copy()
+            array[frames] = getattr(other, field.name)[rows]
+            changed[field.name] = array
+        return Explanations(**changed)
+
+    def cheapest(
+        self, frames: NDArray[np.intp], candidates: "Explanations"
+    ) -> tuple["Explanations", NDArray[np.intp]]:
+        """The explanation of lowest score of every frame, and which frames changed.
+
+        Args:
+            frames: what each candidate explains; a frame may have several or none.
+            candidates: other explanations.
+        """
+        rows = np.flatnonzero(candidates.score < self.score[frames])
+        rows = rows[np.argsort(-candidates.score[rows], kind="stable")]  # cheapest last
+        chosen = {int(frames[row]): int(row) for row in rows}
+        if not chosen:
+            return self, np.zeros(0, np.intp)
+        changed = np.array(sorted(chosen), np.intp)
+        return self.with_frames(
+            changed, candidates, np.array([chosen[i] for i in changed])
+        ), changed
 
     def joined(self, other: "Explanations") -> "Explanations":
         """These and others."""
@@ -84,8 +111,8 @@ class Explanations:
         """Taxels that were fitted [frame]."""
         return np.asarray((self.weight > 0).sum(1))
 
-    def chance(self, per_contact: int) -> NDArray[np.float64]:
-        """Chance of a chi2 as large, were the explanation right [frame]."""
+    def p_value(self, per_contact: int) -> NDArray[np.float64]:
+        """Probability of a chi2 as large, were the explanation right [frame]."""
         dof = np.maximum(self.used() - per_contact * self.contacts, 1)
         value = np.where(np.isfinite(self.chi2), self.chi2, _UNKNOWN)
         return np.asarray(chdtrc(dof, value))
@@ -145,7 +172,7 @@ class LoadFitter:
         everything = np.arange(len(y))
         limits = self.limits(contacts, self._lanes(contacts), pull)
         fit = self._batches(y, weight, start, state, _FIRST_STEPS, contacts, everything, limits)
-        again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.promise < SETTLED))
+        again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.predicted_decrease < SETTLED))
         if again.size:
             states = jax.tree.map(lambda x: x[..., again], fit.evaluation.state)
             begin = np.asarray(fit.parameters).T[again]
@@ -230,7 +257,7 @@ class LoadFitter:
             parameters=parameters,
             jacobian=jacobian,
             information=information,
-            promise=np.array(fit.promise),
+            predicted_decrease=np.array(fit.predicted_decrease),
             pressure=np.array(fit.evaluation.pressure),
             min_gap=np.array(fit.evaluation.min_gap),
             so=np.array(fit.evaluation.so.T),

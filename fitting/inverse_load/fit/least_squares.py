@@ -39,7 +39,7 @@ class Fit(NamedTuple):
         chi2: weighted sum of squares; infinite where nothing was found.
         gradient: J^T W (y - SO), half the steepest descent of chi2.
         information: J^T W J at the parameters.
-        promise: decrease of chi2 that one more step promises: zero at a minimum.
+        predicted_decrease: of chi2, by one more step: zero at a minimum.
     """
 
     parameters: Float[Array, "parameter lane"]
@@ -47,7 +47,7 @@ class Fit(NamedTuple):
     chi2: Lanes
     gradient: Float[Array, "parameter lane"]
     information: Float[Array, "parameter parameter lane"]
-    promise: Lanes
+    predicted_decrease: Lanes
 
 
 SETTLED = 1e-2
@@ -75,7 +75,7 @@ def fit_loads(
     """Levenberg-Marquardt in all lanes at once, inside bounds.
 
     minimise chi2(x) = sum_k w_k (y_k - SO_k(x))^2. Steps that would leave the bounds end
-    on them, and what presses against a bound is left out of the promise.
+    on them, and what presses against a bound is left out of the predicted decrease.
 
     Args:
         skin: the skin.
@@ -95,7 +95,7 @@ def fit_loads(
         worse = walk.live & ~better
         raised = jnp.maximum(10 * walk.damping, _RAISED_DAMPING)
         damping = jnp.where(worse, raised, walk.damping / 10)
-        settled = better & ~(new.promise >= SETTLED)
+        settled = better & ~(new.predicted_decrease >= SETTLED)
         lost = (better & ~jnp.isfinite(new.chi2)) | (worse & (damping > _GIVEN_UP))
         live = walk.live & ~settled & ~lost
         fit = jax.tree.map(lambda x, y: jnp.where(better, x, y), new, old)
@@ -135,24 +135,24 @@ def _judged(skin: Skin, target: Target, parameters: Array, state: State, contact
         jnp.where(usable, information, 0.0),
         chi2,
     )
-    _, promise = _step(fit, target, jnp.zeros_like(chi2))
-    return fit._replace(promise=jnp.where(usable, promise, jnp.inf))
+    _, decrease = _step(fit, target, jnp.zeros_like(chi2))
+    return fit._replace(predicted_decrease=jnp.where(usable, decrease, jnp.inf))
 
 
 def _last_step(fit: Fit, target: Target) -> Fit:
     """Take the step of lanes that have settled, to first order."""
-    settled = fit.promise < SETTLED
+    settled = fit.predicted_decrease < SETTLED
     step, _ = _step(fit, target, jnp.zeros_like(fit.chi2))
     end = jnp.clip(fit.parameters + step, target.low, target.high)
     step = jnp.where(settled, end - fit.parameters, 0.0)
     change = jnp.sum(fit.evaluation.jacobian * step[:, None], 0)
     evaluation = fit.evaluation._replace(so=fit.evaluation.so + change)
-    chi2 = jnp.maximum(fit.chi2 - jnp.where(settled, fit.promise, 0.0), 0.0)
+    chi2 = jnp.maximum(fit.chi2 - jnp.where(settled, fit.predicted_decrease, 0.0), 0.0)
     return fit._replace(parameters=fit.parameters + step, evaluation=evaluation, chi2=chi2)
 
 
 def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
-    """A fit that any other is better than, and that promises no step."""
+    """A fit that any other is better than, with no step to take."""
     (count, lanes), taxels = parameters.shape, skin.electrodes.taxels.angle.shape[0]
     zero = jnp.zeros(lanes)
     so = jnp.full((taxels, lanes), jnp.nan)
@@ -164,7 +164,7 @@ def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
 
 
 def _step(fit: Fit, target: Target, damping: Array) -> tuple[Array, Array]:
-    """Damped Gauss-Newton step [parameter, lane] and the decrease of chi2 it promises."""
+    """Damped Gauss-Newton step [parameter, lane] and the decrease of chi2 that it predicts."""
     # A parameter that presses against its bound stays there.
     stuck = ((fit.parameters <= target.low) & (fit.gradient < 0)) | (
         (fit.parameters >= target.high) & (fit.gradient > 0)
@@ -177,8 +177,8 @@ def _step(fit: Fit, target: Target, damping: Array) -> tuple[Array, Array]:
     eye = jnp.eye(len(gradient))[..., None]
     matrix = jnp.where(eye > 0, 1.0 + damping + 1e-12, matrix)
     solution = _solve_spd(matrix, gradient / scale)
-    promise = jnp.sum(solution * gradient / scale, 0)
-    return solution / scale, promise
+    decrease = jnp.sum(solution * gradient / scale, 0)
+    return solution / scale, decrease
 
 
 def _solve_spd(matrix: Float[Array, "n n lane"], right: Float[Array, "n lane"]) -> Array:

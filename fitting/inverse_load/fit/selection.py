@@ -1,8 +1,8 @@
-"""Which loads explain a frame: how many contacts, which of two modes, which taxels lie.
+"""Selection of a frame's loads: how many contacts, which of two modes, which taxels are faulty.
 
-Every contact beyond the first has a price in chi2, and so has every taxel that is left out.
-The cheapest explanation wins, as with an information criterion; others than one contact are
-only tried where it leaves more than noise.
+Every contact beyond the first adds a penalty to chi2, and so does every taxel that is left
+out. The explanation of lowest score wins, as with an information criterion; others than one
+contact are only tried where it leaves more than noise.
 """
 
 from dataclasses import dataclass
@@ -15,16 +15,17 @@ from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
 from fitting.inverse_load.model.evaluation import at_rest
 from fitting.inverse_load.search.nearest import APART, NodeSearch
 from fitting.inverse_load.search.pairs import PairSearch, Start
+from suas_jax.equilibrium.equilibrium import State
 
 SUSPECT = 2e-3
-"""Chance of chi2 below which other explanations are tried."""
-_PLAUSIBLE = 0.05  # chance of chi2 above which no further contact is sought
+"""p-value of chi2 below which other explanations are tried."""
+_PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 _OUTLIER = 4.5  # residual in standard deviations of a taxel that is left out
 _MOST_OUTLIERS = 0.2  # share of the taxels
 _TRIMMED_FITS = 3
 
 
-class Mode(NamedTuple):
+class Alternative(NamedTuple):
     """A second explanation of a frame by one contact.
 
     Attributes:
@@ -45,13 +46,13 @@ class Selection:
     Args:
         fitter: least squares on the skin.
         nodes: coarse search for one contact.
-        price: chi2 that a further contact must gain.
+        penalty: chi2 that a further contact must gain.
         most_contacts: to tell apart.
     """
 
     fitter: LoadFitter
     nodes: NodeSearch
-    price: float
+    penalty: float
     most_contacts: int
 
     def __post_init__(self) -> None:
@@ -68,7 +69,7 @@ class Selection:
 
     def explain(
         self, y: NDArray[np.float64], weight: NDArray[np.float64]
-    ) -> tuple[Explanations, list[Mode | None]]:
+    ) -> tuple[Explanations, list[Alternative | None]]:
         """The best explanation of every frame, and its second mode where there is one.
 
         Args:
@@ -77,16 +78,16 @@ class Selection:
         """
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
-        others = self._second_modes(y, weight, second, best)
-        doubtful = self._chance(best) < SUSPECT
+        best, others = self._second_modes(y, weight, second, best)
+        doubtful = self._p_value(best) < SUSPECT
         frames = np.flatnonzero(doubtful | self._hinted(y, best))
         if frames.size:
-            self._more_contacts(y, weight, frames, best)
-            self._fewer_contacts(y, weight, best)
-            self._or_pulled(y, weight, frames, best)
-            bad = frames[self._chance(best)[frames] < SUSPECT / 10]
+            best = self._more_contacts(y, weight, frames, best)
+            best = self._fewer_contacts(y, weight, best)
+            best = self._or_pulled(y, weight, frames, best)
+            bad = frames[self._p_value(best)[frames] < SUSPECT / 10]
             if bad.size:
-                self._without_outliers(y, weight, bad, best)
+                best = self._without_outliers(y, weight, bad, best)
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
         return best, others
@@ -114,30 +115,29 @@ class Selection:
         step = np.linalg.lstsq(information, weighted @ residual)[0]
         return self.fitter.inside(self.last.parameters[:, :width] + step, count)
 
-    def _chance(self, best: Explanations) -> NDArray[np.float64]:
-        return best.chance(self.fitter.per_contact)
+    def _p_value(self, best: Explanations) -> NDArray[np.float64]:
+        return best.p_value(self.fitter.per_contact)
 
     def _second_modes(
         self, y: Any, weight: Any, second: Any, best: Explanations
-    ) -> list[Mode | None]:
-        others: list[Mode | None] = [None] * len(y)
+    ) -> tuple[Explanations, list[Alternative | None]]:
+        """The better of two modes of every frame, and the other where there is one."""
+        others: list[Alternative | None] = [None] * len(y)
         frames = np.flatnonzero(second >= 0)
         if not frames.size:
-            return others
+            return best, others
         node = second[frames]
         start = self.nodes.near(y[frames], weight[frames], node)
         state = self.fitter.table.start(node)
         found = self.fitter.fit(y[frames], weight[frames], start, state, 1)
-        for k, i in enumerate(frames):
-            apart = abs(found.parameters[k, 0] - best.parameters[i, 0]) > APART
-            if not (apart and np.isfinite(found.chi2[k])):
-                continue
-            if found.chi2[k] < best.chi2[i]:
-                others[i] = _mode(best, int(i))
-                best.replace(frames[k : k + 1], found, np.array([k]))
-            else:
-                others[i] = _mode(found, k)
-        return others
+        apart = np.abs(found.parameters[:, 0] - best.parameters[frames, 0]) > APART
+        rows = np.flatnonzero(apart & np.isfinite(found.chi2))
+        better = found.chi2[rows] < best.chi2[frames[rows]]
+        for k, wins in zip(rows, better, strict=True):
+            i = int(frames[k])
+            others[i] = _mode(best, i) if wins else _mode(found, int(k))
+        rows = rows[better]
+        return best.with_frames(frames[rows], found, rows), others
 
     def _hinted(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
         """Frames whose residuals hold the pattern of one more contact (a score test)."""
@@ -148,26 +148,35 @@ class Selection:
         along = np.maximum((best.weight * residual) @ pattern.T, 0.0)
         size = best.weight @ (pattern**2).T
         gain = (along**2 / np.maximum(size, 1e-300)).max(1)
-        return np.asarray(gain > self.price / 2)
+        return np.asarray(gain > self.penalty / 2)
 
     # --- more contacts ----------------------------------------------------------------
 
-    def _more_contacts(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
+    def _more_contacts(
+        self, y: Any, weight: Any, frames: Any, best: Explanations
+    ) -> Explanations:
         if self.last is not None and self.last.contacts[0] > 1:
-            frames = self._as_before(y, weight, frames, best)
+            best, frames = self._as_before(y, weight, frames, best)
         for count in range(2, self.most_contacts + 1):
             enough = (weight[frames] > 0).sum(1) > count * self.fitter.per_contact
             frames = frames[enough]
             starts = [self._starts(y[i], weight[i], best, i, count) for i in frames]
             at = np.repeat(frames, [len(s) for s in starts])
             if not at.size:
-                return
+                break
             parameters = np.array([row[0] for s in starts for row in s])
             state = self.fitter.table.start(np.array([row[1] for s in starts for row in s]))
-            found = self.fitter.fit(y[at], weight[at], parameters, state, count)
-            found.score += (count - 1) * self.price
-            improved = self._take_better(best, at, found)
-            frames = improved[self._chance(best)[improved] < _PLAUSIBLE]
+            found = self._fit_several(y[at], weight[at], parameters, state, count)
+            best, improved = best.cheapest(at, found)
+            frames = improved[self._p_value(best)[improved] < _PLAUSIBLE]
+        return best
+
+    def _fit_several(
+        self, y: Any, weight: Any, start: Any, state: State, count: int
+    ) -> Explanations:
+        """Fits by several contacts, each beyond the first with its penalty."""
+        found = self.fitter.fit(y, weight, start, state, count)
+        return found.penalised((count - 1) * self.penalty)
 
     def _starts(
         self, y: Any, weight: Any, best: Explanations, i: int, count: int
@@ -181,26 +190,18 @@ class Selection:
 
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
-    ) -> NDArray[np.intp]:
-        """Live: try as many contacts as before, where they were; what is left to explain."""
+    ) -> tuple[Explanations, NDArray[np.intp]]:
+        """Live: as many contacts as before, where they were; what is left to explain."""
         assert self.last is not None
         count = int(self.last.contacts[0])
         start = self._predicted(y, weight)
-        found = self.fitter.fit(y, weight, start, self.last.state, count)
-        found.score += (count - 1) * self.price
-        improved = self._take_better(best, frames, found)
-        return frames if not improved.size else improved[self._chance(best) < SUSPECT]
+        found = self._fit_several(y, weight, start, self.last.state, count)
+        best, improved = best.cheapest(frames, found)
+        if improved.size:
+            frames = improved[self._p_value(best) < SUSPECT]
+        return best, frames
 
-    def _take_better(
-        self, best: Explanations, frames: Any, found: Explanations
-    ) -> NDArray[np.intp]:
-        """Keep the cheapest of several fits a frame; return the frames that changed."""
-        rows = np.flatnonzero(found.score < best.score[frames])
-        rows = rows[np.argsort(-found.score[rows], kind="stable")]  # the cheapest comes last
-        best.replace(frames[rows], found, rows)
-        return np.unique(frames[rows])
-
-    def _fewer_contacts(self, y: Any, weight: Any, best: Explanations) -> None:
+    def _fewer_contacts(self, y: Any, weight: Any, best: Explanations) -> Explanations:
         """Take contacts out again that the fit leaves without a force to speak of."""
         for count in range(self.most_contacts, 1, -1):
             frames = np.flatnonzero(best.contacts == count)
@@ -209,7 +210,7 @@ class Selection:
             weakest = (force**2 * curvature[:, count : 2 * count]).argmin(1)
             # Were it alone, it would lower chi2 by about this much.
             gain = (force**2 * curvature[:, count : 2 * count]).min(1)
-            rows = np.flatnonzero(gain < self.price)
+            rows = np.flatnonzero(gain < self.penalty)
             if not rows.size:
                 continue
             frames, kept = frames[rows], np.ones((len(rows), count), bool)
@@ -219,9 +220,9 @@ class Selection:
             start = start.reshape(len(rows), count - 1, -1).transpose(0, 2, 1)
             start = start.reshape(len(rows), -1)
             state = best.rows(frames).state
-            found = self.fitter.fit(y[frames], weight[frames], start, state, count - 1)
-            found.score += (count - 2) * self.price
-            self._take_better(best, frames, found)
+            found = self._fit_several(y[frames], weight[frames], start, state, count - 1)
+            best, _ = best.cheapest(frames, found)
+        return best
 
     # --- pulls ------------------------------------------------------------------------
 
@@ -238,18 +239,20 @@ class Selection:
         rest = at_rest(self.fitter.skin, len(y))
         return self.fitter.fit(y, weight, start, rest, 1, pull=True)
 
-    def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
-        """A pull may look like several contacts around it; it costs as much as two."""
-        doubtful = (best.contacts[frames] > 1) | (self._chance(best)[frames] < SUSPECT)
+    def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> Explanations:
+        """A pull may look like several contacts around it; its penalty is that of two."""
+        doubtful = (best.contacts[frames] > 1) | (self._p_value(best)[frames] < SUSPECT)
         frames = frames[doubtful]
         if frames.size:
-            found = self.pulled(y[frames], weight[frames])
-            found.score += self.price
-            self._take_better(best, frames, found)
+            found = self.pulled(y[frames], weight[frames]).penalised(self.penalty)
+            best, _ = best.cheapest(frames, found)
+        return best
 
     # --- faulty taxels ----------------------------------------------------------------
 
-    def _without_outliers(self, y: Any, weight: Any, frames: Any, best: Explanations) -> None:
+    def _without_outliers(
+        self, y: Any, weight: Any, frames: Any, best: Explanations
+    ) -> Explanations:
         """Fit frames without the taxels that stand out, each counted against the fit."""
         y, weight = y[frames], weight[frames]
         most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
@@ -260,10 +263,10 @@ class Selection:
             found = self.fitter.fit(y, trimmed, start, states, 1)
             trimmed = _inliers(y, weight, found.so)
             start = np.where(np.isfinite(found.chi2)[:, None], found.parameters[:, :2], start)
-        self._settle(frames, weight, best, found, most)
+        best = self._if_cheaper(frames, weight, best, found, most)
         # Then from several contacts, less the taxels that stand out from them.
         for count in range(2, self.most_contacts + 1):
-            suspect = self._chance(best)[frames] < SUSPECT / 10
+            suspect = self._p_value(best)[frames] < SUSPECT / 10
             rows = np.flatnonzero((best.contacts[frames] == count) & suspect)
             if not rows.size:
                 continue
@@ -276,9 +279,9 @@ class Selection:
                     self.fitter.table.start(node),
                     _inliers(y[rows], weight[rows], so),
                 )
-                found = self.fitter.fit(y[rows], kept, start, states, count)
-                found.score += (count - 1) * self.price
-                self._settle(frames[rows], weight[rows], best, found, most[rows])
+                found = self._fit_several(y[rows], kept, start, states, count)
+                best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
+        return best
 
     def _least_trimmed(self, y: Any, weight: Any, most: Any) -> tuple[Any, Any]:
         """Nodes that explain all but the worst taxels best, and weights without those."""
@@ -294,17 +297,18 @@ class Selection:
             trimmed[k, own > np.partition(own, keep - 1)[keep - 1]] = 0.0
         return node, trimmed
 
-    def _settle(
+    def _if_cheaper(
         self, frames: Any, weight: Any, best: Explanations, found: Explanations, most: Any
-    ) -> None:
+    ) -> Explanations:
+        """The fits of some frames where they are cheaper, taxels left out counted."""
         left_out = (weight > 0).sum(1) - found.used()
-        found.score += left_out * _OUTLIER**2
-        rows = np.flatnonzero((left_out <= most) & (found.score < best.score[frames]))
-        best.replace(frames[rows], found, rows)
+        rows = np.flatnonzero(left_out <= most)
+        candidates = found.penalised(left_out * _OUTLIER**2).rows(rows)
+        return best.cheapest(frames[rows], candidates)[0]
 
 
-def _mode(explanations: Explanations, i: int) -> Mode:
-    return Mode(
+def _mode(explanations: Explanations, i: int) -> Alternative:
+    return Alternative(
         float(explanations.chi2[i]),
         explanations.parameters[i].copy(),
         explanations.information[i].copy(),

@@ -1,1 +1,1 @@
-"""Loads from a port as they happen."""
+"""Loads from a port, frame by frame."""

@@ -32,6 +32,7 @@ class LiveOptions:
         log: where readings are recorded, if anywhere.
         as_json: JSON lines instead of a view.
         smooth: filter over time.
+        overwrite: replace an existing log.
     """
 
     port: str
@@ -42,6 +43,7 @@ class LiveOptions:
     log: Path | None = None
     as_json: bool = False
     smooth: bool = False
+    overwrite: bool = False
 
     def __post_init__(self) -> None:
         if not self.latency > 0:
@@ -51,21 +53,12 @@ class LiveOptions:
 def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration."""
     decode = decoder(options.format_name)
+    warm_up(estimator)
+    source = open_source(options.port, options.format_name, options.baud)
     writer: LogWriter | None = None
-    if options.log is not None:
-        electrodes = estimator.spec.electrodes
-        assert electrodes is not None
-        header = log_header(
-            scale=f"{1e15 * electrodes.lsb:.6g} fF",
-            start_time=datetime.now(UTC),
-            port=options.port,
-            frame_format=options.format_name,
-        )
-        flags = FLAG_COLUMNS + decode.extra_columns
-        writer = LogWriter(options.log, header, flags=flags)
     try:
-        warm_up(estimator)
-        source = open_source(options.port, options.format_name, options.baud)
+        if options.log is not None:  # not before the port is known to be there
+            writer = _log_writer(estimator, options, decode.extra_columns)
         with LoadView(estimator, options.port, show=not options.as_json) as view:
             stream = Stream(source, decode, options.format_name, report=view.say)
             began = time.monotonic()
@@ -104,3 +97,19 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     finally:
         if writer is not None:
             writer.close()
+
+
+def _log_writer(
+    estimator: LoadEstimator, options: LiveOptions, extra_columns: tuple[str, ...]
+) -> LogWriter:
+    electrodes = estimator.spec.electrodes
+    assert electrodes is not None
+    assert options.log is not None
+    header = log_header(
+        scale=f"{1e15 * electrodes.lsb:.6g} fF",
+        start_time=datetime.now(UTC),
+        port=options.port,
+        frame_format=options.format_name,
+    )
+    flags = FLAG_COLUMNS + extra_columns
+    return LogWriter(options.log, header, flags=flags, overwrite=options.overwrite)

@@ -1,4 +1,4 @@
-"""Loads from a port as they happen: bounded latency, frames dropped rather than lagging.
+"""Loads from a port, frame by frame: bounded latency, frames dropped rather than lagging.
 
 A thread of `suas_jax.acquisition.stream` takes the bytes away from the port; here frames
 are put together, estimated in order, and left out where they have waited too long.
@@ -84,8 +84,8 @@ class FrameBuilder:
         for row, counts in enumerate(frame.modules.values()):
             so[row, : len(counts)] = [np.nan if c is None else c for c in counts]
         modules = list(frame.modules)
-        self._layout.check(modules, so, f"frame {frame.seq}")
-        return self._layout.pick(modules, so)
+        self._layout.check(modules, so.__getitem__, f"frame {frame.seq}")
+        return self._layout.pick(modules, so.__getitem__)
 
 
 def live_frames(
@@ -98,7 +98,7 @@ def live_frames(
     on_reading: Callable[[Judged], None] = lambda judged: None,
     idle: Callable[[], None] = lambda: None,
 ) -> Iterator[LiveFrame]:
-    """Estimate the loads of a stream's frames as they come.
+    """Loads of a stream's frames, in the order of arrival.
 
     Args:
         stream: of readings; set its `stop` to end.

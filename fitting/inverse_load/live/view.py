@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame
-from fitting.inverse_load.report.text import in_words
+from fitting.inverse_load.report.text import contact_text
 from suas_jax.acquisition.terminal import LiveTerminal
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class LoadView(LiveTerminal):
         table = Table(show_header=False, box=None, title=self._title, title_justify="left")
         table.add_row("pad", picture([c.angle for c in estimate.contacts], self._edge))
         for contact in estimate.contacts:
-            table.add_row("load", in_words(contact))
+            table.add_row("load", contact_text(contact))
         if not np.isnan(estimate.oil_pressure):
             table.add_row("oil", f"{1e-3 * estimate.oil_pressure:.2f} kPa")
         table.add_row("status", estimate.status)

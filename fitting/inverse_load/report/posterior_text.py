@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from fitting.inverse_load.posterior import Mode
+from fitting.inverse_load.posterior import LoadMode
 
 
-def posterior_json(modes: list[Mode]) -> dict[str, Any]:
+def posterior_json(modes: list[LoadMode]) -> dict[str, Any]:
     """What `suas invert --posterior --json` prints."""
     return {
         "multimodal": len(modes) > 1,
@@ -27,7 +27,7 @@ def posterior_json(modes: list[Mode]) -> dict[str, Any]:
     }
 
 
-def _load(mode: Mode, contact: int) -> dict[str, Any]:
+def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
     """Mean, standard deviation and 95 % interval of one contact's quantities."""
     rows = range(contact, len(mode.parameters), mode.contacts)
     load: dict[str, Any] = {}
@@ -48,7 +48,7 @@ def _load(mode: Mode, contact: int) -> dict[str, Any]:
     return load
 
 
-def in_words(modes: list[Mode]) -> list[str]:
+def posterior_lines(modes: list[LoadMode]) -> list[str]:
     """A line or two a mode."""
     lines = [f"posterior: {len(modes)} modes" if len(modes) > 1 else "posterior: a single mode"]
     for mode in modes:

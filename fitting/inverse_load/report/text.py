@@ -53,7 +53,7 @@ def frame_json(
     return line | more
 
 
-def in_words(contact: Contact) -> str:
+def contact_text(contact: Contact) -> str:
     """A contact with its standard deviations."""
     if contact.covariance is None:
         return f"{np.rad2deg(contact.angle):.1f}°, {contact.force:.2f} N (no error known)"
@@ -77,7 +77,7 @@ def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) ->
     console = Console(markup=False)  # which would swallow the units in brackets
     table = Table("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")
     for t, e in zip(time.tolist(), estimates, strict=True):
-        loads = "\n".join(in_words(contact) for contact in e.contacts) or "–"
+        loads = "\n".join(contact_text(contact) for contact in e.contacts) or "–"
         pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"
         table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status)
     console.print(table)

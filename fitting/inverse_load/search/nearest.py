@@ -1,4 +1,4 @@
-"""Where a fit of one contact begins: the nearest states of a table, and near them."""
+"""Nearest states of a table: where a fit of one contact begins."""
 
 import numpy as np
 from numpy.typing import NDArray

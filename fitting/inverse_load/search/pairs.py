@@ -1,4 +1,4 @@
-"""Where a fit of several contacts begins: the gaps of single contacts superposed.
+"""Superposed gaps of single contacts: where a fit of several contacts begins.
 
 The gap changes almost linearly with the loads, and a reading is almost the gap's
 reciprocal: so with u = 1 / (SO - stray) the change of several contacts is the sum of those

@@ -6,13 +6,9 @@ user's cache folder under a hash of everything it depends on.
 """
 
 import functools
-import hashlib
-import json
-import os
-import tempfile
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -23,12 +19,13 @@ from numpy.typing import NDArray
 from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
+from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.forward import Skin
 
 LANES = 128
 """Lanes of the compiled programs that work through tables and logs."""
-_VERSION = 1
 _FORCES = 24
 _LOWEST = 1 / 200  # smallest force of the table in terms of the largest
 _PROBES = 16  # angles at which the largest force is sought
@@ -112,38 +109,26 @@ def table_of(
 
     A cache that can't be read or written costs time, never a result.
     """
-    folder = platformdirs.user_cache_path("suas_jax") / "tables"
-    file = folder / f"{_hash(spec, skin)}.npz"
-    try:
-        with np.load(file) as data:
+    folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
+    name = content_key(
+        {
+            "elements": skin.elements,
+            "structure": structure(spec),
+            "inputs": continuous_inputs(spec),
+            "electrodes": repr(spec.electrodes),
+            "source": source_digest(),
+        }
+    )
+    content = folder.get(name)
+    if content is not None:
+        with np.load(io.BytesIO(content)) as data:
             return LoadTable(**{key: data[key] for key in LoadTable.__dataclass_fields__})
-    except Exception:
-        progress("building the table of solved states")
+    progress("building the table of solved states")
     table = build_table(skin)
-    _keep(table, file)
+    stream = io.BytesIO()
+    np.savez(stream, **{key: getattr(table, key) for key in table.__dataclass_fields__})
+    folder.put(name, stream.getvalue())
     return table
-
-
-def _keep(table: LoadTable, file: Path) -> None:
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=file.parent, suffix=".npz")
-        with os.fdopen(descriptor, "wb") as stream:
-            np.savez(stream, **{k: getattr(table, k) for k in table.__dataclass_fields__})
-        Path(name).replace(file)
-    except OSError:
-        pass
-
-
-def _hash(spec: SkinSpec, skin: Skin) -> str:
-    content = {
-        "version": _VERSION,
-        "elements": skin.elements,
-        "structure": [str(item) for item in structure(spec)],
-        "inputs": {k: float(v) for k, v in continuous_inputs(spec).items()},
-        "electrodes": repr(spec.electrodes),
-    }
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def build_table(skin: Skin) -> LoadTable:

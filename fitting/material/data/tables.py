@@ -11,9 +11,10 @@ import dataclasses
 import math
 import os
 import re
-from pathlib import Path
 
 import numpy as np
+
+from suas_jax.files.reading import MEGABYTE, read_bytes
 
 _MISSING = frozenset(
     (
@@ -23,6 +24,7 @@ _MISSING = frozenset(
 )
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
 _META = re.compile(r"^\s*([A-Za-z][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
+_MOST_BYTES = 64 * MEGABYTE
 _DELIMITERS = (";", "\t", "|", ",")
 
 
@@ -121,7 +123,7 @@ def is_missing(text: str) -> bool:
 
 def _text(file: str) -> str:
     try:
-        raw = Path(file).read_bytes()
+        raw = read_bytes(file, _MOST_BYTES)
     except FileNotFoundError:
         raise DataError(f"{file}: no such file") from None
     except IsADirectoryError:

@@ -1,6 +1,6 @@
-"""Is a data set what it says? Unloading branches, mistaken units, mistaken signs.
+"""Checks of a data set: unloading branches, mistaken units, mistaken signs.
 
-Nothing here changes data: what looks wrong is said, with the reason.
+Nothing here changes data: what looks wrong becomes a warning with its reason.
 """
 
 import dataclasses
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.stress_tests import StressTest
 
 _SHORTEST_BRANCH = 3
 _LEAST_SPAN = 0.05
@@ -18,6 +19,7 @@ _LEAST_SPAN = 0.05
 _STIFF_AND_LONG = 60e6
 _STIFF, _LONG = 3e6, 2.0
 _SOFTEST = 100.0
+_AT_REST = 1e-9
 _JUMP = 6.0
 
 
@@ -42,9 +44,9 @@ def branches(data: Dataset) -> Branches:
     time (turning at every third row or more) have no branches.
     """
     none = Branches(np.zeros(data.size, dtype=bool), 0.0)
-    if data.mode in ("biaxial", "biaxial_difference", "skin") or data.size < 6:
+    if not isinstance(data, StressTest) or not data.is_curve or data.size < 6:
         return none
-    h = _deformation(data)
+    h = data.deformation
     unloading = np.zeros(data.size, dtype=bool)
     for specimen in dict.fromkeys(data.specimen):
         rows = np.flatnonzero(data.specimen == specimen)
@@ -59,13 +61,6 @@ def branches(data: Dataset) -> Branches:
         return none
     back = np.abs(data.value[unloading])
     return Branches(unloading, float(np.mean(1.0 - back[usable] / outwards[usable])))
-
-
-def _deformation(data: Dataset) -> np.ndarray:
-    """How far a reading is from rest, a number that grows with loading."""
-    if data.mode == "bulge":
-        return np.asarray(data.coordinate)
-    return np.abs(data.coordinate if data.mode == "simple_shear" else data.factors[0])
 
 
 def _goes_back(h: np.ndarray) -> np.ndarray:
@@ -97,20 +92,30 @@ def _goes_back(h: np.ndarray) -> np.ndarray:
     return back
 
 
-def initial_modulus(data: Dataset) -> float:
-    """Neo-Hookean modulus of the least deformed third of a test [Pa]."""
-    e1, e2, c1, c2 = data.factors
-    tau_3 = np.exp(-2.0 * (e1 + e2))
-    unit = c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3)
-    size = np.abs(e1) + np.abs(e2)
-    near = size <= np.quantile(size, 1.0 / 3.0)
-    square = float(np.sum(unit[near] ** 2))
-    return float(np.sum(unit[near] * data.value[near])) / square if square > 0.0 else np.nan
+def refuse_without_information(data: Dataset) -> None:
+    """Refuse a test that no material could be told from.
+
+    Raises:
+        ValueError: every reading is at rest, or every reading is zero.
+    """
+    deformed = np.ones(data.size, bool)
+    if isinstance(data, StressTest):
+        deformed = np.abs(data.deformation) > _AT_REST
+    if not np.any(deformed):
+        raise ValueError(
+            f"{data.file}: every reading is at rest: it says nothing about the material; "
+            "check the columns, or leave the file out"
+        )
+    if not np.any(data.value[deformed] != 0.0):
+        raise ValueError(
+            f"{data.file}: the material is deformed, and every reading is zero; check the "
+            "columns, or leave the file out"
+        )
 
 
 def warnings_of(data: Dataset) -> list[str]:
     """What a person should look at in one data set."""
-    if data.mode == "skin":
+    if not isinstance(data, StressTest):
         return [f"{data.file}: {text}" for text in data.warnings]
     found = []
     path = branches(data)
@@ -123,7 +128,7 @@ def warnings_of(data: Dataset) -> list[str]:
             f"can't follow; choose one branch with --branch loading"
         )
     found += [f"{data.file}: {text}" for text in _unit_doubts(data)]
-    wrong = (data.value * _sign_of(data) < 0.0) & (
+    wrong = (data.value * np.sign(data.unit_stress) < 0.0) & (
         np.abs(data.value) > 0.02 * np.max(np.abs(data.value))
     )
     if np.mean(wrong) > 0.5:
@@ -137,14 +142,8 @@ def warnings_of(data: Dataset) -> list[str]:
     return found
 
 
-def _sign_of(data: Dataset) -> np.ndarray:
-    e1, e2, c1, c2 = data.factors
-    tau_3 = np.exp(-2.0 * (e1 + e2))
-    return np.sign(c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3))
-
-
-def _unit_doubts(data: Dataset) -> list[str]:
-    modulus = initial_modulus(data)
+def _unit_doubts(data: StressTest) -> list[str]:
+    modulus = data.modulus
     longest = float(np.max(np.maximum(data.stretch_1, data.stretch_2)))
     doubts = []
     if np.isfinite(modulus) and modulus > 0.0:
@@ -163,13 +162,11 @@ def _unit_doubts(data: Dataset) -> list[str]:
     return doubts + _jumps(data)
 
 
-def _jumps(data: Dataset) -> list[str]:
+def _jumps(data: StressTest) -> list[str]:
     """Neighbouring readings whose stiffnesses can't belong to one curve."""
     if data.mode not in PATHS or data.size < 3:
         return []
-    e1, e2, c1, c2 = data.factors
-    tau_3 = np.exp(-2.0 * (e1 + e2))
-    unit = c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3)
+    e1, unit = data.factors[0], data.unit_stress
     # Near rest a zero that is off by little changes the ratio by much.
     rows = np.flatnonzero(np.abs(e1) > 0.1 * np.max(np.abs(e1)))
     rows = rows[np.argsort(e1[rows], kind="stable")]
@@ -189,7 +186,7 @@ def _jumps(data: Dataset) -> list[str]:
 
 def contradictions(sets: Sequence[Dataset]) -> list[str]:
     """Data sets whose initial stiffnesses don't belong to one material."""
-    known = [(data, initial_modulus(data)) for data in sets if data.mode in (*PATHS, "biaxial")]
+    known = [(data, data.modulus) for data in sets if data.mode in (*PATHS, "biaxial")]
     known = [(data, modulus) for data, modulus in known if modulus > 0.0]
     if len(known) < 2:
         return []

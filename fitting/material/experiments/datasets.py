@@ -4,10 +4,11 @@ import os
 from collections.abc import Callable, Mapping
 
 from fitting.material.data.tables import DataError, read_table
-from fitting.material.experiments.inflation_tests import balloon, bulge
+from fitting.material.experiments.bulge import bulge
 from fitting.material.experiments.measurements import Dataset, mode_named
 from fitting.material.experiments.skin_readings import skin
 from fitting.material.experiments.stress_tests import (
+    balloon,
     biaxial,
     difference,
     one_parameter,

@@ -1,17 +1,19 @@
-"""Measurements of one file: what was read, in which state, with which noise, in SI units.
+"""Measurements of one file in SI units: what the readings of every kind of test share.
 
-Nominal stress is force over undeformed area, Cauchy stress force over current area. Each
-reading becomes the combination c₁ τ₁ + c₂ τ₂ of Kirchhoff stresses that its test measures
-(see `fitting.material.experiments.homogeneous`), whatever measure the file states.
+Each kind of test is a subclass of `Dataset` that owns its columns, the size that a misfit is
+compared with, and the prediction of its readings by a law. Nominal stress is force over
+undeformed area, Cauchy stress force over current area.
 """
 
+import abc
 import dataclasses
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
 from fitting.material.data.tables import DataError
-from suas_jax.config import SceneSpec
+from fitting.material.experiments.prediction import AbstractExperiment
 from suas_jax.config.errors import listed, nearest
 
 MODES = (
@@ -33,69 +35,129 @@ _ALIASES = {
 }
 # The mode of suas_jax that a one-parameter test is.
 PATHS = {"uniaxial": "uniaxial", "equibiaxial": "equibiaxial", "pure_shear": "planar"}
-# Modes in which both stretches are free: no one curve, and nothing to extrapolate to.
-ALL_STATES = frozenset(["biaxial", "biaxial_difference"])
+
+
+Kind = TypeVar("Kind", bound="Dataset")
+
+
+Predictor = Callable[[Sequence[Any]], AbstractExperiment]
+"""Makes one prediction of the readings of several tests, one test after the other."""
+
+
+class Channel(NamedTuple):
+    """Readings of one quantity, as a figure draws them.
+
+    Attributes:
+        rows: which readings, shape [n].
+        unit: size of the figure's unit in SI units.
+        label: name of the quantity with its unit.
+    """
+
+    rows: np.ndarray
+    unit: float
+    label: str
 
 
 @dataclasses.dataclass(frozen=True)
-class Dataset:
+class Dataset(abc.ABC):
     """Readings of one file, one entry per reading (two per row of a biaxial test).
 
     Attributes:
         mode: kind of test.
         file: where the readings come from.
-        measure: what was read: "nominal", "cauchy", "second_pk", "shear", "difference"
-            or "pressure".
-        coordinate: what a plot is drawn against: stretch, shear or relative height.
-        stretch_1: λ₁, shape [n]; of a bulge, an estimate at its apex.
-        stretch_2: λ₂, shape [n].
-        factors: e₁, e₂, c₁, c₂, shape [4, n]; of a bulge, an estimate.
-        value: readings [Pa], shape [n].
-        companion: largest stress read at the same state [Pa], shape [n].
-        sigma: standard deviation of the noise [Pa], NaN where not stated, shape [n].
+        value: readings, SI units, shape [n].
+        sigma: standard deviation of the noise, NaN where not stated, shape [n].
         weight: weight in the sum of squares, shape [n].
-        direction: 1 or 2, shape [n].
         specimen: name of the specimen of each reading, shape [n].
         line: line in the file, shape [n].
-        bulge: thickness over radius of the diaphragm, shape [n]; empty otherwise.
         dropped: how many rows were left out, by reason.
         warnings: what a person should know about this file.
-        scene: the skin that was tested, with the pattern of its loads; in this mode the
-            coordinate is the force [N] and readings are displacements [m] (direction 1)
-            or oil pressures [Pa] (direction 2).
     """
 
     mode: str
     file: str
-    measure: str
-    coordinate: np.ndarray
-    stretch_1: np.ndarray
-    stretch_2: np.ndarray
-    factors: np.ndarray
     value: np.ndarray
-    companion: np.ndarray
     sigma: np.ndarray
     weight: np.ndarray
-    direction: np.ndarray
     specimen: np.ndarray
     line: np.ndarray
-    bulge: np.ndarray
     dropped: dict[str, int]
     warnings: tuple[str, ...]
-    scene: SceneSpec | None = None
 
     @property
     def size(self) -> int:
         """Number of readings."""
         return len(self.value)
 
-    def select(self, keep: np.ndarray) -> "Dataset":
+    @property
+    @abc.abstractmethod
+    def abscissa(self) -> np.ndarray:
+        """What a figure draws the readings against, shape [n]."""
+
+    @property
+    @abc.abstractmethod
+    def abscissa_label(self) -> str:
+        """Name of the abscissa, with its unit."""
+
+    @abc.abstractmethod
+    def channels(self) -> tuple[Channel, ...]:
+        """The quantities that were read."""
+
+    @property
+    @abc.abstractmethod
+    def floor(self) -> float:
+        """Smallest size that a relative misfit is compared with; one for all readings."""
+
+    @abc.abstractmethod
+    def own_size(self) -> np.ndarray:
+        """Size of each reading or of what was read with it, shape [n]."""
+
+    def relative_scale(self) -> np.ndarray:
+        """Size that a relative misfit is compared with: its own, at least the floor [n]."""
+        return np.maximum(self.own_size(), self.floor)
+
+    @abc.abstractmethod
+    def absolute_scale(self, sets: Sequence["Dataset"]) -> np.ndarray:
+        """Root-mean-square reading of the same quantity among data sets, shape [n]."""
+
+    @abc.abstractmethod
+    def paths(self) -> list[np.ndarray]:
+        """Positions of the readings of each series, in the order in which it deforms."""
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether each series is one curve: otherwise there is nothing to extrapolate to."""
+        return True
+
+    @property
+    def model_error(self) -> float:
+        """Standard deviation of the forward model's own error, relative to each reading."""
+        return 0.0
+
+    @property
+    @abc.abstractmethod
+    def modulus(self) -> float:
+        """Shear modulus that the readings suggest [Pa]; NaN where they don't."""
+
+    @property
+    @abc.abstractmethod
+    def states(self) -> np.ndarray:
+        """Logarithms of λ₁ and λ₂ that the test reaches, shape [2, state]."""
+
+    @abc.abstractmethod
+    def predictor(self, *, estimate: bool) -> Predictor:
+        """What predicts the readings; tests with equal predictors are predicted together.
+
+        Args:
+            estimate: a rough prediction will do where it is much faster.
+        """
+
+    def select(self, keep: np.ndarray) -> Self:
         """The readings where `keep` is true."""
         arrays: dict[str, Any] = {
             field.name: getattr(self, field.name)[..., keep]
             for field in dataclasses.fields(self)
             if isinstance(getattr(self, field.name), np.ndarray)
-            and getattr(self, field.name).shape[-1:] == (self.size,)
         }
         return dataclasses.replace(self, **arrays)
 
@@ -114,11 +176,11 @@ def mode_named(name: str) -> str:
     raise DataError(f"--data {name}: unknown mode; {hint}allowed: {listed(MODES)}")
 
 
-def joined(sets: list[Dataset]) -> Dataset:
-    """Readings of several directions of one file as one data set."""
+def joined(sets: Sequence[Kind]) -> Kind:
+    """Readings of several series of one file as one data set."""
     arrays = {
         field.name: np.concatenate([getattr(part, field.name) for part in sets], axis=-1)
-        for field in dataclasses.fields(Dataset)
+        for field in dataclasses.fields(sets[0])
         if isinstance(getattr(sets[0], field.name), np.ndarray)
     }
     dropped: dict[str, int] = {}

@@ -6,7 +6,7 @@ line load of the scene, along that load; several loads grow together, their patt
 """
 
 import dataclasses
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, NamedTuple, Self, cast
 
 import equinox as eqx
 import jax
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.material.experiments.homogeneous import AbstractExperiment
+from fitting.material.experiments.prediction import AbstractExperiment
 from suas_jax.config import (
     LineLoadSpec,
     SceneSpec,
@@ -57,6 +57,11 @@ class SkinCurve(AbstractExperiment):
     start: State
 
     @property
+    def size(self) -> int:
+        """Number of readings."""
+        return len(self.lane)
+
+    @property
     def equilibria(self) -> int:
         """Equilibria that one prediction takes."""
         return int(self.problem.external_pressure.shape[-1])
@@ -79,7 +84,7 @@ class SkinCurve(AbstractExperiment):
         both = jnp.where(found.result == 0, both, jnp.nan)
         return both[self.channel, self.lane]
 
-    def settled(self, law: AbstractLaw) -> "SkinCurve":
+    def settled(self, law: AbstractLaw) -> Self:
         """The same curve, solved from the states of a law: fast for laws near to it."""
         found = _solved(self, law)
         if np.any(np.asarray(found.result) != 0):
@@ -135,7 +140,7 @@ class Specimen:
 def specimen(
     scene: SceneSpec, force: np.ndarray, channel: np.ndarray, value: np.ndarray
 ) -> Specimen:
-    """Put a skin into the test.
+    """The forward model of a skin's curve, and the sizes of its material.
 
     Args:
         scene: skin and pattern of loads; its material is only where sizes come from.
@@ -146,13 +151,16 @@ def specimen(
     Raises:
         ValueError: the skin doesn't carry these forces with the scene's material.
     """
+    scene.require_plane_strain("A skin as test specimen")
+    elements = scene.solve.elements
+    counts = (elements if isinstance(elements, int) else ELEMENTS,)
     lines = [(i, load) for i, load in enumerate(scene.loads) if isinstance(load, LineLoadSpec)]
     total = sum(abs(load.force) for _, load in lines)
     levels, lane = np.unique(force, return_inverse=True)
     top = float(np.max(np.abs(levels)))
     spec = with_solve(scene, oil_pressure=None)
     spec = with_inputs(spec, {f"load.{i}.force": load.force * top / total for i, load in lines})
-    plan = plan_for(spec, "shell", (spec.solve.elements or ELEMENTS,)).reduced()
+    plan = plan_for(spec, "shell", counts).reduced()
     parts = scene_parts(spec, continuous_inputs(spec))
     problem = problem_of(parts, plan)
     shell = problem.mechanics
@@ -163,7 +171,7 @@ def specimen(
         problem,
         (shell.points.force * share, problem.external_pressure * share),
     )
-    load = parts.lines[0]
+    load = parts.forces[0]
     angle, direction = load.angle, load.direction
     if plan.symmetric and float(angle[0]) > 0.0:
         # Only the left half is solved: read the mirror image there.

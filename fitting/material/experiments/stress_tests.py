@@ -1,14 +1,197 @@
-"""Tests that read stresses: uniaxial, equibiaxial, pure shear, biaxial, simple shear."""
+"""Tests of a homogeneous deformation: tension, shear, and the spherical balloon.
+
+Each reading becomes the combination c₁ τ₁ + c₂ τ₂ of Kirchhoff stresses that its test measures
+(see `fitting.material.experiments.homogeneous`), whatever measure the file states.
+"""
+
+import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from fitting.material.data.tables import DataError
-from fitting.material.experiments.homogeneous import mode_factors, shear_factors
-from fitting.material.experiments.measurements import PATHS, Dataset, joined
+from fitting.material.experiments.homogeneous import (
+    Homogeneous,
+    mode_factors,
+    padded,
+    shear_factors,
+)
+from fitting.material.experiments.measurements import (
+    PATHS,
+    Channel,
+    Dataset,
+    Predictor,
+    joined,
+)
 from fitting.material.experiments.table_reader import Reader
 
+# Tests in which both stretches are free: no one curve, and nothing to extrapolate to.
+_FREE_STATES = frozenset(["biaxial", "biaxial_difference"])
+# Relative misfits are relative to no less than these fractions of a file's median
+# reading; a difference of two stresses passes through zero without being small itself.
+_FLOOR, _FLOOR_DIFFERENCE = 0.01, 0.05
+_LABELS = {
+    "nominal": "nominal stress",
+    "cauchy": "Cauchy stress",
+    "second_pk": "second Piola-Kirchhoff stress",
+    "shear": "shear stress",
+    "difference": "Cauchy stress difference",
+    "pressure": "pressure",
+}
 
-def one_parameter(reader: Reader) -> Dataset:
+
+@dataclasses.dataclass(frozen=True)
+class StressTest(Dataset):
+    """Stresses or pressures [Pa] read in known homogeneous states.
+
+    Attributes:
+        measure: what was read: "nominal", "cauchy", "second_pk", "shear", "difference"
+            or "pressure".
+        coordinate: stretch, or the amount of shear, shape [n].
+        factors: e₁, e₂, c₁, c₂ of each reading, shape [4, n].
+        companion: size of the largest stress read at the same state [Pa], shape [n]; zero
+            where the reading is the only one.
+        direction: 1 or 2, of a stress, shape [n].
+    """
+
+    measure: str
+    coordinate: np.ndarray
+    factors: np.ndarray
+    companion: np.ndarray
+    direction: np.ndarray
+
+    @property
+    def stretch_1(self) -> np.ndarray:
+        """λ₁, shape [n]."""
+        return np.exp(self.factors[0])
+
+    @property
+    def stretch_2(self) -> np.ndarray:
+        """λ₂, shape [n]."""
+        return np.exp(self.factors[1])
+
+    @property
+    def abscissa(self) -> np.ndarray:
+        """The coordinate; of a stress difference the second stretch."""
+        return self.stretch_2 if self.mode == "biaxial_difference" else self.coordinate
+
+    @property
+    def abscissa_label(self) -> str:
+        """Name of the abscissa."""
+        labels = {
+            "simple_shear": "amount of shear",
+            "biaxial_difference": "second stretch",
+        }
+        return labels.get(self.mode, "stretch")
+
+    @property
+    def deformation(self) -> np.ndarray:
+        """How far each reading is from rest, a number that grows with loading, shape [n]."""
+        return np.abs(self.coordinate if self.mode == "simple_shear" else self.factors[0])
+
+    def channels(self) -> tuple[Channel, ...]:
+        """Stress in megapascals, or pressure in kilopascals."""
+        unit, name = (1e3, "kPa") if self.measure == "pressure" else (1e6, "MPa")
+        label = f"{_LABELS[self.measure]} [{name}]"
+        return (Channel(np.ones(self.size, bool), unit, label),)
+
+    @property
+    def floor(self) -> float:
+        """A share of the median reading [Pa]."""
+        share = _FLOOR_DIFFERENCE if self.measure == "difference" else _FLOOR
+        sizes = np.abs(self.value[self.value != 0.0])
+        return share * float(np.median(sizes)) if sizes.size else 1.0
+
+    def own_size(self) -> np.ndarray:
+        """Size of the reading or of its companion [Pa].
+
+        The zero stress on a sheet's free edge is as uncertain as the load beside it.
+        """
+        return np.maximum(np.abs(self.value), self.companion)
+
+    def absolute_scale(self, sets: Sequence[Dataset]) -> np.ndarray:
+        """Root-mean-square stress; pressures are compared with pressures [Pa]."""
+        own = self.measure == "pressure"
+        alike = [
+            data.value
+            for data in sets
+            if isinstance(data, StressTest) and (data.measure == "pressure") == own
+        ]
+        size = float(np.sqrt(np.mean(np.concatenate(alike) ** 2)))
+        return np.full(self.size, size if size > 0.0 else 1.0)
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether one stretch sets the other."""
+        return self.mode not in _FREE_STATES
+
+    def paths(self) -> list[np.ndarray]:
+        """Readings of each direction by coordinate; biaxial ones by both stretches."""
+        found = []
+        for direction in np.unique(self.direction):
+            rows = np.flatnonzero(self.direction == direction)
+            keys = (self.coordinate[rows],) * 2
+            if not self.is_curve:
+                keys = (self.stretch_2[rows], self.coordinate[rows])
+            found.append(rows[np.lexsort(keys)])
+        return found
+
+    @property
+    def unit_stress(self) -> np.ndarray:
+        """Readings of a neo-Hookean law of unit modulus, shape [n]."""
+        e1, e2, c1, c2 = self.factors
+        tau_3 = np.exp(-2.0 * (e1 + e2))
+        return np.asarray(c1 * (np.exp(2.0 * e1) - tau_3) + c2 * (np.exp(2.0 * e2) - tau_3))
+
+    @property
+    def modulus(self) -> float:
+        """Neo-Hookean modulus of the least deformed third of the test [Pa]."""
+        e1, e2, _, _ = self.factors
+        unit, size = self.unit_stress, np.abs(e1) + np.abs(e2)
+        near = size <= np.quantile(size, 1.0 / 3.0)
+        square = float(np.sum(unit[near] ** 2))
+        return float(np.sum(unit[near] * self.value[near])) / square if square else np.nan
+
+    @property
+    def states(self) -> np.ndarray:
+        """Logarithms of both stretches, shape [2, n]."""
+        return self.factors[:2]
+
+    def predictor(self, *, estimate: bool) -> Predictor:
+        """All homogeneous tests are points of one evaluation."""
+        return homogeneous
+
+
+def homogeneous(tests: Sequence[StressTest]) -> Homogeneous:
+    """Homogeneous tests, one after the other, as points of one evaluation."""
+    factors = np.concatenate([test.factors for test in tests], axis=1)
+    return Homogeneous(*(padded(row) for row in factors))
+
+
+def _stress_test(
+    reader: Reader,
+    measure: str,
+    factors: np.ndarray,
+    values: np.ndarray,
+    *,
+    coordinate: np.ndarray | None = None,
+    companion: np.ndarray | None = None,
+    direction: int = 1,
+) -> StressTest:
+    """A test of one stress; its coordinate is λ₁ unless another is given."""
+    count = len(values)
+    test = StressTest(
+        **reader.fields(values),
+        measure=measure,
+        coordinate=np.exp(factors[0]) if coordinate is None else coordinate,
+        factors=factors,
+        companion=np.zeros(count) if companion is None else companion,
+        direction=np.full(count, direction),
+    )
+    return reader.kept(test, factors)
+
+
+def one_parameter(reader: Reader) -> StressTest:
     """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch.
 
     Raises:
@@ -20,10 +203,10 @@ def one_parameter(reader: Reader) -> Dataset:
     values, measure = found
     stretch = reader.stretch()
     factors = _measured(mode_factors(PATHS[reader.mode], stretch), stretch, measure)
-    return reader.finish(measure, stretch, factors, values)
+    return _stress_test(reader, measure, factors, values)
 
 
-def biaxial(reader: Reader) -> Dataset:
+def biaxial(reader: Reader) -> StressTest:
     """Readings of general biaxial tension: one stress or both over two stretches.
 
     Raises:
@@ -51,7 +234,7 @@ def biaxial(reader: Reader) -> Dataset:
     with np.errstate(invalid="ignore"):
         largest = np.fmax.reduce([np.abs(values) for values, *_ in parts])
     sets = [
-        reader.finish(measure, first, factors, values, second, largest, direction)
+        _stress_test(reader, measure, factors, values, companion=largest, direction=direction)
         for values, measure, factors, direction in parts
     ]
     return joined(sets)
@@ -64,7 +247,7 @@ def _second_stretch(reader: Reader) -> np.ndarray:
     return reader.stretch(2)
 
 
-def difference(reader: Reader) -> Dataset:
+def difference(reader: Reader) -> StressTest:
     """Readings of the difference of the Cauchy stresses over two stretches.
 
     Raises:
@@ -84,10 +267,10 @@ def difference(reader: Reader) -> Dataset:
         values = pair[1] - pair[0]
     one = np.ones_like(first)
     factors = np.stack([np.log(first), np.log(second), -one, one])
-    return reader.finish("difference", first, factors, values, second)
+    return _stress_test(reader, "difference", factors, values)
 
 
-def simple_shear(reader: Reader) -> Dataset:
+def simple_shear(reader: Reader) -> StressTest:
     """Readings of simple shear: shear stress over the amount of shear.
 
     Raises:
@@ -109,8 +292,46 @@ def simple_shear(reader: Reader) -> Dataset:
             raise reader.need("the shear stress", "shear_stress_kPa", "force_N")
         values = found[0]
     factors = np.stack(shear_factors(shear))
-    stretch = np.exp(factors[0])
-    return reader.finish("shear", stretch, factors, values, 1.0 / stretch, coordinate=shear)
+    return _stress_test(reader, "shear", factors, values, coordinate=shear)
+
+
+def balloon(reader: Reader) -> StressTest:
+    """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    values = reader.column("pressure")
+    if values is None:
+        raise reader.need("the pressure", "pressure_kPa")
+    radius = reader.column("radius")
+    rest = reader.size("rest_radius")
+    if any(key[0] in ("stretch", "strain") for key in reader.columns):
+        stretch = reader.stretch()
+    elif radius is not None and rest is not None:
+        reader.require_positive(radius, "radius")
+        stretch = radius / rest
+    elif radius is not None:
+        raise DataError(
+            f"{reader.table.file}: the radius needs its undeformed value: add "
+            f'"# rest_radius: 20 mm" to the file or --specimen "rest_radius=20 mm"'
+        )
+    else:
+        raise reader.need("the radius", "radius_mm", "stretch")
+    ratio = reader.size("thickness_ratio")
+    if ratio is None:
+        thickness = reader.size("thickness")
+        if thickness is None or rest is None:
+            raise DataError(
+                f"{reader.table.file}: a balloon needs its undeformed wall thickness and "
+                f'radius: add "# thickness: 0.3 mm" and "# rest_radius: 20 mm" to the file '
+                f'or give --specimen "thickness=0.3 mm,rest_radius=20 mm"'
+            )
+        ratio = thickness / rest
+    e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
+    share = 2.0 * ratio / stretch**3
+    factors = np.stack([e1, e2, share * c1, share * c2])
+    return _stress_test(reader, "pressure", factors, values)
 
 
 def _measured(factors: tuple[np.ndarray, ...], stretch: np.ndarray, measure: str) -> np.ndarray:

@@ -1,14 +1,16 @@
 """Columns of a table of measurements, as the tests of every mode read them."""
 
+import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from fitting.material.data.columns import Column, understand
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.tables import DataError, Table, is_missing
-from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.measurements import Kind
 from suas_jax.config.errors import listed
 from suas_jax.config.quantities import parse_quantity
 
@@ -190,74 +192,58 @@ class Reader:
             return force / self.area(), "nominal"
         return None
 
-    def finish(
-        self,
-        measure: str,
-        stretch: np.ndarray,
-        factors: np.ndarray,
-        values: np.ndarray,
-        second: np.ndarray | None = None,
-        companion: np.ndarray | None = None,
-        direction: int = 1,
-        coordinate: np.ndarray | None = None,
-        bulge: np.ndarray | None = None,
-        sigma: np.ndarray | None = None,
-    ) -> Dataset:
-        """The data set, without rows that are masked or miss something.
+    def fields(self, values: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, Any]:
+        """What the readings of every kind of test share, one entry a row of the table.
 
         Args:
-            measure: what was read.
-            stretch: λ₁ [row].
-            factors: e₁, e₂, c₁, c₂ [4, row].
             values: readings [row].
-            second: λ₂ [row], if the factors don't tell.
-            companion: largest stress read at the same state [row].
-            direction: 1 or 2.
-            coordinate: what a plot is drawn against [row]; λ₁ by default.
-            bulge: thickness over radius of a diaphragm [row].
-            sigma: standard deviation of the noise [row], if it is no stress.
+            sigma: standard deviation of their noise [row], if they are no stresses.
 
         Raises:
-            DataError: no row is left, or a weight is negative.
+            DataError: a weight is negative, or a noise is not positive.
         """
-        count = len(values)
+        return {
+            "mode": self.mode,
+            "file": self.table.file,
+            "value": values,
+            "sigma": self._sigma(values) if sigma is None else sigma,
+            "weight": self._weight(),
+            "specimen": self._specimens(),
+            "line": self.table.lines,
+            "dropped": {},
+            "warnings": tuple(self.warnings),
+        }
+
+    def kept(self, test: Kind, states: np.ndarray) -> Kind:
+        """A test without the rows that are masked or miss something.
+
+        Args:
+            test: one reading a row.
+            states: what else a row must state [..., row].
+
+        Raises:
+            DataError: no row is left.
+        """
+        missing = ~np.isfinite(test.value) | np.isnan(test.weight)
+        missing |= ~np.isfinite(states.reshape(-1, test.size)).all(0)
+        masked = ~self._mask() | (test.weight == 0.0)
+        keep = ~missing & ~masked
+        if not keep.any():
+            raise DataError(f"{self.table.file}: no row holds both a state and a reading")
+        counts = {"missing value": int(missing.sum()), "masked": int((masked & ~missing).sum())}
+        dropped = {reason: count for reason, count in counts.items() if count}
+        return dataclasses.replace(test.select(keep), dropped=dropped)
+
+    def _weight(self) -> np.ndarray:
         weight = self.column("weight")
-        weight = np.ones(count) if weight is None else weight
+        if weight is None:
+            return np.ones(len(self.table.lines))
         bad = np.flatnonzero(weight < 0.0)
         if bad.size:
             raise DataError(
                 f"{self.at(bad[0], self.position('weight'))}: a weight must not be negative"
             )
-        masked = ~self._mask() | (weight == 0.0)
-        missing = ~np.isfinite(values) | ~np.isfinite(stretch) | ~np.isfinite(factors).all(0)
-        missing |= np.isnan(weight)
-        keep = ~missing & ~masked
-        if not keep.any():
-            raise DataError(f"{self.table.file}: no row holds both a state and a reading")
-        dropped = {
-            "missing value": int(missing.sum()),
-            "masked": int((masked & ~missing).sum()),
-        }
-        data = Dataset(
-            mode=self.mode,
-            file=self.table.file,
-            measure=measure,
-            coordinate=stretch if coordinate is None else coordinate,
-            stretch_1=stretch,
-            stretch_2=factors[1] * 0.0 + np.exp(factors[1]) if second is None else second,
-            factors=factors,
-            value=values,
-            companion=np.zeros(count) if companion is None else companion,
-            sigma=self._sigma(values) if sigma is None else sigma,
-            weight=weight,
-            direction=np.full(count, direction),
-            specimen=self._specimens(),
-            line=self.table.lines,
-            bulge=np.zeros(0) if bulge is None else bulge,
-            dropped={reason: n for reason, n in dropped.items() if n},
-            warnings=tuple(self.warnings),
-        )
-        return data.select(keep)
+        return weight
 
     def _mask(self) -> np.ndarray:
         if ("use", 0) not in self.columns:

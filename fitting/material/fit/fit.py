@@ -5,9 +5,14 @@ from collections.abc import Mapping, Sequence
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.data_checks import branches, contradictions, warnings_of
-from fitting.material.experiments.measurements import ALL_STATES, Dataset
-from fitting.material.fit.problem import Problem, pose, settle
+from fitting.material.experiments.data_checks import (
+    branches,
+    contradictions,
+    refuse_without_information,
+    warnings_of,
+)
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.fit.problem import MaterialProblem, pose, settle
 from fitting.material.fit.result import MaterialFit
 from fitting.material.laws.registry import family
 from fitting.statistics.diagnostics import misfit
@@ -15,6 +20,7 @@ from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.least_squares import Minima, minimise
 from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.residuals import sensitivity
+from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
 _SKIN_LANES = 4
@@ -50,19 +56,23 @@ def fit_material(
     Raises:
         ValueError: law, terms, residual, branch or bounds are not allowed.
         NoFit: no start gave finite residuals.
+        Float64Error: float64 is off.
     """
+    require_float64()
     chosen = law if isinstance(law, AbstractFamily) else family(law, terms)
     if starts < 1:
         raise ValueError(f"--starts {starts}: at least one is needed")
-    said = [*remarks]
+    notes = [*remarks]
     used = tuple(_on_branch(data, branch) for data in sets)
+    for data in used:
+        refuse_without_information(data)
     for data, kept in zip(sets, used, strict=True):
-        said += warnings_of(kept)
+        notes += warnings_of(kept)
         if kept.size < data.size:
-            said.append(
+            notes.append(
                 f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
             )
-    said += contradictions(used)
+    notes += contradictions(used)
     problem, minima = _search(used, chosen, residual, starts, seed)
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
@@ -72,7 +82,7 @@ def fit_material(
     if any(data.mode == "skin" for data in used):
         starts = min(starts, _SKIN_LANES)
     if problem.model_error and residual != "noise":
-        said.append(
+        notes.append(
             f"the lumped shell's own error, about {100.0 * problem.model_error:.2g} % of "
             f"displacement and pressure, is in no interval; state the noise and use "
             f"--residual noise, which allows for it"
@@ -89,7 +99,7 @@ def fit_material(
             problem.residuals, chosen, constants, others, bounds
         )
         if at_bounds:
-            said.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
+            notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known_noise = residual == "noise"
     shape, smooth = _residual_paths(used, problem, constants)
     typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
@@ -104,7 +114,7 @@ def fit_material(
         held=at_bounds,
     )
     return MaterialFit(
-        used, problem, constants, minima, judged, judged_misfit, starts, tuple(said), at_bounds
+        used, problem, constants, minima, judged, judged_misfit, starts, tuple(notes), at_bounds
     )
 
 
@@ -114,7 +124,7 @@ class NoFit(ArithmeticError):  # noqa: N818
 
 def _search(
     sets: Sequence[Dataset], chosen: AbstractFamily, kind: str, starts: int, seed: int
-) -> tuple[Problem, Minima]:
+) -> tuple[MaterialProblem, Minima]:
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind)
     if any(data.mode == "skin" for data in sets):
@@ -149,7 +159,7 @@ def _on_branch(data: Dataset, branch: str) -> Dataset:
 
 
 def _residual_paths(
-    sets: Sequence[Dataset], problem: Problem, constants: np.ndarray
+    sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray
 ) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
     """Residuals of each test in the order in which it deforms.
 
@@ -167,20 +177,16 @@ def _residual_paths(
     share = size * np.asarray(residuals.inverse_scale)
     paths, smooth = [], []
     for data, place in zip(sets, problem.places, strict=True):
-        for direction in np.unique(data.direction):
-            rows = np.flatnonzero(data.direction == direction)
-            keys = (data.stretch_2[rows], data.coordinate[rows])
-            if data.mode not in ALL_STATES:
-                keys = (data.coordinate[rows],) * 2
-            order = place[rows[np.lexsort(keys)]]
+        for path in data.paths():
+            order = place[path]
             paths.append(r[order])
-            if data.mode not in ALL_STATES:
+            if data.is_curve:
                 alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
                 w = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
                 smooth.append((w * r[order], w[:, None] * J[order]))
     return paths, smooth
 
 
-def _weighed_readings(problem: Problem) -> np.ndarray:
+def _weighed_readings(problem: MaterialProblem) -> np.ndarray:
     residuals = problem.residuals
     return np.asarray(residuals.value * residuals.inverse_scale)[residuals.used]

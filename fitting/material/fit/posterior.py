@@ -7,7 +7,7 @@ logarithm of its standard deviation s::
 
 r are the residuals of the fit, d the prior's standard deviations (`prior_deviation` of the
 family); log s is uniform over a wide range. The prior is wide, and where the data do not
-narrow it that is said.
+narrow it the report names the constant.
 """
 
 import dataclasses
@@ -57,17 +57,17 @@ class MaterialPosterior:
     def priors(self) -> dict[str, str]:
         """Every prior in words."""
         family = self.fit.family
-        said = {
+        priors = {
             name: f"normal, mean 0, standard deviation {d:g} (unconstrained, dimensionless)"
             for name, d in zip(family.theta_names, family.prior_deviation, strict=True)
         }
         if not self.noise_known:
-            said["noise"] = (
+            priors["noise"] = (
                 f"log-uniform from {_NOISE[0]:g} to {_NOISE[1]:g} (of the residuals)"
             )
         for name, (low, high) in self.bounds.items():
-            said[f"bound on {name}"] = f"zero outside {low:g} to {high:g} (SI)"
-        return said
+            priors[f"bound on {name}"] = f"zero outside {low:g} to {high:g} (SI)"
+        return priors
 
     @property
     def report(self) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.material.experiments.homogeneous import AbstractExperiment
+from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.statistics.parameters import AbstractFamily, Scales
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 from suas_jax.constitutive import AbstractLaw
@@ -93,18 +93,6 @@ class Residuals(AbstractResiduals):
             return self.weighed(jnp.concatenate(readings) * self.scales.stress)
 
         return self.family.refined(theta, columns, self.scales, self.weighed(self.value))
-
-
-def relative_scale(value: np.ndarray, companion: np.ndarray, floor: float) -> np.ndarray:
-    """Scale of relative residuals: a reading's own size, never less than the floor.
-
-    Args:
-        value: readings [Pa], shape [n].
-        companion: size of the largest stress read at the same state [Pa]; the zero stress
-            on a sheet's free edge is as uncertain as the load beside it.
-        floor: smallest scale [Pa].
-    """
-    return np.maximum(np.maximum(np.abs(value), companion), floor)
 
 
 def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:

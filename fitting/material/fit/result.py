@@ -11,7 +11,7 @@ from scipy import stats
 
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
 from fitting.material.experiments.measurements import PATHS, Dataset
-from fitting.material.fit.problem import Problem
+from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.residuals import readings
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
@@ -56,7 +56,7 @@ class MaterialFit:
     """
 
     sets: tuple[Dataset, ...]
-    problem: Problem
+    problem: MaterialProblem
     constants: np.ndarray
     minima: Minima
     uncertainty: Uncertainty

@@ -30,6 +30,7 @@ from suas_jax.config.laws.arruda_boyce import ArrudaBoyceSpec
 from suas_jax.config.laws.neo_hookean import NeoHookeanSpec
 from suas_jax.config.laws.ogden import OgdenSpec
 from suas_jax.constitutive import build_law
+from suas_jax.files.writing import write_text
 
 BULK = 1e4
 
@@ -55,7 +56,7 @@ def card(law: LawSpec, program: str) -> str:
 
 def write_card(law: LawSpec, program: str, file: Path) -> None:
     """Write the card of a law to a file; see `card`."""
-    file.write_text(card(law, program), encoding="utf-8")
+    write_text(file, card(law, program))
 
 
 def _modulus(law: LawSpec) -> float:

@@ -7,20 +7,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.result import MaterialFit
 from suas_jax.figures.style import written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_LABELS = {
-    "nominal": "nominal stress",
-    "cauchy": "Cauchy stress",
-    "second_pk": "second Piola-Kirchhoff stress",
-    "shear": "shear stress",
-    "difference": "Cauchy stress difference",
-    "pressure": "pressure",
-}
+_MARKERS = ("o", "s")
 _POINTS = 120
 
 
@@ -56,30 +50,15 @@ def _draw_mode(
     upper: "Axes",
     lower: "Axes",
 ) -> None:
-    nominal = all(data.measure == "nominal" for data, _ in members)
-    if mode in PATHS and nominal:
+    banded = mode in PATHS and all(
+        isinstance(data, StressTest) and data.measure == "nominal" for data, _ in members
+    )
+    if banded:
         _draw_band(fit, mode, [data for data, _ in members], upper)
     for number, (data, error) in enumerate(members):
-        colour = f"C{number}"
-        x = data.stretch_2 if mode == "biaxial_difference" else data.coordinate
-        if mode == "skin":
-            _draw_skin(data, error, upper, lower, colour)
-            continue
-        unit, name = (1e3, "kPa") if data.measure == "pressure" else (1e6, "MPa")
-        upper.plot(x, data.value / unit, "o", ms=3.5, mfc="none", color=colour, label="data")
-        if not (mode in PATHS and nominal):
-            upper.plot(x, (data.value + error) / unit, "x", ms=3.5, color="k", label="law")
-        size = np.maximum(np.maximum(np.abs(data.value), data.companion), 1e-300)
-        lower.plot(x, 100.0 * error / size, ".", ms=4, color=colour)
-        upper.set_ylabel(f"{_LABELS[data.measure]} [{name}]")
+        _draw_readings(data, error, upper, lower, f"C{number}", banded)
     upper.set_title(mode.replace("_", " ") + ("" if members else " (not measured)"))
-    labels = {
-        "skin": "force [N]",
-        "simple_shear": "amount of shear",
-        "bulge": "apex height / radius",
-    }
-    labels |= {"biaxial_difference": "second stretch"}
-    lower.set_xlabel(labels.get(mode, "stretch"))
+    lower.set_xlabel(members[0][0].abscissa_label if members else "stretch")
     lower.set_ylabel("residual [%]")
     lower.axhline(0.0, color="0.6", lw=0.8)
     limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
@@ -87,27 +66,29 @@ def _draw_mode(
     upper.legend(frameon=False, fontsize="small")
 
 
-def _draw_skin(
-    data: Dataset, error: np.ndarray, upper: "Axes", lower: "Axes", colour: str
+def _draw_readings(
+    data: Dataset, error: np.ndarray, upper: "Axes", lower: "Axes", colour: str, banded: bool
 ) -> None:
-    """Displacement and oil pressure over force, each in its own unit."""
-    channels = ((1, 1e-3, "displacement [mm]", "o"), (2, 1e3, "oil pressure [kPa]", "s"))
-    for channel, unit, name, marker in channels:
-        rows = data.direction == channel
-        x, y = data.coordinate[rows], data.value[rows]
-        if not rows.any():
-            continue
-        fitted = (y + error[rows]) / unit
-        upper.plot(x, y / unit, marker, ms=3.5, mfc="none", color=colour, label=name)
-        upper.plot(x, fitted, "x", ms=3.5, color="k", label=f"law, {name}")
-        size = np.maximum(np.abs(y), data.companion[rows])
-        lower.plot(x, 100.0 * error[rows] / size, marker, ms=3, color=colour)
+    """Readings and residuals; the law's own as crosses where no band is drawn."""
+    channels = data.channels()
+    size = np.maximum(data.own_size(), 1e-300)
+    for (rows, unit, label), marker in zip(channels, _MARKERS, strict=False):
+        x, y = data.abscissa[rows], data.value[rows]
+        named = label if len(channels) > 1 else "data"
+        upper.plot(x, y / unit, marker, ms=3.5, mfc="none", color=colour, label=named)
+        if not banded:
+            law = f"law, {label}" if len(channels) > 1 else "law"
+            upper.plot(x, (y + error[rows]) / unit, "x", ms=3.5, color="k", label=law)
+        share = 100.0 * error[rows] / size[rows]
+        lower.plot(x, share, marker, ms=3, color=colour)
+    if len(channels) == 1:
+        upper.set_ylabel(channels[0].label)
 
 
 def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -> None:
     if sets:
-        low = min(float(data.stretch_1.min()) for data in sets)
-        high = max(float(data.stretch_1.max()) for data in sets)
+        low = min(float(np.exp(data.states[0].min())) for data in sets)
+        high = max(float(np.exp(data.states[0].max())) for data in sets)
         stretch = np.linspace(min(low, 1.0), max(high, 1.0), _POINTS)
     else:
         largest = float(np.exp(fit.problem.residuals.scales.strain))

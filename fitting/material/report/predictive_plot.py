@@ -14,13 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from fitting.material.experiments.homogeneous import (
-    AbstractExperiment,
-    Homogeneous,
-    mode_factors,
-    padded,
-)
-from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
+from fitting.material.experiments.measurements import PATHS, Channel, Dataset
 from fitting.material.fit.posterior import MaterialPosterior
 from fitting.material.fit.residuals import Residuals
 from fitting.statistics.parameters import AbstractFamily
@@ -33,8 +28,6 @@ if TYPE_CHECKING:
 _DRAWS, _REPEATS = 64, 32
 _GRID = 60
 _ENDS = (2.5, 97.5)
-# Tests with a single curve; the states of others are no line.
-_SCATTERED = frozenset(["biaxial", "biaxial_difference"])
 
 
 def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figure:
@@ -56,7 +49,7 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
     panels = [
         (data, place, channel)
         for data, place in zip(found.fit.sets, found.fit.problem.places, strict=True)
-        for channel in (np.unique(data.direction) if data.mode == "skin" else (0,))
+        for channel in data.channels()
     ]
     measured = {data.mode for data, _, _ in panels}
     # A skin stretches by percents: other modes at those stretches are a straight line.
@@ -65,8 +58,8 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
     figure = Figure(figsize=(3.8 * columns, 3.6), layout="constrained")
     axes = figure.subplots(1, columns, squeeze=False)[0]
     for ax, (data, place, channel) in zip(axes, panels, strict=False):
-        rows = data.direction == channel if channel else np.ones(data.size, dtype=bool)
-        _draw_test(ax, data.select(rows), law[:, place[rows]], readings[:, place[rows]])
+        rows = place[channel.rows]
+        _draw_test(ax, data, channel, law[:, rows], readings[:, rows])
     for ax, mode in zip(axes[len(panels) :], others, strict=True):
         _draw_mode(
             ax, found.fit.family, mode, float(np.asarray(residuals.scales.strain)), constants
@@ -83,7 +76,7 @@ def _readings(residuals: Residuals, constants: Float[Array, "draw p"]) -> Array:
 
 @eqx.filter_jit
 def _stresses(
-    family: AbstractFamily, test: AbstractExperiment, constants: Float[Array, "draw p"]
+    family: AbstractFamily, test: Homogeneous, constants: Float[Array, "draw p"]
 ) -> Array:
     return jax.vmap(lambda c: test.predict(family.law(c)))(constants)
 
@@ -97,20 +90,21 @@ def _noise(found: MaterialPosterior, theta: np.ndarray) -> np.ndarray:
     return level[:, None] * scale * random
 
 
-def _draw_test(ax: "Axes", data: Dataset, law: np.ndarray, readings: np.ndarray) -> None:
-    unit, name = _unit(data)
-    x = data.stretch_2 if data.mode == "biaxial_difference" else data.coordinate
+def _draw_test(
+    ax: "Axes", data: Dataset, channel: Channel, law: np.ndarray, readings: np.ndarray
+) -> None:
+    unit, x = channel.unit, data.abscissa[channel.rows]
     low, high = np.percentile(readings, _ENDS, axis=0) / unit
     inner = np.percentile(law, _ENDS, axis=0) / unit
-    if data.mode in _SCATTERED:
-        ax.vlines(x, low, high, color="0.8", lw=3.0, label="readings")
-        ax.vlines(x, *inner, color="0.5", lw=3.0, label="law")
-    else:
+    if data.is_curve:
         order = np.argsort(x, kind="stable")
         ax.fill_between(x[order], low[order], high[order], color="0.85", label="readings")
         ax.fill_between(x[order], *inner[:, order], color="0.55", label="law")
-    ax.plot(x, data.value / unit, "o", ms=3.5, mfc="none", label="data")
-    ax.set(title=data.mode.replace("_", " "), xlabel=_abscissa(data.mode), ylabel=name)
+    else:
+        ax.vlines(x, low, high, color="0.8", lw=3.0, label="readings")
+        ax.vlines(x, *inner, color="0.5", lw=3.0, label="law")
+    ax.plot(x, data.value[channel.rows] / unit, "o", ms=3.5, mfc="none", label="data")
+    ax.set(title=data.mode.replace("_", " "), xlabel=data.abscissa_label, ylabel=channel.label)
     ax.legend(frameon=False, fontsize="small")
 
 
@@ -133,19 +127,3 @@ def _draw_mode(
     ax.set_ylim(max(float(low.min()), -top), min(float(high.max()), top) or 1.0)
     ax.set(title=f"{mode.replace('_', ' ')} (not measured)", xlabel="stretch")
     ax.set_ylabel("nominal stress [MPa]")
-
-
-def _unit(data: Dataset) -> tuple[float, str]:
-    if data.mode == "skin" and data.direction[0] == 1:
-        return 1e-3, "displacement [mm]"
-    if data.mode == "skin" or data.measure == "pressure":
-        return 1e3, "pressure [kPa]"
-    names = {"cauchy": "Cauchy stress", "second_pk": "second Piola-Kirchhoff stress"}
-    names |= {"difference": "Cauchy stress difference", "shear": "shear stress"}
-    return 1e6, f"{names.get(data.measure, 'nominal stress')} [MPa]"
-
-
-def _abscissa(mode: str) -> str:
-    known: dict[str, str] = {"skin": "force [N]", "simple_shear": "amount of shear"}
-    known |= {"bulge": "apex height / radius", "biaxial_difference": "second stretch"}
-    return known.get(mode, "stretch")

@@ -1,4 +1,4 @@
-"""What a material fit reports: the JSON of `suas fit material`, with what to doubt in it."""
+"""The JSON of `suas fit material`, with warnings of what to doubt in a fit."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.experiments.measurements import ALL_STATES, PATHS
-from fitting.material.fit.residuals import relative_scale
+from fitting.material.experiments.measurements import PATHS
+from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, SkinTest
 from fitting.material.fit.result import MaterialFit
 
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
 
 
-def report_of(fit: MaterialFit) -> dict[str, Any]:
+def material_report(fit: MaterialFit) -> dict[str, Any]:
     """The JSON of `suas fit material`.
 
     Args:
-        fit: what it tells of.
+        fit: the fitted law.
     """
     family, judged = fit.family, fit.uncertainty
     aicc, bic = fit.criteria
@@ -74,7 +74,7 @@ def report_of(fit: MaterialFit) -> dict[str, Any]:
 def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
     by_mode: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for data, error, floor in zip(fit.sets, fit.misfits(), fit.problem.floors, strict=True):
-        size = relative_scale(data.value, data.companion, floor)
+        size = np.maximum(data.own_size(), floor)
         size = np.where(size > 0.0, size, np.max(size) or 1.0)
         by_mode.setdefault(data.mode, []).append((error, error / size))
     report: dict[str, dict[str, Any]] = {
@@ -88,12 +88,12 @@ def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
     if "skin" in report:
         del report["skin"]["rms_MPa"]
         channels = [
-            (data.direction, error)
+            (data.channel, error)
             for data, error in zip(fit.sets, fit.misfits(), strict=True)
-            if data.mode == "skin"
+            if isinstance(data, SkinTest)
         ]
-        for channel, key in ((1, "rms_m"), (2, "rms_Pa")):
-            errors = np.concatenate([e[d == channel] for d, e in channels])
+        for channel, key in ((DISPLACEMENT, "rms_m"), (PRESSURE, "rms_Pa")):
+            errors = np.concatenate([e[c == channel] for c, e in channels])
             if errors.size:
                 report["skin"][key] = _rms(errors)
     return report
@@ -128,13 +128,13 @@ def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list
         )
     elif fit.status == "single_minimum":
         doubts.append("only one start reached the lowest minimum: use more --starts")
-    if fit.misfit.words:
-        doubts.append(fit.misfit.words)
+    if fit.misfit.description:
+        doubts.append(fit.misfit.description)
     for data in fit.sets:
         if data.mode not in stable:
             continue
         low, high = stable[data.mode]
-        first, last = data.stretch_1.min(), data.stretch_1.max()
+        first, last = np.exp(data.states[0].min()), np.exp(data.states[0].max())
         if first < low or last > high:
             doubts.append(
                 f"{data.mode}: the law is stable for stretches from {low:.3f} to "
@@ -154,7 +154,7 @@ def _extrapolations(fit: MaterialFit) -> tuple[list[str], list[str]]:
     if modes & _EQUIBIAXIAL_TESTS:
         measured.add("equibiaxial")
     missing = [mode for mode in PATHS if mode not in measured]
-    if not missing or modes & ALL_STATES:
+    if not missing or not all(data.is_curve for data in fit.sets):
         return [], []
     largest = float(np.exp(np.asarray(fit.problem.residuals.scales.strain)))
     ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}

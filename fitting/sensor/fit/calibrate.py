@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import (
+    check_agreement,
     disagreement_warning,
     drift_warning,
     masked_taxels,
     noise_warning,
-    refuse_strangers,
 )
-from fitting.sensor.fit.priors import findings, needed_priors, what_logs_tell
+from fitting.sensor.fit.priors import findings, log_contributions, needed_priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.fit.search import Found, robust, search
@@ -42,10 +42,11 @@ from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from fitting.statistics.diagnostics import misfit
 from fitting.statistics.identifiability import Uncertainty, uncertainty
 from suas_jax.acquisition.baseline import Baseline
+from suas_jax.runtime.precision import require_float64
 
 _ROUNDS = 8
 _SAME = 1e-7
-# Readings are left out where the membrane would touch the wall in a gap smaller by this.
+# LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
 _FIELD_ROUNDS = 2
 
@@ -85,7 +86,9 @@ def fit_sensor(
     Raises:
         ValueError: an argument is not allowed.
         NoCalibration: the logs don't follow the skin's model at all.
+        Float64Error: float64 is off.
     """
+    require_float64()
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
         raise ValueError("--fit: name at least one constant")
@@ -128,7 +131,7 @@ def fit_sensor(
         warnings.append(drifts)
         drifting = dataclasses.replace(problem.readings, drifting=True)
         problem, found = robust(problem.replace(readings=drifting), found.constants)
-    warnings += refuse_strangers(problem, found.constants, data)
+    warnings += check_agreement(problem, found.constants, data)
     problem, found, noise = _with_measured_noise(problem, found)
     return _judged(data, problem, found, shapes, loads, noise, touching, steady, warnings)
 
@@ -257,8 +260,8 @@ def _judged(
     held = tuple(family.names[i] for i in found.held)
     for name in held:
         warnings.append(f"{name} stopped at zero: the logs would have it negative")
-    if judged_misfit.words:
-        words = judged_misfit.words.replace(
+    if judged_misfit.description:
+        words = judged_misfit.description.replace(
             "the law does not follow the data", "the model does not follow the counts"
         ).replace("along the tests", "along the logs")
         hint = "; --field takes capacitances from the field instead of the formula"
@@ -284,7 +287,9 @@ def _judged(
         offsets=offsets,
         drift=drift,
         findings=tuple(findings(problem, constants, judged_misfit.inflation)),
-        tells=tuple(what_logs_tell(problem, constants, judged_misfit.inflation, data)),
+        contributions=tuple(
+            log_contributions(problem, constants, judged_misfit.inflation, data)
+        ),
         warnings=tuple(dict.fromkeys(filter(None, warnings))),
     )
 

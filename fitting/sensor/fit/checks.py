@@ -24,7 +24,7 @@ _DISAGREEING = 3.0
 _NOISY = 2.0
 
 
-def refuse_strangers(
+def check_agreement(
     problem: SensorProblem, constants: np.ndarray, data: SensorData
 ) -> list[str]:
     """Refuse logs that don't follow the skin's model at all.

@@ -162,7 +162,7 @@ def _only_the_ratio(
     return bool(bounds_of(held)[permittivity] < OPEN and not alone < OPEN)
 
 
-def what_logs_tell(
+def log_contributions(
     problem: SensorProblem, constants: np.ndarray, inflation: float, data: SensorData
 ) -> list[dict[str, Any]]:
     """Standard errors that each log and each fluid would give alone, without priors.

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.sensor.logs.readings import Readings
+from fitting.sensor.logs.readings import LoggedCounts
 from fitting.sensor.model.constants import SensorFamily
 from fitting.sensor.model.counts import SensorModel
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
@@ -79,7 +79,7 @@ class SensorResiduals(AbstractResiduals):
         return self.family.unconstrained(constants)
 
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
-        """Readings for constants in SI units, and the constants themselves."""
+        """LoggedCounts for constants in SI units, and the constants themselves."""
         so = self.model.so(constants)[:, self.state]
         return jnp.concatenate([so.reshape(-1), constants])
 
@@ -108,7 +108,7 @@ class SensorProblem:
     """
 
     model: SensorModel
-    readings: Readings
+    readings: LoggedCounts
     priors: Mapping[str, Prior]
 
     @property

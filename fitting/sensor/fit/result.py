@@ -41,7 +41,7 @@ class SensorFit:
             asked for.
         drift: of every taxel and log [taxel, log], counts/s; None where there is none.
         findings: what the data don't determine, in words.
-        tells: what each log, and each fluid, tells.
+        contributions: what each log, and each fluid, contributes to every constant.
         warnings: what a person should know.
     """
 
@@ -63,7 +63,7 @@ class SensorFit:
     offsets: np.ndarray | None
     drift: np.ndarray | None
     findings: tuple[str, ...]
-    tells: tuple[dict[str, Any], ...]
+    contributions: tuple[dict[str, Any], ...]
     warnings: tuple[str, ...]
 
     @property

@@ -15,7 +15,9 @@ from fitting.sensor.logs.gap_fluid import fluid_name
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import AlignedLog, read_aligned
 from fitting.sensor.logs.taxel_faults import Masked
+from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
+from suas_jax.files.reading import read_bytes
 
 
 class NoCalibration(ValueError):  # noqa: N818
@@ -210,4 +212,4 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path, MOST_BYTES)).hexdigest()

@@ -1,4 +1,4 @@
-"""What fills the gap: the oil that is calibrated, or a fluid of known permittivity."""
+"""Fluid in the gap: the oil that is calibrated, or one of known permittivity."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What is known while a log is taken: columns of loads, displacements and fluid.
+"""Known inputs of a log: columns of loads, displacements and fluid.
 
 A column is a quantity of a load with its unit, such as `load_0_force_N`,
 `load_0_angle_deg`, `load_0_direction_deg`, `load_0_displacement_mm` (mid-surface) or

@@ -1,4 +1,4 @@
-"""Limits of known inputs: what a skin can't take is units mixed up, more often than not."""
+"""Plausibility limits of known inputs, which catch mixed-up units."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What is known of the loads of an experiment: their place, and force or displacement."""
+"""Known loads of an experiment: their place, and force or displacement."""
 
 import dataclasses
 

@@ -11,7 +11,7 @@ from fitting.sensor.logs.known_inputs import FLUID, Known, from_columns, from_fi
 from fitting.sensor.logs.known_limits import check_known
 from fitting.sensor.logs.taxel_faults import Masked, without_faults
 from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
+from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log, sequence_notes
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 from suas_jax.sensing.taxels import taxel_names
 
@@ -74,12 +74,12 @@ def read_aligned(
     for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):
         row = np.flatnonzero(frames.modules == m)
         if row.size and taxels[m] >= k:
-            so[i] = frames.so[:, row[0], k - 1]
+            so[i] = frames.of_module(int(row[0]))[:, k - 1]
     clock = "t_device_s" if np.isfinite(frames.t_device).all() else "t_host_s"
     time = frames.t_device if clock == "t_device_s" else frames.t_host
     if not np.isfinite(time).all():
         raise ValueError(f"{path}: both clocks have missing values: frames can't be placed")
-    warnings = [f"{path}: {note}" for note in log.notes]
+    warnings = [f"{path}: {note}" for note in (*log.notes, *sequence_notes(log))]
     known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
     for (load, quantity), values in known.values.items():
@@ -98,7 +98,11 @@ def read_aligned(
         warnings.append(
             f"{path}: no known loads or displacements (columns such as load_0_force_N): the "
             "skin is taken to be at rest"
-            + (f"; not understood: {', '.join(others)}" if (others := _strangers(log)) else "")
+            + (
+                f"; not understood: {', '.join(others)}"
+                if (others := _unknown_columns(log))
+                else ""
+            )
         )
     so, time, permittivity = so[:, kept], time[kept], permittivity[kept]
     masked: list[Masked] = []
@@ -116,7 +120,7 @@ def read_aligned(
     )
 
 
-def _strangers(log: SoLog) -> list[str]:
+def _unknown_columns(log: SoLog) -> list[str]:
     """Columns that are neither known inputs nor flags of the logger."""
     own = {*Flags._fields, FLUID}
     return [name for name in log.flags if name.strip().lower() not in own]
@@ -151,10 +155,10 @@ def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
     }
     if not len(log):
         raise ValueError(f"{log.path}: the log is empty: it has no rows")
-    strangers = sorted(set(log.module.tolist()) - sizes.keys())
-    if strangers:
+    foreign = sorted(set(log.module.tolist()) - sizes.keys())
+    if foreign:
         raise ValueError(
-            f"{log.path}: module {strangers[0]}: the skin has no such module (it has "
+            f"{log.path}: module {foreign[0]}: the skin has no such module (it has "
             f"{_listed(sorted(sizes))}): a log of another layout, or the wrong skin file"
         )
     columns = log.so.shape[1]

@@ -1,4 +1,4 @@
-"""Readings of all frames with their noise, and what is taken out of every taxel's.
+"""LoggedCounts of all frames with their noise, and what is taken out of every taxel's.
 
 What drifts or is offset taxel by taxel is linear: its best value is subtracted from
 residuals and derivatives alike (a projection), so it costs no unknowns.
@@ -19,7 +19,7 @@ _MANY, _FEW = 50, 10
 
 
 @dataclasses.dataclass(frozen=True)
-class Readings:
+class LoggedCounts:
     """Counts, what is known of their noise, and which of them are used.
 
     Attributes:
@@ -90,8 +90,8 @@ class Readings:
 
 def gathered(
     data: SensorData, baseline: Baseline | None, offsets: bool
-) -> tuple[Readings, KnownLoads, np.ndarray]:
-    """Readings with the noise to start from, the baseline as one more frame.
+) -> tuple[LoggedCounts, KnownLoads, np.ndarray]:
+    """LoggedCounts with the noise to start from, the baseline as one more frame.
 
     Args:
         data: the logs.
@@ -117,7 +117,7 @@ def gathered(
         loads = loads.with_rest()
         permittivity = np.concatenate([permittivity, [np.nan]])
     present = np.isfinite(so)
-    readings = Readings(
+    readings = LoggedCounts(
         so,
         state,
         log,
@@ -159,7 +159,7 @@ def _first_noise(data: SensorData, so: np.ndarray) -> np.ndarray:
     return np.full(len(so), np.hypot(spread, ROUNDING))
 
 
-def measured_noise(readings: Readings, errors: np.ndarray, constants: int) -> np.ndarray:
+def measured_noise(readings: LoggedCounts, errors: np.ndarray, constants: int) -> np.ndarray:
     """Standard deviation of the noise of every taxel in every log [taxel, log], counts.
 
     Args:
@@ -185,7 +185,7 @@ def measured_noise(readings: Readings, errors: np.ndarray, constants: int) -> np
     return noise
 
 
-def _smallest(readings: Readings) -> float:
+def _smallest(readings: LoggedCounts) -> float:
     so = readings.so[readings.used]
     whole = np.all(so == np.rint(so))
     return float(ROUNDING) if whole else 1e-4 * float(np.median(so))

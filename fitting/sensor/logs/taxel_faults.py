@@ -1,11 +1,11 @@
-"""Readings that say nothing about the gap: of silent, stuck and saturated taxels."""
+"""Masks of silent, stuck and saturated taxels, whose readings carry no information."""
 
 import dataclasses
-import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from suas_jax.acquisition.equal_runs import equal_runs
 from suas_jax.acquisition.log.log_file import MAX_COUNT, SoLog
 
 # A converter of fewer bits is full at one of these counts.
@@ -87,20 +87,15 @@ def _full_scale(so: np.ndarray, header: Mapping[str, str]) -> float:
 
 
 def _longest_run(row: np.ndarray) -> int:
-    values = row[np.isfinite(row)]
-    if not values.size:
-        return 0
-    change = np.flatnonzero(np.diff(values)) + 1
-    return int(np.max(np.diff(np.concatenate([[0], change, [len(values)]]))))
+    runs = equal_runs(row[np.isfinite(row)])
+    return int(np.max(runs[:, 1] - runs[:, 0], initial=0))
 
 
 def _stuck(row: np.ndarray, after: float) -> np.ndarray:
     """Readings in runs of equal counts that are longer than others' [frame]."""
     where = np.flatnonzero(np.isfinite(row))
-    values = row[where]
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [len(values)]])
     stuck = np.zeros(len(row), bool)
-    for begin, end in itertools.pairwise(edges):
+    for begin, end in equal_runs(row[where]):
         if end - begin > after:
             stuck[where[begin:end]] = True
     return stuck

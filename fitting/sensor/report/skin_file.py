@@ -21,6 +21,8 @@ from fitting.sensor.model.constants import (
 )
 from suas_jax.config import SkinSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
+from suas_jax.config.toml_file import MOST_BYTES
+from suas_jax.files.reading import read_bytes
 
 _PLACES = {
     GAP: ("geometry", "oil_gap", "mm", 1e-3),
@@ -37,7 +39,7 @@ def calibrated_skin(skin: Path, fit: SensorFit) -> str:
         skin: the file that was calibrated.
         fit: its calibration.
     """
-    document: Any = tomlkit.parse(skin.read_text("utf-8-sig"))
+    document: Any = tomlkit.parse(read_bytes(skin, MOST_BYTES).decode("utf-8-sig"))
     material: dict[str, float] = {}
     for part, value in zip(fit.family.parts, fit.constants, strict=True):
         if part.name in _PLACES:
@@ -142,7 +144,7 @@ def _record(skin: Path, fit: SensorFit) -> Any:
     table["masked"] = [
         f"module {m.module}, taxel {m.taxel}: {m.reason}" for m in fit.masked if m.whole
     ]
-    table["skin"] = _file(str(skin), hashlib.sha256(skin.read_bytes()).hexdigest())
+    table["skin"] = _file(str(skin), hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest())
     logs = tomlkit.array()
     for file in fit.data.files:
         logs.append(_file(file.path, file.sha256))

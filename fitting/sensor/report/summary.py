@@ -58,7 +58,7 @@ def sensor_report(fit: SensorFit) -> dict[str, Any]:
         "condition_number": judged.condition_number,
         "singular_values": judged.singular_values.tolist(),
         "unidentifiable": list(fit.findings),
-        "what_the_logs_tell": list(fit.tells),
+        "what_the_logs_tell": list(fit.contributions),
         "residual": {
             "rms_counts": rms,
             "n": int(np.isfinite(errors).sum()),

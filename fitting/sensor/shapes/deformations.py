@@ -22,8 +22,8 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 
-# States solved in one call.
-_BLOCK = 256
+# Most and fewest states solved in one call: few sizes, few compiled programs.
+_BLOCK, _FEWEST = 256, 8
 _NEWTON = 25
 _ACCURACY = 1e-10  # of a displacement that is met [m]
 _FIRST_FORCE = 1e-3  # N
@@ -78,7 +78,7 @@ def deform(
     inner = jnp.asarray(loads.inner, float)[:, None]
     press = Press(meshes, jnp.asarray(loads.angle), jnp.asarray(loads.turn), inner)
     count = loads.states
-    size = min(_BLOCK, 1 << (count - 1).bit_length())
+    size = min(_BLOCK, max(_FEWEST, 1 << (count - 1).bit_length()))
     parts = []
     for begin in range(0, count, size):
         index = np.minimum(np.arange(begin, begin + size), count - 1)

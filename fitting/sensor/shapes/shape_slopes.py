@@ -1,4 +1,4 @@
-"""How the membrane's shape under what is known changes with the constants that move it.
+"""Derivatives of the membrane's shape by the constants that move it, known inputs kept.
 
 With known forces f the shape's derivative is the equilibrium's. Where a displacement u is
 known instead, the force follows the constant c so that u stays: df/dc = -(du/df)^-1 du/dc.

@@ -1,4 +1,4 @@
-"""What the shell leaves out of the membrane's shape, from a few solutions of the solid.
+"""Correction of the shell's shape by a few solutions of the solid.
 
 The shell's shape differs from the continuum's by some 2e-3 of its own displacement
 (transverse shear, the load's local field): as much as a calibration of the gap can resolve.
@@ -9,17 +9,22 @@ place, and a polynomial in the displacement adds the difference to every state.
 import dataclasses
 from collections.abc import Callable
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
-from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, SolveSpec
+from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, SolveSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.section_face import PolarFace, radius_at
-from suas_jax.scene.solve import solve
+from suas_jax.scene.build import build_problem
+from suas_jax.scene.solve import Structure, solve
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 
@@ -142,15 +147,12 @@ def _correction(
             return None
         key = "inner_displacement_m" if loads.inner[0] else "displacement_m"
         difference.append(solution.report["loads"][0][key] - shell.displacement[0, k])
-        mechanics = solution.problem().mechanics
-        solid = section_of(mechanics).face(solution.state.q, geometry.inner_radius)
-        own = PolarFace(
-            shell.face.edges[:, k : k + 1],
-            shell.face.radius[..., k : k + 1],
-            shell.face.folded[k : k + 1],
+        own = jax.tree.map(lambda x: x[..., k : k + 1], shell.face)  # noqa: B023
+        inputs = {key: jnp.asarray(x) for key, x in continuous_inputs(scene).items()}
+        more = _radius_beyond(
+            Structure(scene), solution.plan, inputs, solution.state.q, own, jnp.asarray(grid)
         )
-        rays = jnp.asarray(grid)[:, None]
-        radius.append(np.asarray(radius_at(solid, rays) - radius_at(own, rays))[:, 0])
+        radius.append(np.asarray(more))
     scale = float(np.abs(shell.displacement).max())
     powers = (shell.displacement[0] / scale)[:, None] ** np.arange(1, count + 1)
     return Correction(
@@ -161,6 +163,22 @@ def _correction(
         grid,
         np.linalg.solve(powers, np.stack(radius)),
     )
+
+
+@eqx.filter_jit
+def _radius_beyond(
+    structure: Structure,
+    plan: AbstractPlan,
+    inputs: dict[str, Array],
+    q: Array,
+    shell: PolarFace,
+    grid: Array,
+) -> Float[Array, " point"]:
+    """Radius of a solid's inner face less a shell's along rays at polar angles [m]."""
+    mechanics = build_problem(structure.scene, plan, inputs).mechanics
+    solid = section_of(mechanics).face(q, inputs["geometry.inner_radius"])
+    rays = grid[:, None]
+    return (radius_at(solid, rays) - radius_at(shell, rays))[:, 0]
 
 
 def corrected(

@@ -12,19 +12,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from suas_jax.acquisition.log.log_file import (
-    KEY_COLUMNS,
-    LogFileError,
-    LogWriter,
-    SoLog,
-    read_log,
-)
+from suas_jax.acquisition.log.columns import columns, from_columns
+from suas_jax.acquisition.log.log_file import LogFileError, LogWriter, SoLog, read_log
+from suas_jax.acquisition.log.reader import MOST_BYTES
+from suas_jax.files.reading import check_readable, read_bytes
+from suas_jax.files.writing import check_output, write_bytes, written
 
 if TYPE_CHECKING:
     import xarray
 
 _KEY = b"suas-so-log"
 _PREFIX = "log."
+_MOST_VALUES = 100_000_000
 _UNITS = {"t_host": "s", "t_device": "s", "so": "counts"}
 
 
@@ -45,8 +44,7 @@ def convert(source: Path, target: Path, *, overwrite: bool = False) -> SoLog:
     """
     read = _chosen({".csv": read_log, ".parquet": read_parquet, ".nc": read_netcdf}, source)
     write = _chosen({".csv": write_csv, ".parquet": write_parquet, ".nc": write_netcdf}, target)
-    if target.exists() and not overwrite:
-        raise FileExistsError(f"{target}: exists; choose another name or give --overwrite")
+    check_output(target, overwrite=overwrite)
     log: SoLog = read(source)
     write(log, target)
     return log
@@ -72,44 +70,15 @@ def _library(name: str, what: str) -> ModuleType:
         ) from None
 
 
-def columns(log: SoLog) -> dict[str, np.ndarray]:
-    """The columns of a log as the CSV file names them."""
-    keys = dict(zip(KEY_COLUMNS, (log.t_host, log.t_device, log.seq, log.module), strict=True))
-    so = {f"so_{k + 1}": log.so[:, k] for k in range(log.so.shape[1])}
-    return keys | so | dict(log.flags)
-
-
-def from_columns(path: Path, header: dict[str, str], table: dict[str, np.ndarray]) -> SoLog:
-    """A log from its columns.
-
-    Raises:
-        LogFileError: a column that every log has is missing.
-    """
-    names = [f"so_{k}" for k in range(1, sum(n.startswith("so_") for n in table) + 1)]
-    for name in (*KEY_COLUMNS, *(names or ["so_1"])):
-        if name not in table:
-            raise LogFileError(f"{path}: no column {name}: the file is no SO log")
-    known = {*KEY_COLUMNS, *names}
-    return SoLog(
-        path,
-        header,
-        np.asarray(table["t_host_s"], float),
-        np.asarray(table["t_device_s"], float),
-        np.asarray(table["seq"], np.int64),
-        np.asarray(table["module"], np.int64),
-        np.stack([np.asarray(table[name], float) for name in names], 1),
-        {name: x for name, x in table.items() if name not in known},
-    )
-
-
 def write_csv(log: SoLog, path: Path) -> None:
     """Write a log as CSV, as if it had just been recorded."""
     flags = {name: values.tolist() for name, values in log.flags.items()}
     rows = zip(log.t_host, log.t_device, log.seq, log.module, log.so, strict=True)
     header = log.header
-    with LogWriter(
-        path, header, taxels=log.so.shape[1], flags=tuple(flags), overwrite=True
-    ) as writer:
+    with (
+        written(path) as draft,
+        LogWriter(draft, header, taxels=log.so.shape[1], flags=tuple(flags)) as writer,
+    ):
         for i, (t_host, t_device, seq, module, so) in enumerate(rows):
             counts = [None if np.isnan(c) else _shortest(c) for c in so]
             values = [column[i] for column in flags.values()]
@@ -130,7 +99,9 @@ def write_parquet(log: SoLog, path: Path) -> None:
         {name: arrow.array(x, from_pandas=True) for name, x in columns(log).items()}
     )
     table = table.replace_schema_metadata({_KEY: json.dumps(log.header).encode()})
-    parquet.write_table(table, path)
+    content = arrow.BufferOutputStream()
+    parquet.write_table(table, content)
+    write_bytes(path, content.getvalue().to_pybytes())
 
 
 def read_parquet(path: Path) -> SoLog:
@@ -138,18 +109,22 @@ def read_parquet(path: Path) -> SoLog:
 
     Raises:
         LogFileError: the file is no Parquet file, or no log.
+        OSError: it can't be read.
     """
     arrow, parquet = _library("pyarrow", "Parquet"), _library("pyarrow.parquet", "Parquet")
     import json
 
+    content = arrow.BufferReader(read_bytes(path, MOST_BYTES))
     try:
-        table = parquet.read_table(path)
-    except arrow.ArrowInvalid as error:
-        raise LogFileError(f"{path}: {error}") from None
-    header = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
-    return from_columns(
-        path, header, {n: table[n].to_numpy(zero_copy_only=False) for n in table.column_names}
-    )
+        file = parquet.ParquetFile(content)
+        _check_size(path, file.metadata.num_rows, file.metadata.num_columns)
+        table = file.read()
+        header = json.loads((table.schema.metadata or {}).get(_KEY, b"{}"))
+        by_name = {n: table[n].to_numpy(zero_copy_only=False) for n in table.column_names}
+    except (arrow.ArrowException, OSError, ValueError, RecursionError) as error:
+        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+        raise LogFileError(f"{path}: {reason}") from None
+    return from_columns(path, header, by_name)
 
 
 def to_xarray(log: SoLog) -> "xarray.Dataset":
@@ -175,9 +150,12 @@ def to_xarray(log: SoLog) -> "xarray.Dataset":
 
 
 def write_netcdf(log: SoLog, path: Path) -> None:
-    """Write a log as NetCDF 4."""
+    """Write a log as NetCDF 4.
+
+    In memory first: HDF5 doesn't survive a disk that is full.
+    """
     _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
-    to_xarray(log).to_netcdf(path, engine="h5netcdf")
+    write_bytes(path, bytes(to_xarray(log).to_netcdf(engine="h5netcdf")))
 
 
 def read_netcdf(path: Path) -> SoLog:
@@ -185,15 +163,20 @@ def read_netcdf(path: Path) -> SoLog:
 
     Raises:
         LogFileError: the file is no NetCDF file, or no log.
+        OSError: it can't be read.
     """
     xarray = _library("xarray", "NetCDF")
     _library("h5netcdf", "NetCDF"), _library("h5py", "NetCDF")
-    if not path.exists():
-        raise FileNotFoundError(f"{path}: there is no such file")
+    check_readable(path, MOST_BYTES)
     try:
-        data = xarray.load_dataset(path, engine="h5netcdf", decode_times=False)
-    except (OSError, ValueError) as error:
-        raise LogFileError(f"{path}: {error}") from None
+        options = {"engine": "h5netcdf", "decode_times": False, "phony_dims": "sort"}
+        with xarray.open_dataset(path, **options) as file:
+            for variable in file.variables.values():
+                _check_size(path, variable.size, 1)
+            data = file.load()
+    except (OSError, ValueError, RuntimeError, KeyError, TypeError) as error:
+        reason = str(error).splitlines()[0][:200] if str(error) else type(error).__name__
+        raise LogFileError(f"{path}: {reason}") from None
     missing = {"t_host", "t_device", "seq", "module", "so"} - set(data.variables)
     if missing:
         raise LogFileError(f"{path}: no variable {', '.join(sorted(missing))}: no SO log")
@@ -202,11 +185,23 @@ def read_netcdf(path: Path) -> SoLog:
         for key, value in data.attrs.items()
         if str(key).startswith(_PREFIX)
     }
-    flags = {
+    counts = data["so"].values
+    if counts.ndim != 2:
+        raise LogFileError(f"{path}: so has {counts.ndim} dimensions, not row and taxel")
+    names = {"t_host": "t_host_s", "t_device": "t_device_s", "seq": "seq", "module": "module"}
+    table = {long: data[name].values for name, long in names.items()}
+    table |= {f"so_{k + 1}": counts[:, k] for k in range(counts.shape[1])}
+    table |= {
         str(name).removeprefix("flag_"): data[name].values
         for name in data.variables
         if str(name).startswith("flag_")
     }
-    names = ("t_host", "t_device", "seq", "module", "so")
-    t_host, t_device, seq, module, so = (data[name].values for name in names)
-    return SoLog(path, header, t_host, t_device, seq, module, so, flags)
+    return from_columns(path, header, table)
+
+
+def _check_size(path: Path, rows: int, columns: int) -> None:
+    """Refuse what would fill the memory once it is unpacked."""
+    if rows * columns > _MOST_VALUES:
+        raise LogFileError(
+            f"{path}: {rows} rows of {columns} columns; at most {_MOST_VALUES} values are read"
+        )

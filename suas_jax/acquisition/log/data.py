@@ -1,5 +1,6 @@
 """An SO log in memory: its rows, and its frames."""
 
+import functools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 # Rows of one frame may be interleaved with those of its neighbours (several buses), but
 # an equal seq further away is another frame: the counter wrapped or the device restarted.
 FRAME_WINDOW = 256
+MOST_MODULES = 1024
+_COUNTERS = (2**8, 2**16, 2**24, 2**32)
 
 
 @dataclass(frozen=True)
@@ -45,22 +48,42 @@ class SoLog:
 class Frames:
     """A log by frames: the rows of equal seq side by side.
 
+    Counts are kept by rows: a module may be in few of the frames.
+
     Attributes:
         t_host: host time of the frame's first row [frame, s].
         t_device: device time of the frame's first row [frame, s].
         seq: frame number [frame].
         modules: module numbers, ascending [module].
-        so: raw counts [frame, module, taxel]; NaN where missing.
+        counts: raw counts [row, taxel]; NaN where missing.
+        frame: which frame a row is of [row].
+        slot: index of a row's module in `modules` [row].
     """
 
     t_host: NDArray[np.float64]
     t_device: NDArray[np.float64]
     seq: NDArray[np.int64]
     modules: NDArray[np.int64]
-    so: NDArray[np.float64]
+    counts: NDArray[np.float64]
+    frame: NDArray[np.int64]
+    slot: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.seq)
+
+    def of_module(self, index: int) -> NDArray[np.float64]:
+        """Raw counts of `modules[index]` [frame, taxel]; NaN where missing."""
+        so = np.full((len(self), self.counts.shape[1]), np.nan)
+        rows = self._rows[index]
+        so[self.frame[rows]] = self.counts[rows]
+        return so
+
+    @functools.cached_property
+    def _rows(self) -> list[NDArray[np.int64]]:
+        """Rows of each module."""
+        order = np.argsort(self.slot, kind="stable")
+        ends = np.searchsorted(self.slot[order], np.arange(1, len(self.modules)))
+        return np.split(order, ends)
 
 
 def group_frames(log: SoLog) -> Frames:
@@ -69,18 +92,26 @@ def group_frames(log: SoLog) -> Frames:
     Rows flagged `duplicate` (the device sent them twice) are left out. An equal seq counts
     as the same frame only while it is near and its module is new: a counter that wrapped or
     a device that restarted begins new frames.
+
+    Raises:
+        ValueError: the log has more modules than any skin.
     """
     modules = np.unique(log.module)
-    slot = np.searchsorted(modules, log.module).tolist()
+    if len(modules) > MOST_MODULES:
+        raise ValueError(
+            f"{log.path}: {len(modules)} different module numbers; at most {MOST_MODULES} are "
+            "read, so the column module holds something else"
+        )
+    slot = np.searchsorted(modules, log.module)
     frame_of = np.full(len(log), -1, np.int64)
     first: list[int] = []
     members: dict[int, tuple[int, int, set[int]]] = {}  # seq: frame, last row, its modules
     duplicate = log.flags.get("duplicate")
-    sequence = log.seq.tolist()
+    sequence, slots = log.seq.tolist(), slot.tolist()
     for row in range(len(log)):
         if duplicate is not None and duplicate[row]:
             continue
-        number, module = sequence[row], slot[row]
+        number, module = sequence[row], slots[row]
         known = members.get(number)
         if known and row - known[1] <= FRAME_WINDOW and module not in known[2]:
             frame, _, present = known
@@ -90,8 +121,48 @@ def group_frames(log: SoLog) -> Frames:
             first.append(row)
         members[number] = (frame, row, present)
         frame_of[row] = frame
-    so = np.full((len(first), len(modules), log.so.shape[1]), np.nan)
     kept = frame_of >= 0
-    so[frame_of[kept], np.asarray(slot, np.int64)[kept]] = log.so[kept]
     start = np.asarray(first, np.int64)
-    return Frames(log.t_host[start], log.t_device[start], log.seq[start], modules, so)
+    return Frames(
+        log.t_host[start],
+        log.t_device[start],
+        log.seq[start],
+        modules,
+        log.so[kept],
+        frame_of[kept],
+        slot[kept].astype(np.int64),
+    )
+
+
+def sequence_notes(log: SoLog) -> tuple[str, ...]:
+    """What is odd about the frame numbers of each module, in words.
+
+    Rows that the recorder flagged (`duplicate`, `restart`) are known already, and a counter
+    that begins again at one of the usual widths is none.
+    """
+    flagged = np.zeros(len(log), bool)
+    for name in ("duplicate", "restart"):
+        flag = log.flags.get(name)
+        if flag is not None and flag.dtype.kind in "iub":
+            flagged |= flag.astype(bool)
+    again: list[int] = []
+    back: list[int] = []
+    for module in np.unique(log.module)[:MOST_MODULES]:
+        rows = np.flatnonzero((log.module == module) & ~flagged)
+        step = np.diff(log.seq[rows])
+        wrapped = np.isin(step, [near - m for m in _COUNTERS for near in range(1, 17)])
+        again += rows[1:][step == 0].tolist()
+        back += rows[1:][(step < 0) & ~wrapped].tolist()
+    notes = []
+    for rows_found, what in (
+        (again, "repeat the frame number of the row before"),
+        (back, "go back in frame numbers"),
+    ):
+        if rows_found:
+            row = min(rows_found)
+            notes.append(
+                f"{len(rows_found)} rows {what} of their module, first seq {log.seq[row]} of "
+                f"module {log.module[row]} (row {row + 1}): sent twice, out of order, or of "
+                "several recordings"
+            )
+    return tuple(notes)

@@ -16,7 +16,7 @@ equal `seq` make a frame. An empty field is a missing value. A log that was cut 
 its last line only.
 """
 
-from suas_jax.acquisition.log.data import Frames, SoLog, group_frames
+from suas_jax.acquisition.log.data import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.acquisition.log.format import (
     DEFAULT_SCALE,
     FORMAT,
@@ -45,4 +45,5 @@ __all__ = [
     "is_log",
     "log_header",
     "read_log",
+    "sequence_notes",
 ]

@@ -8,19 +8,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from suas_jax.acquisition.log.columns import LARGEST_INTEGER
 from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
 from suas_jax.acquisition.log.format import CONTINUED, KEY_COLUMNS, MAX_COUNT, LogFileError
+from suas_jax.files.reading import MEGABYTE, opened, read_bytes
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.
 _SEPARATOR = "\x1f"
-# Whole numbers up to here are exact in float64.
-_LARGEST_INTEGER = 2**53
+MOST_BYTES = 512 * MEGABYTE
+"""Size of a log, or of one part of it, that is still read; rotate longer ones."""
+_LONGEST_LINE = 1_000_000
 
 
 def is_log(path: Path) -> bool:
     """Whether a file begins as a log does: comments, then names with `t_host_s` among them."""
-    with path.open("rb") as file:
-        for line in file:
+    with opened(path, MOST_BYTES) as file:
+        while line := file.readline(_LONGEST_LINE):
             if line.strip() and not line.lstrip(b"\xef\xbb\xbf").startswith(b"#"):
                 return b"t_host_s" in line
     return False
@@ -43,31 +46,43 @@ def read_log(path: Path, *, follow: bool = True) -> SoLog:
         OSError: the file can't be read.
     """
     path = Path(path)
-    part = _Parser(path).parse(path.read_bytes())
-    successor = part.header.pop(CONTINUED, None)
-    if successor is None or not follow:
-        return part
-    if Path(successor).name != successor or successor == path.name:
-        raise LogFileError(f'{path}: continued_in "{successor}": a file beside it is expected')
-    return _joined(part, read_log(path.with_name(successor)))
+    parts: list[SoLog] = []
+    names = {path.name}
+    while True:
+        part = _Parser(path).parse(read_bytes(path, MOST_BYTES))
+        parts.append(part)
+        successor = part.header.pop(CONTINUED, None)
+        if successor is None or not follow:
+            return _joined(parts)
+        if Path(successor).name != successor or successor in names:
+            raise LogFileError(
+                f'{path}: continued_in "{successor[:80]}": a file beside it is expected, which '
+                "is no earlier part"
+            )
+        names.add(successor)
+        path = path.with_name(successor)
 
 
-def _joined(a: SoLog, b: SoLog) -> SoLog:
-    width = max(a.so.shape[1], b.so.shape[1])
+def _joined(parts: Sequence[SoLog]) -> SoLog:
+    first = parts[0]
+    if len(parts) == 1:
+        return first
+    width = max(part.so.shape[1] for part in parts)
 
     def widened(so: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.pad(so, ((0, 0), (0, width - so.shape[1])), constant_values=np.nan)
 
+    shared = [name for name in first.flags if all(name in part.flags for part in parts)]
     return SoLog(
-        a.path,
-        a.header,
-        np.concatenate([a.t_host, b.t_host]),
-        np.concatenate([a.t_device, b.t_device]),
-        np.concatenate([a.seq, b.seq]),
-        np.concatenate([a.module, b.module]),
-        np.concatenate([widened(a.so), widened(b.so)]),
-        {k: np.concatenate([v, b.flags[k]]) for k, v in a.flags.items() if k in b.flags},
-        a.notes + b.notes,
+        first.path,
+        first.header,
+        np.concatenate([part.t_host for part in parts]),
+        np.concatenate([part.t_device for part in parts]),
+        np.concatenate([part.seq for part in parts]),
+        np.concatenate([part.module for part in parts]),
+        np.concatenate([widened(part.so) for part in parts]),
+        {name: np.concatenate([part.flags[name] for part in parts]) for name in shared},
+        tuple(note for part in parts for note in part.notes),
     )
 
 
@@ -251,7 +266,7 @@ class _Parser:
         values = []
         for i, text in enumerate(texts):
             value = _number(text)
-            if not (value.is_integer() and 0 <= value <= _LARGEST_INTEGER):
+            if not (value.is_integer() and 0 <= value <= LARGEST_INTEGER):
                 raise LogFileError(
                     f'{self.path}, line {numbers[i]}, column {name}: "{text}": expected a '
                     "whole number, zero or more"

@@ -1,5 +1,6 @@
 """Write an SO log, append-only."""
 
+import contextlib
 import os
 import time
 from collections.abc import Mapping, Sequence
@@ -160,12 +161,24 @@ class LogWriter:
                 f"{self.path}: exists and is not empty; logs are never overwritten unasked, "
                 "choose another name or give --overwrite"
             )
+        # What is replaced stays until the new log has begun.
+        place = self.path if not occupied else self.path.with_name(f".{self.path.name}.part")
         mode = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if occupied else 0)
-        self._file = os.open(self.path, mode, 0o644)
+        self._file = os.open(place, mode, 0o666)
         self._size = 0
         self._flushed = self._synced = time.monotonic()
         header = self._header | ({"part": str(self._part)} if self._part > 1 else {})
-        self._append("".join(f"# {key}: {value}\n" for key, value in header.items()))
+        try:
+            self._append("".join(f"# {key}: {value}\n" for key, value in header.items()))
+            if occupied:
+                os.fsync(self._file)
+                os.replace(place, self.path)
+        except OSError:
+            os.close(self._file)
+            self._file = -1
+            with contextlib.suppress(OSError):
+                place.unlink()
+            raise
         return self._file
 
     def _write_columns(self) -> None:

@@ -6,8 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from suas_jax.config.fields import AsList, PlacedError
+from suas_jax.config.fields import PlacedError, at_most
 from suas_jax.config.law import Constant, LawSpec
+
+MOST_TERMS = 16
+"""Terms that a file may have."""
 
 
 class OgdenSpec(LawSpec):
@@ -26,10 +29,10 @@ class OgdenSpec(LawSpec):
 
     law: Literal["ogden"] = Field(default="ogden", examples=['"ogden"'])
     convention: Literal["mu/alpha", "2mu/alpha^2"] = Field(examples=['"mu/alpha"'])
-    alpha: Annotated[tuple[Annotated[float, Constant("number")], ...], AsList] = Field(
-        examples=["[1.3, 5.0, -2.0]"]
+    alpha: Annotated[tuple[Annotated[float, Constant("number")], ...], at_most(MOST_TERMS)] = (
+        Field(examples=["[1.3, 5.0, -2.0]"])
     )
-    mu: Annotated[tuple[Annotated[float, Constant()], ...], AsList] = Field(
+    mu: Annotated[tuple[Annotated[float, Constant()], ...], at_most(MOST_TERMS)] = Field(
         examples=['["0.63 MPa", "1.2 kPa", "-10 kPa"]']
     )
 

@@ -114,5 +114,3 @@ def principal_stretches(strain: Float[Array, "3 *point"]) -> Float[Array, "2 *po
 def hoop_stretch(strain: Float[Array, "3 *point"]) -> Float[Array, "*point"]:
     """Stretch along the arc from C - 1, entries (11, 22, 12)."""
     return jnp.sqrt(jnp.maximum(1 + strain[0], CRUSHED**2))
-
-

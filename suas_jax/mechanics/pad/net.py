@@ -163,7 +163,10 @@ class Net:
         self.matrices = tuple(
             _by_component(lambda p, a=a, x=x: a.matrix(x, p), odd)
             for a, x, odd in zip(
-                (topology.long, topology.across), (self.long, self.across), parities, strict=True
+                (topology.long, topology.across),
+                (self.long, self.across),
+                parities,
+                strict=True,
             )
         )
         self.parities = parities
@@ -271,4 +274,3 @@ _SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 def _by_component(make: Callable[[int], Array], parities: tuple[int, int, int]) -> Array:
     made = {p: make(p) for p in set(parities)}
     return jnp.stack([made[p] for p in parities])
-

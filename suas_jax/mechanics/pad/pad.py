@@ -7,7 +7,7 @@ stress to the last digit.
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, Displacements, Profile
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, ContactState, Displacements
+from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
 from suas_jax.mechanics.pad.net import ElementVector, Net, NetTopology, refined, tables
@@ -33,12 +34,14 @@ from suas_jax.mechanics.pad.points import (
     swept,
     tangent,
 )
+from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.mesh.pad_plan import PadPlan, pad_load_points
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.wall import Wall
 
 # Newton steps to the material point on a ray: displacements along the wall are small.
 _RAY_STEPS = 4
@@ -58,12 +61,14 @@ class Pad(AbstractMechanics):
         axial: breakpoints along the axis, from the middle [m].
         points: the loads as points on the outer face [N].
         film_volume: volume of the undeformed oil film under the part covered [m^3].
+        wall: see the base class.
         topology: how the splines end.
         mirrored_planes: whether the part ends at the crown's plane, and at the middle's.
         gauss: quadrature points along either side of an element.
         layers: quadrature points through the thickness.
     """
 
+    per_width: ClassVar[bool] = False
     law: AbstractLaw
     mid_radius: Lanes
     thickness: Lanes
@@ -71,6 +76,7 @@ class Pad(AbstractMechanics):
     axial: Float[Array, "breakpoint #lane"]
     points: PadLoadPoints
     film_volume: Lanes
+    wall: Wall | None
     topology: NetTopology = eqx.field(static=True)
     mirrored_planes: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
     gauss: int = eqx.field(static=True, default=3)
@@ -98,6 +104,14 @@ class Pad(AbstractMechanics):
     def unknowns(self) -> int:
         """Free control displacements."""
         return int(self.topology.free.sum())
+
+    def contact_energy(self, q: StationVector) -> Lanes:
+        """Energy of contact with the wall [J]; see the base class."""
+        return jnp.zeros(q.shape[-1:], q.dtype)
+
+    def contact(self, q: StationVector, wall: Wall) -> ContactState:
+        """The inner face against a wall; see the base class."""
+        raise NotImplementedError
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a control value's displacement [m]."""
@@ -171,6 +185,7 @@ class Pad(AbstractMechanics):
             axial=axial,
             points=pad_load_points(plan, geometry, loads),
             film_volume=geometry.film_area * geometry.width / parts,
+            wall=None,
             topology=NetTopology(*plan.axes),
             mirrored_planes=plan.mirrored,
         )
@@ -279,16 +294,28 @@ class Pad(AbstractMechanics):
             lambda pad, *given: _One(pad).inner_radius_at(*given), q, angle, axial
         )
 
-    def profile(self, q: StationVector, samples: int) -> Profile:
-        """Not what a pad is: see `sampled`."""
-        raise NotImplementedError("a pad has no profile of its section: see `sampled`")
+    def shape(self, q: StationVector) -> PadShape:
+        """The deformed pad, sampled; see the base class."""
+        return PadShape(self.sampled(q, SAMPLES))
 
-    def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
-        """How the pad moves at a reference angle, in its middle; see the base class."""
-        middle = jnp.zeros_like(angle)
-        found = self.faces(q, angle[None], middle[None])
+    def face(self, q: StationVector, inner_radius: Lanes) -> "PadFace":
+        """The deformed inner face along rays; see the base class."""
+        del inner_radius  # the pad knows its own
+        return PadFace(self, q)
+
+    def under(self, q: StationVector, load: PadLoad) -> Displacements:
+        """How the pad moves under a load's centre, or under its image in a mirror plane."""
+        angle, axial = jnp.broadcast_arrays(load.angle, load.axial)
+        sign = jnp.ones((3, *angle.shape))
+        if self.mirrored_planes[0]:
+            sign = sign.at[0].set(jnp.where(angle > 0, -1.0, 1.0))
+            angle = -jnp.abs(angle)
+        if self.mirrored_planes[1]:
+            sign = sign.at[2].set(jnp.where(axial > 0, -1.0, 1.0))
+            axial = -jnp.abs(axial)
+        at = self.faces(q, angle[None], axial[None])
         return Displacements(
-            found.mid_displacement[:, None], found.inner_displacement[:, None]
+            sign * at.mid_displacement[:, 0], sign * at.inner_displacement[:, 0]
         )
 
     def to_comparison_mesh(self, q: StationVector) -> StationVector:
@@ -299,6 +326,36 @@ class Pad(AbstractMechanics):
     def error_share(self) -> float:
         """Order four at least; the finer solution's own error is a sixteenth."""
         return 16 / 15
+
+
+class PadFace(AbstractFace):
+    """The inner face of a deformed pad.
+
+    Attributes:
+        pad: the whole pad.
+        q: its unknowns.
+    """
+
+    varies_along_axis: ClassVar[bool] = True
+    pad: Pad
+    q: StationVector
+
+    def gaps(
+        self, rays: Sequence[tuple[Array, Array]], wall_radius: Lanes
+    ) -> list[Float[Array, "taxel lane"]]:
+        """Gaps along several rays for each taxel: one search for all; see the base class."""
+        angle = jnp.concatenate([angle for angle, _ in rays])
+        axial = jnp.concatenate([axial for _, axial in rays])
+        return jnp.split(self.gap(angle, axial, wall_radius), len(rays))
+
+    def gap(
+        self,
+        angle: Float[Array, "ray #lane"],
+        axial: Float[Array, "ray #lane"],
+        wall_radius: Lanes,
+    ) -> Float[Array, "ray lane"]:
+        """Gap along rays from the axis [m]; see the base class."""
+        return self.pad.inner_radius_at(self.q, angle, axial) - wall_radius
 
 
 def _divided(breaks: Float[Array, "breakpoint #lane"], samples: int) -> Array:
@@ -347,7 +404,9 @@ class _One:
     def areas(self) -> Float[Array, "gauss element"]:
         """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
         long, across = self.lengths
-        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (long * across).reshape(-1)
+        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (
+            long * across
+        ).reshape(-1)
 
     def surface(self, qe: ElementVector) -> Surface:
         """The mid-surface at the quadrature points."""
@@ -370,9 +429,7 @@ class _One:
         pad = self.pad
         points = jax.tree.map(lambda x: x[..., 0], pad.points)
         at = (points.angle, points.axial)
-        spots = pad_loads.spots(
-            self.net, pad.angles[:, 0], pad.axial[:, 0], pad.mid_radius, at
-        )
+        spots = pad_loads.spots(self.net, pad.angles[:, 0], pad.axial[:, 0], pad.mid_radius, at)
         return points, spots
 
     def work(self, q: Array) -> Array:
@@ -476,4 +533,3 @@ class _One:
 def _leading(qe: ElementVector, count: int) -> Float[Array, "16 rest"]:
     """Element coefficients as columns of a matrix."""
     return jnp.moveaxis(qe.reshape(3, count, -1), 0, 1).reshape(count, -1)
-

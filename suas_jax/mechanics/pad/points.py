@@ -18,7 +18,6 @@ Vectors are Cartesian (x right, y to the crown, z along the axis) and lead the a
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -170,9 +169,7 @@ def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Array, Arr
     strain = []
     for row, scale in enumerate(_scales(fibres, s)):
         lever = _over_layers(fibres.lever, s)
-        strain.append(
-            scale * (s.metric[row] + 2 * lever * bend[row] - lever**2 * second[row])
-        )
+        strain.append(scale * (s.metric[row] + 2 * lever * bend[row] - lever**2 * second[row]))
     return jnp.stack(strain), inverse, saddle
 
 

@@ -22,6 +22,7 @@ class ShellPlan(AbstractPlan):
         arc: where they lie.
     """
 
+    dimension: ClassVar[int] = 2
     arc: MeshPlan
 
     @property
@@ -51,13 +52,14 @@ class ShellPlan(AbstractPlan):
 class ShellModel(AbstractModel):
     """Elements along the arc, the thickness integrated beforehand."""
 
+    dimension: ClassVar[int] = 2
     name: ClassVar[str] = "shell"
     setting: ClassVar[str] = "elements"
 
     def first(self, scene: SceneSpec) -> Counts:
         """Enough for every interval between loads."""
         intervals = 2 * (1 + len(scene.loads))
-        return (max(16 if scene.solve.rtol >= 1e-4 else 32, 4 * intervals),)
+        return (max(16 if scene.rtol >= 1e-4 else 32, 4 * intervals),)
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """More than for one solve."""

@@ -81,6 +81,34 @@ def _interpolated(angle: Array, xi: Array | np.ndarray, qe: Array, length: Array
     return MidLine(angle, *derivatives)
 
 
+def lever(offset: Array, radius: Lanes) -> Array:
+    """Z + Z^2 / (2 R) of a fibre at reference offset Z [m]."""
+    return offset + offset**2 / (2 * radius)
+
+
+def fibre_position(
+    r1: tuple[Array, Array], r2: tuple[Array, Array], offset: Array, radius: Lanes
+) -> Float[Array, "2 ..."]:
+    """Current position of a fibre relative to the mid-line, along the normal [m].
+
+    zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane folded
+    more sharply than its thickness allows has no solution: see CRUSHED.
+
+    Args:
+        r1: tangent r'(s) of the current mid-line.
+        r2: r''(s).
+        offset: of the fibre at rest, outwards [m].
+        radius: of the undeformed mid-line [m].
+    """
+    (x1, y1), (x2, y2) = r1, r2
+    a = x1**2 + y1**2
+    c = x2 * y1 - y2 * x1
+    m = lever(offset, radius)
+    root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
+    zeta_by_size = 2 * m / a / (1 + root)
+    return zeta_by_size * jnp.stack([-y1, x1])
+
+
 def recovered(
     line: MidLine, radius: Lanes, thickness: Lanes, energy: Callable[[Array, Array], Array]
 ) -> Profile:
@@ -97,27 +125,18 @@ def recovered(
     x2, y2 = line.u2[0] - n[0] / radius, line.u2[1] - n[1] / radius
     along = t[0] * line.u1[0] + t[1] * line.u1[1]
     stretch = 2 * along + line.u1[0] ** 2 + line.u1[1] ** 2
-    a = 1 + stretch
-    c = x2 * y1 - y2 * x1
     bending = (
         along / radius
         - (n[0] * line.u2[0] + n[1] * line.u2[1])
         + (line.u2[0] * line.u1[1] - line.u2[1] * line.u1[0])
     )
-    curvature = (bending - stretch / radius) / a
-    size = jnp.sqrt(a)
-    normal = jnp.stack([-y1, x1]) / size
+    curvature = (bending - stretch / radius) / (1 + stretch)
 
     def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
         """Displacement and hoop stretch of the fibre at a reference offset."""
-        m = offset + offset**2 / (2 * radius)
-        # zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane
-        # folded more sharply than its thickness allows has no solution: see CRUSHED.
-        root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
-        zeta = 2 * m / size / (1 + root)
-        moved = jnp.stack(line.u) + zeta * normal - offset * n
-        green = (stretch + 2 * m * curvature) / (1 + offset / radius) ** 2
-        return moved, jnp.sqrt(jnp.maximum(1 + green, CRUSHED**2))
+        moved = fibre_position((x1, y1), (x2, y2), offset, radius) - offset * n
+        green = (stretch + 2 * lever(offset, radius) * curvature) / (1 + offset / radius) ** 2
+        return jnp.stack(line.u) + moved, jnp.sqrt(jnp.maximum(1 + green, CRUSHED**2))
 
     inner, inner_stretch = face(-thickness / 2)
     outer, outer_stretch = face(thickness / 2)

@@ -24,11 +24,13 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch
 from suas_jax.mechanics.base import (
     Assembly,
+    ContactState,
     Displacements,
     Profile,
     largest,
 )
 from suas_jax.mechanics.section import AbstractSection
+from suas_jax.mechanics.shell.contact import InnerFace
 from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, under
 from suas_jax.mechanics.shell.omitted import (
@@ -53,6 +55,7 @@ from suas_jax.numerics.hermite import hermite
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.skin.geometry import SkinGeometry, outward, tangent
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.wall import Wall
 
 
 class Shell(AbstractSection):
@@ -69,6 +72,7 @@ class Shell(AbstractSection):
         angles: of the stations from the symmetry axis [rad].
         points: the line loads as points on the outer face, per width [N/m].
         film_volume: see the base class.
+        wall: see the base class.
         symmetric: whether the last station is the crown of a symmetric arch.
         gauss: quadrature points along an element.
         layers: quadrature points through the thickness.
@@ -80,6 +84,7 @@ class Shell(AbstractSection):
     angles: Float[Array, "station #lane"]
     points: LoadPoints
     film_volume: Lanes
+    wall: Wall | None
     symmetric: bool = eqx.field(static=True)
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
@@ -93,6 +98,7 @@ class Shell(AbstractSection):
         points: LoadPoints,
         *,
         symmetric: bool,
+        wall: Wall | None = None,
     ) -> "Shell":
         """Discretise a skin.
 
@@ -102,6 +108,7 @@ class Shell(AbstractSection):
             angles: stations from clamp to clamp, or from clamp to crown.
             points: loads on those elements.
             symmetric: whether the last station is the crown of a symmetric arch.
+            wall: what holds the inner face; None for nothing.
         """
         return cls(
             law=law,
@@ -110,6 +117,7 @@ class Shell(AbstractSection):
             angles=angles,
             points=points,
             film_volume=geometry.film_area / (2 if symmetric else 1),
+            wall=wall,
             symmetric=symmetric,
         )
 
@@ -283,6 +291,19 @@ class Shell(AbstractSection):
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
         return load_work(self.points, self._loaded(self._gather(q)), self.thickness)
 
+    def _inner_face(self, qe: Array, wall: Wall) -> InnerFace:
+        return InnerFace(wall, self.thickness, self.mid_radius, self.angles, qe)
+
+    def contact_energy(self, q: StationVector) -> Lanes:
+        """Energy of contact per width [J/m]; see the base class."""
+        if self.wall is None:
+            return jnp.zeros_like(self.thickness)
+        return self._inner_face(self._gather(q), self.wall).energy()
+
+    def contact(self, q: StationVector, wall: Wall) -> ContactState:
+        """The inner face against a wall; see the base class."""
+        return self._inner_face(self._gather(q), wall).state()
+
     def _loaded(self, qe: Array) -> Loaded:
         return under(self.points, qe, self.angles, self.mid_radius)
 
@@ -297,6 +318,9 @@ class Shell(AbstractSection):
         internal = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = _full(stiffness.reshape(4, 4, *stiffness.shape[1:]))
+        if self.wall is not None:
+            push, spring = self._inner_face(qe, self.wall).element_terms()
+            internal, stiffness = internal + push, stiffness + spring
         volume, gradient = self._volume(qe, rows[-4:])
         load, load_stiffness = load_terms(self.points, self._loaded(qe), self.thickness)
         load = jnp.broadcast_to(load, qe.shape)

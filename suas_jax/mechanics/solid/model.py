@@ -30,6 +30,7 @@ class SolidPlan(AbstractPlan):
         layers: how many through the thickness.
     """
 
+    dimension: ClassVar[int] = 2
     arc: MeshPlan
     layers: int = eqx.field(static=True)
 
@@ -61,6 +62,7 @@ class SolidPlan(AbstractPlan):
 class SolidModel(AbstractModel):
     """Elements along the arc and through the thickness."""
 
+    dimension: ClassVar[int] = 2
     name: ClassVar[str] = "solid"
     setting: ClassVar[str] = "mesh"
 
@@ -68,7 +70,7 @@ class SolidModel(AbstractModel):
         """Two layers, and enough elements for every interval between loads."""
         intervals = 2 * (1 + len(scene.loads))
         # Twice as many elements cost less than a second program to compile.
-        return (max(64 if scene.solve.rtol > 2e-3 else 128, 8 * intervals), 2)
+        return (max(64 if scene.rtol > 2e-3 else 128, 8 * intervals), 2)
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """The same as for a solve."""

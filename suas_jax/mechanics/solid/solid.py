@@ -18,11 +18,13 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import (
     Assembly,
+    ContactState,
     Displacements,
     Profile,
     largest,
 )
 from suas_jax.mechanics.section import AbstractSection
+from suas_jax.mechanics.solid.contact import FaceValues, InnerFace
 from suas_jax.mechanics.solid.element import EDGE_AREA, NODES, TABLES, mixed, quadratic
 from suas_jax.mechanics.solid.layout import Layout, NodeValues
 from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
@@ -37,6 +39,7 @@ from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.geometry import SkinGeometry, outward
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.wall import Wall
 
 # Penalty on an element's change of volume in shear moduli; see `ElementTangent`.
 _PENALTY = 10.0
@@ -54,6 +57,7 @@ class Solid(AbstractSection):
         grid: geometry at the quadrature points.
         load: load vector at unit factor, per width [N/m].
         film_volume: see the base class.
+        wall: see the base class.
         layers: elements through the thickness.
         symmetric: whether the last station is the crown of a symmetric arch.
     """
@@ -66,6 +70,7 @@ class Solid(AbstractSection):
     grid: Grid
     load: StationVector
     film_volume: Lanes
+    wall: Wall | None
     layers: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
 
@@ -79,6 +84,7 @@ class Solid(AbstractSection):
         *,
         layers: int,
         symmetric: bool,
+        wall: Wall | None = None,
     ) -> "Solid":
         """Discretise a skin.
 
@@ -89,6 +95,7 @@ class Solid(AbstractSection):
             points: loads on those elements.
             layers: elements through the thickness.
             symmetric: whether the last station is the crown of a symmetric arch.
+            wall: what holds the inner face; None for nothing.
         """
         layout = Layout(angles.shape[0] - 1, layers)
         across = np.linspace(0, 1, layout.nodes)[:, None, None]
@@ -104,6 +111,7 @@ class Solid(AbstractSection):
             grid=Grid.of(layout.corners(stations, middles)),
             load=_load_vector(layout, points, _free(layout, symmetric)),
             film_volume=geometry.film_area / (2 if symmetric else 1),
+            wall=wall,
             layers=layers,
             symmetric=symmetric,
         )
@@ -162,15 +170,32 @@ class Solid(AbstractSection):
         constraint = jnp.sum(p * _moments(change), (0, 1, 2))
         return super().potential(q, pressure, factor) + constraint
 
-    def _inner(self, u: NodeValues) -> Float[Array, "3 2 element lane"]:
+    def _inner(self, u: NodeValues) -> FaceValues:
         """Displacements of the inner face's nodes: left, middle, right."""
         return jnp.stack([u[NODES.index((a, 0))][:, 0] for a in range(3)])
 
-    def _volume(self, u: NodeValues) -> tuple[Lanes, Float[Array, "3 2 element lane"]]:
-        """Enclosed volume less rest, and its gradient by the inner face's nodes."""
-        at_rest = jnp.stack(
+    def _inner_at_rest(self) -> FaceValues:
+        """Their positions."""
+        return jnp.stack(
             [self.stations[:, 0, :-1], self.middles[:, 0], self.stations[:, 0, 1:]]
         )
+
+    def _inner_face(self, u: NodeValues, wall: Wall) -> InnerFace:
+        return InnerFace(wall, self.angles, self._inner_at_rest(), self._inner(u))
+
+    def contact_energy(self, q: StationVector) -> Lanes:
+        """Energy of contact per width [J/m]; see the base class."""
+        if self.wall is None:
+            return jnp.zeros_like(self.thickness)
+        return self._inner_face(self.layout.gather(q)[0], self.wall).energy()
+
+    def contact(self, q: StationVector, wall: Wall) -> ContactState:
+        """The inner face against a wall; see the base class."""
+        return self._inner_face(self.layout.gather(q)[0], wall).state()
+
+    def _volume(self, u: NodeValues) -> tuple[Lanes, FaceValues]:
+        """Enclosed volume less rest, and its gradient by the inner face's nodes."""
+        at_rest = self._inner_at_rest()
         moved = self._inner(u)
 
         def turned(x: Array) -> Array:
@@ -203,6 +228,11 @@ class Solid(AbstractSection):
         constraint = coupling.reshape(9, 3, 2, *tail)
         volume, face = self._volume(u)
         stiffness = stiffness - pressure * _follower(self.layers)
+        if self.wall is not None:
+            push, spring = self._inner_face(u, self.wall).element_terms()
+            internal = internal + self.layout.on_face(push, 0)
+            beyond = [(0, 0)] * 3 + [(0, self.layers - 1), (0, 0), (0, 0)]
+            stiffness = stiffness + jnp.pad(spring[:, :, :, None], beyond)
         gradient = self.layout.on_face(face, 0)
         mask, none = self._mask(), jnp.zeros_like(p)
         border = self.layout.scatter(gradient, none, mask)

@@ -1,0 +1,52 @@
+"""A law fitted by name, or all laws compared, with the report of the one that is chosen."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.fit.comparison import compare_laws
+from fitting.material.fit.fit import fit_material
+from fitting.material.fit.result import MaterialFit
+from fitting.material.report.summary import material_report
+
+COMPARE_ALL = "auto"
+"""Name that stands for the best of all laws."""
+
+
+def calibrate(
+    sets: Sequence[Dataset],
+    law: str = "ogden",
+    terms: int | None = None,
+    *,
+    progress: Callable[[str], None] = lambda title: None,
+    **options: Any,
+) -> tuple[MaterialFit, dict[str, Any]]:
+    """Fit a law to data, or compare all laws, and report.
+
+    Args:
+        sets: the data.
+        law: a value of `law` in [material], or "auto".
+        terms: number of terms, if the law has any.
+        progress: called with the name of the law that is fitted next.
+        options: as for `fit_material`.
+
+    Returns:
+        The fit, and the JSON of `suas fit material`.
+
+    Raises:
+        ValueError: law, terms or an option are not allowed.
+        NoFit: no constants were found.
+    """
+    if law != COMPARE_ALL:
+        progress(law)
+        fit = fit_material(sets, law, terms, **options)
+        return fit, material_report(fit)
+    if terms is not None:
+        raise ValueError("--terms: --law auto chooses the number of terms itself")
+    if options.pop("bounds", None):
+        raise ValueError("--bound: name the law whose constants are bounded")
+    comparison = compare_laws(sets, progress=progress, **options)
+    report = material_report(comparison.best)
+    report["candidates"] = comparison.table
+    report["candidates_failed"] = comparison.failed
+    return comparison.best, report

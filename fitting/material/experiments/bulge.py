@@ -1,0 +1,176 @@
+"""The bulge test of a clamped circular diaphragm: pressure over the apex's height."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from fitting.material.data.tables import DataError
+from fitting.material.experiments.homogeneous import mode_factors
+from fitting.material.experiments.measurements import Predictor
+from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.table_reader import Reader
+from suas_jax.constitutive import AbstractLaw, inflated_diaphragm
+
+_NEWTON_STEPS = 7
+
+
+class Bulge(AbstractExperiment):
+    """Points of a circular-diaphragm bulge test: pressure at a given apex height.
+
+    A membrane is inflated to a given apex stretch, and its height follows. Near the apex
+    stretch that gives the measured height h_i, pressure follows height along
+
+        log p = log p(e) + (d log p / d log h) (log h_i − log h(e)),
+
+    exact, with exact derivatives in the constants, where h(e) = h_i. `settled` moves e
+    there for a law; a fit alternates it with steps in the constants.
+
+    Attributes:
+        height: apex height over the diaphragm's radius, shape [n].
+        thickness: undeformed thickness over radius, shape [n].
+        apex: e, logarithm of the apex stretch, shape [n].
+    """
+
+    height: Float[Array, " n"]
+    thickness: Float[Array, " n"]
+    apex: Float[Array, " n"]
+
+    @property
+    def size(self) -> int:
+        """Number of readings."""
+        return len(self.height)
+
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Pressures [Pa]; not a number where the law has no bulge of that height."""
+        (log_p, log_h), (slope_p, slope_h) = _inflated(self, law)
+        along = jax.lax.stop_gradient(slope_p / slope_h)
+        return jnp.exp(log_p + along * (jnp.log(self.height) - log_h))
+
+    def settled(self, law: AbstractLaw) -> Self:
+        """The same test at the apex stretches that give the measured heights."""
+        test = self
+        for _ in range(_NEWTON_STEPS):
+            (_, log_h), (_, slope_h) = _inflated(test, law)
+            miss = jnp.log(test.height) - log_h
+            # Where a law has no such bulge the estimate stays; `predict` says so.
+            step = jnp.where(jnp.isfinite(miss / slope_h), miss / slope_h, 0.0)
+            apex = test.apex * jnp.exp(jnp.clip(step, -0.5, 0.5))
+            test = eqx.tree_at(lambda t: t.apex, test, apex)
+            if float(jnp.max(jnp.abs(step))) < 1e-6:
+                break
+        return test
+
+    def distance(self, other: Self) -> float:
+        """Largest relative difference of the logarithms of the apex stretches."""
+        return float(jnp.max(jnp.abs(self.apex / other.apex - 1.0)))
+
+    def _inflated(self, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Pressure and height at the apex stretches as log p, log h; slopes in log e."""
+
+        def at(e: Array) -> tuple[Array, Array]:
+            bulge = inflated_diaphragm(law, jnp.exp(e), 1.0, self.thickness)
+            return jnp.log(bulge.pressure), jnp.log(bulge.apex_height)
+
+        return jax.jvp(at, (self.apex,), (self.apex,))
+
+
+@eqx.filter_jit
+def _inflated(test: Bulge, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    return test._inflated(law)
+
+
+@dataclasses.dataclass(frozen=True)
+class BulgeTest(StressTest):
+    """Pressures of a bulge test; states and factors are those of a spherical cap.
+
+    Attributes:
+        thickness: undeformed thickness over the diaphragm's radius, shape [n].
+    """
+
+    thickness: np.ndarray
+
+    @property
+    def height(self) -> np.ndarray:
+        """Apex height over the diaphragm's radius, shape [n]."""
+        return self.abscissa
+
+    @property
+    def abscissa_label(self) -> str:
+        """Relative height."""
+        return "apex height / radius"
+
+    @property
+    def deformation(self) -> np.ndarray:
+        """The height."""
+        return self.height
+
+    def predictor(self, *, estimate: bool) -> Predictor:
+        """A spherical cap, which is a homogeneous test, or a membrane."""
+        return super().predictor(estimate=estimate) if estimate else membranes
+
+
+def membranes(tests: Sequence[BulgeTest]) -> Bulge:
+    """Bulge tests as inflated membranes, at the apex stretches of spherical caps."""
+    height = np.concatenate([test.height for test in tests])
+    thickness = np.concatenate([test.thickness for test in tests])
+    return Bulge(jnp.asarray(height), jnp.asarray(thickness), jnp.log1p(height**2))
+
+
+def bulge(reader: Reader) -> BulgeTest:
+    """Readings of a clamped circular diaphragm: pressure over the apex's relative height.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    values, height = reader.column("pressure"), reader.column("height")
+    if values is None:
+        raise reader.need("the pressure", "pressure_kPa")
+    if height is None:
+        height = reader.column("displacement")
+    if height is None:
+        raise reader.need("the apex height", "apex_height_mm")
+    radius, thickness = reader.size("radius"), reader.size("thickness")
+    if radius is None and (diameter := reader.size("diameter")) is not None:
+        radius = 0.5 * diameter
+    if radius is None or thickness is None:
+        raise DataError(
+            f"{reader.table.file}: a bulge test needs the diaphragm's radius and thickness: "
+            f'add "# radius: 40 mm" and "# thickness: 1.5 mm" to the file or give '
+            f'--specimen "radius=40 mm,thickness=1.5 mm"'
+        )
+    bad = np.flatnonzero(height < 0.0)
+    if bad.size:
+        index = reader.position("height")
+        raise DataError(
+            f"{reader.at(bad[0], index)}: {reader.table.texts[bad[0]][index]} is impossible: "
+            f"the apex of an inflated diaphragm rises"
+        )
+    relative = height / radius
+    flat = relative == 0.0
+    if flat.any():
+        reader.warnings.append(f"{flat.sum()} rows of a flat diaphragm say nothing; left out")
+        values = np.where(flat, np.nan, values)
+        relative = np.where(flat, 1.0, relative)
+    # The spherical cap of this height (Hill's special solution): stretch 1 + η² at the
+    # apex, p = 4 σ η (T/a) / ((1 + η²) λ²). It starts the fit; a membrane finishes it.
+    stretch = 1.0 + relative**2
+    e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
+    share = 4.0 * relative * thickness / radius / stretch**3
+    factors = np.stack([e1, e2, share * c1, share * c2])
+    test = BulgeTest(
+        **reader.fields(values),
+        measure="pressure",
+        coordinate=relative,
+        factors=factors,
+        companion=np.zeros(len(values)),
+        direction=np.ones(len(values), int),
+        thickness=thickness / radius,
+    )
+    return reader.kept(test, factors)

@@ -1,0 +1,36 @@
+"""What a law predicts for a test: the forward model of a material's calibration."""
+
+import abc
+from typing import ClassVar, Self
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive import AbstractLaw
+
+
+class AbstractExperiment(eqx.Module):
+    """Tests whose readings a law predicts.
+
+    Attributes:
+        costly: whether compiling the prediction takes longer than a whole fit's use of it.
+    """
+
+    costly: ClassVar[bool] = False
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """Number of readings, padding included."""
+
+    def settled(self, law: AbstractLaw) -> Self:
+        """The same tests, at the states that fit a law."""
+        return self
+
+    def distance(self, other: Self) -> float:
+        """How far its states are from those of another prediction, relative."""
+        return 0.0
+
+    @abc.abstractmethod
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings of all points, padding included."""

@@ -1,0 +1,51 @@
+"""The wall under the skin: whether it holds the membrane, and how hard it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from suas_jax.config.fields import PositiveLength, PositivePressure, Spec
+
+
+class SoftLayerSpec(Spec):
+    """A soft layer on the wall, such as a fabric.
+
+    Attributes:
+        thickness: [m].
+        stiffness: pressure per strain [Pa].
+    """
+
+    thickness: PositiveLength = Field(examples=['"0.5 mm"'])
+    stiffness: PositivePressure = Field(examples=['"2 MPa"'])
+
+
+class WallSpec(Spec):
+    """The wall, a cylinder around the skin's axis.
+
+    Attributes:
+        contact: whether it holds the membrane; if not, contact is reported only.
+        layer: a soft layer on it; None where the wall is rigid.
+    """
+
+    contact: bool = Field(default=True, examples=["true"])
+    layer: SoftLayerSpec | None = Field(
+        default=None, examples=['{ thickness = "0.5 mm", stiffness = "2 MPa" }']
+    )
+
+    @field_validator("contact", mode="before")
+    @classmethod
+    def _true_or_false(cls, value: Any) -> Any:
+        if not isinstance(value, bool):
+            raise ValueError("true or false is expected")
+        return value
+
+    @field_validator("layer")
+    @classmethod
+    def _only_in_contact(
+        cls, layer: SoftLayerSpec | None, info: ValidationInfo
+    ) -> SoftLayerSpec | None:
+        if layer is not None and info.data.get("contact") is False:
+            raise ValueError("has no effect with contact = false; take one of them out")
+        return layer

@@ -1,0 +1,1 @@
+"""Files: bounded reading, atomic writing, and a folder that keeps what can be made again."""

@@ -1,0 +1,172 @@
+"""Output files: written whole or not at all, and never over another file unasked.
+
+Every output goes to a draft beside its place, is forced to the disk and then moved there. A
+process that is killed, or a disk that is full, leaves what was there before; a draft that a
+kill left over is hidden, has no ending that any reader takes, and is removed by the next
+write to the same place.
+"""
+
+import contextlib
+import errno
+import os
+import secrets
+import shutil
+import stat
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from suas_jax.files.command import allow_replacing, is_input, may_replace
+
+_ABANDONED = 3600.0  # age of a draft whose process is taken to have ended [s]
+
+
+def check_output(path: Path, *, overwrite: bool = False) -> None:
+    """Make sure that a file may be written, before any work is done for it.
+
+    An empty file may be: it holds nothing that could be lost.
+
+    Args:
+        path: the file.
+        overwrite: the user allows it to be replaced, here and when it is written.
+
+    Raises:
+        FileExistsError: it exists, is not empty, and `overwrite` is not set.
+        ValueError: it is an input of the command that runs, or can't be a file.
+        OSError: its folder is missing, or it is a directory.
+    """
+    if not path.name or "\0" in str(path):
+        raise ValueError(f'"{path}": is no name of a file')
+    try:
+        facts = os.stat(path)
+    except FileNotFoundError:
+        folder = Path(os.path.realpath(path)).parent
+        if not folder.is_dir():
+            raise FileNotFoundError(
+                errno.ENOENT, f"there is no folder {path.parent}", str(path)
+            ) from None
+        if not os.access(folder, os.W_OK):
+            raise PermissionError(
+                errno.EACCES, "the folder can't be written to", str(path)
+            ) from None
+        return
+    if stat.S_ISDIR(facts.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "is a directory; name a file", str(path))
+    if not stat.S_ISREG(facts.st_mode):
+        return  # a device or a pipe holds nothing
+    if is_input(path):
+        raise ValueError(f"{path}: is an input of this command; choose another name")
+    if facts.st_size > 0 and not overwrite:
+        raise FileExistsError(
+            errno.EEXIST, "exists; choose another name or give --overwrite", str(path)
+        )
+    allow_replacing(path)
+
+
+def check_outputs(paths: Iterable[Path | None], *, overwrite: bool = False) -> None:
+    """`check_output` for all outputs of a command, which must be different files."""
+    given = [path for path in paths if path is not None]
+    for path in given:
+        check_output(path, overwrite=overwrite)
+    places = [os.path.realpath(path) for path in given]
+    for path, place in zip(given, places, strict=True):
+        if places.count(place) > 1 and not _is_special(path):
+            raise ValueError(f"{path}: is named for two outputs; choose different names")
+
+
+@contextlib.contextmanager
+def written(path: Path) -> Iterator[Path]:
+    """Write a file whole or not at all.
+
+    A command replaces only what `check_output` was told may be replaced.
+
+    Args:
+        path: where it is to lie.
+
+    Yields:
+        The draft to write, which exists and is empty. It takes its place when the block ends,
+        and is removed if the block raises.
+
+    Raises:
+        OSError, ValueError: as `check_output`, or the disk is full.
+    """
+    overwrite = may_replace(path)
+    check_output(path, overwrite=overwrite)
+    place = Path(os.path.realpath(path))
+    if _is_special(path):  # a device or a pipe can't be replaced
+        yield path
+        return
+    _remove_drafts(place)
+    draft = place.with_name(f".{place.name[:100]}.{secrets.token_hex(6)}.part")
+    # The mode that the user's mask gives any new file, or that of the file replaced.
+    os.close(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    try:
+        yield draft
+        with contextlib.suppress(FileNotFoundError):
+            shutil.copymode(place, draft)
+        _force_to_disk(draft)
+        if overwrite or _is_empty(place):
+            os.replace(draft, place)
+        else:
+            _moved_to_free_place(draft, place)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            draft.unlink()
+        raise
+    with contextlib.suppress(OSError):
+        _force_to_disk(place.parent)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write bytes to a file, whole or not at all; see `written`."""
+    with written(path) as draft, draft.open("wb") as stream:
+        stream.write(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write UTF-8 text to a file, whole or not at all; see `written`."""
+    write_bytes(path, text.encode())
+
+
+def _moved_to_free_place(draft: Path, place: Path) -> None:
+    """Move without replacing what another process put there meanwhile."""
+    try:
+        os.link(draft, place)
+    except FileExistsError:
+        raise FileExistsError(
+            errno.EEXIST, "was made by another program meanwhile", str(place)
+        ) from None
+    except OSError:  # a file system without links
+        os.replace(draft, place)
+    else:
+        draft.unlink()
+
+
+def _remove_drafts(place: Path) -> None:
+    """Remove what a killed process left over."""
+    prefix = f".{place.name[:100]}."
+    for entry in os.scandir(place.parent):
+        if entry.name.startswith(prefix) and entry.name.endswith(".part"):
+            with contextlib.suppress(OSError):
+                if time.time() - entry.stat(follow_symlinks=False).st_mtime > _ABANDONED:
+                    os.unlink(entry.path)
+
+
+def _force_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _is_special(path: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return not stat.S_ISREG(os.stat(path).st_mode)
+    return False
+
+
+def _is_empty(path: Path) -> bool:
+    with contextlib.suppress(OSError):
+        return path.stat().st_size == 0
+    return False

@@ -1,0 +1,105 @@
+"""The contact energy at quadrature points, and its derivatives by a point's local inputs.
+
+The gap g of a point of the inner face is a function of a few local inputs z (a position; for
+a shell also the slopes that turn and thin it). With the law's energy W per area and the
+point's share w of the area::
+
+    E = w W(g),   dE/dz = w W' dg/dz,   d2E/dz2 = w (W'' dg/dz (x) dg/dz + W' d2g/dz2)
+
+Nothing here knows about dimensions or about what the inputs are: every mechanics brings its
+gap and takes the terms back through its own shape functions.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.skin.wall import AbstractPressureGap
+
+
+class Gap(NamedTuple):
+    """The gap at points and its derivatives by their local inputs.
+
+    Attributes:
+        value: [m].
+        first: derivatives.
+        second: second derivatives.
+    """
+
+    value: Float[Array, "*point"]
+    first: Float[Array, "input *point"]
+    second: Float[Array, "input input *point"]
+
+
+def expanded(
+    gap: Callable[[Float[Array, "input *point"]], Float[Array, "*point"]],
+    inputs: Float[Array, "input *point"],
+) -> Gap:
+    """Differentiate a gap twice by its inputs, each point on its own.
+
+    Args:
+        gap: function whose value at a point depends on the inputs at that point alone.
+        inputs: leading axis over the inputs.
+    """
+    unit = jnp.eye(inputs.shape[0], dtype=inputs.dtype)
+    unit = unit.reshape(*unit.shape, *(1,) * (inputs.ndim - 1))
+
+    def along(z: Array, direction: Array) -> Array:
+        return jax.jvp(gap, (z,), (jnp.broadcast_to(direction, z.shape),))[1]
+
+    def slopes(z: Array) -> Array:
+        return jax.vmap(lambda direction: along(z, direction))(unit)
+
+    def curvatures(direction: Array) -> tuple[Array, Array]:
+        return jax.jvp(slopes, (inputs,), (jnp.broadcast_to(direction, inputs.shape),))
+
+    first, second = jax.vmap(curvatures)(unit)
+    return Gap(gap(inputs), first[0], second)
+
+
+class ContactTerms(NamedTuple):
+    """What a mechanics adds to its energy, residual and tangent.
+
+    Attributes:
+        energy: at every point, weight included [J/m of width].
+        force: its derivatives by the local inputs.
+        stiffness: its second derivatives.
+    """
+
+    energy: Float[Array, "*point"]
+    force: Float[Array, "input *point"]
+    stiffness: Float[Array, "input input *point"]
+
+
+def contact_terms(
+    law: AbstractPressureGap, gap: Gap, weight: Float[Array, "*#point"]
+) -> ContactTerms:
+    """Energy of contact and its derivatives.
+
+    Args:
+        law: of the wall.
+        gap: at the points.
+        weight: quadrature weights times the undeformed area that a unit covers.
+    """
+
+    def slope(g: Array) -> tuple[Array, Array]:
+        energy, first = jax.jvp(law.energy, (g,), (jnp.ones_like(g),))
+        return first, energy
+
+    first, second, energy = jax.jvp(
+        slope, (gap.value,), (jnp.ones_like(gap.value),), has_aux=True
+    )
+    direct = second * gap.first[:, None] * gap.first[None]
+    return ContactTerms(
+        weight * energy,
+        weight * first * gap.first,
+        weight * (direct + first * gap.second),
+    )
+
+
+def contact_pressure(law: AbstractPressureGap, gap: Float[Array, "*point"]) -> Array:
+    """Pressure of the wall on the inner face at given gaps [Pa]."""
+    return -jax.jvp(law.energy, (gap,), (jnp.ones_like(gap),))[1]

@@ -1,0 +1,133 @@
+"""The pad's thin shell as a model that scenes can ask for."""
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import ClassVar
+
+from suas_jax.config import LineLoadSpec, PatchLoadSpec, SceneSpec
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
+from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.pad_loads import PadLoad
+
+_MOST_ELEMENTS = 80  # along either direction
+_FINER = 1.5  # order four: the error falls to a fifth
+
+
+class PadMesh(AbstractPlan):
+    """Elements along the arc and along the axis.
+
+    Attributes:
+        plan: where they lie.
+        part: of a symmetric plan of the whole pad, the half or quarter that is solved.
+    """
+
+    dimension: ClassVar[int] = 3
+    plan: PadPlan
+    part: PadPlan | None = None
+
+    @property
+    def model(self) -> str:
+        """See the base class."""
+        return PadModel.name
+
+    @property
+    def counts(self) -> Counts:
+        """Elements of the whole pad, along the arc and along the axis."""
+        return self.plan.elements
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether it covers a half or a quarter."""
+        return any(self.plan.mirrored)
+
+    def reduced(self) -> "PadMesh":
+        """The half or quarter where the loads are symmetric."""
+        return self if self.part is None else PadMesh(self.part)
+
+    def comparison(self) -> "PadMesh":
+        """Every element divided in four."""
+        return PadMesh(self.plan.refined())
+
+    def meshes(self) -> Meshes:
+        """Errors are estimated on the part that is solved; it can't sway, the whole can."""
+        part = self.reduced()
+        return Meshes(self, part, part.comparison(), None if part is self else self)
+
+
+class PadModel(AbstractModel):
+    """A Kirchhoff-Love shell of cubic splines, clamped along all four edges."""
+
+    dimension: ClassVar[int] = 3
+    name: ClassVar[str] = "shell"
+    setting: ClassVar[str] = "elements"
+
+    def first(self, scene: SceneSpec) -> Counts:
+        """Elements sized by the membrane's bending length and by the loads."""
+        return _planned(scene, None, (False, False)).elements
+
+    def first_of_sweep(self, scene: SceneSpec) -> Counts:
+        """The same as for a solve."""
+        return self.first(scene)
+
+    def finer(self, counts: Counts) -> Counts | None:
+        """More elements in both directions."""
+        if max(counts) >= _MOST_ELEMENTS:
+            return None
+        return tuple(2 * math.ceil(_FINER * n / 2) for n in counts)
+
+    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> PadMesh:
+        """Elements gathered at edges and loads; see the base class."""
+        del decay  # bending decays over a length of the geometry alone
+        elements = (counts[0], counts[1])
+        mirrored = (False, False)
+        if scene.solve.symmetry:
+            planes = mirror_planes(_loads(scene))
+            arc, axial = (
+                m and n % 2 == 0 and n >= 6 for m, n in zip(planes, elements, strict=True)
+            )
+            mirrored = (arc, axial)
+        part = _planned(scene, elements, mirrored)
+        return PadMesh(part.unfolded(), part) if any(mirrored) else PadMesh(part)
+
+    def build(
+        self,
+        plan: AbstractPlan,
+        geometry: SkinGeometry,
+        law: AbstractLaw,
+        loads: Sequence[PadLoad],
+    ) -> Pad:
+        """The pad on a mesh; see the base class."""
+        assert isinstance(plan, PadMesh)
+        return Pad.build(geometry, law, plan.plan, loads)
+
+
+def _planned(
+    scene: SceneSpec, elements: tuple[int, int] | None, mirrored: tuple[bool, bool]
+) -> PadPlan:
+    g = scene.geometry
+    outer = g.inner_radius + g.thickness
+    places = [footprint(load, outer) for load in _loads(scene)]
+    sizes = (g.half_angle, g.width, g.inner_radius + g.thickness / 2, g.thickness)
+    return plan_pad(*sizes, places, elements=elements, mirrored=mirrored)
+
+
+def _loads(scene: SceneSpec) -> list[PadLoad]:
+    """The dead loads of a scene with their numbers."""
+
+    def value(spec: LineLoadSpec | PatchLoadSpec, name: str) -> float:
+        key, _, index = name.partition(".")
+        found = getattr(spec, key)
+        return float(found[int(index)] if index else found)
+
+    return [
+        PadLoad.of(spec, functools.partial(value, spec), scene.geometry.width)
+        for spec in scene.loads
+        if spec.kind != "pressure"
+    ]
+
+
+PAD = PadModel()

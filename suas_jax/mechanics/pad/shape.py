@@ -1,0 +1,115 @@
+"""The deformed pad, sampled on a grid over all elements: what a user reads off it.
+
+Extremes are taken at the vertex of a paraboloid through neighbouring samples, so that they
+can be differentiated.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.stability import drucker_modulus
+from suas_jax.mechanics.pad.faces import Faces, hoop_stretch, principal_stretches
+from suas_jax.mechanics.shape import AbstractShape, Extreme
+from suas_jax.mechanics.shell.shape import CRUSHED
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.geometry import SkinGeometry, outward
+
+SAMPLES = 4
+"""Intervals along either side of an element in which extremes are sought."""
+
+Grid = Float[Array, "arc axial lane"]
+
+
+def peak(values: Grid, *companions: Array) -> tuple[Lanes, ...]:
+    """Largest of a sampled field, neighbouring samples joined by a paraboloid.
+
+    Args:
+        values: the field.
+        companions: fields to evaluate at the same place.
+
+    Returns:
+        The largest value and each companion there, per lane.
+    """
+    arc, axial, lanes = values.shape
+    best = jnp.argmax(values.reshape(-1, lanes), 0)
+    a, b = jnp.unravel_index(best, (arc, axial))
+    a, b = jnp.clip(a, 1, arc - 2), jnp.clip(b, 1, axial - 2)
+    lane = jnp.arange(lanes)
+
+    def local(f: Array) -> tuple[Array, ...]:
+        f = jnp.broadcast_to(f, values.shape)
+        near = [[f[a + m, b + n, lane] for n in (-1, 0, 1)] for m in (-1, 0, 1)]
+        middle = near[1][1]
+        slopes = (near[2][1] - near[0][1]) / 2, (near[1][2] - near[1][0]) / 2
+        bends = near[2][1] + near[0][1] - 2 * middle, near[1][2] + near[1][0] - 2 * middle
+        twist = (near[2][2] - near[2][0] - near[0][2] + near[0][0]) / 4
+        return middle, *slopes, *bends, twist
+
+    def at(f: Array) -> Array:
+        middle, gx, gy, bx, by, twist = local(f)
+        return middle + gx * x + gy * y + (bx * x**2 + by * y**2) / 2 + twist * x * y
+
+    _, gx, gy, bx, by, twist = local(values)
+    determinant = bx * by - twist**2
+    hill = (bx < 0) & (determinant > 0)
+    safe = jnp.where(hill, determinant, 1.0)
+    x = jnp.where(hill, (twist * gy - by * gx) / safe, jnp.sign(gx))
+    y = jnp.where(hill, (twist * gx - bx * gy) / safe, jnp.sign(gy))
+    x, y = jnp.clip(x, -1.0, 1.0), jnp.clip(y, -1.0, 1.0)
+    return tuple(at(f) for f in (values, *companions))
+
+
+def _magnitude(displacement: Array) -> Array:
+    square = jnp.sum(displacement**2, 0)
+    at_rest = square == 0  # where a square root has no derivative
+    return jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
+
+
+class PadShape(AbstractShape):
+    """Samples of a deformed pad.
+
+    Attributes:
+        grid: both faces and the mid-surface on a grid [arc, axial, lane].
+    """
+
+    grid: Faces
+
+    def inner_face(self, geometry: SkinGeometry) -> tuple[Grid, Grid, Grid]:
+        """Radius [m], polar angle [rad] and axial position [m] of the inner face as it is."""
+        grid = self.grid
+        x, y = geometry.inner_radius * outward(grid.angle) + grid.inner_displacement[:2]
+        axial = grid.axial + grid.inner_displacement[2]
+        return jnp.sqrt(x**2 + y**2), jnp.arctan2(x, y), axial
+
+    def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
+        """See the base class."""
+        radius, angle, axial = self.inner_face(geometry)
+        negative, *at = peak(geometry.wall_radius - radius, angle, axial)
+        return Extreme(-negative, *at)
+
+    def largest_displacement(self) -> Extreme:
+        """See the base class."""
+        size = _magnitude(self.grid.inner_displacement)
+        return Extreme(*peak(size, self.grid.angle, self.grid.axial))
+
+    def largest_mid_displacement(self) -> Lanes:
+        """See the base class."""
+        return peak(_magnitude(self.grid.mid_displacement))[0]
+
+    def bulge(self, geometry: SkinGeometry) -> Extreme:
+        """See the base class."""
+        radius, angle, axial = self.inner_face(geometry)
+        return Extreme(*peak(radius - geometry.inner_radius, angle, axial))
+
+    def stretch_range(self) -> tuple[Lanes, Lanes]:
+        """See the base class."""
+        stretch = hoop_stretch(self.grid.inner_strain)
+        return -peak(-stretch)[0], peak(stretch)[0]
+
+    def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """See the base class."""
+        strains = jnp.stack([self.grid.inner_strain, self.grid.outer_strain], 1)
+        low, high = principal_stretches(strains)
+        modulus = drucker_modulus(law, low, high)
+        return jnp.all((modulus > 0) & (low > CRUSHED), (0, 1, 2))

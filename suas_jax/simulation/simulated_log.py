@@ -1,0 +1,275 @@
+"""A scene, or a path of loads, as the sensor output that a skin would send."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.integrity import Flags, Integrity
+from suas_jax.acquisition.log.log_file import LogWriter, log_header
+from suas_jax.config import SceneSpec, load_scene
+from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.files.writing import written
+from suas_jax.runtime.jit import jit
+from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
+from suas_jax.scene.solve import solve
+from suas_jax.sensing.converter import Converter, Sample
+from suas_jax.sensing.taxels import taxel_names
+from suas_jax.simulation.load_path import LoadPath, load_path
+
+# Frames solved in one call, and the shape that is compiled.
+_BLOCK = 256
+_SCENE_SECONDS = 10.0
+_MOST_FRAMES = 1_000_000
+
+
+class NoSolutionError(Exception):
+    """No equilibrium was found for a load; the message says which and why."""
+
+
+@dataclass(frozen=True)
+class LogFaults:
+    """What goes wrong between skin and log.
+
+    Attributes:
+        drop: probability that a frame is lost.
+        missing: probability that a single count is missing.
+        stuck: time from which a taxel (module, number) keeps its count [s].
+    """
+
+    drop: float = 0.0
+    missing: float = 0.0
+    stuck: Mapping[tuple[int, int], float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("drop", "missing"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} = {getattr(self, name)}: a probability is needed")
+
+
+@dataclass(frozen=True)
+class SimulatedLog:
+    """Sensor outputs of a simulation.
+
+    Attributes:
+        scene: with the electrodes.
+        converter: of capacitance to counts.
+        sample: the converter's counts.
+        capacitance: of the taxels [frame, taxel] [F]; NaN where the membrane touches one.
+        readings: as a device would send them, less what was lost.
+        origin: seed and settings, in words.
+    """
+
+    scene: SceneSpec
+    converter: Converter
+    sample: Sample
+    capacitance: NDArray[np.float64]
+    readings: list[Reading]
+    origin: str
+
+
+def simulate_log(
+    file: Path,
+    *,
+    rate: float = 10.0,
+    duration: float | None = None,
+    faults: LogFaults | None = None,
+    seed: int = 0,
+    settings: Mapping[str, float | None] | None = None,
+    progress: Callable[[int], None] = lambda frames: None,
+) -> SimulatedLog:
+    """Play a scene, or a load path.
+
+    Args:
+        file: scene (.toml) or load path.
+        rate: frames per second.
+        duration: [s]; None for the path's own, or ten seconds of a scene.
+        faults: what goes wrong between skin and log; nothing by default.
+        seed: of noise, drift and faults.
+        settings: of the `Converter`, by name; None keeps what the scene's [electrodes] state.
+        progress: called with the number of frames solved so far.
+
+    Raises:
+        ValueError: the file, the skin or a setting can't be used.
+        NoSolutionError: a load has no equilibrium.
+    """
+    path = None if file.suffix.lower() == ".toml" else load_path(file)
+    scene = load_scene(file) if path is None else path.scene
+    converter = converter_of(scene, **(settings or {}))
+    if duration is None:
+        duration = _SCENE_SECONDS if path is None else float(path.time[-1] - path.time[0])
+    if not duration * rate <= _MOST_FRAMES:
+        raise ValueError(
+            f"{duration:g} s at {rate:g} Hz: {duration * rate:.3g} frames; at most "
+            f"{_MOST_FRAMES} are simulated at a time"
+        )
+    count = max(1, int(np.floor(duration * rate * (1 + 1e-12))) + (path is not None))
+    time = np.arange(count) / rate
+    random = np.random.default_rng(seed)
+    if path is None:
+        capacitance = np.tile(static_capacitance(scene), (count, 1))
+    else:
+        capacitance = capacitances(path, path.time[0] + time, progress)
+    sample = converter.sample(capacitance, time, random)
+    found = list(readings(scene, time, sample, faults or LogFaults(), random))
+    origin = f"seed {seed}, {rate:g} Hz, {converter}"
+    return SimulatedLog(scene, converter, sample, capacitance, found, origin)
+
+
+def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
+    """Write a simulated log as the logger would, whole or not at all.
+
+    Args:
+        log: what was simulated.
+        output: the file to write.
+        source: scene or load path, named in the header.
+    """
+    judge = Integrity(None, checked=True)
+    header = log_header(
+        skin=str(source),
+        scale=f"{1e15 * log.converter.lsb:.9g} fF",
+        start_time=datetime.now(UTC),
+        simulated=log.origin,
+    )
+    assert log.scene.electrodes is not None  # or there would be no converter
+    taxels = max(taxel_names(log.scene.electrodes)[1])
+    with (
+        written(output) as draft,
+        LogWriter(draft, header, taxels=taxels, flags=Flags._fields) as writer,
+    ):
+        for r in log.readings:
+            t_device, flags = judge.judge(r)
+            writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)
+
+
+def capacitances(
+    path: LoadPath,
+    time: NDArray[np.float64],
+    progress: Callable[[int], None] = lambda done: None,
+) -> NDArray[np.float64]:
+    """Capacitance of every taxel along a load path [frame, taxel] [F].
+
+    Args:
+        path: loads over time.
+        time: of the frames [s].
+        progress: called with the number of frames done.
+
+    Raises:
+        NoSolutionError: some loads have no equilibrium.
+    """
+    skin, run = skin_of(path.scene), jit(forward)
+    loads = _loads(path, time)
+    edge = float(skin.geometry.half_angle[0])
+    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:
+        raise ValueError(f"a load leaves the skin, which ends at {np.rad2deg(edge):.4g} deg")
+    blocks = []
+    for begin in range(0, len(time), _BLOCK):
+        index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
+        output = run(skin, Loads(*(x[..., index] for x in _fields(loads))))
+        failed = np.flatnonzero(np.asarray(output.result))
+        if failed.size:
+            name = NAMES[int(output.result[failed[0]])]
+            raise NoSolutionError(f"t = {time[index[failed[0]]]:g} s: {name}. {advice(name)}")
+        blocks.append(np.asarray(output.readings.capacitance).T)
+        progress(min(begin + _BLOCK, len(time)))
+    return np.concatenate(blocks)[: len(time)]
+
+
+def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:
+    return loads.angle, loads.force, loads.turn, loads.external_pressure
+
+
+def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
+    """The scene's loads with what the path moves, a lane a frame."""
+    base, values = loads_of(path.scene), path.at(time)
+    frames = len(time)
+    angle, force, turn, _ = (
+        np.array(np.broadcast_to(x, (*x.shape[:-1], frames))) for x in _fields(base)
+    )
+    pressure, row = np.zeros(frames), 0
+    for i, load in enumerate(path.scene.loads):
+        if load.kind == "pressure":
+            pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
+            continue
+        assert load.kind == "line"  # loads_of refuses patches
+        if load.spread is not None:
+            row += SPREAD_POINTS
+            continue
+        angle[row] = np.deg2rad(values.get(f"loads.{i}.angle_deg", np.rad2deg(angle[row])))
+        force[row] = values.get(f"loads.{i}.force_N", force[row])
+        if load.direction == "vertical":
+            turn[row] = angle[row]
+        if f"loads.{i}.direction_deg" in values:
+            turn[row] = np.deg2rad(values[f"loads.{i}.direction_deg"])
+        row += 1
+    return Loads(*(jnp.asarray(x) for x in (angle, force, turn, pressure)))
+
+
+def static_capacitance(scene: SceneSpec) -> NDArray[np.float64]:
+    """Capacitance of every taxel of a scene at rest under its loads [taxel] [F].
+
+    Raises:
+        NoSolutionError: the scene has no equilibrium.
+    """
+    report = solve(scene).report
+    if report["status"] != "converged":
+        raise NoSolutionError(f"{report['status']}. {report['message']}")
+    return np.array([taxel["capacitance_F"] for taxel in report["taxels"]])
+
+
+def readings(
+    scene: SceneSpec,
+    time: NDArray[np.float64],
+    sample: Sample,
+    faults: LogFaults,
+    random: np.random.Generator,
+) -> Iterator[Reading]:
+    """Frames as a device would send them: module after module, frame after frame.
+
+    Args:
+        scene: with the electrodes.
+        time: of the frames on the device's clock [s].
+        sample: the converter's counts.
+        faults: what goes wrong on the way.
+        random: source of the faults.
+    """
+    assert scene.electrodes is not None
+    module, number = (np.array(x) for x in taxel_names(scene.electrodes))
+    counts = sample.counts.copy()
+    for (m, k), since in faults.stuck.items():
+        taxel = np.flatnonzero((module == m) & (number == k))
+        if not taxel.size:
+            raise ValueError(f"stuck taxel {m}.{k}: the skin has no such taxel")
+        first = int(np.searchsorted(time, since))
+        if first < len(time):
+            counts[first:, taxel] = counts[first, taxel]
+    for seq, (t, row) in enumerate(zip(time, counts, strict=True)):
+        lost = random.random() < faults.drop
+        missing = random.random(len(row)) < faults.missing
+        if lost:
+            continue
+        for m in np.unique(module):
+            mine = np.flatnonzero(module == m)
+            values = tuple(None if missing[i] else int(row[i]) for i in mine)
+            yield Reading(seq, float(t), int(m), values, t_host=float(t))
+
+
+def converter_of(scene: SceneSpec, **changes: float | None) -> Converter:
+    """The converter of [electrodes], with changes where they aren't None.
+
+    Raises:
+        ValueError: the scene has no electrodes, or a setting makes no sense.
+    """
+    if scene.electrodes is None:
+        raise ValueError("the scene's skin has no [electrodes]: there is nothing to simulate")
+    own: dict[str, float | None] = {
+        "lsb": scene.electrodes.lsb,
+        "noise": scene.electrodes.noise,
+    }
+    own |= {key: value for key, value in changes.items() if value is not None}
+    return Converter(**own)  # type: ignore[arg-type]

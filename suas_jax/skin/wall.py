@@ -1,0 +1,169 @@
+"""The wall under the skin: where it is, and how it answers the membrane that reaches it.
+
+The wall is a rigid cylinder around the skin's axis. It is frictionless and analytic: the
+gap of a point of the inner face is its distance from the axis less the wall's radius, so
+contact needs no search. The contact pressure comes on top of the oil's and follows from an
+energy per area of the inner face at rest, W(gap)::
+
+    p_c = -dW/dgap >= 0
+
+Every law is zero until the gap closes, so it changes nothing of a state without contact.
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.geometry import SkinGeometry
+
+# Stiffness of the rigid limit in shear moduli per membrane thickness. Its error falls with
+# its inverse: a tenth of it leaves 5e-4 in the oil's pressure, this 5e-5.
+_RIGID = 500.0
+# Contact pressure, in shear moduli, over which the rigid limit's stiffness sets in.
+_ONSET = 0.1
+# Share of a soft layer's thickness over which its stiffness sets in.
+_LAYER_ONSET = 1e-3
+
+
+class AbstractPressureGap(eqx.Module):
+    """A law between the contact pressure and the gap to the wall."""
+
+    @abc.abstractmethod
+    def energy(self, gap: Array) -> Array:
+        """Energy per area of the undeformed inner face [J/m^2], zero while the gap is open.
+
+        Args:
+            gap: distance from the wall's surface, negative inside it, lanes last [m].
+        """
+
+    @abc.abstractmethod
+    def softened(self, factor: Array) -> "AbstractPressureGap":
+        """A law that no part of is stiffer than a share of the rigid limit.
+
+        Args:
+            factor: that share; 1 is the law itself.
+        """
+
+
+class RigidLimit(AbstractPressureGap):
+    """A stiffness high enough to stand for a rigid wall.
+
+    With the penetration d = -gap::
+
+        p_c = k d^2 / (2 b)     for 0 < d < b
+        p_c = k (d - b / 2)     beyond
+
+    The onset b makes the tangent a continuous function of the state: Newton's method
+    converges quadratically, and derivatives of the solution don't jump from point to point.
+
+    Attributes:
+        stiffness: k [Pa/m].
+        onset: b [m].
+    """
+
+    stiffness: Lanes
+    onset: Lanes
+
+    @classmethod
+    def of(cls, modulus: Lanes, thickness: Lanes) -> "RigidLimit":
+        """Stiff compared with a membrane.
+
+        Args:
+            modulus: small-strain shear modulus of the membrane [Pa].
+            thickness: of the membrane [m].
+        """
+        stiffness = _RIGID * modulus / thickness
+        return cls(stiffness, _ONSET * modulus / stiffness)
+
+    def energy(self, gap: Array) -> Array:
+        """Cubic in the penetration, then quadratic; see the base class."""
+        return _spring(-gap, self.stiffness, self.onset)
+
+    def softened(self, factor: Array) -> "RigidLimit":
+        """Less stiff, the pressure where stiffness sets in kept; see the base class."""
+        return RigidLimit(factor * self.stiffness, self.onset / factor)
+
+
+class SoftLayer(AbstractPressureGap):
+    """A soft layer over the rigid wall, such as a fabric, whose pores the oil fills.
+
+    The gap is measured from its free surface, so it takes no room from the oil film. With
+    the indentation d = -gap and its thickness h::
+
+        p_c = E d / h
+
+    until the rigid wall beneath takes over at d = h.
+
+    Attributes:
+        thickness: h [m].
+        stiffness: pressure per strain, E [Pa].
+        beneath: the rigid wall.
+    """
+
+    thickness: Lanes
+    stiffness: Lanes
+    beneath: RigidLimit
+
+    def energy(self, gap: Array) -> Array:
+        """That of the layer and of the wall beneath; see the base class."""
+        onset = _LAYER_ONSET * self.thickness
+        layer = _spring(-gap, self.stiffness / self.thickness, onset)
+        return layer + self.beneath.energy(gap + self.thickness)
+
+    def softened(self, factor: Array) -> "SoftLayer":
+        """Layer and wall less stiff; see the base class."""
+        beneath = self.beneath.softened(factor)
+        stiffness = jnp.minimum(self.stiffness, beneath.stiffness * self.thickness)
+        return SoftLayer(self.thickness, stiffness, beneath)
+
+
+class Wall(eqx.Module):
+    """A cylinder around the axis, and its law of contact.
+
+    Attributes:
+        radius: of its surface, a soft layer's where there is one [m].
+        law: pressure over gap.
+    """
+
+    radius: Lanes
+    law: AbstractPressureGap
+
+    @classmethod
+    def of(
+        cls,
+        geometry: SkinGeometry,
+        modulus: Lanes,
+        layer: tuple[Lanes, Lanes] | None = None,
+    ) -> "Wall":
+        """The wall of a skin.
+
+        Args:
+            geometry: dimensions of the skin.
+            modulus: small-strain shear modulus of its membrane [Pa].
+            layer: thickness [m] and stiffness [Pa] of a soft layer, if there is one.
+        """
+        rigid = RigidLimit.of(modulus, geometry.thickness)
+        return cls(geometry.wall_radius, rigid if layer is None else SoftLayer(*layer, rigid))
+
+    def softened(self, factor: Array) -> "Wall":
+        """The same wall with a law that is nowhere stiffer than a share of the rigid limit."""
+        return Wall(self.radius, self.law.softened(factor))
+
+    def gap(self, position: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """Distance of points from the surface, negative inside it [m].
+
+        Args:
+            position: x and y first; coordinates along the axis don't matter.
+        """
+        return jnp.sqrt(position[0] ** 2 + position[1] ** 2) - self.radius
+
+
+def _spring(compression: Array, stiffness: Lanes, onset: Lanes) -> Array:
+    """Energy of a linear spring whose stiffness sets in over a short compression."""
+    d = jnp.maximum(compression, 0.0)
+    start = d**3 / (6 * onset)
+    beyond = d**2 / 2 - onset * d / 2 + onset**2 / 6
+    return stiffness * jnp.where(d < onset, start, beyond)

@@ -1,0 +1,121 @@
+"""The public interface: its names, its page, and its refusal of single precision."""
+
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+import suas_jax
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def code_blocks(page: str) -> str:
+    return "\n".join(re.findall(r"```python\n(.*?)```", page, re.DOTALL))
+
+
+def names_in_table(package: str) -> list[str]:
+    table = PAGE.split(f"\n`{package}`:\n")[1].split("\n\n`")[0]
+    cells = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    return sorted(name for cell in cells for name in re.findall(r"`(\w+)`", cell))
+
+
+@pytest.mark.parametrize("package", ["suas_jax", "fitting"])
+def test_the_page_lists_the_public_names(package: str) -> None:
+    module = importlib.import_module(package)
+    assert names_in_table(package) == sorted(module.__all__)
+    assert all(getattr(module, name).__doc__ for name in module.__all__)
+    assert set(module.__all__) <= set(dir(module))
+    with pytest.raises(AttributeError, match="no attribute 'solv'"):
+        module.solv  # noqa: B018
+
+
+@pytest.mark.parametrize("page", [PAGE, README])
+def test_code_of_the_page_runs(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    # The settings of the tests are kept; the caches of a user are left alone.
+    monkeypatch.setattr("suas_jax.runtime.settings.configure", lambda: None)
+    exec(compile(code_blocks(page), "page", "exec"), {})
+
+
+UNCONFIGURED = """
+import sys
+import suas_jax, fitting
+assert "jax" not in sys.modules
+from suas_jax import load_scene
+
+scene = load_scene("configs/scenes/case_b.toml")
+assert "jax" not in sys.modules
+from suas_jax import *
+from fitting import LoadEstimator, fit_material, fit_sensor
+
+loads = object.__new__(Loads)  # made before float64 was needed
+calls = {
+    "solve": lambda: solve(scene),
+    "sweep": lambda: sweep(scene, forces=[1.0]),
+    "gradient": lambda: gradient(None, "oil_pressure_Pa"),
+    "skin_of": lambda: skin_of(scene),
+    "loads_of": lambda: loads_of(scene),
+    "Loads.line": lambda: Loads.line(0.1, 1.0),
+    "forward": lambda: forward(None, loads),
+    "load_jacobian": lambda: load_jacobian(None, loads),
+    "jit": lambda: jit(forward)(None, loads),
+    "LoadEstimator": lambda: LoadEstimator(scene.skin),
+    "fit_material": lambda: fit_material([]),
+    "fit_sensor": lambda: fit_sensor(None),
+}
+for name, call in calls.items():
+    try:
+        call()
+    except Float64Error as error:
+        assert str(error).splitlines() == [str(error)]
+        assert "suas_jax.configure()" in str(error)
+    else:
+        sys.exit(f"{name} computes in float32")
+"""
+
+
+def test_every_entry_point_refuses_single_precision() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", UNCONFIGURED], capture_output=True, text=True, cwd=ROOT
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_sweep_needs_forces_or_oil_pressures() -> None:
+    scene = suas_jax.load_scene(ROOT / "configs" / "scenes" / "case_b.toml")
+    for arguments in ({}, {"forces": [1.0], "oil_pressures": [1.0]}):
+        with pytest.raises(TypeError, match="either forces or oil_pressures"):
+            suas_jax.sweep(scene, **arguments)
+
+
+class Spring(eqx.Module):
+    """A pytree with a static part."""
+
+    stiffness: jax.Array
+    name: str
+
+
+def test_jit_compiles_once_and_inside_other_transformations() -> None:
+    traces = []
+
+    @suas_jax.jit
+    def energy(spring: Spring, x: jax.Array) -> jax.Array:
+        traces.append(spring.name)
+        return 0.5 * spring.stiffness * x**2
+
+    spring, x = Spring(jnp.array(3.0), "leaf"), jnp.array(2.0)
+    assert energy(spring, x) == energy(spring, x) == 6.0
+    assert traces == ["leaf"]
+    assert jax.grad(energy, 1)(spring, x) == 6.0
+    assert suas_jax.jit(jax.grad(energy, 1))(spring, x) == 6.0
+    assert jax.jit(lambda x: energy(spring, x))(x) == 6.0
+    assert jax.vmap(energy, (None, 0))(spring, jnp.arange(3.0))[2] == 6.0
