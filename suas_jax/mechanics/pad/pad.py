@@ -36,6 +36,7 @@ from suas_jax.mechanics.pad.points import (
     tangent,
 )
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
+from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.mesh.pad_plan import PadPlan, pad_load_points
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
@@ -397,7 +398,7 @@ class _One:
         self.net = Net(pad.topology, pad.angles[:, 0], pad.axial[:, 0])
         order = pad.topology.ordered
         self.kinds = tuple(order(*kind) for kind in KINDS)
-        self.tables = tables(pad.gauss, self.kinds, PAIRS)
+        self.tables = tables(pad.gauss, self.kinds, tuple(both_ways(PAIRS)))
         arc = pad.mid_radius * (pad.angles[1:, 0] - pad.angles[:-1, 0])
         axial = pad.axial[1:, 0] - pad.axial[:-1, 0]
         long, across = order(arc, axial)
@@ -426,7 +427,9 @@ class _One:
     def areas(self) -> Float[Array, "gauss element"]:
         """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
         long, across = self.lengths
-        return self.tables.weights.reshape(-1, 1) * (long * across).reshape(-1)
+        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (
+            long * across
+        ).reshape(-1)
 
     def surface(self, qe: ElementVector) -> Surface:
         """The mid-surface at the quadrature points."""
@@ -536,26 +539,26 @@ class _One:
         gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
         points, spots = self._points()
         moved = pad_loads.interpolated(spots, qe)
-        vectors, matrices = pad_loads.load_terms(points, spots, moved, pad.thickness)
+        vectors, hessian = pad_loads.load_terms(points, spots, moved, pad.thickness)
         load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
-        half = self._products(tangent(s, found, pressure, radius))
-        half = pad_loads.add_matrices(half, spots, -factor * matrices, self.elements)
-        bands = self.net.bands(half.reshape(4, 4, 4, 4, 3, 3, -1))
+        upper = self._stiffness(tangent(s, found, pressure, radius))
+        upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
+        bands = dense_bands(self.net, upper)
         scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
         residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
         volume = jnp.sum(self.areas.reshape(-1) * more)
         return residual, bands, scattered[1], scattered[2], volume
 
-    def _products(
-        self, blocks: Float[Array, "pair 3 3 point"]
-    ) -> Float[Array, "256 9 element"]:
-        """Half the element matrices: one product with a constant table."""
-        powers = jnp.stack([self.powers[k] * self.powers[m] for k, m in PAIRS])
-        scale = powers * (self.lengths[0] * self.lengths[1]).reshape(-1)
-        count = self.pad.gauss**2
-        blocks = blocks.reshape(len(PAIRS), 9, count, -1) * scale[:, None, None]
-        rows = jnp.moveaxis(blocks, 1, 2).reshape(len(PAIRS) * count, -1)
-        return (jnp.asarray(self.tables.products) @ rows).reshape(256, 9, -1)
+    def _stiffness(self, blocks: Float[Array, "pair 3 3 point"]) -> Upper:
+        """Upper bands from second derivatives of a density by `PAIRS`."""
+        g = self.pad.gauss
+        _, across = self.lengths
+        powers = [across[0] ** (1 - self.kinds[k][1] - self.kinds[m][1]) for k, m in PAIRS]
+        scale = jnp.stack(powers)[:, None, None, None, None, None]
+        blocks = blocks.reshape(len(PAIRS), 3, 3, g, g, *self.elements) * scale
+        orders = [kind[0] for kind in self.kinds]
+        lengths = self.lengths[0][:, 0]
+        return upper_bands(self.net, self.tables, PAIRS, orders, blocks, lengths)
 
     def _forces(self, by_kind: dict[int, Array]) -> ElementVector:
         """Element vectors from derivatives of a density by the kinds of derivative."""
