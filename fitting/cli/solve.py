@@ -235,6 +235,9 @@ def _print_report(report: dict[str, Any]) -> None:
         table.add_row("", f"{absolute:.5g} kPa absolute")
     gap, angle = 1e3 * report["min_gap_m"], report["min_gap_angle_deg"]
     table.add_row("smallest gap", f"{gap:.4g} mm at {angle:.3g} deg")
+    if report["wall"] is not None:
+        force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
+        table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
     table.add_row("largest displacement", f"{1e3 * report['max_displacement_m']:.4g} mm")
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
@@ -264,7 +267,13 @@ def _print_curve(curve: "Sweep") -> None:
     from rich.table import Table
 
     console = Console(markup=False)  # which would swallow the units in brackets
-    names = ("force [N]", "oil [kPa]", "largest displacement [mm]", "smallest gap [mm]")
+    names = (
+        "force [N]",
+        "oil [kPa]",
+        "largest displacement [mm]",
+        "smallest gap [mm]",
+        "on the wall [N]",
+    )
     table = Table(*names, "status")
     for row in curve.rows():
         table.add_row(
@@ -272,6 +281,7 @@ def _print_curve(curve: "Sweep") -> None:
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
             f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
             f"{1e3 * row['min_gap_m']:.4g}",
+            f"{row['wall_force_N']:.4g}",
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         )
     console.print(table)

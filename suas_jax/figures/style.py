@@ -7,6 +7,8 @@ from matplotlib.figure import Figure
 
 WALL = "0.55"
 """Colour of the rigid wall."""
+CONTACT = "C3"
+"""Colour of what touches it."""
 _DOTS_PER_INCH = 150
 
 
