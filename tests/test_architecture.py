@@ -21,7 +21,7 @@ LAYERS = {
     "fitting": [
         ["json_text", "column_units"],
         ["statistics"],
-        ["material", "sensor"],
+        ["material", "sensor", "force_range"],
         ["inverse_load"],
         ["cli"],
     ],

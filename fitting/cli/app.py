@@ -5,7 +5,18 @@ from typing import Annotated
 
 import typer
 
-from fitting.cli import fit_material, fit_materials, fit_sensor, invert, log, simulate, solve
+from fitting.cli import (
+    fit_material,
+    fit_materials,
+    fit_sensor,
+    invert,
+    log,
+    simulate,
+    solve,
+)
+from fitting.cli import (
+    range as force_range,
+)
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
@@ -24,6 +35,7 @@ fit_sensor.register(fit)
 fit_materials.register(fit)
 app.add_typer(fit, name="fit")
 invert.register(app)
+force_range.register(app)
 
 
 def _print_version(wanted: bool) -> None:

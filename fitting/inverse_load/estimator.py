@@ -120,6 +120,7 @@ class LoadEstimator:
             np.asarray(self.skin.electrodes.taxels.angle)[:, 0],
             float(self.skin.geometry.outer_radius[0]),
             self._fitter.edge,
+            self.table,
             direction=self.direction,
         )
 
