@@ -21,8 +21,9 @@ LAYERS = {
     "fitting": [
         ["json_text", "column_units"],
         ["statistics"],
-        ["material", "sensor", "force_range"],
+        ["material", "sensor"],
         ["inverse_load"],
+        ["force_range"],
         ["cli"],
     ],
 }

@@ -5,7 +5,8 @@ No unbiased estimate of a load's angle and force has a smaller covariance than :
     C = (J^T W J)^-1            (Cramer and Rao)
 
 with the exact derivatives J of all readings by angle and force and the inverse variances W of
-the readings: the converter's noise and its rounding, 1/12. Saturated taxels say nothing. Once
+the readings: the converter's noise, its rounding, 1/12, and the model's error, a share of the
+reading's change from rest, as in the inverse. Saturated taxels say nothing. Once
 the membrane lies on the wall nearly all further load goes there: readings hardly change and
 the bound on the force grows by orders of magnitude. That is where the range ends.
 """
@@ -18,6 +19,7 @@ import equinox as eqx
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax.config import SkinSpec
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
@@ -84,7 +86,7 @@ class ForceRange:
     @property
     def saturation(self) -> Floats:
         """Smallest force evaluated at which some taxel is saturated [angle] [N], or NaN."""
-        return _first(self.force, self.saturated.any(-1))
+        return _first(self.force, np.any(self.saturated, -1))
 
     def report(self) -> dict[str, Any]:
         """What `suas range --json` prints."""
@@ -155,21 +157,29 @@ def force_range(
     progress("first contact")
     touch, pressure = _first_contacts(free, angle)
     held = skin_of(spec)
+    rest = np.asarray(COMPILED.run(_rest_readings, free))
     ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
     force = touch[:, None] * ladder
     progress("what the taxels tell")
-    variance = deviation**2 + 1 / 12
-    force_error, angle_error, wall_force, saturated = _bounds(held, angle, force, variance)
+    reading = deviation**2 + 1 / 12
+    so, jacobian, wall_force, failed = _sensitivities(held, angle, force)
+    variance = reading + (MODEL_ERROR * (so - rest)) ** 2
+    full = Converter().full_scale
+    # No capacitance: membrane and electrode touch, which reads full scale.
+    saturated = ~failed & (~np.isfinite(so) | (so >= full) | (so <= 0))
+    weight = np.where(saturated | failed, 0.0, 1 / np.where(saturated, 1.0, variance))
+    angle_error, force_error = least_errors(np.nan_to_num(jacobian), np.nan_to_num(weight))
+    unknown = failed[0]
     return ForceRange(
         angle,
         touch,
         pressure,
         force,
-        force_error,
-        angle_error,
-        wall_force,
-        saturated,
-        float(np.sqrt(variance)),
+        np.where(unknown, np.nan, force_error),
+        np.where(unknown, np.nan, angle_error),
+        np.where(unknown, np.nan, wall_force),
+        np.moveaxis(saturated, 0, -1),
+        float(np.sqrt(reading)),
         held.wall is not None,
     )
 
@@ -211,10 +221,37 @@ def _first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
     return np.where(lost, np.nan, high), np.where(lost, np.nan, pressure)
 
 
-def _bounds(
-    skin: Skin, angle: Floats, force: Floats, variance: float
+def least_errors(jacobian: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """Least standard deviations of two parameters by the bound of Cramer and Rao.
+
+    Args:
+        jacobian: derivatives of the readings [parameter, taxel, ...].
+        weight: inverse variances of the readings [taxel, ...].
+    """
+    information = np.einsum("at...,bt...,t...->ab...", jacobian, jacobian, weight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = np.sqrt(information[0, 0]), np.sqrt(information[1, 1])
+        share = information[0, 1] / (first * second)
+        left = np.sqrt(1 - share**2)
+        errors = 1 / (first * left), 1 / (second * left)
+    known = [np.where(np.isfinite(x), x, np.inf) for x in errors]
+    return known[0], known[1]
+
+
+@eqx.filter_jit
+def _rest_readings(skin: Skin) -> Any:
+    return forward(skin, Loads.line(0.0, 0.0)).so[..., None]
+
+
+def _sensitivities(
+    skin: Skin, angle: Floats, force: Floats
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Least standard deviations of force and angle, the wall's force, saturated taxels."""
+    """Readings, derivatives by angle and force, the wall's force, what has no solution.
+
+    Returns:
+        [taxel, angle, force], [parameter, taxel, angle, force], [angle, force] and
+        [1, angle, force].
+    """
     known = np.isfinite(force)
     loads = Loads.line(
         np.repeat(angle, force.shape[1]), np.where(known, force, _SMALLEST).ravel()
@@ -222,24 +259,13 @@ def _bounds(
     so, jacobian, wall_force, result = (
         np.asarray(x) for x in COMPILED.run(_sensitivity, skin, loads)
     )
-    full = Converter().full_scale
-    # No capacitance: membrane and electrode touch, which reads full scale.
-    limit = ~np.isfinite(so) | (so >= full) | (so <= 0)
-    columns = np.where(limit, 0.0, np.nan_to_num(jacobian))
-    information = np.einsum("atl,btl->lab", columns, columns) / variance
-    with np.errstate(divide="ignore", invalid="ignore"):
-        scale = np.sqrt(np.einsum("laa->la", information))
-        scaled = information / (scale[:, :, None] * scale[:, None])
-        determinant = 1 - scaled[:, 0, 1] ** 2
-        deviation = 1 / (scale * np.sqrt(determinant)[:, None])
-    deviation = np.where(np.isfinite(deviation), deviation, np.inf)
     failed = (result != 0).reshape(force.shape) | ~known
-
-    def table(values: Floats) -> Floats:
-        return np.where(failed, np.nan, values.reshape(force.shape))
-
-    saturated = np.moveaxis(limit.reshape(len(so), *force.shape), 0, -1) & ~failed[..., None]
-    return table(deviation[:, 1]), table(deviation[:, 0]), table(wall_force), saturated
+    return (
+        so.reshape(-1, *force.shape),
+        jacobian.reshape(2, -1, *force.shape),
+        wall_force.reshape(force.shape),
+        failed[None],
+    )
 
 
 def _first(force: Floats, holds: NDArray[np.bool_]) -> Floats:
