@@ -147,8 +147,7 @@ class Net:
             axial: breakpoints along the axis [m].
         """
         self.topology = topology
-        arc, axis = topology.arc, topology.axial
-        at = arc.abscissae(angles)
+        at = topology.arc.abscissae(angles)
         sine, cosine, zero = jnp.sin(at), jnp.cos(at), jnp.zeros_like(at)
         one = zero + 1
         self.frames = jnp.stack(
@@ -161,7 +160,7 @@ class Net:
         self.long, self.across = topology.ordered(angles, axial)
         parities = topology.ordered(ODD_ARC, ODD_AXIAL)
         self.matrices = tuple(
-            _by_component(lambda p, a=a, x=x: a.matrix(x, p), odd)
+            _by_component(functools.partial(a.matrix, x), odd)
             for a, x, odd in zip(
                 (topology.long, topology.across),
                 (self.long, self.across),

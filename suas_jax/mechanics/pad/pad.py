@@ -521,8 +521,8 @@ class _One:
             clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
             return (clipped[0], clipped[1]), None
 
-        start = tuple(jnp.broadcast_arrays(angle, axial))
-        place, _ = jax.lax.scan(step, start, None, length=_RAY_STEPS)
+        first, second = jnp.broadcast_arrays(angle, axial)
+        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
         return position(place)[2]
 
     def refined(self, q: Array) -> Array:

@@ -15,7 +15,9 @@ Vectors are Cartesian (x right, y to the crown, z along the axis) and lead the a
 ``[component, gauss, gauss, element, element]``; "point" stands for the last four.
 """
 
-from collections.abc import Sequence
+import functools
+import operator
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -45,7 +47,12 @@ _VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _ENTRY = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
 
 
-def dot(a: Vector, b: Vector) -> Scalar:
+def total(terms: Iterable[Array]) -> Array:
+    """Sum of one or more arrays."""
+    return functools.reduce(operator.add, terms)
+
+
+def dot(a: Vector | Sequence[Array], b: Vector | Sequence[Array]) -> Scalar:
     """Inner product of vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -123,10 +130,10 @@ def surface(derivatives: Sequence[Vector], angle: Scalar, radius: Array) -> Surf
         dot(usz, m),
     ]
     rows = staged([*metric, *bending, *spin])
-    metric, bending, spin = (jnp.stack(rows[k : k + 3]) for k in (0, 3, 6))
+    strain, bent, turned = (jnp.stack(rows[k : k + 3]) for k in (0, 3, 6))
     rs = us + jnp.stack([cosine, -sine, zero])
     rz = uz + jnp.stack([zero, zero, one])
-    return Surface(u, n, rs, rz, (uss - n / radius, uzz, usz), spin - n, spin, metric, bending)
+    return Surface(u, n, rs, rz, (uss - n / radius, uzz, usz), turned - n, turned, strain, bent)
 
 
 class Layers(NamedTuple):
@@ -257,14 +264,13 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
     b = [cube * h[1], cube * h[0], -2 * cube * h[2]]
 
     def times(matrix: Array, x: list[Array]) -> list[Array]:
-        return [sum(matrix[_ENTRY[p][q]] * x[q] for q in range(3)) for p in range(3)]
+        return [total(matrix[_ENTRY[p][q]] * x[q] for q in range(3)) for p in range(3)]
 
-    def inner(x: list[Array], y: list[Array]) -> Array:
+    def inner(x: Sequence[Array] | Array, y: Sequence[Array] | Array) -> Array:
         return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
-    # Moments with (1 - f M^2), the factor of da, once and twice.
+    # Moments with (1 - f M^2), the factor of da.
     once = [m[k] - f * m[k + 2] for k in range(3)]
-    twice = once[0] - f * once[2]
     c2, c3, a3, a4 = times(m[2], c), times(m[3], c), times(m[3], a), times(m[4], a)
     aa, ca, cc = inner(a, a4), 2 * inner(a, c3), 4 * inner(c, c2)
     turning, bow = 2 * inner(n[1], c), -inner(n[2], a)
@@ -317,7 +323,7 @@ def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
 
 def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
     """Derivatives of the energy density by u,s u,z u,ss u,zz u,sz."""
-    pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
+    pull = total(first[3 + k] * v for k, v in enumerate(s.second))
     by_s = 2 * first[0] * s.rs + first[2] * s.rz + cross(s.rz, pull)
     by_z = 2 * first[1] * s.rz + first[2] * s.rs + cross(pull, s.rs)
     return [by_s, by_z, *(first[3 + k] * s.m for k in range(3))]
@@ -350,15 +356,15 @@ def tangent(
     by_z = [zero, 2 * s.rz, s.rs, *(cross(v, s.rs) for v in s.second)]
 
     def weighed(rows: list[Vector]) -> list[Vector]:
-        return [sum(second[p][q] * rows[p] for p in range(6)) for q in range(6)]
+        return [total(second[p][q] * rows[p] for p in range(6)) for q in range(6)]
 
     s_weighed, z_weighed = weighed(by_s), weighed(by_z)
 
     def joint(weighed: list[Vector], rows: list[Vector]) -> Array:
-        return sum(x[:, None] * y for x, y in zip(weighed, rows, strict=True))
+        return total(x[:, None] * y for x, y in zip(weighed, rows, strict=True))
 
     eye = jnp.asarray(np.eye(3).reshape(3, 3, *(1,) * (s.u.ndim - 1)))
-    pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
+    pull = total(first[3 + k] * v for k, v in enumerate(s.second))
     across = jnp.asarray([1.0, 1.0, 0.0]).reshape(3, *(1,) * (s.u.ndim - 1))
     away = across * (radius * s.n + s.u)
     skew_s, skew_z = _skew(s.rs), _skew(s.rz)

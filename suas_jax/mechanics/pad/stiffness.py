@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.mechanics.pad.net import Net, Tables
+from suas_jax.mechanics.pad.points import total
 from suas_jax.numerics.block_banded import REACH
 from suas_jax.numerics.bspline import SplineAxis
 
@@ -74,8 +75,8 @@ def upper_bands(
         product = mine[:, None, :, :, None] * bernstein[:, :, None]
         k = product.reshape(len(SLOTS) * 16, -1) @ block
         k = k.reshape(len(SLOTS), 4, 4, 9 * count)
-        k = sum(k[:, a, None] * of_rows[:, a, None] for a in range(4))
-        k = sum(k[:, :, a, None] * of_columns[:, a] for a in range(4))
+        k = total(k[:, a, None] * of_rows[:, a, None] for a in range(4))
+        k = total(k[:, :, a, None] * of_columns[:, a] for a in range(4))
         k = k.reshape(len(SLOTS), 4, 4, 3, 3, count)
         return None, jnp.stack([_by_diagonal(k, o, topology.across) for o in _ACROSS], 1)
 
