@@ -31,9 +31,13 @@ class AbstractLaw(eqx.Module):
     Attributes:
         spec: the law's declaration, by which its constants are checked; None for a law of
             one's own, which no file can name.
+        has_limit: whether there are deformations that the law has no energy for, such as
+            beyond a locking stretch: the energy is not a number there, and load steps are
+            kept from going there.
     """
 
     spec: ClassVar[type[LawSpec] | None] = None
+    has_limit: ClassVar[bool] = False
 
     @classmethod
     def of_material(cls, material: LawSpec, value: Callable[[str], Any]) -> Self:

@@ -174,6 +174,8 @@ class LoadStepping(optx.AbstractRootFinder):
         ratio = jnp.where(first, 1.0, size / state.correction)
         scale = mechanics.displacement_size(trial.stations)
         fine = jnp.isfinite(size) & jnp.isfinite(scale)
+        if mechanics.law.has_limit:
+            fine &= jnp.isfinite(mechanics.strain_energy(trial.stations))
         expected = size * jnp.minimum(ratio, 1.0) ** 2
         settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
         # At the limit of the arithmetic corrections stop shrinking.

@@ -26,6 +26,24 @@ class RESULTS(eqx.Enumeration):
         "pressure: it moves the other way or turns back before. Check the sign of "
         "`oil_pressure` and of the forces."
     )
+    outside_material_domain = (
+        "The state found lies outside the material law's domain, such as beyond a locking "
+        "stretch: it has no energy, and no membrane is in it. Reduce the load, or choose "
+        "constants whose domain holds the stretches."
+    )
+    inverted = (
+        "The state found has fibres that are turned inside out: no membrane is in it. Reduce "
+        "the load, refine the mesh, or use the solid."
+    )
+    unbalanced = (
+        "The state found leaves forces that nothing balances: rounding is too large for these "
+        "numbers, or Newton's method stood still. Refine the mesh, or change the load a "
+        "little."
+    )
+    volume_not_kept = (
+        "The state found does not keep the oil's volume. Refine the mesh, or change the load "
+        "a little."
+    )
 
 
 # In the order of the enumeration: what is stored per lane is a position in this list.
@@ -35,6 +53,10 @@ NAMES: tuple[str, ...] = (
     "no_convergence",
     "max_steps",
     "unreachable_pressure",
+    "outside_material_domain",
+    "inverted",
+    "unbalanced",
+    "volume_not_kept",
 )
 
 

@@ -100,7 +100,7 @@ def _header(
     error = mesh_error + model_error
     known = bool(np.isfinite(error)) and status == "converged"
     message = [advice(status)]
-    if status != "converged" and scene.solve.oil_pressure is None:
+    if status != "converged" and scene.solve.oil_pressure is None and outcome["level"] < 1:
         message.append(f"It carries {outcome['level']:.4g} of the load.")
     if status == "converged":
         message.append(outcome["reason"])

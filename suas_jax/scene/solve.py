@@ -17,6 +17,7 @@ from jaxtyping import ArrayLike
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
 from suas_jax.equilibrium.balance import Problem, State, verify
 from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.validity import validity
 from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
@@ -158,6 +159,9 @@ def assess(
     same = meshes.whole.counts == meshes.error.counts
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
     report["model_error"] = model_error(other, check, parts.forces, parts.skin.geometry)
+    report["validity"] = validity(
+        solved, found, report["stretch_min"], report["strain_energy_J"]
+    )
     return report, whole
 
 
@@ -171,7 +175,7 @@ def _program(
     found = equilibrium(problem)
     report, state = assess(parts, meshes, problem, found.state, wall=scene.wall)
     outcome = {
-        "result": found.result,
+        "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
         "level": found.level,
         "iterations": found.iterations,
         "smallest_pivot": found.smallest_pivot,

@@ -111,7 +111,8 @@ def _program(
         return assess(parts, meshes, problem, state, wall=scene.wall)[0]
 
     reports = jax.lax.map(one, found.state)
-    outcome = {name: getattr(found, name) for name in ("result", "level", "iterations")}
+    result = jnp.where(found.result == 0, reports.pop("validity"), found.result)
+    outcome = {"result": result, "level": found.level, "iterations": found.iterations}
     unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
     outcome["unknowns"] = jnp.full_like(found.result, unknowns)
     return reports, found.state, outcome

@@ -28,6 +28,7 @@ class Gent(AbstractLaw):
     """
 
     spec = GentSpec
+    has_limit = True
 
     mu: Float[Array, "*lanes"]
     Jm: Float[Array, "*lanes"]

@@ -1,0 +1,65 @@
+"""Whether a state that Newton's method ended at is one that a membrane can be in.
+
+Newton's method looks at the size of its corrections alone. A correction that jumps over the
+pole of a law's energy, or through a fibre of no length, can end at a root of the equations that
+is no state at all. So every state found is judged once more by itself.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from suas_jax.equilibrium.balance import Problem, State, volume_residual
+from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.mechanics.base import largest
+from suas_jax.numerics.array_types import Lanes
+
+# Of the forces that balance one another, and of the film's volume.
+_UNBALANCED = 1e-9
+_VOLUME = 1e-9
+
+
+def validity(
+    problem: Problem, state: State, stretch_min: Lanes, energy: Lanes
+) -> Int[Array, " lane"]:
+    """Judge a state: finite, in the law's domain, with length left, in balance.
+
+    Args:
+        problem: membrane, oil and loads.
+        state: claimed to be its equilibrium.
+        stretch_min: smallest stretch of a fibre.
+        energy: strain energy.
+
+    Returns:
+        Index of the outcome: zero where the state is valid, else what is wrong with it.
+    """
+    error, scale = force_balance(problem, state)
+    volume = jnp.abs(volume_residual(problem, state))
+    found = jnp.zeros(error.shape, jnp.int32)
+    # The last that applies names the state: an energy that is none explains the rest.
+    for wrong, name in (
+        (~(volume <= _VOLUME), "volume_not_kept"),
+        (~(error <= _UNBALANCED * scale), "unbalanced"),
+        (~(stretch_min > 0), "inverted"),
+        (~jnp.isfinite(energy), "outside_material_domain"),
+    ):
+        found = jnp.where(wrong, index_of(name), found)
+    return found
+
+
+def force_balance(problem: Problem, state: State) -> tuple[Lanes, Lanes]:
+    """Largest force that nothing balances, and the size of those that balance.
+
+    Args:
+        problem: membrane, oil and loads.
+        state: the state.
+
+    Returns:
+        Largest entry of the residual; largest entries of the loads and of the pressures, each
+        for itself, added up. In the unknowns' generalised forces.
+    """
+    net = state.pressure - state.factor * problem.external_pressure
+    a = problem.mechanics.assemble(state.q, net, state.factor)
+    scale = largest(state.factor * a.load)
+    scale += largest(state.pressure * a.volume_gradient)
+    scale += largest(state.factor * problem.external_pressure * a.volume_gradient)
+    return largest(a.residual), scale
