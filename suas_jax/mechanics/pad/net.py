@@ -147,8 +147,7 @@ class Net:
             axial: breakpoints along the axis [m].
         """
         self.topology = topology
-        arc, axis = topology.arc, topology.axial
-        at = arc.abscissae(angles)
+        at = topology.arc.abscissae(angles)
         sine, cosine, zero = jnp.sin(at), jnp.cos(at), jnp.zeros_like(at)
         one = zero + 1
         self.frames = jnp.stack(

@@ -264,7 +264,6 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
 
     # Moments with (1 - f M^2), the factor of da, once and twice.
     once = [m[k] - f * m[k + 2] for k in range(3)]
-    twice = once[0] - f * once[2]
     c2, c3, a3, a4 = times(m[2], c), times(m[3], c), times(m[3], a), times(m[4], a)
     aa, ca, cc = inner(a, a4), 2 * inner(a, c3), 4 * inner(c, c2)
     turning, bow = 2 * inner(n[1], c), -inner(n[2], a)
