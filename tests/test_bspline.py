@@ -1,0 +1,75 @@
+"""Cubic B-splines by Bezier extraction, against scipy's."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+from suas_jax.numerics.bspline import SplineAxis, bernstein
+
+BREAKS = np.array([-1.0, -0.7, -0.5, 0.1, 0.4, 1.0])
+
+
+def values(axis: SplineAxis, breaks: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
+    """Derivatives of all stations' splines at places, from the Bernstein coefficients."""
+    element = np.clip(np.searchsorted(breaks, x, side="right") - 1, 0, len(breaks) - 2)
+    length = breaks[element + 1] - breaks[element]
+    shapes = np.stack(bernstein((x - breaks[element]) / length, order)) / length**order
+    matrix = np.asarray(axis.matrix(jnp.asarray(breaks)))
+    return np.einsum("ap,aps->ps", shapes, matrix[:, element])
+
+
+@pytest.mark.parametrize(
+    ("multiplicity", "order"),
+    [(None, 0), (None, 1), (None, 2), (None, 3), ((1, 2, 1, 2), 1), ((1, 2, 1, 2), 2)],
+)
+def test_open_splines_are_those_of_scipy(
+    multiplicity: tuple[int, ...] | None, order: int
+) -> None:
+    axis = SplineAxis(5, multiplicity=multiplicity)
+    inner = np.repeat(BREAKS[1:-1], multiplicity or (1, 1, 1, 1))
+    knots = np.concatenate([[-1.0] * 4, inner, [1.0] * 4])
+    np.testing.assert_allclose(axis.knots(jnp.asarray(BREAKS)), knots, atol=1e-15)
+    x = np.linspace(-0.999, 0.999, 57)
+    count = len(knots) - 4
+    wanted = np.stack(
+        [BSpline(knots, np.eye(count)[k], 3).derivative(order)(x) for k in range(count)], 1
+    )
+    # The first and the last control value are no unknowns.
+    np.testing.assert_allclose(
+        values(axis, BREAKS, x, order), wanted[:, 1:-1], atol=1e-12 * np.abs(wanted).max()
+    )
+    assert axis.stations == count - 2
+
+
+@pytest.mark.parametrize("parity", [1, -1])
+def test_a_mirrored_end_is_half_of_the_whole(parity: int) -> None:
+    half, breaks = SplineAxis(5, right="mirror"), BREAKS
+    whole, both = half.unfolded(), np.concatenate([breaks, 2 - breaks[-2::-1]])
+    assert whole == SplineAxis(10)
+    control = np.random.default_rng(0).normal(size=half.stations)
+    if parity < 0:
+        control[-1] = 0
+    mirrored = np.concatenate([control, parity * control[-2::-1]])
+    by_half = np.asarray(half.matrix(jnp.asarray(breaks), parity)) @ control
+    by_whole = np.asarray(whole.matrix(jnp.asarray(both))) @ mirrored
+    np.testing.assert_allclose(by_half, by_whole[:, :5], atol=1e-14)
+
+
+def test_mirrored_at_both_ends_constants_are_reproduced() -> None:
+    axis = SplineAxis(5, "mirror", "mirror")
+    coefficients = np.asarray(axis.matrix(jnp.asarray(BREAKS))) @ np.ones(axis.stations)
+    np.testing.assert_allclose(coefficients, 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("axis", "message"),
+    [
+        (lambda: SplineAxis(2, right="mirror"), "3 elements"),
+        (lambda: SplineAxis(3, multiplicity=(1,)), "2 inner knots"),
+        (lambda: SplineAxis(2, multiplicity=(3,)), "multiplicity 1 or 2"),
+    ],
+)
+def test_what_has_no_meaning_is_refused(axis: object, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        axis()  # type: ignore[operator]

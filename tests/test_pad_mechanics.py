@@ -1,0 +1,468 @@
+"""The pad's thin shell: one energy behind residual and tangent, limits, references."""
+
+import dataclasses
+import functools
+import pathlib
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from skins import find, quick
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
+from suas_jax.constitutive.laws.ogden import Ogden
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.mechanics.pad.net import NetTopology
+from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.points import Surface, energy_density, layers, resultants, surface
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
+from suas_jax.numerics.bspline import SplineAxis
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.oils.incompressible import IncompressibleOil
+from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+
+DATA = pathlib.Path(__file__).parent / "data"
+ONE = jnp.ones(1)
+SKIN = SkinGeometry(57.5e-3 * ONE, 1.5e-3 * ONE, np.pi / 2 * ONE, 0.123 * ONE, 5e-3 * ONE)
+EPDM = MooneyRivlin(20.7e6 * ONE, -4.4e6 * ONE, 77e3 * ONE)
+RUBBER = Ogden(jnp.array([[31.5e6], [60e3], [-500e3]]), jnp.array([[1.3], [5.0], [-2.0]]))
+
+
+def patch(angle: float, axial: float, force: float, **more: float) -> PadLoad:
+    """A radial load on 6 x 6 mm unless told otherwise; angle in degrees."""
+    numbers = {"turn": 0.0, "tilt": 0.0} | more
+    if "diameter" not in more:
+        numbers = {"arc": 6e-3, "length": 6e-3} | numbers
+    lanes = {key: x * ONE for key, x in numbers.items()}
+    return PadLoad(np.deg2rad(angle) * ONE, axial * ONE, force * ONE, **lanes)
+
+
+def pad_under(
+    loads: list[PadLoad], elements: tuple[int, int] | None = None, fold: bool = True
+) -> Pad:
+    """The paper's pad under loads."""
+    plan = plan_pad(
+        np.pi / 2,
+        0.123,
+        58.25e-3,
+        1.5e-3,
+        [footprint(load, 59e-3) for load in loads],
+        elements=elements,
+        mirrored=mirror_planes(loads) if fold else (False, False),
+    )
+    return Pad.build(SKIN, EPDM, plan, loads)
+
+
+def trapped(pad: Pad | Shell) -> Problem:
+    return Problem(pad, IncompressibleOil(), 0 * ONE)
+
+
+def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
+    """A thick pad of few uneven elements with forces all over it."""
+    rng = np.random.default_rng(0)
+
+    def breaks(axis: SplineAxis, extent: float) -> np.ndarray:
+        x = np.linspace(-extent, 0 if axis.right == "mirror" else extent, axis.elements + 1)
+        x[1:-1] += 0.05 * extent * rng.uniform(-1, 1, axis.elements - 1)
+        return x[:, None]
+
+    points = PadLoadPoints(
+        jnp.asarray(rng.uniform(-1.2, -0.1, (5, 1))),
+        jnp.asarray(rng.uniform(-0.05, -0.01, (5, 1))),
+        jnp.asarray(rng.normal(size=(3, 5, 1))),
+    )
+    angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
+    return Pad(
+        law, 0.058 * ONE, 4e-3 * ONE, angles, positions, points, 1e-4 * ONE, None,
+        NetTopology(arc, axial),
+    )  # fmt: skip
+
+
+CASES = {
+    "whole": (SplineAxis(4), SplineAxis(3), EPDM),
+    "sliding ends, half, kinked": (
+        SplineAxis(3, right="mirror", multiplicity=(1, 2)),
+        SplineAxis(6, "mirror", "mirror"),
+        EPDM,
+    ),
+}
+
+assemble = quick(lambda pad, q, p, f: pad.assemble(q, p, f))
+solve = quick(lambda tangent, right: tangent.solve(right).solution)
+
+
+@quick
+def gradients(pad: Pad, q: jax.Array, p: jax.Array, f: jax.Array) -> tuple[jax.Array, ...]:
+    """Gradients of the potential, the volume and the work."""
+    return (
+        jax.grad(lambda q: pad.potential(q, p, f)[0])(q),
+        jax.grad(lambda q: pad.volume_change(q)[0])(q),
+        jax.grad(lambda q: pad.work(q)[0])(q),
+    )
+
+
+@quick
+def products(
+    pad: Pad, q: jax.Array, p: jax.Array, f: jax.Array, directions: jax.Array
+) -> jax.Array:
+    """The potential's Hessian times directions."""
+    gradient = jax.grad(lambda q: pad.potential(q, p, f)[0])
+    return jax.lax.map(lambda v: jax.jvp(gradient, (q,), (v,))[1], directions)
+
+
+def state_of(pad: Pad, size: float) -> tuple[jax.Array, jax.Array, np.ndarray]:
+    """A random state, directions, and what is free."""
+    free = pad.topology.free[..., None]
+    rng = np.random.default_rng(1)
+    q = jnp.asarray(rng.uniform(-1, 1, free.shape) * size * free)
+    return q, jnp.asarray(rng.uniform(-1, 1, (3, *free.shape)) * free), free
+
+
+PRESSURE, FACTOR = jnp.array([2e4]), jnp.array([1.7])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
+    pad = small_pad(*CASES[name])
+    q, directions, free = state_of(pad, 2e-3)
+    got = assemble(pad, q, PRESSURE, FACTOR)
+    expected = gradients(pad, q, PRESSURE, FACTOR)
+    for a, b in zip((got.residual, got.volume_gradient, got.load), expected, strict=True):
+        np.testing.assert_allclose(a, b * free, rtol=0, atol=1e-12 * np.max(np.abs(b)))
+    np.testing.assert_allclose(got.volume_change, pad.volume_change(q), rtol=1e-12)
+    for v in directions:
+        ahead, back = (
+            assemble(pad, q + h * v, PRESSURE, FACTOR).residual for h in (1e-8, -1e-8)
+        )
+        wanted = (ahead - back) / 2e-8
+        scale = np.max(np.abs(wanted))
+        np.testing.assert_allclose(got.tangent.mv(v), wanted, rtol=0, atol=1e-7 * scale)
+
+
+def test_the_tangent_is_the_hessian_to_the_last_digits() -> None:
+    pad = small_pad(*CASES["whole"])
+    for size in (0.0, 2e-3):
+        q, directions, free = state_of(pad, size)
+        got = jax.vmap(assemble(pad, q, PRESSURE, FACTOR).tangent.mv)(directions)
+        wanted = products(pad, q, PRESSURE, FACTOR, directions) * free
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=1e-12 * np.max(np.abs(wanted)))
+
+
+def test_rest_is_free_of_stress_to_the_last_digit() -> None:
+    pad = small_pad(*CASES["whole"])
+    got = assemble(pad, pad.rest(), 0 * ONE, 0 * ONE)
+    assert np.all(np.asarray(got.residual) == 0)
+    assert np.all(np.asarray(got.volume_change) == 0)
+    assert np.all(np.asarray(pad.strain_energy(pad.rest())) == 0)
+
+
+def test_tiny_displacements_lose_no_digits() -> None:
+    pad = small_pad(*CASES["whole"])
+    free = pad.topology.free[..., None]
+    v = jnp.asarray(np.random.default_rng(1).uniform(-1, 1, free.shape) * free)
+    tangent = assemble(pad, pad.rest(), 0 * ONE, 0 * ONE).tangent
+    got = assemble(pad, 1e-12 * v, 0 * ONE, 0 * ONE)
+    linear = np.asarray(tangent.mv(v))
+    error = np.max(np.abs(np.asarray(got.residual) * 1e12 - linear)) / np.max(np.abs(linear))
+    assert error < 1e-8
+
+
+# Points: what the energy of a fibre is a function of.
+
+
+def random_derivatives(size: float) -> np.ndarray:
+    scale = size * np.array([0.06, 1.0, 1.0, 300.0, 300.0, 300.0])[:, None, None]
+    return np.random.default_rng(2).uniform(-1, 1, (6, 3, 7)) * scale
+
+
+def density(u: np.ndarray, angle: np.ndarray, law: AbstractLaw = EPDM) -> np.ndarray:
+    radius, thickness = SKIN.mid_radius, SKIN.thickness
+    s = surface(list(jnp.asarray(u)), jnp.asarray(angle), radius)
+    return np.asarray(energy_density(law, s, layers(3, thickness, radius), radius))
+
+
+@pytest.mark.parametrize("law", [EPDM, RUBBER])
+def test_resultants_are_derivatives_of_the_energy(law: AbstractLaw) -> None:
+    radius, fibres = SKIN.mid_radius, layers(3, SKIN.thickness, SKIN.mid_radius)
+    angle = jnp.linspace(-1.5, 1.5, 7)
+
+    def energy(six: jax.Array, s: Surface) -> jax.Array:
+        s = s._replace(metric=six[:3, None], bending=six[3:, None])
+        return energy_density(law, s, fibres, radius)[0]
+
+    @quick
+    def both(u: jax.Array) -> tuple[jax.Array, ...]:
+        s = surface(list(u), angle, radius)
+        six = jnp.concatenate([s.metric, s.bending])
+        found = resultants(law, s, fibres, radius)
+        one = jax.tree.map(lambda x: x[..., :1], s)
+        gradient = jax.vmap(jax.grad(energy), (1, None), 1)(six, one)
+        hessian = jax.vmap(jax.hessian(energy), (1, None), 2)(six, one)
+        rows = jnp.stack([jnp.stack(row) for row in found.second])
+        return jnp.stack(found.first), gradient, rows, hessian
+
+    # Per unit of strain and of curvature times thickness.
+    unit = np.array([1.0] * 3 + [1 / float(SKIN.thickness[0])] * 3)[:, None]
+    for size in (1e-9, 0.1):
+        first, gradient, second, hessian = both(jnp.asarray(random_derivatives(size)))
+        scale = np.max(np.abs(gradient) * unit)
+        np.testing.assert_allclose(first * unit, gradient * unit, rtol=0, atol=1e-11 * scale)
+        square = unit[:, None] * unit
+        scale = np.max(np.abs(hessian) * square)
+        np.testing.assert_allclose(
+            second * square, hessian * square, rtol=0, atol=1e-11 * scale
+        )
+
+
+@pytest.mark.parametrize("law", [EPDM, RUBBER])
+def test_rigid_motions_cost_no_energy(law: AbstractLaw) -> None:
+    angle = np.linspace(-1.5, 1.5, 7)
+    sine, cosine, zero = np.sin(angle), np.cos(angle), np.zeros(7)
+    radius = float(SKIN.mid_radius[0])
+    n, t = np.stack([sine, cosine, zero]), np.stack([cosine, -sine, zero])
+    z = np.stack([zero, zero, zero + 1])
+    rest = np.stack([radius * n, t, z, -n / radius, 0 * n, 0 * n])
+    axis = np.array([0.3, -1.1, 0.7])
+    cross = np.cross(np.eye(3), axis)
+    size = np.linalg.norm(axis)
+    turn = (
+        np.eye(3) + np.sin(size) / size * cross + (1 - np.cos(size)) / size**2 * cross @ cross
+    )
+    u = random_derivatives(0.05)
+    turned = np.einsum("cd,kdp->kcp", turn, rest + u) - rest
+    np.testing.assert_allclose(density(turned, angle, law), density(u, angle, law), rtol=1e-10)
+    still = density(np.einsum("cd,kdp->kcp", turn, rest) - rest, angle, law)
+    assert np.max(np.abs(still)) < 1e-20 * float(law.shear_modulus[0])
+
+
+@pytest.mark.parametrize("law", [EPDM, RUBBER])
+def test_in_plane_strain_a_fibre_is_the_section_s(law: AbstractLaw) -> None:
+    u, angle = random_derivatives(0.1), np.linspace(-1.5, 1.5, 7)
+    u[[2, 4, 5]] = 0
+    u[:, 2] = 0
+    section = LoadPoints(jnp.zeros((1, 0, 1)), jnp.zeros((0, 1)), jnp.zeros((2, 0, 1)))
+    ends = jnp.array([[-1.0], [1.0]])
+    shell = Shell.build(SKIN, law, ends, section, symmetric=False)
+    sine, cosine, radius = np.sin(angle), np.cos(angle), float(SKIN.mid_radius[0])
+    r1 = np.stack([cosine, -sine]) + u[1, :2]
+    r2 = u[3, :2] - np.stack([sine, cosine]) / radius
+    a = np.sum(r1**2, 0)
+    curvature = (r2[0] * r1[1] - r2[1] * r1[0]) / a - 1 / radius
+    wanted = shell.energy_density(jnp.asarray(a - 1), jnp.asarray(curvature))
+    np.testing.assert_allclose(density(u, angle, law), wanted.reshape(-1), rtol=1e-9)
+
+
+# The pad between sliding ends.
+
+
+def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
+    """Knots doubled, the splines along the arc are the section's Hermite elements."""
+    elements, gauss, per_width = 12, 5, 100.0
+    angles = jnp.linspace(-np.pi / 2, np.pi / 2, elements + 1)[:, None]
+    at, turn = 0.35, 0.5
+    element = int(np.searchsorted(angles[:, 0], at) - 1)
+    xi = (at - angles[element, 0]) / (angles[element + 1, 0] - angles[element, 0])
+    force = per_width * jnp.array([-np.sin(at - turn), -np.cos(at - turn)])
+    points = LoadPoints(
+        jnp.eye(elements)[:, [element], None], xi * jnp.ones((1, 1)), force[:, None, None]
+    )
+    shell = Shell.build(SKIN, EPDM, angles, points, symmetric=False)
+    shell = dataclasses.replace(shell, gauss=gauss)
+    axial = jnp.linspace(-0.0615, 0.0615, 4)[:, None]
+    x, w = np.polynomial.legendre.leggauss(2)
+    places = (axial[:-1] + jnp.diff(axial, axis=0) * (x + 1) / 2).reshape(-1, 1)
+    shares = (jnp.diff(axial, axis=0) * w / 2).reshape(-1)
+    forces = jnp.concatenate([force, jnp.zeros(1)])[:, None] * shares
+    pad = Pad(
+        EPDM,
+        SKIN.mid_radius,
+        SKIN.thickness,
+        angles,
+        axial,
+        PadLoadPoints(at * jnp.ones_like(places), places, forces[..., None]),
+        SKIN.film_area * SKIN.width,
+        None,
+        NetTopology(
+            SplineAxis(elements, multiplicity=(2,) * (elements - 1)),
+            SplineAxis(3, "mirror", "mirror"),
+        ),
+        gauss=gauss,
+    )
+    section, whole = find(trapped(shell)), find(trapped(pad))
+    pressure = float(section.state.pressure[0])
+    assert pressure > 1000
+    np.testing.assert_allclose(whole.state.pressure, pressure, rtol=1e-9)
+    np.testing.assert_allclose(
+        pad.strain_energy(whole.state.q),
+        shell.strain_energy(section.state.q) * SKIN.width,
+        rtol=1e-9,
+    )
+
+
+# The paper's pad.
+
+PLACES = [
+    patch(17.3, -13e-3, 3.0, turn=0.3, tilt=0.2),
+    patch(-33, 21e-3, 3.0, diameter=8e-3, tilt=-0.4),
+    dataclasses.replace(patch(25, 5e-3, 4.0, length=50e-3, turn=-0.2), arc=None),
+]
+
+
+def idle(loads: list[PadLoad]) -> list[PadLoad]:
+    """The same loads without force: other scenes share one program with these."""
+    return [dataclasses.replace(load, force=0 * ONE) for load in loads]
+
+
+def plan_of(loads: list[PadLoad]) -> PadPlan:
+    """24 x 20 elements of the whole pad."""
+    places = [footprint(load, 59e-3) for load in loads]
+    return plan_pad(np.pi / 2, 0.123, 58.25e-3, 1.5e-3, places, elements=(24, 20))
+
+
+def solved(pad: Pad, start: State | None = None) -> State:
+    """The equilibrium, from one nearby where that is known."""
+    near = State(pad.rest(), 0 * ONE, 0 * ONE)
+    if start is not None:
+        near = start
+    found = find(trapped(pad), near)
+    assert int(found.result[0]) == 0
+    return found.state
+
+
+@functools.cache
+def crown(force: float) -> tuple[Pad, jax.Array, jax.Array]:
+    pad = pad_under([patch(0, 0, force)])
+    found = find(trapped(pad))
+    assert int(found.result[0]) == 0
+    return pad, found.state.q, found.state.pressure
+
+
+at_places = quick(lambda pad, q, angle, axial: pad.faces(q, angle, axial))
+
+
+def deflection(pad: Pad, q: jax.Array, angle: float, axial: float) -> float:
+    """Inward displacement of the mid-surface at a place [m]."""
+    place = np.full((1, 1), angle), np.full((1, 1), axial)
+    inward = -np.array([np.sin(angle), np.cos(angle), 0.0])
+    return float(at_places(pad, q, *place).mid_displacement[:, 0, 0] @ inward)
+
+
+def test_references_of_the_continuum_within_what_a_thin_shell_leaves_out() -> None:
+    rows = np.loadtxt(DATA / "pad3d.csv", delimiter=",", skiprows=8, usecols=range(5))
+    assert len(rows) == 4
+    for angle, axial, force, pressure, moved in rows:
+        load = patch(angle, axial / 1e3, force)
+        if angle == 0:
+            pad, q, found = crown(force)
+        else:
+            loads = [load, *idle(PLACES[1:])]
+            pad = Pad.build(SKIN, EPDM, plan_of(loads), loads)
+            state = solved(pad)
+            q, found = state.q, state.pressure
+        got = deflection(pad, q, np.deg2rad(angle), axial / 1e3)
+        assert abs(float(found[0]) / pressure - 1) < 0.018
+        assert abs(1e3 * got / moved - 1) < 0.015
+
+
+def test_a_quarter_is_the_whole() -> None:
+    pad, q, pressure = crown(6.0)
+    whole, unfolded = pad.whole(), pad.mirrored(q)
+    assert pad.parts == 4
+    got = assemble(whole, unfolded, pressure, ONE)
+    scale = np.max(np.abs(got.load))
+    assert np.max(np.abs(got.residual)) < 1e-9 * scale
+    np.testing.assert_allclose(whole.work(unfolded), 4 * pad.work(q), rtol=1e-12)
+    np.testing.assert_allclose(whole.film_volume, SKIN.film_area * SKIN.width, rtol=1e-14)
+
+
+def test_a_finer_mesh_holds_the_same_deformation() -> None:
+    pad, q, _ = crown(6.0)
+    plan = plan_pad(
+        np.pi / 2, 0.123, 58.25e-3, 1.5e-3, [footprint(patch(0, 0, 6.0), 59e-3)],
+        mirrored=(True, True),
+    )  # fmt: skip
+    finer = Pad.build(SKIN, EPDM, plan.refined(), [patch(0, 0, 6.0)])
+    angle, axial = (jnp.asarray(x)[:, None] for x in ([-1.2, -0.3, -0.01], [-0.05, -0.02, 0]))
+    coarse = at_places(pad, q, angle, axial).mid_displacement
+    fine = at_places(finer, pad.to_comparison_mesh(q), angle, axial).mid_displacement
+    # Next to the curved ends the tangential control values obey the clamp of their mesh.
+    np.testing.assert_allclose(fine, coarse, rtol=0, atol=1e-4 * np.max(np.abs(coarse)))
+
+
+def test_radii_along_rays_are_those_of_the_deformed_face() -> None:
+    pad, q, _ = crown(6.0)
+    rng = np.random.default_rng(3)
+    angle = jnp.asarray(rng.uniform(-1.4, 0, (20, 1)))
+    axial = jnp.asarray(rng.uniform(-0.06, 0, (20, 1)))
+    moved = np.asarray(at_places(pad, q, angle, axial).inner_displacement)[:, :, 0]
+    inner, place = 57.5e-3, np.asarray(angle)[:, 0]
+    x, y = inner * np.sin(place) + moved[0], inner * np.cos(place) + moved[1]
+    polar, along = np.arctan2(x, y)[:, None], (np.asarray(axial)[:, 0] + moved[2])[:, None]
+    got = pad.inner_radius_at(q, jnp.asarray(polar), jnp.asarray(along))
+    np.testing.assert_allclose(got[:, 0], np.hypot(x, y), rtol=1e-9)
+
+
+def test_displacements_converge_with_the_order_of_the_splines() -> None:
+    load = patch(0, 0, 1.0, arc=40e-3, length=40e-3)
+
+    def compliance(count: int) -> float:
+        pad = pad_under([load], (count, count))
+        at_rest = assemble(pad, pad.rest(), 0 * ONE, ONE)
+        moved = solve(at_rest.tangent, at_rest.load[:, None])
+        return float(jnp.sum(moved[:, 0] * at_rest.load))
+
+    coarse, fine, best = compliance(12), compliance(18), compliance(36)
+    assert abs(fine / best - 1) < abs(coarse / best - 1) / 1.5**4
+    assert abs(fine / best - 1) < 1e-2
+
+
+# Loads.
+
+
+@pytest.mark.parametrize("load", PLACES)
+def test_forces_add_up_to_the_load(load: PadLoad) -> None:
+    points = Pad.build(SKIN, EPDM, plan_of([load]), [load]).points
+    total = np.sum(np.asarray(points.force), 1)
+    np.testing.assert_allclose(total, load.force * load.direction, rtol=1e-12, atol=1e-15)
+    share = np.asarray(points.force)[1] / np.asarray(load.force * load.direction)[1]
+    centre = [np.sum(share * np.asarray(x), 0) for x in (points.angle, points.axial)]
+    np.testing.assert_allclose(centre, [load.angle, load.axial], rtol=1e-12)
+
+
+def test_derivatives_by_place_and_size_are_those_of_differences() -> None:
+    plan = plan_of(PLACES)
+    state = solved(Pad.build(SKIN, EPDM, plan, PLACES))
+
+    @quick
+    def change(loads: list[PadLoad], along: list[PadLoad]) -> jax.Array:
+        def pressure(loads: list[PadLoad]) -> jax.Array:
+            pad = Pad.build(SKIN, EPDM, plan, loads)
+            return differentiable(trapped(pad), state).pressure
+
+        return eqx.filter_jvp(pressure, (loads,), (along,))[1]
+
+    def pressure(loads: list[PadLoad]) -> float:
+        return float(solved(Pad.build(SKIN, EPDM, plan, loads), state).pressure[0])
+
+    zero = jax.tree.map(jnp.zeros_like, PLACES)
+    for which, name, step in (
+        (0, "angle", 1e-5),
+        (0, "axial", 1e-6),
+        (0, "length", 1e-5),
+        (1, "angle", 1e-5),
+        (1, "diameter", 1e-5),
+        (2, "axial", 1e-5),
+    ):
+        along = eqx.tree_at(lambda x, w=which, n=name: getattr(x[w], n), zero, ONE)
+        ahead, back = (
+            eqx.apply_updates(PLACES, jax.tree.map(lambda d, h=h: h * d, along))
+            for h in (step, -step)
+        )
+        wanted = (pressure(ahead) - pressure(back)) / (2 * step)
+        np.testing.assert_allclose(change(PLACES, along), wanted, rtol=1e-6)
