@@ -157,7 +157,7 @@ def force_range(
     progress("first contact")
     touch, pressure = _first_contacts(free, angle)
     held = skin_of(spec)
-    rest = np.asarray(COMPILED.run(_rest_readings, free))
+    rest = np.asarray(COMPILED.run(_rest_readings, free, once=True))
     ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
     force = touch[:, None] * ladder
     progress("what the taxels tell")
@@ -204,7 +204,8 @@ def _first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
     force = low.copy()
     for _ in range(80):
         gap, p, result = (
-            np.asarray(x) for x in COMPILED.run(_forward, skin, Loads.line(angle, force))
+            np.asarray(x)
+            for x in COMPILED.run(_forward, skin, Loads.line(angle, force), once=True)
         )
         closed = gap <= 0  # of a failure, too: the gap is that of the last equilibrium
         lost |= (result != 0) & ~closed
@@ -257,7 +258,7 @@ def _sensitivities(
         np.repeat(angle, force.shape[1]), np.where(known, force, _SMALLEST).ravel()
     )
     so, jacobian, wall_force, result = (
-        np.asarray(x) for x in COMPILED.run(_sensitivity, skin, loads)
+        np.asarray(x) for x in COMPILED.run(_sensitivity, skin, loads, once=True)
     )
     failed = (result != 0).reshape(force.shape) | ~known
     return (

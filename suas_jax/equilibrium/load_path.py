@@ -2,7 +2,7 @@
 
 Without contact one run of `LoadStepping` does it. The wall is stiff and its contact zones
 are tiny, so Newton's method finds them only from nearby: the load goes on against a soft
-wall first, which is then stiffened at the full load, step by step, to its own law. A start
+wall first, which is then stiffened at the full load, stride by stride, to its own law. A start
 close to the solution, such as the last point of a curve, is tried as it is before; if that
 fails, the path begins at rest.
 """
@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
@@ -22,9 +21,13 @@ from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector
 
-# Shares of the rigid limit's stiffness that the wall goes through. Longer strides (30, 100)
-# save little and lose some of the scenes.
-_STIFFENING = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+# Stiffness of the wall that loads come on against, as the logarithm of a share of its own;
+# and the strides of that logarithm in which it is stiffened.
+_SOFTEST = -5.0
+_LONGEST, _SHORTEST = 1.0, 1 / 16
+_HARDER = 2.0  # added to the former where the way from there is lost
+_MOST_ROUNDS = 150
+_ATTEMPT, _LOAD, _STIFFEN = range(3)
 # Wanted error of a state against a softer wall, relative to the displacement.
 _SOFT_RTOL = 1e-5
 
@@ -106,81 +109,131 @@ def follow(
     if problem.mechanics.wall is None:
         stepping = dataclasses.replace(stepping, finished=finished)
         return step_to(problem, y, start, target, stepping, pressure_given)
-    factors = np.array(((1.0,) if near else ()) + _STIFFENING)
-    attempt = np.array(((True,) if near else ()) + (False,) * len(_STIFFENING))
     none = jnp.zeros(target.shape, jnp.int32)
     begin = Found(y, start, none, none, jnp.full_like(target, jnp.inf))
     if finished is None:
         finished = jnp.zeros(target.shape, bool)
-    stages = (jnp.asarray(factors), jnp.asarray(attempt))
-    goals = jnp.where(finished, start, target)
-    return _stiffened(problem, begin, goals, stages, stepping, pressure_given, finished)
+    goal = jnp.where(finished, start, target)
+    phase = none + (_ATTEMPT if near else _LOAD)
+    return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given)
 
 
-_Standing = tuple[Found, Lanes, Bool[Array, " lane"]]
+class _Standing(NamedTuple):
+    """How far each lane is on its way to the wall.
+
+    Attributes:
+        found: the last equilibrium, with the corrections it took.
+        phase: an attempt as it is, loading against a soft wall, or stiffening it.
+        softest: logarithm of the stiffness, as a share of the wall's own, that loads come
+            on against.
+        reached: the same of the last equilibrium.
+        stride: of the next stiffening.
+        done: whether the lane has ended.
+        rounds: of the loop.
+    """
+
+    found: Found
+    phase: LaneCounts
+    softest: Lanes
+    reached: Lanes
+    stride: Lanes
+    done: Bool[Array, " lane"]
+    rounds: Int[Array, ""]
 
 
-def _stiffened(
+def _to_the_wall(
     problem: Problem,
     begin: Found,
     target: Lanes,
-    stages: tuple[Array, Array],
+    phase: LaneCounts,
+    done: Bool[Array, " lane"],
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None,
-    finished: Bool[Array, " lane"],
 ) -> Found:
-    """One wall after another, from the state and level that the last one has left.
+    """Attempt, load and stiffen: one loop for all lanes, whatever their phase.
 
     Args:
         problem: membrane, oil and loads.
         begin: where to start.
         target: level to reach.
-        stages: of each wall, the share of the rigid limit's stiffness, and whether it is
-            but an attempt, whose first failure leads back to rest and to the next wall.
+        phase: to start with.
+        done: lanes that stay where they are.
         stepping: settings of the load stepping.
         pressure_given: see `balance.residual`.
-        finished: lanes that stay where they are.
     """
     wall = problem.mechanics.wall
     assert wall is not None
     rest = BorderedVector(problem.mechanics.rest(), None)
 
-    def stage(carry: _Standing, settings: tuple[Array, Array]) -> tuple[_Standing, None]:
-        before, goal, finished = carry
-        factor, attempt = settings
+    def go(at: _Standing) -> _Standing:
+        attempts, loads, stiffens = (at.phase == k for k in (_ATTEMPT, _LOAD, _STIFFEN))
+        trial = jnp.minimum(at.reached + at.stride, 0.0)
+        trial = jnp.where(attempts, 0.0, jnp.where(loads, at.softest, trial))
         careful = dataclasses.replace(
             stepping,
-            rtol=jnp.where(factor < 1, _SOFT_RTOL, stepping.rtol),
-            smallest_radius=jnp.where(attempt, jnp.inf, stepping.smallest_radius),
-            finished=finished,
+            rtol=jnp.where(trial < 0, _SOFT_RTOL, stepping.rtol),
+            smallest_radius=jnp.where(loads, stepping.smallest_radius, jnp.inf),
+            finished=at.done,
         )
-        mechanics = problem.mechanics.with_wall(wall.softened(factor))
+        mechanics = problem.mechanics.with_wall(wall.softened(10.0**trial))
         softer = dataclasses.replace(problem, mechanics=mechanics)
-        after = step_to(softer, before.y, before.level, goal, careful, pressure_given)
-        failed = ~attempt & (after.result != 0)
-        # A limit point of the load is no failure to find the state before it.
-        stuck = failed & (after.result != index_of("limit_point"))
-        result = jnp.where(failed & (before.result == 0), after.result, before.result)
-        solved = attempt & (after.result == 0)
-        y, level = after.y, after.level
+        goal = jnp.where(stiffens, at.found.level, target)
+        after = step_to(softer, at.found.y, at.found.level, goal, careful, pressure_given)
+        good = after.result == 0
+        # What a failed attempt or stride has found is forgotten.
+        kept = good | loads
+        y, level = _where(kept, (after.y, after.level), (at.found.y, at.found.level))
+        stride = jnp.where(good, _LONGEST, at.stride / 2)
+        stride = jnp.where(good & (at.stride < _LONGEST), 1.5 * at.stride, stride)
+        stride = jnp.where(stiffens, jnp.minimum(stride, _LONGEST), at.stride)
+        lost = stiffens & (stride < _SHORTEST)
+        again = attempts & ~good
+        softest = at.softest
         if pressure_given is None:
-            # Under given loads the path from rest is always there; under a given pressure it
-            # has no beginning, and the last equilibrium has to do.
-            begin = (rest if y.border is None else rest._replace(border=0 * level), 0 * level)
-            y, level = jax.tree.map(
-                lambda a, b: jnp.where(attempt & ~solved, a, b), begin, (y, level)
-            )
-        after = Found(
-            y,
-            level,
-            result,
-            before.iterations + after.iterations,
-            jnp.minimum(before.smallest_pivot, after.smallest_pivot),
+            # Under given loads the path begins anew at rest, against a stiffer wall if it
+            # was lost at a softer one, where thin membranes buckle and vented arches
+            # collapse. Under a given pressure it has no beginning but the start.
+            anew = (lost | (loads & ~good)) & (softest < 0)
+            again, lost = again | anew, lost & ~anew
+            softest = jnp.where(anew, jnp.minimum(softest + _HARDER, 0.0), softest)
+            stride = jnp.where(anew, _LONGEST, stride)
+            nothing = rest if y.border is None else rest._replace(border=0 * level)
+            y, level = _where(again, (nothing, 0 * level), (y, level))
+        result = jnp.where(loads, after.result, at.found.result)
+        result = jnp.where(lost, index_of("no_convergence"), result).astype(after.result.dtype)
+        new = _Standing(
+            Found(
+                y,
+                level,
+                result,
+                at.found.iterations + after.iterations,
+                jnp.minimum(at.found.smallest_pivot, after.smallest_pivot),
+            ),
+            jnp.where(again, _LOAD, _STIFFEN).astype(at.phase.dtype),
+            softest,
+            jnp.where(kept & ~attempts, trial, at.reached),
+            stride,
+            at.done | lost | (good & (trial >= 0)),
+            at.rounds,
         )
-        goal = jnp.where(attempt, goal, after.level)
-        return (after, goal, finished | solved | stuck), None
+        new = new._replace(found=_where(at.done, at.found, new.found))
+        return new._replace(rounds=at.rounds + 1)
 
-    return jax.lax.scan(stage, (begin, target, finished), stages)[0][0]
+    def going(at: _Standing) -> Bool[Array, ""]:
+        return ~jnp.all(at.done) & (at.rounds < _MOST_ROUNDS)
+
+    softest = jnp.full_like(target, _SOFTEST)
+    longest = jnp.full_like(target, _LONGEST)
+    standing = _Standing(
+        begin, phase, softest, softest, longest, done, jnp.zeros((), jnp.int32)
+    )
+    end = jax.lax.while_loop(going, go, standing)
+    unfinished = jnp.where(end.done, end.found.result, index_of("max_steps"))
+    return end.found._replace(result=unfinished.astype(end.found.result.dtype))
+
+
+def _where(keep: Bool[Array, " lane"], a: Any, b: Any) -> Any:
+    return jax.tree.map(lambda x, y: jnp.where(keep, x, y), a, b)
 
 
 def from_rest_to_pressure(
@@ -195,7 +248,7 @@ def from_rest_to_pressure(
     wall = problem.mechanics.wall
     soft = problem
     if wall is not None:
-        mechanics = problem.mechanics.with_wall(wall.softened(jnp.asarray(_STIFFENING[0])))
+        mechanics = problem.mechanics.with_wall(wall.softened(jnp.asarray(10.0**_SOFTEST)))
         soft = dataclasses.replace(problem, mechanics=mechanics)
 
     def stage(carry: State, pressure_given: Bool[Array, ""]) -> tuple[State, Found]:
@@ -227,7 +280,6 @@ def from_rest_to_pressure(
     )
     if wall is None:
         return last
-    rest_of_stages = jnp.asarray(_STIFFENING[1:])
-    stages = (rest_of_stages, jnp.zeros(rest_of_stages.shape, bool))
+    phase = jnp.full_like(last.iterations, _STIFFEN)
     given = jnp.array(True)
-    return _stiffened(problem, last, last.level, stages, careful, given, failed)
+    return _to_the_wall(problem, last, last.level, phase, failed, careful, given)
