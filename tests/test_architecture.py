@@ -24,6 +24,7 @@ LAYERS = {
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],
+        ["force_range"],
         ["cli"],
     ],
 }

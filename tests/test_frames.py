@@ -65,7 +65,7 @@ def test_decoder_reads_the_hand_written_example(encoder):
     assert same(reading, EXAMPLE)
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(data=st.data())
 @pytest.mark.parametrize("encoder", [name for name in WIRES if name != "roboskin"])
 def test_frames_round_trip_however_they_are_cut(encoder, data):

@@ -182,6 +182,9 @@ def test_wall_contact_states_no_error(
     assert found.status == "wall_contact"
     assert found.wall_contact
     assert all(contact.covariance is None for contact in found.contacts)
+    # First contact of the lumped shell there is at 38.2 N.
+    assert found.at_least == pytest.approx(38.2, rel=0.02)
+    assert found.status_text.startswith("saturated by wall contact: at least 38")
 
 
 def test_calibration_errors_move_the_estimate_as_stated(

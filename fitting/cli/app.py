@@ -11,6 +11,7 @@ from fitting.cli import (
     fit_material,
     fit_materials,
     fit_sensor,
+    force_range,
     invert,
     log,
     simulate,
@@ -34,6 +35,7 @@ fit_sensor.register(fit)
 fit_materials.register(fit)
 app.add_typer(fit, name="fit")
 invert.register(app)
+force_range.register(app)
 
 
 def _print_version(wanted: bool) -> None:

@@ -8,7 +8,6 @@ import typer
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
-from suas_jax.config.toml_file import MOST_BYTES
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_outputs, write_text
 
@@ -184,6 +183,8 @@ def sensor(
 
 def _is_own(target: Path, own_name: bool) -> bool:
     """Whether an earlier run wrote a file under its own name: the next may replace it."""
+    from suas_jax.config.toml_file import MOST_BYTES
+
     return (
         own_name
         and target.is_file()

@@ -242,6 +242,9 @@ def _print_report(report: dict[str, Any]) -> None:
         if key + "_axial_m" in report:
             text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
         table.add_row(name, text)
+    if report["wall"] is not None:
+        force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
+        table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
         table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")
@@ -270,7 +273,13 @@ def _print_curve(curve: "Sweep") -> None:
     from rich.table import Table
 
     console = Console(markup=False)  # which would swallow the units in brackets
-    names = ("force [N]", "oil [kPa]", "largest displacement [mm]", "smallest gap [mm]")
+    names = (
+        "force [N]",
+        "oil [kPa]",
+        "largest displacement [mm]",
+        "smallest gap [mm]",
+        "on the wall [N]",
+    )
     table = Table(*names, "status")
     for row in curve.rows():
         table.add_row(
@@ -278,6 +287,7 @@ def _print_curve(curve: "Sweep") -> None:
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
             f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
             f"{1e3 * row['min_gap_m']:.4g}",
+            f"{row['wall_force_N']:.4g}",
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         )
     console.print(table)

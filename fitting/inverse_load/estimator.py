@@ -84,7 +84,7 @@ class LoadEstimator:
 
     def __post_init__(self) -> None:
         self._check()
-        self.skin = skin_of(self.spec)
+        self.skin = skin_of(self.spec, contact=False)
         assert self.spec.electrodes is not None
         noise = self.spec.electrodes.noise if self.noise is None else self.noise
         if not (np.isfinite(noise) and noise >= 0):
@@ -120,6 +120,7 @@ class LoadEstimator:
             np.asarray(self.skin.electrodes.taxels.angle)[:, 0],
             float(self.skin.geometry.outer_radius[0]),
             self._fitter.edge,
+            self.table,
             direction=self.direction,
         )
 

@@ -3,7 +3,8 @@
 Without contact one run of `LoadStepping` does it. The wall is stiff and its contact zones
 are tiny, so Newton's method finds them only from nearby: the load goes on against a soft
 wall first, which is then stiffened at the full load, step by step, to its own law. A start
-close to the solution, such as the last point of a curve, is tried as it is before.
+close to the solution, such as the last point of a curve, is tried as it is before; if that
+fails, the path begins at rest.
 """
 
 import dataclasses
@@ -135,13 +136,14 @@ def _stiffened(
         begin: where to start.
         target: level to reach.
         stages: of each wall, the share of the rigid limit's stiffness, and whether it is
-            but an attempt, whose first failure leads to the next wall.
+            but an attempt, whose first failure leads back to rest and to the next wall.
         stepping: settings of the load stepping.
         pressure_given: see `balance.residual`.
         finished: lanes that stay where they are.
     """
     wall = problem.mechanics.wall
     assert wall is not None
+    rest = BorderedVector(problem.mechanics.rest(), None)
 
     def stage(carry: _Standing, settings: tuple[Array, Array]) -> tuple[_Standing, None]:
         before, goal, finished = carry
@@ -160,9 +162,17 @@ def _stiffened(
         stuck = failed & (after.result != index_of("limit_point"))
         result = jnp.where(failed & (before.result == 0), after.result, before.result)
         solved = attempt & (after.result == 0)
+        y, level = after.y, after.level
+        if pressure_given is None:
+            # Under given loads the path from rest is always there; under a given pressure it
+            # has no beginning, and the last equilibrium has to do.
+            begin = (rest if y.border is None else rest._replace(border=0 * level), 0 * level)
+            y, level = jax.tree.map(
+                lambda a, b: jnp.where(attempt & ~solved, a, b), begin, (y, level)
+            )
         after = Found(
-            after.y,
-            after.level,
+            y,
+            level,
             result,
             before.iterations + after.iterations,
             jnp.minimum(before.smallest_pivot, after.smallest_pivot),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.style import written
+from suas_jax.figures.style import CONTACT, written
 from suas_jax.scene.sweep import Sweep
 
 
@@ -32,6 +32,12 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     left.legend()
     right.plot(total, pressure, "o-", ms=3)
     right.set(xlabel="total force [N]", ylabel="oil pressure [kPa]")
+    wall = [p["wall"]["force_N"] if p["wall"] else 0.0 for p in points]
+    if any(wall):
+        carried = right.twinx()
+        carried.plot(total, wall, "s--", ms=3, color=CONTACT, label="carried by the wall")
+        carried.set(ylabel="force on the wall [N]")
+        carried.legend(loc="lower right")
     contact = sweep.first_contact
     if contact is not None:
         at = (contact["force_N"], 1e-3 * contact["oil_pressure_Pa"])

@@ -5,7 +5,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.figures.load_arrows import draw_loads
-from suas_jax.figures.style import WALL
+from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.section import section_of
 from suas_jax.scene.solve import Solution
 
@@ -46,8 +46,7 @@ def plot_section(solution: Solution) -> Figure:
         patches = PolyCollection(list(quads), array=(values[1:] + values[:-1]) / 2)
         patches.set_edgecolor("face")
         axes.add_collection(patches)
-        wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
-        axes.fill(*wall, color=WALL, lw=0, zorder=0)
+        draw_wall(axes, solution)
         draw_loads(axes, solution, outer, angle)
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")

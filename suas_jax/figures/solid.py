@@ -6,7 +6,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.figures.load_arrows import draw_loads
-from suas_jax.figures.style import WALL
+from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
@@ -56,8 +56,7 @@ def plot_solid(solution: Solution) -> Figure:
         axes.add_collection(patches)
         for radius in (geometry.inner_radius, geometry.inner_radius + geometry.thickness):
             axes.plot(*(1e3 * radius * normal), color="0.7", lw=0.8, ls="--")
-        wall = 1e3 * (geometry.inner_radius - geometry.oil_gap) * normal
-        axes.fill(*wall, color=WALL, lw=0, zorder=0)  # a membrane beyond it stays visible
+        draw_wall(axes, solution)
         draw_loads(axes, solution, top.T, spread.ravel())
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")

@@ -10,6 +10,8 @@ from suas_jax.files.writing import write_bytes
 
 WALL = "0.55"
 """Colour of the rigid wall."""
+CONTACT = "C3"
+"""Colour of what touches it."""
 _DOTS_PER_INCH = 150
 
 

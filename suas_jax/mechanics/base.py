@@ -218,6 +218,14 @@ class AbstractMechanics(eqx.Module):
         return None
 
     @property
+    def omitted_margin(self) -> float:
+        """Factor on the first-order effect of what is left out that errors rarely exceed.
+
+        For plane strain from a study of random scenes, see docs/errors.md.
+        """
+        return 2.6
+
+    @property
     def indentation(self) -> Lanes | None:
         """Mid-surface displacement that the model misses under a line load [m^2/N].
 

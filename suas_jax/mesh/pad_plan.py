@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.mesh.grading import rounded
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.bspline import SplineAxis
+from suas_jax.numerics.bspline import End, SplineAxis
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
@@ -76,7 +76,7 @@ class PadPlan(eqx.Module):
     def axes(self) -> tuple[SplineAxis, SplineAxis]:
         """Splines along the arc and along the axis."""
         half_arc, half_axial = self.mirrored
-        left = "open" if self.ends == "clamped" else "mirror"
+        left: End = "open" if self.ends == "clamped" else "mirror"
         return (
             SplineAxis(len(self.arc) - 1, "open", "mirror" if half_arc else "open"),
             SplineAxis(len(self.axial) - 1, left, "mirror" if half_axial else left),
@@ -256,8 +256,8 @@ def pad_load_points(
         arc, length = load.extent()
         inputs = (load.angle, load.axial, arc / geometry.outer_radius, length)
         rule = _disc_rule(spread, plan.mirrored) if disc else _rectangle_rule(spread)
-        inputs = [jnp.broadcast_to(x, (*x.shape[:-1], lanes)) for x in (*breaks, *inputs)]
-        angle, axial, weight = jax.vmap(rule, -1, -1)(*inputs)
+        spread_out = [jnp.broadcast_to(x, (*x.shape[:-1], lanes)) for x in (*breaks, *inputs)]
+        angle, axial, weight = jax.vmap(rule, -1, -1)(*spread_out)
         force = (load.force * load.direction)[:, None] * weight
         found.append((angle, axial, force))
     angle, axial, force = (jnp.concatenate(x, -2) for x in zip(*found, strict=True))

@@ -109,6 +109,11 @@ class SplineAxis:
         return np.concatenate([[0], np.cumsum(self._inner)]).astype(int)
 
     @property
+    def first(self) -> Int[np.ndarray, " element"]:
+        """First of the four control values that an element sees; the first of all is 0."""
+        return self._first
+
+    @property
     def stations(self) -> int:
         """Number of control values that are unknowns."""
         return len(self._weights) - DEGREE - 3
@@ -149,7 +154,7 @@ class SplineAxis:
         return means
 
     def extraction(
-        self, breakpoints: Float[Array, " breakpoint"], parity: int = 1
+        self, breakpoints: Float[Array, " breakpoint"], parity: int | None = 1
     ) -> Float[Array, "4 4 element"]:
         """Extraction matrices [control value, Bernstein coefficient, element].
 
@@ -158,7 +163,8 @@ class SplineAxis:
 
         Args:
             breakpoints: ascending.
-            parity: 1 where the mirror image has the same sign, -1 where the opposite one.
+            parity: 1 where the mirror image has the same sign, -1 where the opposite one;
+                None for rows of all control values as they are.
         """
         knots = self.knots(breakpoints)
         at = self._first + DEGREE
@@ -177,9 +183,8 @@ class SplineAxis:
                     for i in range(3 - level)
                 ]
             columns.append(jnp.stack(values[0]))
-        rows = list(jnp.moveaxis(jnp.stack(columns, 1), 0, 0))
-        rows = self._folded(rows, parity)
-        return jnp.stack(rows)
+        matrix = jnp.stack(columns, 1)
+        return matrix if parity is None else jnp.stack(self._folded(list(matrix), parity))
 
     def _folded(self, rows: list[Array], parity: int) -> list[Array]:
         """Add images to their stations and drop what is no station."""

@@ -20,7 +20,6 @@ from suas_jax.skin.pad_loads import DeadLoad
 
 # An estimate is wanted that the true error rarely exceeds; see docs/errors.md for how often.
 _MESH_MARGIN = 2.0
-_MODEL_MARGIN = 2.6
 _TINY = 1e-300
 
 
@@ -91,4 +90,4 @@ def model_error(
             moved[i] = moved[i] + indentation * share * per_width
     if not loads:  # a line load's own field is part of the displacement beneath it alone
         moved.append(_largest(mechanics, better.q + change.q) - size)
-    return _MODEL_MARGIN * _relative(change.pressure, moved, better, size)
+    return mechanics.omitted_margin * _relative(change.pressure, moved, better, size)

@@ -85,6 +85,8 @@ class SensorOutput(NamedTuple):
     Attributes:
         readings: gap, capacitance and SO of every taxel.
         oil_pressure: above ambient [Pa].
+        wall_force: that the wall carries [N]; zero where the skin has none.
+        min_gap: smallest between membrane and wall, over all of the skin [m].
         state: the equilibrium, to start a neighbouring one from.
         result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
             Where it is not, everything else belongs to the last equilibrium before the
@@ -93,12 +95,14 @@ class SensorOutput(NamedTuple):
 
     readings: Readings
     oil_pressure: Lanes
+    wall_force: Lanes
+    min_gap: Lanes
     state: State
     result: Int[Array, " lane"]
 
     @property
     def so(self) -> Float[Array, "taxel lane"]:
-        """Continuous sensor output [counts]; NaN where the membrane touches the wall."""
+        """Continuous sensor output [counts]; NaN where nothing parts taxel and membrane."""
         return self.readings.so
 
 
@@ -158,7 +162,19 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     problem = skin.problem(loads)
     found = equilibrium(problem, start, wall_on_demand=True)
     readings = skin.electrodes.read(problem.mechanics, found.state.q)
-    return SensorOutput(readings, found.state.pressure, found.state, found.result)
+    surface = skin.wall or Wall.of(skin.geometry, skin.law.shear_modulus)
+    contact = problem.mechanics.contact(found.state.q, surface)
+    force = jnp.zeros_like(found.state.pressure)
+    if skin.wall is not None:
+        force = jnp.sum(contact.area * contact.pressure, (0, 1)) * skin.geometry.width
+    return SensorOutput(
+        readings,
+        found.state.pressure,
+        force,
+        jnp.min(contact.gap, (0, 1)),
+        found.state,
+        found.result,
+    )
 
 
 def load_jacobian(

@@ -80,6 +80,8 @@ class Sweep:
             row = {"force_N": _total_force(point)}
             for i, load in enumerate(point["loads"]):
                 row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
+            wall = point["wall"]
+            row["wall_force_N"] = wall["force_N"] if wall else 0.0
             rows.append(row | {key: point[key] for key in _COLUMNS})
         return rows
 

@@ -162,15 +162,20 @@ def capacitances(
     Raises:
         NoSolutionError: some loads have no equilibrium.
     """
-    skin, run = skin_of(path.scene), jit(forward)
+    free, held = skin_of(path.scene, contact=False), skin_of(path.scene)
+    run = jit(forward)
     loads = _loads(path, time)
-    edge = float(skin.geometry.half_angle[0])
+    edge = float(free.geometry.half_angle[0])
     if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:
         raise ValueError(f"a load leaves the skin, which ends at {np.rad2deg(edge):.4g} deg")
     blocks = []
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
-        output = run(skin, Loads(*(x[..., index] for x in _fields(loads))))
+        block = Loads(*(x[..., index] for x in _fields(loads)))
+        output = run(free, block)
+        # The program that knows contact is compiled where the membrane reaches the wall.
+        if held.wall is not None and bool(jnp.any(output.min_gap < 0)):
+            output = run(held, block)
         failed = np.flatnonzero(np.asarray(output.result))
         if failed.size:
             name = NAMES[int(output.result[failed[0]])]

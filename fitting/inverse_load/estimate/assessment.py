@@ -11,11 +11,16 @@ from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import Alternative
 from fitting.inverse_load.search.nearest import APART
+from fitting.inverse_load.search.table import LoadTable
 
 POOR = 1e-4
 """p-value of chi2 below which the fit is called poor."""
 _BEYOND_MODEL = 9.0  # chi2 per degree of freedom beyond which no number is given
 _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
+_SURE = 2.0  # standard deviations within which first contact can't be excluded
+_ONE_SIDED = 1.645  # standard deviations below which one in twenty lies
+_LIMIT_ERROR = 0.01  # of the force at first contact, between the shell and the continuum
+_NEVER = 1e9  # stands for an infinite force of first contact [N]
 _UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
 
@@ -26,6 +31,7 @@ class LoadAssessment:
         taxel_angle: of the taxels [rad].
         outer_radius: of the undeformed skin [m].
         edge: angle beyond which no contact is sought [rad].
+        table: of solved states, which knows the forces of first contact.
         direction: whether directions are free.
     """
 
@@ -34,9 +40,11 @@ class LoadAssessment:
         taxel_angle: NDArray[np.float64],
         outer_radius: float,
         edge: float,
+        table: LoadTable,
         *,
         direction: bool,
     ) -> None:
+        self._table = table
         self._taxel_angle, self._outer_radius, self._edge = taxel_angle, outer_radius, edge
         self._per_contact = 3 if direction else 2
 
@@ -88,17 +96,25 @@ class LoadAssessment:
         if not np.isfinite(chi2):
             return LoadEstimate(None, status="no_convergence", left_out=out)
         angles = best.parameters[i, :count]
-        wall = bool(best.min_gap[i] <= 0) or self._presses_full_scale(full_scale, angles)
+        spread = covariance * (max(ratio, 1.0) if poor else 1.0)
+        bound, near = self._bound(best.parameters[i], count, spread)
+        wall = bool(best.min_gap[i] <= 0) or near
+        wall = wall or self._presses_full_scale(full_scale, angles)
         if poor and ratio > _BEYOND_MODEL:
             unknown = True if wall else None
             status = "wall_contact" if wall else "model_mismatch"
             return LoadEstimate(
-                unknown, wall_contact=unknown, chi2_per_dof=ratio, status=status, left_out=out
+                unknown,
+                wall_contact=unknown,
+                chi2_per_dof=ratio,
+                status=status,
+                left_out=out,
+                at_least=bound if wall else None,
             )
         contacts = self._contacts(
             best.parameters[i],
             count,
-            None if wall else covariance * (ratio if poor else 1.0),
+            None if wall else spread,
             None if wall else systematic,
         )
         alternatives: tuple[Contact, ...] = ()
@@ -123,7 +139,34 @@ class LoadAssessment:
         else:
             status = "ok"
         pressure = float(best.pressure[i])
-        return LoadEstimate(True, contacts, pressure, wall, ratio, status, out, alternatives)
+        return LoadEstimate(
+            True,
+            contacts,
+            pressure,
+            wall,
+            ratio,
+            status,
+            out,
+            alternatives,
+            at_least=bound if wall else None,
+        )
+
+    def _bound(self, parameters: Any, count: int, covariance: Any) -> tuple[float, bool]:
+        """Force that acts at least [N], and whether the wall may take more.
+
+        Beyond first contact the oil's pressure, and with it the readings, hardly change:
+        the force that explains them is that of first contact, or a little less.
+        """
+        forces = slice(count, 2 * count)
+        total = float(np.sum(parameters[forces]))
+        variance = float(np.sum(covariance[forces, forces]))
+        sigma = np.sqrt(variance) if np.isfinite(variance) and variance > 0 else 0.0
+        limit = np.inf
+        if count == 1:
+            known = np.minimum(self._table.first_contact, _NEVER)
+            limit = float(np.interp(parameters[0], self._table.angles, known))
+        near = total + _SURE * sigma >= (1 - _LIMIT_ERROR) * limit
+        return max(min(total, limit) - _ONE_SIDED * sigma, 0.0), near
 
     def _presses_full_scale(self, full_scale: NDArray[np.bool_], angles: Any) -> bool:
         """Whether a taxel under a contact reads full scale."""

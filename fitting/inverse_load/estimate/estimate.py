@@ -18,7 +18,8 @@ STATUS = {
     "pull": "Something pulls the skin outwards: the force is negative.",
     "at_edge": "The contact is at the clamp or beyond it, where the skin can't tell.",
     "poor_fit": "The model leaves more than noise; the covariance is scaled up by it.",
-    "wall_contact": "The membrane reaches the wall, beyond which the model doesn't hold.",
+    "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "
+    "least the force stated acts.",
     "model_mismatch": "No load on this skin explains the readings: check skin file, "
     "layout and baseline.",
     "saturated": "All taxels are saturated.",
@@ -76,6 +77,7 @@ class LoadEstimate:
         left_out: taxels (positions in the layout) left out as faulty or missing.
         alternatives: other loads that explain the readings almost as well.
         latency: time of the computation [s].
+        at_least: force that acts at least, 95 % sure, where the wall may take more [N].
     """
 
     contact: bool | None
@@ -87,3 +89,11 @@ class LoadEstimate:
     left_out: tuple[int, ...] = ()
     alternatives: tuple[Contact, ...] = ()
     latency: float = 0.0
+    at_least: float | None = None
+
+    @property
+    def status_text(self) -> str:
+        """The status, with the bound where there is one."""
+        if self.at_least is None:
+            return self.status
+        return f"saturated by wall contact: at least {self.at_least:.4g} N"

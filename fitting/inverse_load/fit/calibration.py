@@ -137,7 +137,8 @@ def _tangent(
                 height = height - mine[:, None] * (constants[i] - values[i])
             else:
                 inputs[PATHS.get(name, name)] = constants[i]
-        new = skin_of(spec, inputs, elements=skin.elements)
+        contact = skin.wall is not None
+        new = skin_of(spec, inputs, elements=skin.elements, contact=contact)
         changing = (layers, height)
         return eqx.tree_at(lambda s: (s.electrodes.layers, s.electrodes.height), new, changing)
 

@@ -55,7 +55,7 @@ class LoadView(LiveTerminal):
             table.add_row("load", contact_text(contact))
         if not np.isnan(estimate.oil_pressure):
             table.add_row("oil", f"{1e-3 * estimate.oil_pressure:.2f} kPa")
-        table.add_row("status", estimate.status)
+        table.add_row("status", estimate.status_text)
         span = max(self._times[-1] - self._times[0], 1e-9)
         rate = (len(self._times) - 1) / span
         table.add_row("rate", f"{rate:.1f} per second, {frame.dropped} dropped")

@@ -42,10 +42,12 @@ def frame_json(
         "wall_contact": estimate.wall_contact,
         "chi2_per_dof": estimate.chi2_per_dof,
         "latency_s": estimate.latency,
-        "status": estimate.status,
+        "status": estimate.status_text,
         "seq": seq,
         "left_out": list(estimate.left_out),
     }
+    if estimate.at_least is not None:
+        line["force_at_least_N"] = estimate.at_least
     if estimate.alternatives:
         line["alternatives"] = [contact_json(contact) for contact in estimate.alternatives]
     if filtered is not None:
@@ -79,7 +81,7 @@ def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) ->
     for t, e in zip(time.tolist(), estimates, strict=True):
         loads = "\n".join(contact_text(contact) for contact in e.contacts) or "–"
         pressure = "–" if np.isnan(e.oil_pressure) else f"{1e-3 * e.oil_pressure:.2f}"
-        table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status)
+        table.add_row(f"{t:.3f}", loads, pressure, f"{e.chi2_per_dof:.2f}", e.status_text)
     console.print(table)
     names = [e.status for e in estimates]
     for status in sorted(set(names), key=names.count, reverse=True):

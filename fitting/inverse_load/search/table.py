@@ -43,6 +43,8 @@ class LoadTable:
         rest: readings at rest [taxel].
         q: unknowns of the states [angle, force, dof, station].
         pressure: of the oil [angle, force] [Pa].
+        first_contact: force at which the membrane reaches the wall [angle] [N]; infinite
+            where none does.
     """
 
     angles: NDArray[np.float64]
@@ -51,6 +53,7 @@ class LoadTable:
     rest: NDArray[np.float64]
     q: NDArray[np.float64]
     pressure: NDArray[np.float64]
+    first_contact: NDArray[np.float64]
 
     @property
     def nodes(self) -> NDArray[np.float64]:
@@ -152,7 +155,39 @@ def build_table(skin: Skin) -> LoadTable:
         columns.append((readings, q, np.asarray(state.pressure)))
     so, q, pressure = (np.stack([c[i] for c in columns], 1) for i in range(3))
     rest = _solve(skin, np.zeros(1), np.zeros(1), None)[0][:, 0]
-    return LoadTable(angles, forces, so, rest, q, pressure)
+    touch = first_contacts(skin, angles, forces[:, -1])
+    return LoadTable(angles, forces, so, rest, q, pressure, touch)
+
+
+def first_contacts(skin: Skin, angles: np.ndarray, below: np.ndarray) -> np.ndarray:
+    """Forces of one radial load at which the membrane reaches the wall [N].
+
+    Args:
+        skin: the skin, without its wall.
+        angles: of the load [rad].
+        below: forces a little less than that.
+    """
+    low = below.copy()
+    _, gap, _, failed = _solve(skin, angles, low, None)
+    high, above = 1.02 * low, np.full(len(low), np.inf)
+    for _ in range(40):  # outwards until the gap closes
+        wide = ~np.isfinite(above)
+        _, further, _, result = _solve(skin, angles, high, None)
+        above = np.where(wide & (result == 0) & (further <= 0), high, above)
+        if np.isfinite(above).all():
+            break
+        open_ = ~np.isfinite(above) & (result == 0)
+        low = np.where(open_, high, low)
+        high = np.where(np.isfinite(above), above, 1.1 * high)
+    known = np.isfinite(above) & (failed == 0) & (gap > 0)
+    above = np.where(known, above, low)
+    for _ in range(20):
+        middle = (low + above) / 2
+        _, gap, _, _ = _solve(skin, angles, middle, None)
+        low, above = np.where(gap > 0, middle, low), np.where(gap > 0, above, middle)
+        if (above - low < 1e-4 * above).all():
+            break
+    return np.where(known, above, np.inf)
 
 
 def _largest_forces(skin: Skin, angles: np.ndarray) -> np.ndarray:

@@ -9,10 +9,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.points import cross
+from suas_jax.mechanics.pad.stiffness import SLOTS, Upper
+from suas_jax.numerics.block_banded import REACH
 from suas_jax.numerics.bspline import bernstein
 from suas_jax.skin.pad_loads import PadLoadPoints
 
@@ -109,12 +112,8 @@ def load_work(points: PadLoadPoints, spots: Spots, moved: Array, thickness: Arra
 
 def load_terms(
     points: PadLoadPoints, spots: Spots, moved: Array, thickness: Array
-) -> tuple[ElementVector, Float[Array, "256 9 point"]]:
-    """First derivative of the work, summed nowhere, and half the second, by element unknowns.
-
-    Returns:
-        Vectors [3, 16, point] and matrices [16 * 16, 9, point] of the loads' elements.
-    """
+) -> tuple[Float[Array, "3 16 point"], Float[Array, "2 3 2 3 point"]]:
+    """First derivative of the work by element unknowns, and the second by r,s and r,z."""
     edges, _ = _edges(spots, moved)
 
     def projected(r: Float[Array, "2 3"], force: Float[Array, "3"]) -> Array:
@@ -123,12 +122,9 @@ def load_terms(
     by_point = (-1, -1)
     gradient = jax.vmap(jax.grad(projected), by_point, -1)(edges, points.force)
     hessian = jax.vmap(jax.hessian(projected), by_point, -1)(edges, points.force)
-    shapes = spots.shapes
-    vector = points.force[:, None] * shapes[0]
-    vector = vector + jnp.sum(gradient[:, :, None] * shapes[1:3, None], 0)
-    rows = jnp.einsum("kap,kcldp->acldp", shapes[1:3], hessian)
-    matrix = jnp.einsum("acldp,lbp->abcdp", rows, shapes[1:3]) / 2
-    return vector, matrix.reshape(256, 9, -1)
+    vector = points.force[:, None] * spots.shapes[0]
+    vector = vector + jnp.sum(gradient[:, :, None] * spots.shapes[1:3, None], 0)
+    return vector, hessian
 
 
 def add_vectors(f: ElementVector, spots: Spots, vector: Array) -> ElementVector:
@@ -138,9 +134,29 @@ def add_vectors(f: ElementVector, spots: Spots, vector: Array) -> ElementVector:
     return f.at[:, :, spots.element[0], spots.element[1]].add(vector).reshape(shape)
 
 
-def add_matrices(
-    m: Float[Array, "256 9 element"], spots: Spots, matrix: Array, elements: tuple[int, int]
-) -> Float[Array, "256 9 element"]:
-    """Add the points' matrices to those of their elements."""
-    index = spots.element[0] * elements[1] + spots.element[1]
-    return m.at[:, :, index].add(matrix)
+def load_bands(net: Net, spots: Spots, hessian: Float[Array, "2 3 2 3 point"]) -> Upper:
+    """The second derivative of the work, as upper bands at control values."""
+    topology = net.topology
+    along, across = net.extraction()
+    long, side = spots.element
+    shapes = spots.shapes[1:3].reshape(2, 4, 4, -1)
+    shapes = jnp.einsum("iap,kabp->kibp", along[:, :, long], shapes)
+    shapes = jnp.einsum("cjbp,kibp->kcijp", across[:, :, :, side], shapes)
+    half = jnp.einsum("kcijp,kcldp->cijldp", shapes, hessian)
+    rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
+    blocks = jnp.einsum("cgjldp,ldgmp->gpjmcd", half[:, rows], shapes[:, :, columns])
+    stations, controls = topology.across.stations, topology.long.stations + 2
+    control = jnp.asarray(topology.long.first)[long] + rows[:, None]
+    station = jnp.asarray(topology.across.station_of)[side]
+    # Places of what is no station are beyond the end, and dropped.
+    place = jnp.where(station < 0, stations, station)
+    diagonal = REACH + np.arange(4) - np.arange(4)[:, None]
+    bands = jnp.zeros((REACH + 1, controls, stations, 2 * REACH + 1, 3, 3))
+    index = (
+        (columns - rows)[:, None, None, None],
+        control[:, :, None, None],
+        place[None, :, :, None],
+        diagonal[None, None],
+    )
+    bands = bands.at[index].add(blocks, mode="drop")
+    return jnp.transpose(bands, (0, 1, 3, 4, 5, 2))

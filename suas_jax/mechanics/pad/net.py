@@ -8,13 +8,13 @@ normal and axial in the frame of their column. Element arrays are in Bernstein f
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.block_banded import REACH
 from suas_jax.numerics.bspline import SplineAxis, bernstein
 from suas_jax.numerics.quadrature import gauss_legendre
 
@@ -22,7 +22,6 @@ from suas_jax.numerics.quadrature import gauss_legendre
 ODD_ARC, ODD_AXIAL = (-1, 1, 1), (1, 1, -1)
 
 ElementVector = Float[Array, "3 4 4 long across"]
-ElementMatrix = Float[Array, "4 4 4 4 3 3 element"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,15 +97,17 @@ class Tables:
 
     Attributes:
         xi: Gauss points on the unit interval.
-        weights: their weights on the square [gauss, gauss].
+        weights: their weights there.
         values: of the Bernstein polynomials by kind of derivative [kind * gauss * gauss, 16].
-        products: weighed products of them by pair of kinds [256, pair * gauss * gauss].
+        long: by order of differentiation [order, gauss, 4].
+        across: weighed products by pair of kinds [pair, gauss, 16].
     """
 
     xi: np.ndarray
     weights: np.ndarray
     values: np.ndarray
-    products: np.ndarray
+    long: np.ndarray
+    across: np.ndarray
 
 
 @functools.cache
@@ -118,17 +119,15 @@ def tables(
     Args:
         gauss: points in each direction.
         kinds: orders of differentiation (long, across).
-        pairs: pairs of kinds.
+        pairs: pairs of kinds, row and column.
     """
     xi, w = gauss_legendre(gauss)
-    shapes = [np.stack(bernstein(xi, order), 1) for order in range(3)]
-    square = np.outer(w, w)
+    shapes = np.stack([np.stack(bernstein(xi, order), 1) for order in range(3)])
     values = np.stack([np.einsum("ga,hb->ghab", shapes[k], shapes[m]) for k, m in kinds])
-    left = values[[k for k, _ in pairs]] * square[:, :, None, None]
-    right = values[[m for _, m in pairs]]
-    products = np.einsum("pghab,pghcd->abcdpgh", left, right)
-    count = len(kinds) * gauss**2
-    return Tables(xi, square, values.reshape(count, 16), products.reshape(256, -1))
+    orders = np.array([m for _, m in kinds])
+    rows, columns = (shapes[orders[[pair[side] for pair in pairs]]] for side in (0, 1))
+    across = np.einsum("g,pga,pgb->pgab", w, rows, columns).reshape(len(pairs), gauss, 16)
+    return Tables(xi, w, values.reshape(-1, 16), shapes, across)
 
 
 class Net:
@@ -148,8 +147,7 @@ class Net:
             axial: breakpoints along the axis [m].
         """
         self.topology = topology
-        arc, axis = topology.arc, topology.axial
-        at = arc.abscissae(angles)
+        at = topology.arc.abscissae(angles)
         sine, cosine, zero = jnp.sin(at), jnp.cos(at), jnp.zeros_like(at)
         one = zero + 1
         self.frames = jnp.stack(
@@ -159,12 +157,27 @@ class Net:
                 jnp.stack([zero, zero, one]),
             ]
         )  # [local, Cartesian, column]
-        by_arc = _by_component(lambda p: arc.extraction(angles, p), ODD_ARC)
-        by_axial = _by_component(lambda p: axis.extraction(axial, p), ODD_AXIAL)
-        self.extraction = topology.ordered(by_arc, by_axial)
-        by_arc = _by_component(lambda p: arc.matrix(angles, p), ODD_ARC)
-        by_axial = _by_component(lambda p: axis.matrix(axial, p), ODD_AXIAL)
-        self.matrix = topology.ordered(by_arc, by_axial)
+        self.long, self.across = topology.ordered(angles, axial)
+        parities = topology.ordered(ODD_ARC, ODD_AXIAL)
+        self.matrices = tuple(
+            _by_component(functools.partial(a.matrix, x), odd)
+            for a, x, odd in zip(
+                (topology.long, topology.across),
+                (self.long, self.across),
+                parities,
+                strict=True,
+            )
+        )
+        self.parities = parities
+
+    def extraction(self) -> tuple[Float[Array, "4 4 long"], Float[Array, "3 4 4 across"]]:
+        """Extraction matrices: of all control values along, by component of stations across."""
+        topology = self.topology
+        along = topology.long.extraction(self.long, None)
+        across = _by_component(
+            lambda p: topology.across.extraction(self.across, p), self.parities[1]
+        )
+        return along, across
 
     def cartesian(self, q: Float[Array, "dof station"]) -> Float[Array, "3 station across"]:
         """Control values in Cartesian components."""
@@ -184,110 +197,14 @@ class Net:
     def gather(self, q: Float[Array, "dof station"]) -> ElementVector:
         """Bernstein coefficients of the displacement."""
         return jnp.einsum(
-            "caes,csk,cbfk->cabef", self.matrix[0], self.cartesian(q), self.matrix[1]
+            "caes,csk,cbfk->cabef", self.matrices[0], self.cartesian(q), self.matrices[1]
         )
 
     def scatter(self, f: ElementVector) -> Float[Array, "dof station"]:
         """Sum forces on Bernstein coefficients: the transpose of `gather`, masked."""
-        return self.local(jnp.einsum("caes,cabef,cbfk->csk", self.matrix[0], f, self.matrix[1]))
-
-    def bands(self, m: ElementMatrix) -> Float[Array, "station 4 dof dof"]:
-        """Lower bands of M + M^T, in local components.
-
-        Args:
-            m: half the element matrices [row 4 x 4, column 4 x 4, components, elements].
-        """
-        long, across = self.topology.long, self.topology.across
-        m = self._transformed(m)
-        elements = (long.elements, across.elements)
-        m = m.reshape(*m.shape[:-1], *elements)
-        # Along the stations, by offset: rows at a station and columns ahead of it, and the
-        # other way round.
-        bands = []
-        for o in range(REACH + 1):
-            slots = range(4 - o)
-            ahead = _summed([m[i, :, i + o] for i in slots], slots, -2, long)
-            behind = _summed([m[i + o, :, i] for i in slots], slots, -2, long)
-            bands.append(ahead + jnp.transpose(behind, (1, 0, 3, 2, 4, 5)))
-        m = jnp.stack(bands)  # [offset, row, column, component, component, station, element]
-        diagonals = []
-        for o in range(-REACH, REACH + 1):
-            slots = range(max(0, -o), min(4, 4 - o))
-            diagonals.append(_summed([m[:, i, i + o] for i in slots], slots, -1, across))
-        # [offset, component, component, station, row, diagonal]
-        return _dense(self._turned(jnp.stack(diagonals, -1)))
-
-    def _transformed(self, m: ElementMatrix) -> ElementMatrix:
-        """From Bernstein coefficients to control values, rows and columns."""
-        long, across = self.extraction  # [component, control, Bernstein, element]
-        elements = (self.topology.long.elements, self.topology.across.elements)
-        long = jnp.broadcast_to(long[..., None], (*long.shape, elements[1]))
-        across = jnp.broadcast_to(across[..., None, :], (*across.shape[:-1], *elements))
-        long, across = (c.reshape(3, 4, 4, -1) for c in (long, across))
-        for axis, component, c in ((0, 4, long), (1, 4, across), (2, 5, long), (3, 5, across)):
-            total: Array | float = 0.0
-            for a in range(4):
-                y = jnp.moveaxis(c[:, :, a], 0, 1)  # [control, component, element]
-                shape = [1] * 6 + [y.shape[-1]]
-                shape[axis], shape[component] = 4, 3
-                part = jax.lax.slice_in_dim(m, a, a + 1, axis=axis)
-                total = total + part * y.reshape(shape)
-            m = jax.lax.optimization_barrier(total)
-        return m
-
-    def _turned(self, x: Array) -> Array:
-        """Turn bands [offset, c, c, station, row, diagonal] into local components."""
-        frames = self.frames[:2, 1]  # sine and cosine, with their signs, of the columns
-        if self.topology.along_arc:
-            rows = frames[:, None, None, None, :, None, None]
-            ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in range(REACH + 1)], 1)
-            columns = ahead[:, :, None, None, :, None, None]
-        else:
-            rows = frames[:, None, None, None, None, :, None]
-            offsets = range(-REACH, REACH + 1)
-            ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in offsets], 2)
-            columns = ahead[:, None, None, None, None]
-        for axis, (sine, cosine) in ((1, rows), (2, columns)):
-            parts = [jax.lax.slice_in_dim(x, c, c + 1, axis=axis) for c in range(3)]
-            tangential = cosine * parts[0] + sine * parts[1]
-            normal = cosine * parts[1] - sine * parts[0]
-            x = jnp.concatenate([tangential, normal, parts[2]], axis)
-        return x
-
-
-def _dense(x: Array) -> Float[Array, "station 4 dof dof"]:
-    """Lower dense blocks from upper bands [offset, c, c, station, row, diagonal]."""
-    *others, n, width = x.shape
-    # Read with rows one shorter than they are, every row moves on by one more column.
-    wide = jnp.pad(x, [(0, 0)] * 5 + [(0, n)]).reshape(*others, n * (n + width))
-    rows = wide[..., : n * (n + width - 1)].reshape(*others, n, n + width - 1)
-    square = rows[..., REACH : REACH + n]
-    count = others[-1]
-    return jnp.transpose(square, (3, 0, 5, 2, 4, 1)).reshape(count, REACH + 1, 3 * n, 3 * n)
-
-
-def _summed(parts: list[Array], slots: range, axis: int, along: SplineAxis) -> Array:
-    """Sum what elements give to their control values into stations.
-
-    Args:
-        parts: one for each of `slots`, elements along `axis`.
-        slots: which of an element's control values.
-        axis: negative.
-        along: the splines in that direction.
-    """
-    total: Array | float = 0.0
-    for slot, part in zip(slots, parts, strict=True):
-        room = [(0, 0, 0)] * part.ndim
-        zero = jnp.zeros((), part.dtype)
-        if along.multiplicity is None:
-            room[axis] = (slot - 1, along.stations - along.elements - slot + 1, 0)
-            total = total + jax.lax.pad(part, zero, room)
-        else:
-            room[axis] = (0, 1, 0)
-            element = np.full(along.stations + 1, along.elements)
-            element[along.station_of[:, slot]] = np.arange(along.elements)
-            total = total + jnp.take(jax.lax.pad(part, zero, room), element[:-1], axis)
-    return total  # type: ignore[return-value]
+        return self.local(
+            jnp.einsum("caes,cabef,cbfk->csk", self.matrices[0], f, self.matrices[1])
+        )
 
 
 def refined(
@@ -353,6 +270,6 @@ def _odd_middle(axis: SplineAxis, parity: int) -> np.ndarray:
 _SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 
 
-def _by_component(make: object, parities: tuple[int, int, int]) -> Array:
-    made = {p: make(p) for p in set(parities)}  # type: ignore[operator]
+def _by_component(make: Callable[[int], Array], parities: tuple[int, int, int]) -> Array:
+    made = {p: make(p) for p in set(parities)}
     return jnp.stack([made[p] for p in parities])

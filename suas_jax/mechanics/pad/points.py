@@ -15,10 +15,11 @@ Vectors are Cartesian (x right, y to the crown, z along the axis) and lead the a
 ``[component, gauss, gauss, element, element]``; "point" stands for the last four.
 """
 
-from collections.abc import Sequence
+import functools
+import operator
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -27,6 +28,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import InPlaneStrain
 from suas_jax.numerics.jet import second_order
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.staging import staged
 
 Vector = Float[Array, "3 *point"]
 Scalar = Float[Array, "*point"]
@@ -40,9 +42,17 @@ PAIRS += ((3, 3), (3, 4), (3, 5), (4, 4), (4, 5), (5, 5), (0, 1), (0, 2))
 
 # Second derivative of a 2 x 2 determinant by its entries (11, 22, 12).
 _DETERMINANT = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+# Entries of a symmetric 3 x 3 matrix as a list, and where each of the matrix is in it.
+_VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ENTRY = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
 
 
-def dot(a: Vector, b: Vector) -> Scalar:
+def total(terms: Iterable[Array]) -> Array:
+    """Sum of one or more arrays."""
+    return functools.reduce(operator.add, terms)
+
+
+def dot(a: Vector | Sequence[Array], b: Vector | Sequence[Array]) -> Scalar:
     """Inner product of vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
@@ -100,21 +110,30 @@ def surface(derivatives: Sequence[Vector], angle: Scalar, radius: Array) -> Surf
     u, us, uz, uss, uzz, usz = derivatives
     sine, cosine = jnp.broadcast_arrays(jnp.sin(angle), jnp.cos(angle), u[0])[:2]
     zero, one = jnp.zeros_like(sine), jnp.ones_like(sine)
-    t, n = jnp.stack([cosine, -sine, zero]), jnp.stack([sine, cosine, zero])
-    z = jnp.stack([zero, zero, one])
-    metric = jnp.stack(
-        [
-            2 * dot(t, us) + dot(us, us),
-            2 * uz[2] + dot(uz, uz),
-            dot(t, uz) + us[2] + dot(us, uz),
-        ]
-    )
-    spin = cross(t, uz) + cross(us, z + uz)
-    m = spin - n
-    bending = jnp.stack(
-        [dot(uss, m) - dot(n, spin) / radius, dot(uzz, m), dot(usz, m)],
-    )
-    return Surface(u, n, t + us, z + uz, (uss - n / radius, uzz, usz), m, spin, metric, bending)
+    n = jnp.stack([sine, cosine, zero])
+    along = cosine * us[0] - sine * us[1]
+    metric = [
+        2 * along + dot(us, us),
+        2 * uz[2] + dot(uz, uz),
+        cosine * uz[0] - sine * uz[1] + us[2] + dot(us, uz),
+    ]
+    # t x u,z + u,s x (z + u,z) with the tangent t.
+    spin = [
+        us[1] - sine * uz[2] + us[1] * uz[2] - us[2] * uz[1],
+        -us[0] - cosine * uz[2] + us[2] * uz[0] - us[0] * uz[2],
+        cosine * uz[1] + sine * uz[0] + us[0] * uz[1] - us[1] * uz[0],
+    ]
+    m = [spin[0] - sine, spin[1] - cosine, spin[2]]
+    bending = [
+        dot(uss, m) - (sine * spin[0] + cosine * spin[1]) / radius,
+        dot(uzz, m),
+        dot(usz, m),
+    ]
+    rows = staged([*metric, *bending, *spin])
+    strain, bent, turned = (jnp.stack(rows[k : k + 3]) for k in (0, 3, 6))
+    rs = us + jnp.stack([cosine, -sine, zero])
+    rz = uz + jnp.stack([zero, zero, one])
+    return Surface(u, n, rs, rz, (uss - n / radius, uzz, usz), turned - n, turned, strain, bent)
 
 
 class Layers(NamedTuple):
@@ -200,102 +219,99 @@ class Resultants(NamedTuple):
         second: Hessian.
     """
 
-    first: Float[Array, "6 *point"]
-    second: Float[Array, "6 6 *point"]
+    first: list[Scalar]
+    second: list[list[Scalar]]
 
 
 def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Resultants:
     """Differentiate the energy: the law by its two invariants, the rest by hand.
 
-    A fibre's strain is e = sigma (A + M B - M^2 P): moments of the law's derivatives by the
-    levers M come first, then the chain rule to the six numbers.
+    A fibre's strain e = sigma (A + M B - M^2 P) is linear in A = a - 1, B = 2 (h/J^2 - h_0)
+    and P = f a with f = det h / J^6. So moments of the law's derivatives by the levers M come
+    first; then, with c = h/J^2, g = d log J^2/da and b = df/dh,
+
+        dA = da,   dB = 2/J^2 dh - 2 c (g.da),   dP = f da + a (b.dh - 3 f g.da).
+
+    The Hessian by (a, h) is sums of matrices of moments and of products of vectors. Small
+    arrays are lists of their entries: that is what the compiler makes fast loops of.
     """
-    strain, inverse, saddle = fibre_strains(s, fibres, radius)
+    strain, inverse, f = fibre_strains(s, fibres, radius)
 
     def energy(trace: Array, determinant: Array) -> Array:
         return law.energy(InPlaneStrain(trace, determinant))
 
-    # Without the barriers the compiler computes the law anew for each use of its derivatives.
-    strain = jax.lax.optimization_barrier(strain)
-    jet = jax.lax.optimization_barrier(second_order(energy, *_law_of(law, strain)))
-    weight, lever = _over_layers(fibres.weight, s), _over_layers(fibres.lever, s)
+    jet = second_order(energy, *_law_of(law, strain))
+    weight = _over_layers(fibres.weight, s)
     scales = _scales(fibres, s)
-    cofactors = _cofactors(strain)
+    co = (strain[1], strain[0], -2 * strain[2])
     unit = (1.0, 1.0, 0.0)
-    pairs = [(p, q) for p in range(3) for q in range(p, 3)]
-    first = [weight * scales[p] * (jet.x * unit[p] + jet.y * cofactors[p]) for p in range(3)]
-    second = {}
-    for p, q in pairs:
-        value = jet.xy * (unit[p] * cofactors[q] + cofactors[p] * unit[q])
-        value = value + jet.yy * cofactors[p] * cofactors[q]
+    terms = [weight * scales[p] * (jet.x * unit[p] + jet.y * co[p]) for p in range(3)]
+    for p, q in _VOIGT:
+        value = jet.xy * (unit[p] * co[q] + co[p] * unit[q]) + jet.yy * (co[p] * co[q])
         value = value + jet.xx * (unit[p] * unit[q]) + jet.y * _DETERMINANT[p, q]
-        second[p, q] = weight * scales[p] * scales[q] * value
+        terms.append(weight * scales[p] * scales[q] * value)
+    # A matrix product, so that the compiler keeps the moments instead of computing the law
+    # again for each of their uses.
+    powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
+    moments = powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
+    moments = moments.reshape(5, len(terms), *inverse.shape)
+    n, m = moments[:3, :3], moments[:, 3:]
+    a = [1 + s.metric[0], 1 + s.metric[1], s.metric[2]]
+    h = [1 / radius + s.bending[0], s.bending[1], s.bending[2]]
+    c = [inverse * x for x in h]
+    g = [inverse * a[1], inverse * a[0], -2 * inverse * a[2]]
+    cube = inverse**3
+    b = [cube * h[1], cube * h[0], -2 * cube * h[2]]
 
-    def moment(x: Array, power: int) -> Array:
-        return jnp.sum(lever**power * x, 0)
+    def times(matrix: Array, x: list[Array]) -> list[Array]:
+        return [total(matrix[_ENTRY[p][q]] * x[q] for q in range(3)) for p in range(3)]
 
-    force = [jnp.stack([moment(x, k) for x in first]) for k in range(3)]
-    stiffness = []
-    for k in range(5):
-        entries = {pair: moment(x, k) for pair, x in second.items()}
-        rows = [[entries[min(p, q), max(p, q)] for q in range(3)] for p in range(3)]
-        stiffness.append(jnp.stack([jnp.stack(row) for row in rows]))
+    def inner(x: Sequence[Array] | Array, y: Sequence[Array] | Array) -> Array:
+        return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
-    # Derivatives of A, B and P by the six numbers, and of f = det h / J^6.
-    a, h = _metric(s), _curved(s, radius)
-    by_area, by_det = _cofactors(a), _cofactors(h)
-    eye = jnp.asarray(np.eye(3).reshape(3, 3, *(1,) * inverse.ndim))
-    eye = jnp.broadcast_to(eye, (3, 3, *inverse.shape))
-    determinant = jnp.asarray(_DETERMINANT.reshape(3, 3, *(1,) * inverse.ndim))
-    c = inverse * h
-    step = inverse * by_area
-    f_metric, f_bending = -3 * saddle * step, inverse**3 * by_det
-    f = jnp.concatenate([f_metric, f_bending])
-    blocks = [
-        jnp.concatenate([eye, jnp.zeros_like(eye)], 1),
-        2 * jnp.concatenate([-c[:, None] * step, inverse * eye], 1),
-        -jnp.concatenate([saddle * eye, jnp.zeros_like(eye)], 1) - a[:, None] * f,
+    # Moments with (1 - f M^2), the factor of da.
+    once = [m[k] - f * m[k + 2] for k in range(3)]
+    c2, c3, a3, a4 = times(m[2], c), times(m[3], c), times(m[3], a), times(m[4], a)
+    aa, ca, cc = inner(a, a4), 2 * inner(a, c3), 4 * inner(c, c2)
+    turning, bow = 2 * inner(n[1], c), -inner(n[2], a)
+    pulled = [x + y for x, y in zip(times(once[2], a), n[2], strict=True)]
+    by_g = [2 * x - 3 * f * y for x, y in zip(times(once[1], c), pulled, strict=True)]
+    by_gh = [
+        2 * inverse * (2 * x + y) - 6 * inverse * f * z
+        for x, y, z in zip(c2, n[1], a3, strict=True)
     ]
-    gradient = sum(_times(block, n) for block, n in zip(blocks, force, strict=True))
-    hessian: Array | float = 0.0
-    for j, row in enumerate(blocks):
-        inner = sum(_product(stiffness[j + k], blocks[k]) for k in range(3))
-        hessian = hessian + _product(row, inner)
-    # Second derivatives of B and P, weighed by their forces.
-    moments = 2 * inverse * force[1]
-    turning = dot(moments, h)
-    outer = step[:, None] * step
-    metric = turning * (2 * outer - inverse * determinant)
-    mixed = -step[:, None] * moments
-    zero = jnp.zeros_like(mixed)
-    bow = -dot(force[2], a)
-    f_hessian = _blocks(
-        saddle * (12 * outer - 3 * inverse * determinant),
-        -3 * inverse**3 * step[:, None] * by_det,
-        inverse**3 * determinant + zero,
-    )
-    pull = jnp.concatenate([force[2], jnp.zeros_like(force[2])])
-    coupled = pull[:, None] * f
-    hessian = hessian + _blocks(metric, mixed, zero) + bow * f_hessian
-    hessian = hessian - coupled - jnp.swapaxes(coupled, 0, 1)
-    return jax.lax.optimization_barrier(Resultants(gradient, hessian))
-
-
-def _times(matrix: Float[Array, "3 n *point"], x: Float[Array, "3 *point"]) -> Array:
-    """The transpose of a matrix times a vector."""
-    return matrix[0] * x[0] + matrix[1] * x[1] + matrix[2] * x[2]
-
-
-def _product(a: Float[Array, "3 n *point"], b: Float[Array, "3 m *point"]) -> Array:
-    """The transpose of a matrix times a matrix, written out over the three rows."""
-    return a[0][:, None] * b[0] + a[1][:, None] * b[1] + a[2][:, None] * b[2]
-
-
-def _blocks(top: Array, mixed: Array, bottom: Array) -> Array:
-    """A symmetric 6 x 6 matrix from its blocks."""
-    upper = jnp.concatenate([top, mixed], 1)
-    lower = jnp.concatenate([jnp.swapaxes(mixed, 0, 1), bottom], 1)
-    return jnp.concatenate([upper, lower], 0)
+    shifted = [2 * inverse * x for x in a3]
+    both = turning + 3 * f * bow
+    scalars = [inverse, f, cube, aa, bow, both, turning]
+    scalars += [cc - 6 * f * ca + 9 * f * f * aa + 2 * turning + 12 * f * bow]
+    scalars += [ca - 3 * f * aa - 3 * bow]
+    rows = staged([*scalars, *g, *b, *pulled, *by_g, *by_gh, *shifted])
+    inverse, f, cube, aa, bow, both, turning, gg, gb = rows[:9]
+    g, b, pulled, by_g, by_gh, shifted = (rows[k : k + 3] for k in range(9, 27, 3))
+    entries = [n[0][p] - f * n[2][p] - g[p] * both for p in range(3)]
+    entries += [2 * inverse * n[1][p] + bow * b[p] for p in range(3)]
+    for p, q in _VOIGT:
+        metric = m[0][_ENTRY[p][q]] - f * (2 * m[2][_ENTRY[p][q]] - f * m[4][_ENTRY[p][q]])
+        metric = metric - g[p] * by_g[q] - by_g[p] * g[q] + gg * g[p] * g[q]
+        entries.append(metric - inverse * both * float(_DETERMINANT[p, q]))
+    for p in range(3):
+        for q in range(3):
+            k = _ENTRY[p][q]
+            mixed = 2 * inverse * (m[1][k] - f * m[3][k]) - g[p] * by_gh[q]
+            entries.append(mixed - pulled[p] * b[q] + gb * g[p] * b[q])
+    for p, q in _VOIGT:
+        bending = 4 * inverse * inverse * m[2][_ENTRY[p][q]] + aa * b[p] * b[q]
+        bending = bending - b[p] * shifted[q] - shifted[p] * b[q]
+        entries.append(bending + bow * cube * float(_DETERMINANT[p, q]))
+    entries = staged(entries)
+    second = [[entries[0]] * 6 for _ in range(6)]
+    for k, (p, q) in enumerate(_VOIGT):
+        second[p][q] = second[q][p] = entries[6 + k]
+        second[3 + p][3 + q] = second[3 + q][3 + p] = entries[21 + k]
+    for p in range(3):
+        for q in range(3):
+            second[p][3 + q] = second[3 + q][p] = entries[12 + 3 * p + q]
+    return Resultants(entries[:6], second)
 
 
 def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
@@ -305,9 +321,9 @@ def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
     return jnp.stack([jnp.stack(row) for row in rows])
 
 
-def stress(s: Surface, first: Float[Array, "6 *point"]) -> list[Vector]:
+def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
     """Derivatives of the energy density by u,s u,z u,ss u,zz u,sz."""
-    pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
+    pull = total(first[3 + k] * v for k, v in enumerate(s.second))
     by_s = 2 * first[0] * s.rs + first[2] * s.rz + cross(s.rz, pull)
     by_z = 2 * first[1] * s.rz + first[2] * s.rs + cross(pull, s.rs)
     return [by_s, by_z, *(first[3 + k] * s.m for k in range(3))]
@@ -332,8 +348,7 @@ def tangent(
     """Second derivatives of the energy less pressure times volume, per area.
 
     Returns:
-        A block for each of `PAIRS`; those of a kind with itself halved, so that the sum over
-        the pairs and its transpose make the whole.
+        A block for each of `PAIRS`.
     """
     first, second = found.first, found.second
     zero = jnp.zeros_like(s.rs)
@@ -341,22 +356,22 @@ def tangent(
     by_z = [zero, 2 * s.rz, s.rs, *(cross(v, s.rs) for v in s.second)]
 
     def weighed(rows: list[Vector]) -> list[Vector]:
-        return [sum(second[p, q] * rows[p] for p in range(6)) for q in range(6)]
+        return [total(second[p][q] * rows[p] for p in range(6)) for q in range(6)]
 
     s_weighed, z_weighed = weighed(by_s), weighed(by_z)
 
     def joint(weighed: list[Vector], rows: list[Vector]) -> Array:
-        return sum(x[:, None] * y for x, y in zip(weighed, rows, strict=True))
+        return total(x[:, None] * y for x, y in zip(weighed, rows, strict=True))
 
     eye = jnp.asarray(np.eye(3).reshape(3, 3, *(1,) * (s.u.ndim - 1)))
-    pull = sum(first[3 + k] * v for k, v in enumerate(s.second))
+    pull = total(first[3 + k] * v for k, v in enumerate(s.second))
     across = jnp.asarray([1.0, 1.0, 0.0]).reshape(3, *(1,) * (s.u.ndim - 1))
     away = across * (radius * s.n + s.u)
     skew_s, skew_z = _skew(s.rs), _skew(s.rz)
     blocks = {
-        (1, 1): joint(s_weighed, by_s) / 2 + first[0] * eye,
+        (1, 1): joint(s_weighed, by_s) + 2 * first[0] * eye,
         (1, 2): joint(s_weighed, by_z) + first[2] * eye - _skew(pull + pressure / 2 * away),
-        (2, 2): joint(z_weighed, by_z) / 2 + first[1] * eye,
+        (2, 2): joint(z_weighed, by_z) + 2 * first[1] * eye,
         (0, 1): -pressure / 2 * across[:, None] * skew_z,
         (0, 2): pressure / 2 * across[:, None] * skew_s,
     }
@@ -365,6 +380,5 @@ def tangent(
         blocks[1, 3 + a] = s_weighed[3 + a][:, None] * s.m + first[3 + a] * skew_z
         blocks[2, 3 + a] = z_weighed[3 + a][:, None] * s.m - first[3 + a] * skew_s
         for b in range(a, 3):
-            share = 0.5 if a == b else 1.0
-            blocks[3 + a, 3 + b] = share * second[3 + a, 3 + b] * normals
+            blocks[3 + a, 3 + b] = second[3 + a][3 + b] * normals
     return jnp.stack([blocks[pair] for pair in PAIRS])

@@ -29,7 +29,8 @@ from jaxtyping import Array, Float
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 
-_SHEAR = 0.525
+SHEAR = 0.525
+"""Constant A of the energy of transverse shear."""
 _CLAMP_MOMENT, _CLAMP_NORMAL_MOMENT, _CLAMP_NORMAL_SHEAR = -0.071, 0.081, 0.397
 INDENTATION = 0.637
 """Constant e of a line load's own field."""
@@ -60,7 +61,7 @@ def omitted_energy(
     """
     _, first, second, _ = sample_points()
     shear = (at.moment[2] - at.moment[1]) / ((second - first) * lengths)
-    total = _SHEAR * jnp.sum(lengths * shear**2, 0) / (modulus * thickness)
+    total = SHEAR * jnp.sum(lengths * shear**2, 0) / (modulus * thickness)
     # Outwards along the arc Q changes its sign with the side of the clamp.
     for point, element, side in ((0, 0, 1.0), (3, -1, -1.0)):
         n, m = at.normal[point, element], at.moment[point, element]

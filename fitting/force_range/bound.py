@@ -1,0 +1,274 @@
+"""How well a load can be told from a skin's taxels, before and after it reaches the wall.
+
+No unbiased estimate of a load's angle and force has a smaller covariance than ::
+
+    C = (J^T W J)^-1            (Cramer and Rao)
+
+with the exact derivatives J of all readings by angle and force and the inverse variances W of
+the readings: the converter's noise, its rounding, 1/12, and the model's error, a share of the
+reading's change from rest, as in the inverse. Saturated taxels say nothing. Once
+the membrane lies on the wall nearly all further load goes there: readings hardly change and
+the bound on the force grows by orders of magnitude. That is where the range ends.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.estimator import MODEL_ERROR
+from suas_jax.config import SkinSpec
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
+from suas_jax.sensing.converter import Converter
+
+Floats = NDArray[np.float64]
+
+TOLD = 0.2
+"""Standard deviation, relative to the force, up to which a force can be told."""
+LADDER = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.85, 0.95, 0.99)
+BEYOND = (1.01, 1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0)
+"""Forces at which the bound is evaluated, in terms of first contact: before it and after."""
+
+_CLOSEST = 2.0  # thicknesses from a clamp within which no load is put
+_SMALLEST = 1e-3  # force at which the search for first contact starts [N]
+_LARGEST = 1e6  # and where it is given up [N]
+
+
+@dataclass(frozen=True)
+class ForceRange:
+    """The range of one radial line load over the skin.
+
+    Attributes:
+        angle: of the load [angle] [rad].
+        first_contact: force at which the membrane reaches the wall [angle] [N]; NaN where
+            it never does, or where the way there has no equilibrium.
+        oil_pressure: there [angle] [Pa].
+        force: at which the bound is evaluated [angle, force] [N].
+        force_error: least standard deviation of an estimated force [angle, force] [N].
+        angle_error: of an estimated angle [angle, force] [rad].
+        wall_force: that the wall carries [angle, force] [N].
+        saturated: taxels at the converter's limit [angle, force, taxel].
+        noise: standard deviation of a reading, rounding included [counts].
+        modelled: whether the wall holds the membrane, so that anything beyond first
+            contact is known.
+    """
+
+    angle: Floats
+    first_contact: Floats
+    oil_pressure: Floats
+    force: Floats
+    force_error: Floats
+    angle_error: Floats
+    wall_force: Floats
+    saturated: NDArray[np.bool_]
+    noise: float
+    modelled: bool
+
+    @property
+    def told(self) -> NDArray[np.bool_]:
+        """Whether a force can be told, to `TOLD` of itself [angle, force]."""
+        return np.asarray(self.force_error <= TOLD * self.force)
+
+    @property
+    def smallest(self) -> Floats:
+        """Smallest force evaluated that can be told [angle] [N]; NaN where none can."""
+        return _first(self.force, self.told)
+
+    @property
+    def largest(self) -> Floats:
+        """Largest force evaluated that can be told [angle] [N]; NaN where none can."""
+        return _first(self.force[:, ::-1], self.told[:, ::-1])
+
+    @property
+    def saturation(self) -> Floats:
+        """Smallest force evaluated at which some taxel is saturated [angle] [N], or NaN."""
+        return _first(self.force, np.any(self.saturated, -1))
+
+    def report(self) -> dict[str, Any]:
+        """What `suas range --json` prints."""
+        return {
+            "noise_counts": self.noise,
+            "told_relative_error": TOLD,
+            "contact_modelled": self.modelled,
+            "angles": [self._row(i) for i in range(len(self.angle))],
+        }
+
+    def _row(self, i: int) -> dict[str, Any]:
+        known = bool(np.isfinite(self.first_contact[i]))
+        at = {
+            "force_N": float(self.first_contact[i]),
+            "oil_pressure_Pa": float(self.oil_pressure[i]),
+        }
+        points = [
+            {
+                "force_N": float(self.force[i, k]),
+                "wall_contact": bool(self.force[i, k] > self.first_contact[i]),
+                "wall_force_N": float(self.wall_force[i, k]),
+                "force_error_N": float(self.force_error[i, k]),
+                "angle_error_deg": float(np.rad2deg(self.angle_error[i, k])),
+                "saturated_taxels": int(self.saturated[i, k].sum()),
+            }
+            for k in range(self.force.shape[1])
+            if np.isfinite(self.force[i, k])
+        ]
+        return {
+            "angle_deg": float(np.rad2deg(self.angle[i])),
+            "first_contact": at if known else None,
+            "smallest_force_told_N": float(self.smallest[i]),
+            "largest_force_told_N": float(self.largest[i]),
+            "saturation_force_N": float(self.saturation[i]),
+            "points": points,
+        }
+
+
+def force_range(
+    spec: SkinSpec,
+    angles: int = 17,
+    noise: float | None = None,
+    progress: Callable[[str], None] = lambda text: None,
+) -> ForceRange:
+    """Find where the range of a radial line load ends, for loads over the skin.
+
+    Args:
+        spec: the skin, with electrodes.
+        angles: how many, evenly from clamp to clamp.
+        noise: standard deviation of a reading [counts]; the skin file's if None.
+        progress: called with what is being done.
+
+    Raises:
+        ValueError: the skin has no electrodes, or an argument makes no sense.
+    """
+    if angles < 1:
+        raise ValueError(f"angles = {angles}: at least one is needed")
+    free = skin_of(spec, contact=False)
+    assert spec.electrodes is not None
+    deviation = spec.electrodes.noise if noise is None else noise
+    if not (np.isfinite(deviation) and deviation >= 0):
+        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
+    geometry = free.geometry
+    edge = float(
+        geometry.half_angle[0] - _CLOSEST * geometry.thickness[0] / geometry.mid_radius[0]
+    )
+    angle = np.linspace(-edge, edge, angles) if angles > 1 else np.zeros(1)
+    progress("first contact")
+    touch, pressure = _first_contacts(free, angle)
+    held = skin_of(spec)
+    rest = np.asarray(COMPILED.run(_rest_readings, free))
+    ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
+    force = touch[:, None] * ladder
+    progress("what the taxels tell")
+    reading = deviation**2 + 1 / 12
+    so, jacobian, wall_force, failed = _sensitivities(held, angle, force)
+    variance = reading + (MODEL_ERROR * (so - rest)) ** 2
+    full = Converter().full_scale
+    # No capacitance: membrane and electrode touch, which reads full scale.
+    saturated = ~failed & (~np.isfinite(so) | (so >= full) | (so <= 0))
+    weight = np.where(saturated | failed, 0.0, 1 / np.where(saturated, 1.0, variance))
+    angle_error, force_error = least_errors(np.nan_to_num(jacobian), np.nan_to_num(weight))
+    unknown = failed[0]
+    return ForceRange(
+        angle,
+        touch,
+        pressure,
+        force,
+        np.where(unknown, np.nan, force_error),
+        np.where(unknown, np.nan, angle_error),
+        np.where(unknown, np.nan, wall_force),
+        np.moveaxis(saturated, 0, -1),
+        float(np.sqrt(reading)),
+        held.wall is not None,
+    )
+
+
+@eqx.filter_jit
+def _forward(skin: Skin, loads: Loads) -> tuple[Any, ...]:
+    found = forward(skin, loads)
+    return found.min_gap, found.oil_pressure, found.result
+
+
+@eqx.filter_jit
+def _sensitivity(skin: Skin, loads: Loads) -> tuple[Any, ...]:
+    found, jacobian = load_jacobian(skin, loads)
+    return found.so, jacobian[:2, 0], found.wall_force, found.result
+
+
+def _first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
+    """Forces at which the gap closes, by doubling and bisection, and the oil's pressure."""
+    low, high = np.full(len(angle), _SMALLEST), np.full(len(angle), np.inf)
+    lost = np.zeros(len(angle), bool)
+    pressure = np.full(len(angle), np.nan)
+    force = low.copy()
+    for _ in range(80):
+        gap, p, result = (
+            np.asarray(x) for x in COMPILED.run(_forward, skin, Loads.line(angle, force))
+        )
+        closed = gap <= 0  # of a failure, too: the gap is that of the last equilibrium
+        lost |= (result != 0) & ~closed
+        low = np.where(closed, low, force)
+        high = np.where(closed, force, high)
+        pressure = np.where(closed & (result == 0), p, pressure)
+        open_ = np.isinf(high)
+        lost |= open_ & (force > _LARGEST)
+        bounded = np.where(open_, 4.0 * low, high)
+        force = np.where(lost, _SMALLEST, np.sqrt(low * bounded))
+        force = np.where(open_ & ~lost, 2 * low, force)
+        if (lost | (high < 1.0001 * low)).all():
+            break
+    return np.where(lost, np.nan, high), np.where(lost, np.nan, pressure)
+
+
+def least_errors(jacobian: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """Least standard deviations of two parameters by the bound of Cramer and Rao.
+
+    Args:
+        jacobian: derivatives of the readings [parameter, taxel, ...].
+        weight: inverse variances of the readings [taxel, ...].
+    """
+    information = np.einsum("at...,bt...,t...->ab...", jacobian, jacobian, weight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first, second = np.sqrt(information[0, 0]), np.sqrt(information[1, 1])
+        share = information[0, 1] / (first * second)
+        left = np.sqrt(1 - share**2)
+        errors = 1 / (first * left), 1 / (second * left)
+    known = [np.where(np.isfinite(x), x, np.inf) for x in errors]
+    return known[0], known[1]
+
+
+@eqx.filter_jit
+def _rest_readings(skin: Skin) -> Any:
+    return forward(skin, Loads.line(0.0, 0.0)).so[..., None]
+
+
+def _sensitivities(
+    skin: Skin, angle: Floats, force: Floats
+) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Readings, derivatives by angle and force, the wall's force, what has no solution.
+
+    Returns:
+        [taxel, angle, force], [parameter, taxel, angle, force], [angle, force] and
+        [1, angle, force].
+    """
+    known = np.isfinite(force)
+    loads = Loads.line(
+        np.repeat(angle, force.shape[1]), np.where(known, force, _SMALLEST).ravel()
+    )
+    so, jacobian, wall_force, result = (
+        np.asarray(x) for x in COMPILED.run(_sensitivity, skin, loads)
+    )
+    failed = (result != 0).reshape(force.shape) | ~known
+    return (
+        so.reshape(-1, *force.shape),
+        jacobian.reshape(2, -1, *force.shape),
+        wall_force.reshape(force.shape),
+        failed[None],
+    )
+
+
+def _first(force: Floats, holds: NDArray[np.bool_]) -> Floats:
+    """First force of every row for which something holds, or NaN."""
+    found = force[np.arange(len(force)), holds.argmax(1)]
+    return np.where(holds.any(1), found, np.nan)

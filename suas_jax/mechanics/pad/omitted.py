@@ -1,0 +1,61 @@
+"""What the pad's thin shell leaves out, as energy: the source of its modelling error.
+
+Normals that stay normal forbid transverse shear. With the moments M of the shell and the
+transverse force Q = div M it stores, in a membrane of shear modulus G and thickness t::
+
+    E = integral of A |Q|^2 / (G t) dA
+
+with the constant A of the section's shell (`suas_jax.mechanics.shell.omitted`). To first
+order the solution of the potential less E is one more substitution with the tangent at
+hand. The field of a patch itself, and how a clamp holds a face, are not part of it.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.pad.points import Layers, Surface, energy_density
+from suas_jax.mechanics.shell.omitted import SHEAR
+
+Moments = Float[Array, "3 point"]
+
+
+def moments(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Moments:
+    """Derivatives of the energy density by h_11 h_22 h_12: M_11, M_22 and 2 M_12 [N].
+
+    Args:
+        law: the material.
+        s: the mid-surface at points.
+        fibres: through the thickness.
+        radius: of the undeformed mid-surface [m].
+    """
+
+    def energy(bending: Moments) -> Array:
+        return jnp.sum(energy_density(law, s._replace(bending=bending), fibres, radius))
+
+    return jax.grad(energy)(s.bending)
+
+
+def shear_energy_density(
+    moments_at: Callable[[Array, Array], Moments],
+    place: tuple[Float[Array, " point"], Float[Array, " point"]],
+    radius: Array,
+    stiffness: Array,
+) -> Float[Array, " point"]:
+    """Energy of transverse shear per area of the mid-surface [J/m^2].
+
+    Args:
+        moments_at: moments at reference angles [rad] and axial positions [m].
+        place: where, inside elements.
+        radius: of the undeformed mid-surface [m].
+        stiffness: G t [N/m].
+    """
+    one, zero = jnp.ones_like(place[0]), jnp.zeros_like(place[0])
+    by_arc = jax.jvp(moments_at, place, (one, zero))[1] / radius
+    by_axial = jax.jvp(moments_at, place, (zero, one))[1]
+    along = by_arc[0] + by_axial[2] / 2
+    across = by_arc[2] / 2 + by_axial[1]
+    return SHEAR * (along**2 + across**2) / stiffness

@@ -1,0 +1,195 @@
+"""The pad's stiffness matrix: from second derivatives at points to bands of stations.
+
+Elements go through one scan along the stations, a row of elements across at a time: small
+enough for the cache, and one matrix product each. Along the stations the product's table
+already holds the splines of that row, across it holds Bernstein polynomials, turned into
+control values afterwards.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.mechanics.pad.net import Net, Tables
+from suas_jax.mechanics.pad.points import total
+from suas_jax.numerics.block_banded import REACH
+from suas_jax.numerics.bspline import SplineAxis
+
+# Upper bands of a matrix on all control values along the stations, in Cartesian components:
+# by offset along, control value of the row, offset across, components, station across.
+Upper = Float[Array, "4 control 7 3 3 across"]
+
+# Pairs of an element's control values, row first, by offset.
+SLOTS = [(i, i + o) for o in range(4) for i in range(4 - o)]
+_ACROSS = range(-REACH, REACH + 1)
+
+
+def upper_bands(
+    net: Net,
+    tables: Tables,
+    pairs: Sequence[tuple[int, int]],
+    orders: Sequence[int],
+    blocks: Float[Array, "pair 3 3 gauss gauss long across"],
+    lengths: Float[Array, " long"],
+) -> Upper:
+    """Sum the elements.
+
+    Args:
+        net: the control net.
+        tables: constants, those of `both_ways` of the pairs.
+        pairs: of kinds of derivatives.
+        orders: of differentiation along the stations, by kind.
+        blocks: second derivatives of a density by each pair, times powers of the lengths
+            across.
+        lengths: of the elements along the stations [m].
+    """
+    topology = net.topology
+    mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
+    every = both_ways(pairs)
+    along, across = net.extraction()
+    splines = jnp.einsum("oga,iae->ogie", tables.long, along)
+    powers = jnp.stack([lengths**-order for order in range(3)])
+    splines = splines * powers[:, None, None]
+    left, right = (np.array([orders[pair[side]] for pair in every]) for side in (0, 1))
+    rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
+    table = splines[left][:, :, rows] * splines[right][:, :, columns]
+    table = table * (tables.weights[:, None, None] * lengths)
+    table = jnp.transpose(table, (3, 2, 0, 1))  # [element, slots, pair, gauss]
+    bernstein = jnp.asarray(np.transpose(tables.across, (2, 0, 1)))  # [16, pair, gauss]
+    count = topology.across.elements
+    # Extraction across for the components of rows and of columns.
+    shape = (4, 4, 3, 3, count)
+    by_slot = jnp.moveaxis(across, 0, 2)  # [control, Bernstein, component, element]
+    of_rows = jnp.broadcast_to(by_slot[:, :, :, None], shape).reshape(4, 4, -1)
+    of_columns = jnp.broadcast_to(by_slot[:, :, None], shape).reshape(4, 4, -1)
+
+    def row(_: None, at: tuple[Array, Array]) -> tuple[None, Array]:
+        element, mine = at
+        block = jax.lax.dynamic_index_in_dim(blocks, element, 5, keepdims=False)
+        block = jnp.concatenate([block, jnp.swapaxes(block[mixed], 1, 2)])
+        block = jnp.transpose(block, (0, 3, 4, 1, 2, 5)).reshape(-1, 9 * count)
+        product = mine[:, None, :, :, None] * bernstein[:, :, None]
+        k = product.reshape(len(SLOTS) * 16, -1) @ block
+        k = k.reshape(len(SLOTS), 4, 4, 9 * count)
+        k = total(k[:, a, None] * of_rows[:, a, None] for a in range(4))
+        k = total(k[:, :, a, None] * of_columns[:, a] for a in range(4))
+        k = k.reshape(len(SLOTS), 4, 4, 3, 3, count)
+        return None, jnp.stack([_by_diagonal(k, o, topology.across) for o in _ACROSS], 1)
+
+    _, found = jax.lax.scan(row, None, (jnp.arange(len(lengths)), table))
+    bands, first = [], 0
+    for o in range(REACH + 1):
+        slots = range(4 - o)
+        parts = [found[:, first + i] for i in slots]
+        first += len(parts)
+        controls = topology.long.first[:, None] + np.arange(4)
+        bands.append(_summed(parts, slots, 0, controls, topology.long.stations + 2))
+    return jnp.stack(bands)
+
+
+def both_ways(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Pairs, then those of different kinds the other way round."""
+    return [*pairs, *((b, a) for a, b in pairs if a != b)]
+
+
+def dense_bands(net: Net, upper: Upper) -> Float[Array, "station 4 dof dof"]:
+    """Lower bands of stations, in local components, as dense blocks."""
+    folded = _folded(upper, net)[:, 1:-1]
+    return _dense(_turned(folded, net))
+
+
+def _by_diagonal(k: Array, offset: int, across: SplineAxis) -> Array:
+    """Sum elements across, on the diagonal with an offset."""
+    slots = range(max(0, -offset), min(4, 4 - offset))
+    parts = [k[:, i, i + offset] for i in slots]
+    return _summed(parts, slots, -1, across.station_of, across.stations)
+
+
+def _summed(parts: list[Array], slots: range, axis: int, where: np.ndarray, size: int) -> Array:
+    """Sum what elements give to their control values.
+
+    Args:
+        parts: one for each of `slots`, elements along an axis.
+        slots: which of an element's control values.
+        axis: which axis.
+        where: place of each element's control values [element, 4]; none if negative.
+        size: number of places.
+    """
+    count = len(where)
+    even = np.all(np.diff(where[:, 1:3], axis=0) == 1)
+    total: Array | float = 0.0
+    for slot, part in zip(slots, parts, strict=True):
+        room = [(0, 0, 0)] * part.ndim
+        zero = jnp.zeros((), part.dtype)
+        if even:
+            start = int(where[0, 1]) + slot - 1
+            room[axis] = (start, size - count - start, 0)
+            total = total + jax.lax.pad(part, zero, room)
+        else:
+            room[axis] = (0, 1, 0)
+            element = np.full(size + 1, count)
+            element[where[:, slot]] = np.arange(count)
+            total = total + jnp.take(jax.lax.pad(part, zero, room), element[:-1], axis)
+    return total  # type: ignore[return-value]
+
+
+def _transposed(x: Float[Array, "7 3 3 across"]) -> Array:
+    """The transpose of a block."""
+    rows = [jnp.roll(x[REACH - o], -o, -1) for o in _ACROSS]
+    return jnp.swapaxes(jnp.stack(rows), 1, 2)
+
+
+def _folded(upper: Upper, net: Net) -> Upper:
+    """Add what belongs to images beyond mirror planes to what they are images of."""
+    axis, odd = net.topology.long, np.array(net.parities[0], float)
+    rows, columns = odd[:, None, None], odd[:, None]
+    add: list[tuple[int, int, Any]] = []
+    if axis.left == "mirror":
+        itself, two = upper[0, 0] * rows * columns, upper[2, 0] * rows
+        add.append((0, 2, itself + two + _transposed(two)))
+        add.append((1, 1, _transposed(upper[1, 0] * rows)))
+        add.append((1, 2, upper[3, 0] * rows))
+    if axis.right == "mirror":
+        last = axis.stations + 1
+        itself, two = upper[0, last] * rows * columns, upper[2, last - 2] * columns
+        add.append((0, last - 2, itself + two + _transposed(two)))
+        add.append((1, last - 2, _transposed(upper[1, last - 1] * columns)))
+        add.append((1, last - 3, upper[3, last - 3] * columns))
+    for offset, control, block in add:
+        upper = upper.at[offset, control].add(block)
+    return upper
+
+
+def _turned(x: Float[Array, "4 station 7 3 3 across"], net: Net) -> Array:
+    """Turn Cartesian components into local ones."""
+    frames = net.frames[:2, 1]  # sine and cosine, with their signs, of the arc's columns
+    if net.topology.along_arc:
+        rows = frames[:, None, :, None, None, None, None]
+        ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in range(REACH + 1)], 1)
+        columns = ahead[:, :, :, None, None, None, None]
+    else:
+        rows = frames[:, None, None, None, None, None]
+        ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in _ACROSS], 1)
+        columns = ahead[:, None, None, :, None, None]
+    for axis, (sine, cosine) in ((3, rows), (4, columns)):
+        parts = [jax.lax.slice_in_dim(x, c, c + 1, axis=axis) for c in range(3)]
+        tangential = cosine * parts[0] + sine * parts[1]
+        normal = cosine * parts[1] - sine * parts[0]
+        x = jnp.concatenate([tangential, normal, parts[2]], axis)
+    return x
+
+
+def _dense(x: Float[Array, "4 station 7 3 3 across"]) -> Float[Array, "station 4 dof dof"]:
+    """Lower dense blocks from upper bands."""
+    count, width, n = x.shape[1], x.shape[2], x.shape[5]
+    x = jnp.transpose(x, (1, 0, 4, 3, 5, 2))  # [..., row, diagonal]
+    others = x.shape[:-2]
+    # Read with rows one shorter than they are, every row moves on by one more column.
+    wide = jnp.pad(x, [(0, 0)] * 5 + [(0, n)]).reshape(*others, n * (n + width))
+    rows = wide[..., : n * (n + width - 1)].reshape(*others, n, n + width - 1)
+    square = rows[..., REACH : REACH + n]  # [station, offset, column c, row c, row, column]
+    return jnp.transpose(square, (0, 1, 5, 2, 4, 3)).reshape(count, 4, 3 * n, 3 * n)
