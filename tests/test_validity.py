@@ -64,7 +64,7 @@ def test_energies_and_stretches_that_are_none(
 
 
 def test_forces_out_of_balance_are_named(problem: Problem, state: State) -> None:
-    """Just above and just below a billionth of the load, by another factor on the loads."""
+    """Above and below what rounding explains, by another factor on the loads."""
     for change, name in ((1e-10, "converged"), (1e-6, "unbalanced"), (np.nan, "unbalanced")):
         off = state._replace(factor=state.factor + change)
         assert name_of(problem, off) == name
