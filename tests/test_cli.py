@@ -131,6 +131,7 @@ def test_vented_collapse_is_a_named_failure_with_a_state(tmp_path: Path) -> None
     scene = (SCENES / "vented.toml").read_text(encoding="utf-8")
     path = tmp_path / "collapse.toml"
     scene = scene.replace('"10 N"', '"20 N"').replace("../skins", str(SCENES.parent / "skins"))
+    scene += "\n[wall]\ncontact = false\n"
     path.write_text(scene, encoding="utf-8")
     report = json.loads(suas("solve", str(path), "--json", status=3).stdout)
     assert report["status"] == "limit_point"

@@ -9,7 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from suas_jax.constitutive import NeoHookean, Ogden, diaphragm, inflated_diaphragm
+from suas_jax.constitutive import NeoHookean, Ogden, inflated_diaphragm
+from suas_jax.constitutive.specimens import diaphragm
 
 MU, ALPHA = np.array([6.3e5, 0.012e5, -0.1e5]), np.array([1.3, 5.0, -2.0])
 OGDEN = Ogden(MU, ALPHA)

@@ -53,6 +53,7 @@ def sensing(*loads: dict, table: dict | None = None, **oil: object) -> object:
             "material": EPDM,
             "oil": {"model": "incompressible", "relative_permittivity": 2.2} | oil,
             "electrodes": table or electrodes(),
+            "wall": {"contact": False},
             "load": list(loads),
             "solve": {"model": "shell", "elements": 32},
         }
@@ -76,6 +77,8 @@ def test_formulas() -> None:
 
 class Bent:
     """Stands for a membrane: the undeformed face with a dent of given depth at the crown."""
+
+    wall = None
 
     def face(self, q: jax.Array, inner_radius: jax.Array) -> PolarFace:
         """As `AbstractMechanics.face`."""

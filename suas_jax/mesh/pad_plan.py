@@ -347,13 +347,13 @@ def _breakpoints(
     """Breakpoints as fractions of half the extent, by a density of elements."""
     # Lengths in decay lengths, rounded: scenes that differ by little are divided alike, so
     # that the difference of two solves is what the gradient says.
-    extent = rounded(half / decay)
+    extent = _stepped(half / decay)
     x = np.linspace(-extent, extent, 4001)
     size = np.full_like(x, _LARGEST)
     sources = [(-extent, 0.0, _EDGE), (extent, 0.0, _EDGE)] if clamped else []
     for centre, reach in marks:
         place = np.round(centre / half * _PLACES) / _PLACES
-        sources.append((place * extent, rounded(reach / half) * extent, _LOAD))
+        sources.append((place * extent, _stepped(reach / half) * extent, _LOAD))
     for centre, reach, smallest in sources:
         distance = np.maximum(np.abs(x - centre) - reach, 0)
         size = np.minimum(size, smallest + _GROWTH * distance)
@@ -371,6 +371,11 @@ def _breakpoints(
     places = np.interp(np.arange(count + 1) / count, total / total[-1], x / extent)
     places[0], places[-1] = -1.0, 0.0 if mirrored else 1.0
     return places
+
+
+def _stepped(length: float) -> float:
+    """The nearest of lengths that follow one another by two per cent."""
+    return float(2 ** (np.round(32 * np.log2(length)) / 32)) if length > 0 else length
 
 
 def _halved(x: np.ndarray) -> np.ndarray:
