@@ -65,7 +65,7 @@ def test_what_a_scene_does_not_need_is_not_solved() -> None:
     assert half["unknowns"] == 7 * 4 + 1 + 2 + 1  # the crown keeps y and the stretch
     nothing = solve(scene(line(45, 0))).report
     assert (nothing["unknowns"], nothing["iterations"]) == (0, 0)
-    assert nothing["max_displacement_m"] == 0
+    assert nothing["max_displacement_m"] < 1e-15  # rounding of the reference place
 
 
 def test_only_quantities_of_the_report_can_be_differentiated() -> None:
