@@ -55,7 +55,22 @@ def invert(
     false_alarm: Annotated[
         float, typer.Option(metavar="RATE", help="Of a contact where there is none.")
     ] = 0.01,
-    contacts: Annotated[int, typer.Option(min=1, max=3, help="Most to tell apart.")] = 3,
+    contacts: Annotated[
+        int,
+        typer.Option(min=1, max=4, help="Most to tell apart: up to 3, on a pad 4."),
+    ] = 3,
+    diameter: Annotated[
+        str,
+        typer.Option(metavar="LENGTH", help="On a pad: of the contacts, or 'free'."),
+    ] = "6 mm",
+    pressure_noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRESSURE",
+            help="On a pad: standard deviation of the log's oil_pressure_Pa, which is then "
+            "used, such as '5 Pa'.",
+        ),
+    ] = None,
     noise: Annotated[
         float | None,
         typer.Option(metavar="COUNTS", help="Standard deviation; default: the skin file's."),
@@ -103,7 +118,8 @@ def invert(
             most_contacts=contacts,
             noise=noise,
             live=live is not None,
-            **({} if model_error is None else {"model_error": model_error}),
+            model_error=model_error,
+            **_on_pads(diameter, pressure_noise),
         )
         if live is not None:
             if posterior is not None or plot is not None:
@@ -117,6 +133,22 @@ def invert(
             return
         assert log is not None
         _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
+
+
+def _on_pads(diameter: str, pressure_noise: str | None) -> dict[str, float | None]:
+    """What is known of contacts and pressure on a pad, from options to SI units."""
+    from suas_jax.config.quantities import parse_quantity
+
+    option = "--diameter"
+    try:
+        size = None if diameter == "free" else parse_quantity(diameter, "length")
+        settings: dict[str, float | None] = {"diameter": size}
+        if pressure_noise is not None:
+            option = "--pressure-noise"
+            settings["pressure_noise"] = parse_quantity(pressure_noise, "pressure")
+    except ValueError as error:
+        raise ValueError(f"{option}: {error}") from None
+    return settings
 
 
 def _say(text: str) -> None:
@@ -169,9 +201,13 @@ def _offline(
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
         _say(f"{log}: {note}")
+    if posterior is not None and estimator.spec.geometry.dimension == 3:
+        raise ValueError("--posterior: not available on a pad; see the covariances")
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
-        estimates = estimator.estimate(readings.so, readings.stuck, advance)
+        estimates = estimator.estimate(
+            readings.so, readings.stuck, advance, pressure=readings.pressure
+        )
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter

@@ -36,8 +36,8 @@ MODEL_ERROR = 2.5e-3
 FULL_SCALE = 65535
 MOST_CONTACTS = 3
 MOST_ON_PADS = 4
-PAD_MODEL_ERROR = 5e-3
-"""The same of the pad's shell with its first-order shear, mesh and table included."""
+PAD_MODEL_ERROR = 1e-2
+"""The same of a pad's table, taxel by taxel; what all taxels share is `PadDiscrepancy`'s."""
 DIAMETER = 6e-3
 """Of contacts on a pad where nothing else is said [m]: a fingertip's."""
 
@@ -97,7 +97,7 @@ class LoadEstimator:
         # A converter's rounding is noise, too.
         self._zero, uncertain = self._zero_of_readings()
         self._variance = noise**2 + 1 / 12 + uncertain
-        self.calibration = parts.calibration
+        self.calibration = parts.systematic
         if self.calibration is not None:
             self._variance = self._variance + self.calibration.rest_variance
         # What a further contact must gain: as rare as a tenth of a false alarm, and never
@@ -142,9 +142,7 @@ class LoadEstimator:
         pad = self.spec.geometry.dimension == 3
         most = MOST_ON_PADS if pad else MOST_CONTACTS
         if not 1 <= self.most_contacts <= most:
-            raise ValueError(
-                f"most_contacts = {self.most_contacts}: 1 to {most} are possible"
-            )
+            raise ValueError(f"most_contacts = {self.most_contacts}: 1 to {most} are possible")
         if pad:
             self._check_pad()
         if self.model_error is None:

@@ -2,22 +2,30 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment, SectionAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector, ArcDetector
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, LoadFitter
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, LoadFitter
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import SkinSpec
 from suas_jax.scene.forward import Skin, skin_of
 
-if TYPE_CHECKING:
-    from fitting.inverse_load.fit.calibration import CalibrationUncertainty
+
+class SystematicErrors(Protocol):
+    """Errors of estimates that are the same in every frame."""
+
+    @property
+    def rest_variance(self) -> NDArray[np.float64]:
+        """Variance of the model's readings at rest [taxel, counts^2]."""
+
+    def covariance(self, best: Explanations, per_contact: int) -> NDArray[np.float64]:
+        """Covariances of the parameters, padded as the information is."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,8 @@ class EstimationParts:
         fitter: fits loads to readings.
         assessment: turns fits into estimates.
         trials: readings of one and of two contacts, to compile or load what they need.
-        calibration: what the skin file's calibration leaves open; None where it states none.
+        systematic: errors that all frames share, such as what the skin file's calibration
+            leaves open; None where nothing is known of them.
     """
 
     rest: NDArray[np.float64]
@@ -40,7 +49,7 @@ class EstimationParts:
     fitter: AbstractLoadFitter
     assessment: AbstractLoadAssessment
     trials: tuple[NDArray[np.float64], NDArray[np.float64]]
-    calibration: "CalibrationUncertainty | None" = None
+    systematic: "SystematicErrors | None" = None
 
 
 def section_parts(
@@ -77,7 +86,7 @@ def section_parts(
     middle, quarter = len(table.angles) // 2, len(table.angles) // 4
     single = table.so[middle, table.so.shape[1] // 2]
     pair = table.so[quarter, -6] + table.so[-quarter, -6] - table.rest
-    calibration = None
+    calibration: SystematicErrors | None = None
     if spec.calibration is not None and spec.calibration.covariance:
         from fitting.inverse_load.fit.calibration import CalibrationUncertainty
 

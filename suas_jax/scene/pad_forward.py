@@ -107,7 +107,8 @@ class PadSkin(eqx.Module):
             for a, z, d in zip(*(np.asarray(x) for x in columns), strict=True)
         ]
         sizes = (g.half_angle, g.width, g.mid_radius, g.thickness)
-        plan = plan_pad(*(float(x[0]) for x in sizes), footprints, elements=self.elements)
+        half, width, radius, thickness = (float(x[0]) for x in sizes)
+        plan = plan_pad(half, width, radius, thickness, footprints, elements=self.elements)
         count = slots or len(footprints)
         return dataclasses.replace(plan, spread=(_DISC,) * count, discs=(True,) * count)
 
@@ -176,9 +177,7 @@ def with_shear(
     def body(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         y, _, last, count, _ = carry
         r, operator = residual(problem, y, level)
-        more = jax.lax.cond(
-            jnp.all(last), omitted, lambda y: jnp.zeros_like(y.stations), y
-        )
+        more = jax.lax.cond(jnp.all(last), omitted, lambda y: jnp.zeros_like(y.stations), y)
         border = None if r.border is None else jnp.zeros_like(r.border)
         both = jax.tree.map(lambda *x: jnp.stack(x), r, BorderedVector(more, border))
         solved = jax.vmap(lambda right: eliminate(operator, right).solution)(both)

@@ -48,9 +48,7 @@ class AbstractLoadAssessment(abc.ABC):
         """
 
     @abc.abstractmethod
-    def near_taxels(
-        self, place: NDArray[np.float64], taxels: NDArray[np.bool_]
-    ) -> bool:
+    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
         """Whether a contact lies near one of some taxels.
 
         Args:

@@ -66,6 +66,13 @@ class Contact:
         order = ("angle", "axial", "force", "diameter", "direction")
         return tuple(name for name in order if getattr(self, name) is not None)
 
+    def deviation(self, name: str) -> float:
+        """Standard deviation of what was estimated, by its name; NaN where unknown."""
+        if self.covariance is None:
+            return float("nan")
+        k = self.names.index(name)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
+
     @property
     def imprecise(self) -> bool:
         """Whether some standard deviation is larger than anybody wants."""

@@ -173,6 +173,7 @@ class AbstractLoadFitter(abc.ABC):
         weight: NDArray[np.float64],
         start: NDArray[np.float64],
         contacts: int,
+        to_beat: NDArray[np.float64],
     ) -> NDArray[np.intp]:
         """Starting points of several contacts that are worth a fit, all unless told otherwise.
 
@@ -182,6 +183,7 @@ class AbstractLoadFitter(abc.ABC):
             weight: inverse variances [start, taxel].
             start: parameters [start, parameter].
             contacts: their number.
+            to_beat: chi2 of a fit that would be no better than what is known [start].
         """
         return np.arange(len(start))
 

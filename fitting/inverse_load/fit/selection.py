@@ -165,7 +165,12 @@ class Selection:
                 break
             parameters = np.array([row[0] for s in starts for row in s])
             state = self.nodes.states(np.array([row[1] for s in starts for row in s]))
-            kept = self.fitter.screened(at, y[at], weight[at], parameters, count)
+            suspect = self._p_value(best)[at] < SUSPECT
+            to_beat = best.score[at] - (count - 1) * self.penalty
+            to_beat = np.where(suspect, np.inf, to_beat)
+            kept = self.fitter.screened(at, y[at], weight[at], parameters, count, to_beat)
+            if not kept.size:
+                break
             at, parameters = at[kept], parameters[kept]
             state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
             found = self._fit_several(y[at], weight[at], parameters, state, count)

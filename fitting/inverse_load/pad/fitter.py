@@ -26,7 +26,7 @@ _CHUNK = 64  # frames whose coefficients are gathered together
 _DAMPING, _GIVEN_UP = 1e-3, 1e8
 _ROUNDS = 4  # of solving several contacts and fitting again
 _MOVED = 0.1  # standard deviations below which a round is the last
-_HOPELESS = 60.0  # chi2 beyond the best start's at which another is not tried
+_SLACK = 5.0  # chi2 by which the interpolant may be worse than the solved contacts
 
 
 class _Fit(NamedTuple):
@@ -113,15 +113,21 @@ class PadFitter(AbstractLoadFitter):
         weight: NDArray[np.float64],
         start: NDArray[np.float64],
         contacts: int,
+        to_beat: NDArray[np.float64],
     ) -> NDArray[np.intp]:
-        """The start of every frame from which the interpolant alone explains it best."""
+        """The start of every frame from which the interpolant alone explains it best.
+
+        None where even that is no better than what is known: the interpolant is exact for a
+        contact beside one that hardly presses.
+        """
         start = self._completed(start, contacts)
         fit = self._fitted(y, weight, start, contacts, 0.0, False)
         best = [
             rows[np.argmin(fit.chi2[rows])]
             for rows in (np.flatnonzero(frames == i) for i in np.unique(frames))
         ]
-        return np.array(best, np.intp)
+        chosen = np.array(best, np.intp)
+        return chosen[fit.chi2[chosen] < to_beat[chosen] + _SLACK]
 
     def _completed(self, start: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
         if start.shape[1] < self.per_contact * contacts:
@@ -212,9 +218,7 @@ class PadFitter(AbstractLoadFitter):
 
     # --- several contacts -------------------------------------------------------------
 
-    def _refined(
-        self, y: Any, weight: Any, start: Any, contacts: int
-    ) -> tuple[_Fit, float]:
+    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[_Fit, float]:
         """Fit one frame by several contacts, solving them on the way."""
         kept, gap = self._kept.get(contacts), 1.0
         zero = np.zeros(y.shape[1])

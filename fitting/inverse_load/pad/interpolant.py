@@ -87,7 +87,6 @@ class PadInterpolant:
             value, slope = self._one(by_contact[:, :, c])
             change += value
             slopes[:, :, c] = slope
-        slopes = slopes.reshape(frames, -1, taxels + 1)
         total = change + correction
         u = self._rest + total[:, :taxels]
         least = _LEAST_GAP * self._rest
@@ -96,7 +95,7 @@ class PadInterpolant:
         so = self._stray + 1 / u
         by_u = np.where(open_, -1 / u**2, 0.0)
         readings = np.concatenate([so, total[:, taxels:]], 1)
-        jacobian = slopes
+        jacobian = slopes.reshape(frames, -1, taxels + 1)
         jacobian[..., :taxels] *= by_u[:, None]
         return Interpolated(readings, jacobian, change)
 

@@ -40,9 +40,7 @@ class PadNodeSearch(AbstractNodeSearch):
         self._table, self._radius, self._levels = table, radius, level
         self._grid = (len(table.angle), len(table.axial))
 
-    def distance(
-        self, a: NDArray[np.float64], b: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         """Between places on the outer face [..., (angle, axial, ...)] [m]."""
         along = self._radius * (a[..., 0] - b[..., 0])
         return np.asarray(np.hypot(along, a[..., 1] - b[..., 1]))

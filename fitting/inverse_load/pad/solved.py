@@ -55,9 +55,7 @@ class SolvedContacts:
         table = interpolant.tables[0]
         self._stray, self._rest = table.stray, 1 / (table.rest - table.stray)
 
-    def correction(
-        self, parameters: NDArray[np.float64], contacts: int
-    ) -> Correction | None:
+    def correction(self, parameters: NDArray[np.float64], contacts: int) -> Correction | None:
         """Solve some contacts; None where no state was found.
 
         Args:

@@ -5,8 +5,8 @@ An interpolating spline along each axis (not-a-knot, as SciPy makes it); a value
 """
 
 from dataclasses import dataclass
-from functools import reduce
 from math import factorial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,8 @@ class SplineBasis:
 
         Beyond the nodes the last polynomial goes on.
         """
-        i = np.clip(np.searchsorted(self._breaks, x, side="right") - 1, 0, len(self._pieces) - 1)
+        i = np.searchsorted(self._breaks, x, side="right") - 1
+        i = np.clip(i, 0, len(self._pieces) - 1)
         c, s = self._pieces[i], (x - self._breaks[i])[..., None]
         value = ((c[..., 0] * s + c[..., 1]) * s + c[..., 2]) * s + c[..., 3]
         slope = (3 * c[..., 0] * s + 2 * c[..., 1]) * s + c[..., 2]
@@ -83,7 +84,9 @@ class TensorSpline:
         Returns:
             Values [place, channel] and derivatives [place, variable, channel].
         """
-        found = [axis.at(np.asarray(v, float)) for axis, v in zip(self.axes, x, strict=True)]
+        found: list[Any] = [
+            axis.at(np.asarray(v, float)) for axis, v in zip(self.axes, x, strict=True)
+        ]
         count, variables = len(found[0][0]), len(found)
         shape = self.coefficients.shape
         index = np.zeros((count, 1), np.intp)
@@ -94,10 +97,9 @@ class TensorSpline:
         rows = []
         for wanted in range(variables + 1):
             parts = [f[2 if k + 1 == wanted else 1] for k, f in enumerate(found)]
-            rows.append(reduce(_outer, parts))
-        both = np.stack(rows, 1) @ block
+            row = parts[0]
+            for part in parts[1:]:
+                row = (row[:, :, None] * part[:, None]).reshape(count, -1)
+            rows.append(row)
+        both: NDArray[np.float64] = np.stack(rows, 1) @ block
         return both[:, 0], both[:, 1:]
-
-
-def _outer(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray((a[:, :, None] * b[:, None]).reshape(len(a), -1))

@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,7 +26,6 @@ from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.pad_forward import (
-    PadReadings,
     PadSkin,
     Patches,
     extrapolation,
@@ -229,7 +228,9 @@ def mirror_images(skin: PadSkin) -> tuple[PadSkin, NDArray[np.intp]]:
     )
     chosen = [jnp.asarray(x[:, None]) for x in every[first_of].T]
     count = len(first_of)
-    taxel = Taxels(*chosen[:3], (0,) * count, tuple(range(1, count + 1)))
+    angle, axial, diameter = chosen[:3]
+    numbers = tuple(range(1, count + 1))
+    taxel = Taxels(angle, axial, diameter, (0,) * count, numbers)
     electrodes = replace(
         e,
         taxels=taxel,
@@ -240,6 +241,15 @@ def mirror_images(skin: PadSkin) -> tuple[PadSkin, NDArray[np.intp]]:
         height=chosen[7],
     )
     return replace(skin, electrodes=electrodes), inverse.reshape(4, taxels)
+
+
+class Column(NamedTuple):
+    """Readings of one place, or of many with a leading axis; see `PadReadings`."""
+
+    so: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+    min_gap: NDArray[np.float64]
+    found: NDArray[np.bool_]
 
 
 class _Columns:
@@ -253,23 +263,23 @@ class _Columns:
 
     def solve(
         self, places: NDArray[np.float64], force: NDArray[np.float64], levels: NDArray
-    ) -> PadReadings:
+    ) -> Column:
         """Readings [place, level, ...] of places [place, 2] under shares of forces."""
         weights = extrapolation(levels)
 
-        def column(k: int) -> PadReadings:
+        def column(k: int) -> Column:
             values = (*places[k], force[k], self._diameter)
             patches = Patches(*(jnp.array([float(x)]) for x in values))
             plan = self.skin.plan(patches)
             found = COMPILED.run(_READ, self.skin, patches, plan, levels, weights)
             self._done += 1
             self._progress(min(self._done, self._total), self._total)
-            return PadReadings(*(np.asarray(x) for x in found))
+            return Column(*(np.asarray(x) for x in found))
 
         rows = [column(0)]  # compiles
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             rows += pool.map(column, range(1, len(places)))
-        return PadReadings(*(np.stack(x) for x in zip(*rows, strict=True)))
+        return Column(*(np.stack(x) for x in zip(*rows, strict=True)))
 
 
 def largest_forces(
@@ -306,7 +316,7 @@ def largest_forces(
 
 
 def _reach(
-    found: PadReadings, row: int, levels: NDArray[np.float64], left: float
+    found: Column, row: int, levels: NDArray[np.float64], left: float
 ) -> tuple[float, float]:
     """Shares of the force at which little of the gap is left, and none."""
     good = found.found[row] & (levels > 0) & np.isfinite(found.min_gap[row])
@@ -359,7 +369,7 @@ def _over(
 
 
 def _unfolded(
-    found: PadReadings,
+    found: Column,
     where: NDArray[np.intp],
     axes: tuple[NDArray[np.float64], NDArray[np.float64]],
     force: NDArray[np.float64],

@@ -87,9 +87,7 @@ class AbstractNodeSearch(abc.ABC):
         """The nearest node of every frame, and the nearest of those far from it, or -1."""
 
     @abc.abstractmethod
-    def nearest_to(
-        self, parameters: NDArray[np.float64], contacts: int
-    ) -> NDArray[np.intp]:
+    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
         """Nodes nearest to the first contacts of some parameters [frame, parameter]."""
 
     @abc.abstractmethod

@@ -80,9 +80,7 @@ class NodeSearch(AbstractNodeSearch):
         other = np.where(close, second * forces + row[frame, second], -1)
         return first * forces + row[frame, first], other
 
-    def nearest_to(
-        self, parameters: NDArray[np.float64], contacts: int
-    ) -> NDArray[np.intp]:
+    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
         """See the base class; the lightest of an angle where there is no state."""
         forces = self._table.forces
         angle, force = parameters[:, 0], parameters[:, contacts]
