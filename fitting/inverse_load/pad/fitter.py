@@ -26,7 +26,7 @@ _CHUNK = 64  # frames whose coefficients are gathered together
 _DAMPING, _GIVEN_UP = 1e-3, 1e8
 _ROUNDS = 4  # of solving several contacts and fitting again
 _MOVED = 0.1  # standard deviations below which a round is the last
-_SLACK = 5.0  # chi2 by which the interpolant may be worse than the solved contacts
+_SLACK = 0.0  # chi2 by which the interpolant may be worse than what is known
 
 
 class _Fit(NamedTuple):
