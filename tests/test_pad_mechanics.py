@@ -16,7 +16,7 @@ from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
-from suas_jax.mechanics.pad.net import NetTopology
+from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad.points import Surface, energy_density, layers, resultants, surface
 from suas_jax.mechanics.shell.shell import Shell
@@ -78,10 +78,8 @@ def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
         jnp.asarray(rng.normal(size=(3, 5, 1))),
     )
     angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
-    return Pad(
-        law, 0.058 * ONE, 4e-3 * ONE, angles, positions, points, 1e-4 * ONE, None,
-        NetTopology(arc, axial),
-    )  # fmt: skip
+    net = Net.of(NetTopology(arc, axial), angles, positions)
+    return Pad(law, 0.058 * ONE, 4e-3 * ONE, net, points, 1e-4 * ONE, None)
 
 
 CASES = {
@@ -279,19 +277,18 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
     places = (axial[:-1] + jnp.diff(axial, axis=0) * (x + 1) / 2).reshape(-1, 1)
     shares = (jnp.diff(axial, axis=0) * w / 2).reshape(-1)
     forces = jnp.concatenate([force, jnp.zeros(1)])[:, None] * shares
+    topology = NetTopology(
+        SplineAxis(elements, multiplicity=(2,) * (elements - 1)),
+        SplineAxis(3, "mirror", "mirror"),
+    )
     pad = Pad(
         EPDM,
         SKIN.mid_radius,
         SKIN.thickness,
-        angles,
-        axial,
+        Net.of(topology, angles, axial),
         PadLoadPoints(at * jnp.ones_like(places), places, forces[..., None]),
         SKIN.film_area * SKIN.width,
         None,
-        NetTopology(
-            SplineAxis(elements, multiplicity=(2,) * (elements - 1)),
-            SplineAxis(3, "mirror", "mirror"),
-        ),
         gauss=gauss,
     )
     section, whole = find(trapped(shell)), find(trapped(pad))

@@ -83,7 +83,7 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
     gap, bulge = shape.smallest_gap(geometry), shape.bulge(geometry)
     largest = shape.largest_displacement()
     stretch_min, stretch_max = shape.stretch_range()
-    energy = mechanics.strain_energy(state.q)
+    energy = mechanics.stored_energy(state.q)
     report = {
         "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,

@@ -48,8 +48,6 @@ def locate(
 
 def spots(
     net: Net,
-    angles: Array,
-    axial: Array,
     radius: Array,
     at: tuple[Array, Array],
     kinds: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (0, 1)),
@@ -58,14 +56,12 @@ def spots(
 
     Args:
         net: the control net.
-        angles: breakpoints along the arc [rad].
-        axial: breakpoints along the axis [m].
         radius: of the mid-surface [m].
         at: reference angles [rad] and axial positions [m].
         kinds: orders of differentiation by arc length and along the axis.
     """
-    i, xi, span = locate(angles, at[0])
-    k, eta, length = locate(axial, at[1])
+    i, xi, span = locate(net.angles, at[0])
+    k, eta, length = locate(net.axial, at[1])
     along = [jnp.stack(bernstein(xi, n)) / (radius * span) ** n for n in range(3)]
     axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
     shapes = []
@@ -137,7 +133,7 @@ def add_vectors(f: ElementVector, spots: Spots, vector: Array) -> ElementVector:
 def load_bands(net: Net, spots: Spots, hessian: Float[Array, "2 3 2 3 point"]) -> Upper:
     """The second derivative of the work, as upper bands at control values."""
     topology = net.topology
-    along, across = net.extraction()
+    along, across = net.along, net.across
     long, side = spots.element
     shapes = spots.shapes[1:3].reshape(2, 4, 4, -1)
     shapes = jnp.einsum("iap,kabp->kibp", along[:, :, long], shapes)

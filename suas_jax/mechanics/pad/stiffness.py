@@ -50,8 +50,8 @@ def upper_bands(
     topology = net.topology
     mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
     every = both_ways(pairs)
-    along, across = net.extraction()
-    splines = jnp.einsum("oga,iae->ogie", tables.long, along)
+    across = net.across
+    splines = jnp.einsum("oga,iae->ogie", tables.long, net.along)
     powers = jnp.stack([lengths**-order for order in range(3)])
     splines = splines * powers[:, None, None]
     left, right = (np.array([orders[pair[side]] for pair in every]) for side in (0, 1))
