@@ -1,6 +1,5 @@
 """`suas invert`. JAX is imported inside the command."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +7,7 @@ import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.progress import bar
+from fitting.cli.progress import bar, spinner
 from fitting.json_text import json_text
 from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
@@ -109,18 +108,19 @@ def invert(
         from suas_jax.runtime.settings import configure
 
         configure()
-        estimator = _estimator(
-            skin,
-            baseline,
-            progress=_say if sys.stderr.isatty() else lambda text: None,
-            direction=direction,
-            false_alarm=false_alarm,
-            most_contacts=contacts,
-            noise=noise,
-            live=live is not None,
-            model_error=model_error,
-            **_on_pads(diameter, pressure_noise),
-        )
+        with spinner("preparing the estimate") as show:
+            estimator = _estimator(
+                skin,
+                baseline,
+                progress=show,
+                direction=direction,
+                false_alarm=false_alarm,
+                most_contacts=contacts,
+                noise=noise,
+                live=live is not None,
+                model_error=model_error,
+                **_on_pads(diameter, pressure_noise),
+            )
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")

@@ -11,7 +11,8 @@ from fitting.inverse_load.pad.interpolant import PadInterpolant
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.pad_forward import PadSkin, Patches, readings
 
-_READ = eqx.filter_jit(readings)
+READ = eqx.filter_jit(readings)
+"""The readings of solved contacts, to be run by `COMPILED`."""
 # A correction is kept while contacts move by less than this and forces change by that share.
 _NEAR, _SHARE = 2.5e-3, 0.15
 
@@ -71,7 +72,7 @@ class SolvedContacts:
         patches = Patches(*(jnp.asarray(row) for row in columns))
         used = Patches(*(jnp.asarray(row[:contacts]) for row in columns))
         plan = self._skin.plan(used, slots=self._most)
-        found = COMPILED.run(_READ, self._skin, patches, plan)
+        found = COMPILED.run(READ, self._skin, patches, plan)
         if not bool(found.found):
             return None
         u = 1 / (np.asarray(found.so) - self._stray)

@@ -41,6 +41,7 @@ _PROBES = (4, 3)  # places along arc and axis at which the largest force is soug
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
 _MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces
 _PASSES = 3  # attempts to find the largest force
+_FEW = 100  # columns that aren't worth the compiler's own optimisation
 _READ = eqx.filter_jit(readings_along)
 
 
@@ -175,7 +176,7 @@ def build_pad_table(
     places = _grid(angle, axial)
     probes = tuple(np.linspace(0, e, n) for e, n in zip(edge, _PROBES, strict=True))
     total = len(places) + 2 * len(_grid(*probes))
-    columns = _Columns(images, diameter, progress, total)
+    columns = Columns(images, diameter, progress, total)
     cap, touch = largest_forces(columns, probes)
     force = np.exp(_over(probes, np.log(cap), places))
     found = columns.solve(places, force, LEVELS[LEVELS != 0])
@@ -252,7 +253,7 @@ class Column(NamedTuple):
     found: NDArray[np.bool_]
 
 
-class _Columns:
+class Columns:
     """Solves columns of the table: one place, all forces."""
 
     def __init__(
@@ -271,7 +272,9 @@ class _Columns:
             values = (*places[k], force[k], self._diameter)
             patches = Patches(*(jnp.array([float(x)]) for x in values))
             plan = self.skin.plan(patches)
-            found = COMPILED.run(_READ, self.skin, patches, plan, levels, weights)
+            found = COMPILED.run(
+                _READ, self.skin, patches, plan, levels, weights, once=self._total < _FEW
+            )
             self._done += 1
             self._progress(min(self._done, self._total), self._total)
             return Column(*(np.asarray(x) for x in found))
@@ -283,7 +286,7 @@ class _Columns:
 
 
 def largest_forces(
-    columns: _Columns, probes: tuple[NDArray[np.float64], ...]
+    columns: Columns, probes: tuple[NDArray[np.float64], ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Forces that leave little of the gap, and those that leave none [angle, axial] [N].
 
