@@ -197,15 +197,15 @@ class PadFitter(AbstractLoadFitter):
         live = np.arange(len(y))
         for _ in range(_STEPS):
             old = best.rows(live)
-            low, high = self._bounds(old.parameters, contacts, pull)
-            step, decrease = _step(old, low, high, damping[live])
+            step, decrease = _step(old, low[live], high[live], damping[live])
             there = old.parameters + step
-            low, high = self._bounds(there, contacts, pull)
-            there = np.clip(there, low, high)
+            lowest, highest = self._bounds(there, contacts, pull)
+            there = np.clip(there, lowest, highest)
             own = correction if np.ndim(correction) < 2 else correction[live]
             new = self._judged(y[live], weight[live], there, contacts, own)
             better = new.chi2 <= old.chi2
-            for whole, part in zip(best, new, strict=True):
+            bounds = (low, lowest), (high, highest)
+            for whole, part in (*zip(best, new, strict=True), *bounds):
                 whole[live[better]] = part[better]
             damping[live] = np.where(
                 better, damping[live] / 10, np.maximum(10 * damping[live], 0.1)

@@ -12,7 +12,7 @@ from suas_jax.equilibrium.equilibrium import State
 APART = 12e-3
 """Contacts closer than this are one mode of the search [m]."""
 _NEARLY = 40.0  # difference of chi2, on the table, below which a second mode is fitted
-_EVERY = 2  # thinning of places and forces that pairs are made of
+_EVERY = 2  # of the table's places is a node, and of its forces one of those of pairs
 _CLOSEST = 6e-3  # contacts of a pair are at least so far apart [m]
 
 
@@ -25,20 +25,14 @@ class PadNodeSearch(AbstractNodeSearch):
     """
 
     def __init__(self, table: PadTable, radius: float) -> None:
-        loads, so = table.nodes
-        rest, signatures = np.append(table.rest, 0.0), table.signatures
-        level = so.shape[0] // len(table.places)
-        pressure = table.pressure[:, :, -level:].reshape(-1, 1)
-        light = (table.pressure[:, :, -level] / (table.pressure_share * table.cap)).reshape(-1)
-        super().__init__(
-            loads,
-            np.concatenate([so, pressure], 1),
-            rest,
-            table.places,
-            np.concatenate([signatures, light[:, None]], 1),
-        )
-        self._table, self._radius, self._levels = table, radius, level
-        self._grid = (len(table.angle), len(table.axial))
+        # Steps on the interpolant find their way from far.
+        coarse = table.thinned(_EVERY)
+        loads, channels = coarse.nodes
+        rest = np.append(table.rest, 0.0)
+        super().__init__(loads, channels, rest, table.places, table.signatures)
+        self._table, self._radius = coarse, radius
+        self._grid = (len(coarse.angle), len(coarse.axial))
+        self._levels = len(loads) // len(coarse.places)
 
     def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
         """Between places on the outer face [..., (angle, axial, ...)] [m]."""
@@ -55,7 +49,8 @@ class PadNodeSearch(AbstractNodeSearch):
         lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
         first = lowest.argmin(1)
         best = lowest[frame, first].copy()
-        lowest[self.distance(self.places[None], self.places[first][:, None]) < APART] = np.inf
+        places = self._table.places
+        lowest[self.distance(places[None], places[first][:, None]) < APART] = np.inf
         second = lowest.argmin(1)
         close = lowest[frame, second] < best + _NEARLY
         other = np.where(close, second * self._levels + row[frame, second], -1)
@@ -94,7 +89,7 @@ class PadNodeSearch(AbstractNodeSearch):
     def several(self) -> PairSearch:
         """See the base class."""
         index = np.arange(len(self.loads)).reshape(*self._grid, self._levels)
-        thinned = index[::_EVERY, ::_EVERY, ::_EVERY].reshape(-1)
+        thinned = index[:, :, ::_EVERY].reshape(-1)
         return PairSearch(
             self, thinned, self._table.stray, self.distance, closest=_CLOSEST, apart=APART
         )

@@ -92,31 +92,45 @@ class PadTable:
 
     @functools.cached_property
     def signatures(self) -> NDArray[np.float64]:
-        """Change of readings per newton of a light contact [place, taxel]."""
+        """Change of channels per newton of a light contact [place, channel]."""
         rest = 1 / (self.rest - self.stray)
         level = int(np.flatnonzero(LEVELS > 0)[0])
-        du = self.u[:, :, level] - rest
-        slope = -du / rest**2 / (LEVELS[level] * self.cap)[..., None]
+        so = -(self.u[:, :, level] - rest) / rest**2
+        both = np.concatenate([so, self.pressure[:, :, level, None]], -1)
+        slope = both / (LEVELS[level] * self.cap)[..., None]
         return np.asarray(slope.reshape(-1, slope.shape[-1]))
 
-    @property
-    def pressure_share(self) -> float:
-        """Share of the largest force at the lightest state that presses."""
-        return float(LEVELS[LEVELS > 0][0])
+    def thinned(self, every: int) -> "PadTable":
+        """The table at some of its places only, the outermost among them."""
+        i, j = (
+            np.unique(np.append(np.arange(0, len(x), every), len(x) - 1))
+            for x in (self.angle, self.axial)
+        )
+        at = np.ix_(i, j)
+        return replace(
+            self,
+            angle=self.angle[i],
+            axial=self.axial[j],
+            cap=self.cap[at],
+            first_contact=self.first_contact[at],
+            u=self.u[at],
+            pressure=self.pressure[at],
+        )
 
     @functools.cached_property
     def nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Loads (angle, axial, force) and readings of all states that press.
+        """Loads (angle, axial, force) and channels of all states that press.
 
         Returns:
-            Loads [node, 3] and readings [node, taxel].
+            Loads [node, 3]; readings and, last, the oil's pressure [node, channel].
         """
         used = LEVELS > 0
-        so = self.stray + 1 / np.maximum(self.u[:, :, used], 1e-12)
+        so = np.minimum(self.stray + 1 / np.maximum(self.u[:, :, used], 1e-12), 1e6)
+        both = np.concatenate([so, self.pressure[:, :, used, None]], -1)
         force = self.cap[..., None] * LEVELS[used]
         place = np.repeat(self.places, used.sum(), 0)
         loads = np.concatenate([place, force.reshape(-1, 1)], 1)
-        return loads, np.minimum(so, 1e6).reshape(-1, so.shape[-1])
+        return loads, both.reshape(-1, both.shape[-1])
 
 
 def pad_table_of(
