@@ -75,14 +75,18 @@ class Displacements(NamedTuple):
 
 
 class ContactState(NamedTuple):
-    """The inner face at the points where it may touch the wall [point, element, lane].
+    """The inner face at the points where it may touch the wall.
+
+    Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad.
 
     Attributes:
         angle: reference angle [rad].
         polar_angle: current polar angle [rad].
         gap: to the wall's surface, negative inside it [m].
         pressure: of the wall on the face, per area of the undeformed face [Pa].
-        area: of the undeformed face that a point stands for, per width [m].
+        area: of the undeformed face that a point stands for [m^2]; in plane strain per
+            width [m].
+        axial: current position along the axis [m]; None in plane strain.
     """
 
     angle: Array
@@ -90,6 +94,7 @@ class ContactState(NamedTuple):
     gap: Array
     pressure: Array
     area: Array
+    axial: Array | None = None
 
 
 class AbstractMechanics(eqx.Module):

@@ -53,7 +53,8 @@ def _observed(
 ) -> dict[str, Any]:
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
-    return observe(parts, problem, corrected(problem, state))
+    root, shown = corrected(problem, state)
+    return observe(parts, problem, shown, root)
 
 
 @eqx.filter_jit

@@ -160,7 +160,7 @@ def assess(
         if problem.mechanics.corrected:
             assert change is not None
             shown = jax.tree.map(lambda a, b: a + b, state, change)
-        report = observe(parts, problem, shown)
+        report = observe(parts, problem, shown, state)
         report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
         report["model_error"] = model_error(problem, state, change, parts)
         forces = check.unbalanced, check.balanced

@@ -19,6 +19,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, ContactState, Displacements
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad import loads as pad_loads
+from suas_jax.mechanics.pad.contact import InnerFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
 from suas_jax.mechanics.pad.net import ElementVector, Net, NetTopology, refined, tables
 from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
@@ -111,11 +112,14 @@ class Pad(AbstractMechanics):
 
     def contact_energy(self, q: StationVector) -> Lanes:
         """Energy of contact with the wall [J]; see the base class."""
-        return jnp.zeros(q.shape[-1:], q.dtype)
+        if self.wall is None:
+            return jnp.zeros(q.shape[-1:], q.dtype)
+        return self._by_lane(lambda pad, q: _One(pad).inner_face(q, pad.wall).energy(), q)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
-        """The inner face against a wall; see the base class."""
-        raise NotImplementedError
+        """The inner face against a wall [arc, axial, lane]; see the base class."""
+        held = self.with_wall(wall)
+        return held._by_lane(lambda pad, q: _One(pad).inner_face(q, pad.wall).state(), q)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a control value's displacement [m]."""
@@ -170,7 +174,8 @@ class Pad(AbstractMechanics):
 
         def potential(q: StationVector) -> tuple[Array, Lanes]:
             energy, more, work = self._by_lane(lambda pad, q: _One(pad).energies(q), q)
-            return jnp.sum(energy - pressure * more - factor * work), more
+            stored = energy + self.contact_energy(q)
+            return jnp.sum(stored - pressure * more - factor * work), more
 
         gradient, more = jax.grad(potential, has_aux=True)(q)
         return gradient * self.topology.free[..., None], more
@@ -466,6 +471,10 @@ class _One:
         work = pad_loads.load_work(points, spots, moved, self.pad.thickness)
         return jnp.sum(areas * density), jnp.sum(areas * more), work
 
+    def inner_face(self, q: Array, wall: Wall) -> InnerFace:
+        pad = self.pad
+        return InnerFace(self.net, wall, pad.thickness, pad.mid_radius, self.net.gather(q))
+
     def _points(self) -> tuple[PadLoadPoints, pad_loads.Spots]:
         pad = self.pad
         points = jax.tree.map(lambda x: x[..., 0], pad.points)
@@ -551,6 +560,9 @@ class _One:
         load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
         upper = self._stiffness(tangent(s, found, pressure, radius))
         upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
+        if pad.wall is not None:
+            pushes, more_bands = self.inner_face(q, pad.wall).element_terms()
+            internal, upper = internal + pushes, upper + more_bands
         bands = dense_bands(self.net, upper)
         scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
         residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
