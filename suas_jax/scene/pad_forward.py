@@ -22,6 +22,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State, border_of, residual
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import Footprint, PadPlan, plan_pad
@@ -272,6 +273,4 @@ def readings(skin: PadSkin, patches: Patches, plan: PadPlan) -> PadReadings:
     """
     problem = skin.problem(patches, plan)
     found = equilibrium(problem)
-    y = BorderedVector(found.state.q, found.state.pressure if problem.oil.trapped else None)
-    state, _, close = with_shear(problem, y, jnp.ones(1))
-    return _read(skin, problem, state, close & (found.result == 0))
+    return _read(skin, problem, corrected(problem, found.state)[1], found.result == 0)

@@ -17,16 +17,15 @@ from numpy.typing import NDArray
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.pad.model import PAD, PadMesh
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import plan_for, problem_of
-from suas_jax.scene.pad_forward import with_shear
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.solve import Inputs, Structure
 from suas_jax.simulation.load_path import LoadPath
@@ -55,7 +54,7 @@ def pad_capacitances(
 ) -> NDArray[np.float64]:
     """Capacitance of every taxel along a load path [frame, taxel] [F].
 
-    NaN where the membrane touches a taxel.
+    NaN where the membrane touches a taxel that no further dielectric covers.
 
     Args:
         path: loads over time, of a scene in three dimensions with electrodes.
@@ -74,15 +73,20 @@ def pad_capacitances(
     counts = _counts(scenes, scene)
     plans = _alike([_plan(each, counts) for each in scenes])
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    pattern = Structure(with_solve(scene, model="auto", rtol=None, elements=None, mesh=None))
+    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
+    free, held = Structure(pattern), Structure(pattern, wall=True)
     rows: list[NDArray[np.float64]] = []
     state, last = None, None
     for i, plan in enumerate(plans):
         if state is None or not _same(plan, last):
             state = _at_rest(plan)
         here = inputs | {k: jnp.asarray(float(v[i])) for k, v in moved.items()}
-        found = COMPILED.run(_frame, pattern, plan, here, state, once=len(time) < _FEW)
-        capacitance, state, result = found
+        start, once = state, len(time) < _FEW
+        found = COMPILED.run(_frame, free, plan, here, start, once=once)
+        if scene.wall.contact and float(found[3][0]) < 0:
+            # The program that knows contact is compiled where the membrane reaches the wall.
+            found = COMPILED.run(_frame, held, plan, here, start, once=once)
+        capacitance, state, result, _ = found
         if int(result[0]):
             name = NAMES[int(result[0])]
             raise NoSolutionError(f"t = {time[i]:g} s: {name}. {advice(name)}")
@@ -95,15 +99,16 @@ def pad_capacitances(
 @eqx.filter_jit
 def _frame(
     scene: Structure, plan: PadMesh, inputs: Inputs, start: State
-) -> tuple[Array, State, Lanes]:
+) -> tuple[Array, State, Lanes, Lanes]:
+    """Capacitances, the state to start the next frame from, its result and smallest gap."""
     parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, plan)
+    problem = problem_of(parts, plan, wall=scene.wall)
     found = equilibrium(problem, start)
-    border = found.state.pressure if problem.oil.trapped else None
-    state, _, _ = with_shear(problem, BorderedVector(found.state.q, border), jnp.ones(1))
+    shown = corrected(problem, found.state)[1]
     assert parts.skin.electrodes is not None
-    readings = parts.skin.electrodes.read(problem.mechanics, state.q)
-    return readings.capacitance, found.state, found.result
+    readings = parts.skin.electrodes.read(problem.mechanics, shown.q)
+    gap = problem.mechanics.shape(shown.q).smallest_gap(parts.skin.geometry).value
+    return readings.capacitance, found.state, found.result, gap
 
 
 def _moving(

@@ -20,7 +20,7 @@ from suas_jax.scene.pad_forward import PadSkin
 
 DIAMETER_PRIOR = (6e-3, 3e-3)
 """Mean and standard deviation of a contact's diameter where it is estimated [m]."""
-_STEPS = 40
+_STEPS = 100
 _SETTLED = 1e-4  # decrease of chi2 below which a fit has ended
 _CHUNK = 64  # frames whose coefficients are gathered together
 _DAMPING, _GIVEN_UP = 1e-3, 1e8
