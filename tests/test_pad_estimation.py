@@ -18,6 +18,7 @@ from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
 from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.model_check import model_verdict
 from fitting.inverse_load.pad.solved import READ
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import (
@@ -27,7 +28,7 @@ from fitting.inverse_load.pad.table import (
     build_pad_table,
     mirror_images,
 )
-from suas_jax.config import SkinSpec, load_skin
+from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.runtime import compiled
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
@@ -244,6 +245,38 @@ def test_faulty_taxels_are_left_out(
         assert estimate.left_out == (3, 11, 17, 20)
         (c,) = estimate.contacts
         assert abs(c.force - true[2]) < 5 * c.deviation("force")
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [("geometry.oil_gap", "geometry.oil gap"), ("material.mu", "stiffness of the material")],
+)
+def test_a_wrong_skin_file_is_noticed(
+    estimator: LoadEstimator, spec: SkinSpec, contacts: np.ndarray, path: str, name: str
+) -> None:
+    true = pad_skin_of(spec, {path: 1.06 * continuous_inputs(spec)[path]}, elements=ELEMENTS)
+    columns = Columns(mirror_images(true)[0], DIAMETER, lambda *_: None, 1)
+    where = mirror_images(true)[1][0]
+    found = columns.solve(contacts[:, :2], contacts[:, 2], LEVELS[LEVELS != 0])
+    so, pressure = noisy(found.so[:, -1, where], 11), found.pressure[:, -1]
+    faulty = np.zeros(so.shape, bool)
+    estimates = estimator.estimate(so, faulty, pressure=pressure)
+    verdict = model_verdict(estimator, so, faulty, pressure, estimates)
+    assert verdict is not None
+    assert not verdict.right
+    assert verdict.name == name
+    assert verdict.change == pytest.approx(0.06, abs=0.015)
+    assert verdict.explained < verdict.chi2_per_dof
+
+
+def test_a_right_skin_file_is_not_suspected(
+    estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    so, faulty = noisy(singles[0], 12), np.zeros(singles[0].shape, bool)
+    estimates = estimator.estimate(so, faulty, pressure=singles[1])
+    verdict = model_verdict(estimator, so, faulty, singles[1], estimates)
+    assert verdict is not None
+    assert verdict.right
 
 
 def test_a_pull_is_named(estimator: LoadEstimator, solved: Solve) -> None:

@@ -208,6 +208,14 @@ def _offline(
         estimates = estimator.estimate(
             readings.so, readings.stuck, advance, pressure=readings.pressure
         )
+    if estimator.spec.geometry.dimension == 3:
+        from fitting.inverse_load.pad.model_check import model_verdict
+
+        verdict = model_verdict(
+            estimator, readings.so, readings.stuck, readings.pressure, estimates
+        )
+        if verdict is not None and not (verdict.right and as_json):
+            _say(f"{log}: {verdict.text}")
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter
