@@ -1,6 +1,7 @@
 """Contacts on a pad from readings: table and spline, bounds, pairs, faults, oil pressure."""
 
 import dataclasses
+import functools
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,6 +29,10 @@ from fitting.inverse_load.pad.table import (
     build_pad_table,
     mirror_images,
 )
+from fitting.sensor.fit.calibrate import fit_sensor
+from fitting.sensor.logs.data import load_sensor_data
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.shapes import pad_deformations
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.runtime import compiled
 from suas_jax.runtime.compiled import COMPILED
@@ -369,3 +374,49 @@ def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) 
     contacts = np.stack([angle, [-0.009, -0.009, -0.009, 0.012], [6, 5, 4, 6]], 1)
     so, _ = solved(contacts)
     np.testing.assert_allclose(found, 0.1e-15 * so, rtol=2e-4)
+
+
+def test_known_pokes_calibrate_the_electrodes_of_a_pad(
+    folder: Path, spec: SkinSpec, contacts: np.ndarray, solved: Solve, patch: pytest.MonkeyPatch
+) -> None:
+    patch.setattr(pad_deformations, "PadSkin", functools.partial(PadSkin, elements=ELEMENTS))
+    pokes = contacts[:4]
+    so, _ = solved(pokes)
+    stray, scale = 40.0, 1.07
+    counts = np.round(
+        stray
+        + scale * np.repeat(so, 8, 0)
+        + np.random.default_rng(3).normal(0, 2, (32, so.shape[1]))
+    )
+    names = [f"so_{k + 1}" for k in range(so.shape[1])]
+    known = ["load_0_angle_rad", "load_0_axial_mm", "load_0_force_N", "load_0_diameter_mm"]
+    lines = [",".join(["t_host_s,t_device_s,seq,module", *names, *known])]
+    for k, row in enumerate(counts.astype(int)):
+        angle, axial, force = pokes[k // 8]
+        lines.append(",".join(map(str, [k, k, k, 0, *row, angle, 1e3 * axial, force, 12])))
+    (folder / "pokes.csv").write_text("\n".join(lines) + "\n")
+    data = load_sensor_data(spec, [folder / "pokes.csv"])
+    found = fit_sensor(data, fit=("permittivity", "stray"))
+    named = dict(zip(found.problem.family.names, found.constants, strict=True))
+    assert named["oil.relative_permittivity"] == pytest.approx(2.2 * scale, rel=2e-3)
+    assert named["electrodes.stray"] == pytest.approx(stray * 0.1e-15, rel=0.05)
+
+
+def test_a_known_displacement_is_met(
+    skin: PadSkin, solved: Solve, patch: pytest.MonkeyPatch
+) -> None:
+    patch.setattr(pad_deformations, "PadSkin", functools.partial(PadSkin, elements=ELEMENTS))
+    one = np.ones((1, 1))
+    unknown = np.nan * one
+    place = (0.3 * one, 0 * one)
+
+    def deformed(force: np.ndarray, displacement: np.ndarray) -> pad_deformations.PadDeformed:
+        inner, axial = np.array([True]), -0.01 * one
+        loads = KnownLoads(*place, force, displacement, inner, axial, DIAMETER * one)
+        parts = (skin.geometry, skin.law, skin.oil, skin.electrodes)
+        return pad_deformations.deform_pad(loads, *parts)
+
+    given = deformed(5.0 * one, unknown)
+    again = deformed(unknown, given.displacement)
+    assert again.force[0, 0] == pytest.approx(5.0, rel=1e-3)
+    np.testing.assert_allclose(again.face.radius, given.face.radius, atol=1e-6)

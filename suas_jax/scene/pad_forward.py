@@ -115,14 +115,18 @@ class PadSkin(eqx.Module):
 
     def problem(self, patches: Patches, plan: PadPlan) -> Problem:
         """The discrete problem of some contacts on a mesh."""
+        pad = Pad.build(self.geometry, self.law, plan, self.loads(patches))
+        return Problem(pad, self.oil, jnp.zeros(1))
+
+    def loads(self, patches: Patches) -> list[PadLoad]:
+        """Contacts as the mechanics takes them."""
         zero = jnp.zeros(1)
-        loads = [
+        return [
             PadLoad(a[None], z[None], f[None], zero, zero, diameter=d[None])
             for a, z, f, d in zip(
                 patches.angle, patches.axial, patches.force, patches.diameter, strict=True
             )
         ]
-        return Problem(Pad.build(self.geometry, self.law, plan, loads), self.oil, zero)
 
 
 def pad_skin_of(
