@@ -42,6 +42,7 @@ from suas_jax.simulation.pad_frames import pad_capacitances
 
 DIAMETER = 12e-3
 ELEMENTS = (8, 8)
+MANY = 100  # columns, so that they share the table's compiled program
 # A thick, small pad: fields so smooth that few elements and places resolve them. Its taxels
 # lie in no symmetric order.
 SKIN = """
@@ -86,10 +87,7 @@ def spec(folder: Path) -> SkinSpec:
 
 @pytest.fixture(scope="module")
 def patch() -> Iterator[pytest.MonkeyPatch]:
-    """Small programs, quickly compiled."""
     with pytest.MonkeyPatch.context() as patch:
-        quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
-        patch.setattr(compiled, "OPTIONS", quick)
         yield patch
 
 
@@ -100,13 +98,16 @@ def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> PadSkin:
 
 @pytest.fixture(scope="module")
 def table(skin: PadSkin) -> PadTable:
-    return build_pad_table(skin, DIAMETER, spacing=14e-3)
+    return build_pad_table(skin, DIAMETER, spacing=14e-3, probes_at=(3, 3))
 
 
 @pytest.fixture(scope="module")
 def estimator(
     spec: SkinSpec, skin: PadSkin, table: PadTable, patch: pytest.MonkeyPatch
 ) -> LoadEstimator:
+    # What follows runs a few times: compiled quickly.
+    quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
+    patch.setattr(compiled, "OPTIONS", quick)
     patch.setattr(pad_parts, "_table", lambda *_: table)
     patch.setattr(pad_parts, "pad_skin_of", lambda _: skin)
     return LoadEstimator(spec, diameter=DIAMETER, most_contacts=1, pressure_noise=20.0)
@@ -119,7 +120,7 @@ Solve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 def solved(skin: PadSkin, table: PadTable) -> Solve:
     """Readings and pressures under contacts [contact, (angle, axial, force)], solved each."""
     images, where = mirror_images(skin)
-    columns = Columns(images, DIAMETER, lambda *_: None, 1)
+    columns = Columns(images, DIAMETER, lambda *_: None, MANY)
 
     def of(contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         found = columns.solve(contacts[:, :2], contacts[:, 2], LEVELS[LEVELS != 0])
@@ -260,7 +261,7 @@ def test_a_wrong_skin_file_is_noticed(
     estimator: LoadEstimator, spec: SkinSpec, contacts: np.ndarray, path: str, name: str
 ) -> None:
     true = pad_skin_of(spec, {path: 1.06 * continuous_inputs(spec)[path]}, elements=ELEMENTS)
-    columns = Columns(mirror_images(true)[0], DIAMETER, lambda *_: None, 1)
+    columns = Columns(mirror_images(true)[0], DIAMETER, lambda *_: None, MANY)
     where = mirror_images(true)[1][0]
     found = columns.solve(contacts[:, :2], contacts[:, 2], LEVELS[LEVELS != 0])
     so, pressure = noisy(found.so[:, -1, where], 11), found.pressure[:, -1]
@@ -383,11 +384,7 @@ def test_known_pokes_calibrate_the_electrodes_of_a_pad(
     pokes = contacts[:4]
     so, _ = solved(pokes)
     stray, scale = 40.0, 1.07
-    counts = np.round(
-        stray
-        + scale * np.repeat(so, 8, 0)
-        + np.random.default_rng(3).normal(0, 2, (32, so.shape[1]))
-    )
+    counts = noisy(stray + scale * np.repeat(so, 8, 0), 3)
     names = [f"so_{k + 1}" for k in range(so.shape[1])]
     known = ["load_0_angle_rad", "load_0_axial_mm", "load_0_force_N", "load_0_diameter_mm"]
     lines = [",".join(["t_host_s,t_device_s,seq,module", *names, *known])]

@@ -41,7 +41,7 @@ _PROBES = (4, 3)  # places along arc and axis at which the largest force is soug
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
 _MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces
 _PASSES = 3  # attempts to find the largest force
-_FEW = 100  # columns that aren't worth the compiler's own optimisation
+_FEW = 20  # columns that aren't worth the compiler's own optimisation
 _READ = eqx.filter_jit(readings_along)
 
 
@@ -180,15 +180,24 @@ def build_pad_table(
     diameter: float,
     spacing: float = _SPACING,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    probes_at: tuple[int, int] = _PROBES,
 ) -> PadTable:
-    """Solve all states of the table, on all cores."""
+    """Solve all states of the table, on all cores.
+
+    Args:
+        skin: the pad.
+        diameter: of the contacts [m].
+        spacing: between places [m].
+        progress: called with the number of columns solved and their total.
+        probes_at: places along arc and axis at which the largest force is sought.
+    """
     images, where = mirror_images(skin)
     edge = edge_of(skin, diameter)
     outer = float(skin.geometry.outer_radius[0])
     counts = [max(4, int(np.ceil(x / spacing)) + 1) for x in (edge[0] * outer, edge[1])]
     angle, axial = (np.linspace(0, e, n) for e, n in zip(edge, counts, strict=True))
     places = _grid(angle, axial)
-    probes = tuple(np.linspace(0, e, n) for e, n in zip(edge, _PROBES, strict=True))
+    probes = tuple(np.linspace(0, e, n) for e, n in zip(edge, probes_at, strict=True))
     total = len(places) + 2 * len(_grid(*probes))
     columns = Columns(images, diameter, progress, total)
     cap, touch = largest_forces(columns, probes)

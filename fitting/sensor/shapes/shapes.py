@@ -1,8 +1,9 @@
 """The model of a calibration's counts: shapes of the membrane in all known states."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -12,7 +13,7 @@ from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, is_material
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
-from fitting.sensor.shapes.pad_deformations import PadDeformed, TaxelFace, deform_pad
+from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
 from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
@@ -23,7 +24,6 @@ from fitting.sensor.shapes.solid_correction import (
 from suas_jax.config import continuous_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.oils.compressible import CompressibleOil
@@ -119,22 +119,15 @@ class ShapeSolver:
         moving = {paths[i]: float(constants[i]) for i in self.moving}
         parts = [self._part(*group, inputs, moving) for group in self._fluids()]
         order = np.argsort(np.concatenate([part.index for part in parts]))
+        counts = [len(part.index) for part in parts]
 
         def joined(pick: Callable[["_Part"], Array | np.ndarray]) -> Array:
-            found = [(jnp.asarray(pick(part)), len(part.index)) for part in parts]
-            wide = [jnp.broadcast_to(x, (*x.shape[:-1], n)) for x, n in found]
-            return jnp.concatenate(wide, -1)[..., order]
+            return _in_order([pick(part) for part in parts], counts, order)
 
-        faces = [part.shape.face for part in parts]
-        face: AbstractFace
-        if all(isinstance(f, TaxelFace) for f in faces):
-            face = TaxelFace(joined(lambda p: p.shape.face.radius))
-        else:
-            face = PolarFace(
-                joined(lambda p: p.shape.face.edges),
-                joined(lambda p: p.shape.face.radius),
-                joined(lambda p: p.shape.face.folded),
-            )
+        # All parts have faces of one kind.
+        face: AbstractFace = jax.tree.map(
+            lambda *x: _in_order(x, counts, order), *(part.shape.face for part in parts)
+        )
         slope = (joined(lambda p: p.slopes[0]), joined(lambda p: p.slopes[1]))
         model = SensorModel(
             self.inputs,
@@ -258,6 +251,15 @@ class ShapeSolver:
         if not self._corrections:
             return shape
         return corrected(shape, loads, self._corrections, geometry, law, oil)
+
+
+def _in_order(
+    parts: Sequence[Array | np.ndarray], counts: Sequence[int], order: np.ndarray
+) -> Array:
+    """Arrays of some states side by side, each as wide as its part has states."""
+    arrays = zip(map(jnp.asarray, parts), counts, strict=True)
+    wide = [jnp.broadcast_to(x, (*x.shape[:-1], n)) for x, n in arrays]
+    return jnp.concatenate(wide, -1)[..., order]
 
 
 @dataclasses.dataclass(frozen=True)
