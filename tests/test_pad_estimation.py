@@ -14,12 +14,12 @@ from scipy.stats import binom
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
 from fitting.inverse_load.pad.interpolant import PadInterpolant
-from fitting.inverse_load.pad.model_check import model_verdict
 from fitting.inverse_load.pad.solved import READ
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import (

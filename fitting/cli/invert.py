@@ -209,7 +209,7 @@ def _offline(
             readings.so, readings.stuck, advance, pressure=readings.pressure
         )
     if estimator.spec.geometry.dimension == 3:
-        from fitting.inverse_load.pad.model_check import model_verdict
+        from fitting.inverse_load.check.skin_file import model_verdict
 
         verdict = model_verdict(
             estimator, readings.so, readings.stuck, readings.pressure, estimates

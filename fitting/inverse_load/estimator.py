@@ -24,8 +24,9 @@ from scipy.special import chdtrc
 
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.selection import Alternative, Selection
-from fitting.inverse_load.section import EstimationParts, section_parts
+from fitting.inverse_load.section import section_parts
 from suas_jax.config import SkinSpec
 from suas_jax.runtime.compiled import COMPILED
 

@@ -1,55 +1,17 @@
 """What estimates loads on a skin in plane strain: the parts that `LoadEstimator` needs."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment, SectionAssessment
-from fitting.inverse_load.fit.detection import AbstractDetector, ArcDetector
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, LoadFitter
-from fitting.inverse_load.search.base import AbstractNodeSearch
+from fitting.inverse_load.estimate.assessment import SectionAssessment
+from fitting.inverse_load.estimate.parts import EstimationParts, SystematicErrors
+from fitting.inverse_load.fit.detection import ArcDetector
+from fitting.inverse_load.fit.explanation import LoadFitter
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import SkinSpec
 from suas_jax.scene.forward import Skin, skin_of
-
-
-class SystematicErrors(Protocol):
-    """Errors of estimates that are the same in every frame."""
-
-    @property
-    def rest_variance(self) -> NDArray[np.float64]:
-        """Variance of the model's readings at rest [taxel, counts^2]."""
-
-    def covariance(self, best: Explanations, per_contact: int) -> NDArray[np.float64]:
-        """Covariances of the parameters, padded as the information is."""
-
-
-@dataclass(frozen=True)
-class EstimationParts:
-    """The parts of an estimator, for one skin.
-
-    Attributes:
-        rest: the model's readings at rest [taxel] [counts].
-        detector: tells contact from noise.
-        nodes: where fits begin.
-        fitter: fits loads to readings.
-        assessment: turns fits into estimates.
-        trials: readings of one and of two contacts, to compile or load what they need.
-        systematic: errors that all frames share, such as what the skin file's calibration
-            leaves open; None where nothing is known of them.
-    """
-
-    rest: NDArray[np.float64]
-    detector: AbstractDetector
-    nodes: AbstractNodeSearch
-    fitter: AbstractLoadFitter
-    assessment: AbstractLoadAssessment
-    trials: tuple[NDArray[np.float64], NDArray[np.float64]]
-    systematic: "SystematicErrors | None" = None
 
 
 def section_parts(

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.search import APART, PadNodeSearch
 from fitting.inverse_load.pad.table import PadTable, pad_table_of
-from fitting.inverse_load.section import EstimationParts
 from suas_jax.config import SkinSpec
 from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
 
