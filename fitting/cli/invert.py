@@ -211,9 +211,10 @@ def _offline(
     if estimator.spec.geometry.dimension == 3:
         from fitting.inverse_load.check.skin_file import model_verdict
 
-        verdict = model_verdict(
-            estimator, readings.so, readings.stuck, readings.pressure, estimates
-        )
+        with spinner("comparing the log with the skin file"):
+            verdict = model_verdict(
+                estimator, readings.so, readings.stuck, readings.pressure, estimates
+            )
         if verdict is not None and not (verdict.right and as_json):
             _say(f"{log}: {verdict.text}")
     filtered = None

@@ -12,6 +12,7 @@ alone never show it; a measured oil pressure does.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -30,6 +31,7 @@ from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
 _FEWEST = 8  # single contacts that a verdict needs
 _MOST = 12  # frames that are solved again
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
+_LARGER = 1.2  # chi2 per degree of freedom that the model's own error may leave
 _GAIN = 25.0  # least gain in chi2 of an input that is named
 _STEP = 0.02  # relative change of an input
 _PATHS = ("geometry.thickness", "geometry.oil_gap", "oil.relative_permittivity")
@@ -100,32 +102,53 @@ def model_verdict(
     fit = fitter.fit(y, weight, nodes.loads[first], nodes.states(first), 1)
     dof = int((weight > 0).sum()) - fitter.per_contact * len(frames)
     chi2 = float(fit.chi2.sum())
-    if chdtrc(dof, chi2) > _SURE:
-        return ModelVerdict(chi2 / dof, True)
     width = fitter.per_contact
     parameters, jacobian = fit.parameters[:, :width], fit.jacobian[:, :width]
     residual = np.where(weight > 0, y - fit.so, 0.0)
-    found = []
-    for name, slopes in _slopes(estimator, parameters, jacobian, fit.so).items():
-        slopes = np.where((weight > 0) & np.isfinite(slopes), slopes, 0.0)
-        top, size = 0.0, 0.0
-        for w, r, s, j in zip(weight, residual, slopes, jacobian, strict=True):
-            information = (j * w) @ j.T
-            left = s - np.linalg.lstsq(information, (j * w) @ s, rcond=None)[0] @ j
-            top, size = top + float(left @ (w * r)), size + float(left @ (w * left))
-        if size > 0:
-            found.append((top**2 / size, name, top / size, size**-0.5))
-    gain, name, change, error = max(found)
-    if gain < _GAIN:
+
+    def gains(slopes: dict[str, NDArray[np.float64]]) -> list[_Gain]:
+        return [_gain(name, s, weight, residual, jacobian) for name, s in slopes.items()]
+
+    # A stiffer pad shows what less force does, at more pressure.
+    stiffer = -parameters[:, 2:3] * jacobian[:, 2]
+    stiffer[:, -1] += fit.so[:, -1]
+    found = gains({STIFFNESS: stiffer})
+    noise = chdtrc(dof, chi2) > _SURE or chi2 < _LARGER * dof
+    if noise and found[0].chi2 < _GAIN:
+        return ModelVerdict(chi2 / dof, True)
+    best = max(found + gains(_slopes(estimator, parameters)))
+    if best.chi2 < _GAIN:
         return ModelVerdict(chi2 / dof, False)
-    return ModelVerdict(chi2 / dof, False, name, change, error, (chi2 - gain) / (dof - 1))
+    explained = (chi2 - best.chi2) / (dof - 1)
+    return ModelVerdict(chi2 / dof, False, best.name, best.change, best.error, explained)
+
+
+class _Gain(NamedTuple):
+    """What a change of an input takes off chi2."""
+
+    chi2: float
+    name: str
+    change: float
+    error: float
+
+
+def _gain(
+    name: str, slopes: NDArray, weight: NDArray, residual: NDArray, jacobian: NDArray
+) -> _Gain:
+    """The best change of an input, contacts fitted anew to first order."""
+    slopes = np.where((weight > 0) & np.isfinite(slopes), slopes, 0.0)
+    top, size = 0.0, 0.0
+    for w, r, s, j in zip(weight, residual, slopes, jacobian, strict=True):
+        information = (j * w) @ j.T
+        left = s - np.linalg.lstsq(information, (j * w) @ s, rcond=None)[0] @ j
+        top, size = top + float(left @ (w * r)), size + float(left @ (w * left))
+    if size <= 0:
+        return _Gain(0.0, name, 0.0, float("inf"))
+    return _Gain(top**2 / size, name, top / size, size**-0.5)
 
 
 def _slopes(
-    estimator: LoadEstimator,
-    parameters: NDArray[np.float64],
-    jacobian: NDArray[np.float64],
-    channels: NDArray[np.float64],
+    estimator: LoadEstimator, parameters: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """Derivatives of the channels by the logarithms of inputs [frame, channel]."""
     skin, diameter = estimator.skin, estimator.diameter or float("nan")
@@ -145,10 +168,6 @@ def _slopes(
     if estimator.diameter is not None:
         wider = _solved(skin, parameters, (1 + 10 * _STEP) * diameter, slots)
         slopes[DIAMETER] = (wider - base) / (10 * _STEP)
-    # A stiffer pad shows what less force does, at more pressure.
-    stiffer = -parameters[:, 2:3] * jacobian[:, 2]
-    stiffer[:, -1] += channels[:, -1]
-    slopes[STIFFNESS] = stiffer
     return slopes
 
 
