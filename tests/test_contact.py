@@ -390,3 +390,10 @@ def test_the_bound_is_that_of_a_straight_line() -> None:
     spread = ((x - x.mean()) ** 2).sum()
     assert float(slope) == pytest.approx(1 / np.sqrt(spread))
     assert float(offset) == pytest.approx(np.sqrt(1 / 10 + x.mean() ** 2 / spread))
+
+
+def test_a_pressure_that_the_wall_keeps_out_of_reach_is_named() -> None:
+    """A thin membrane touches at 8.2 kPa; beyond, the wall takes whatever is added."""
+    thin = scene(line(0.0, 20.0), oil_pressure=10e3, thickness=0.5e-3)
+    wanted = with_solve(thin, model="shell", elements=32)
+    assert solve(wanted).report["status"] == "unreachable_pressure"
