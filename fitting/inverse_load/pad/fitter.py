@@ -222,13 +222,13 @@ class PadFitter(AbstractLoadFitter):
         """Fit one frame by several contacts, solving them on the way."""
         kept, gap = self._kept.get(contacts), 1.0
         zero = np.zeros(y.shape[1])
-        near = kept is not None and kept.near(start[0], contacts, self._radius)
+        # A coarse start is near enough to try what is known.
+        near = kept is not None and self._near(kept, start[0], contacts, live=True)
         correction = kept.change if near and kept is not None else zero
         fit = self._fitted(y, weight, start, contacts, correction, False)
         for _ in range(_ROUNDS):
             now = fit.parameters[0]
-            fresh = kept is not None and kept.near(now, contacts, self._radius)
-            if self.live and near and fresh and kept is not None:
+            if near and kept is not None and self._near(kept, now, contacts, live=self.live):
                 gap = kept.min_gap
                 break
             found = self._solved.correction(now, contacts)
@@ -241,6 +241,9 @@ class PadFitter(AbstractLoadFitter):
             if moved @ fit.information[0] @ moved < _MOVED**2:
                 break
         return fit, gap
+
+    def _near(self, kept: Correction, now: Any, contacts: int, *, live: bool) -> bool:
+        return kept.near(now, contacts, self._radius, live=live)
 
     def _gap_sign(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Below zero where a contact is beyond the force of first contact."""

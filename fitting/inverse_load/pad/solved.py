@@ -13,8 +13,10 @@ from suas_jax.scene.pad_forward import PadSkin, Patches, readings
 
 READ = eqx.filter_jit(readings)
 """The readings of solved contacts, to be run by `COMPILED`."""
-# A correction is kept while contacts move by less than this and forces change by that share.
+# Live, a correction is kept while contacts move by less than this and forces change by that
+# share; in a log by a fifth of that.
 _NEAR, _SHARE = 2.5e-3, 0.15
+_STRICT = 0.2
 
 
 class Correction(NamedTuple):
@@ -30,12 +32,23 @@ class Correction(NamedTuple):
     change: NDArray[np.float64]
     min_gap: float
 
-    def near(self, parameters: NDArray[np.float64], contacts: int, radius: float) -> bool:
-        """Whether it holds well enough for other contacts."""
+    def near(
+        self, parameters: NDArray[np.float64], contacts: int, radius: float, *, live: bool
+    ) -> bool:
+        """Whether it holds well enough for other contacts.
+
+        Args:
+            parameters: of the contacts [parameter].
+            contacts: their number.
+            radius: of the outer face [m].
+            live: whether time counts more than accuracy.
+        """
+        share = 1.0 if live else _STRICT
         old, new = (x.reshape(-1, contacts) for x in (self.parameters, parameters))
         moved = np.hypot(radius * (old[0] - new[0]), old[1] - new[1])
         force = np.abs(old[2] - new[2])
-        return bool((moved < _NEAR).all() and (force < _SHARE * np.abs(new[2])).all())
+        still = (moved < share * _NEAR) & (force < share * _SHARE * np.abs(new[2]))
+        return bool(still.all())
 
 
 class SolvedContacts:
