@@ -210,7 +210,7 @@ def build_pad_table(
         where,
         (angle, axial),
         force,
-        1 / _over(probes, 1 / touch, places),
+        _inverse(_over(probes, _inverse(touch), places)),
         (rest, _in_counts(images, images.electrodes.stray)),
         (rest[where[0]], stray),
         diameter,
@@ -373,6 +373,14 @@ def rest_readings(skin: PadSkin) -> NDArray[np.float64]:
     return np.broadcast_to(np.asarray(so)[:, 0], (len(e.taxels.angle),)).copy()
 
 
+def _inverse(force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Reciprocals of forces, infinite for those that aren't above zero, and back."""
+    finite = np.isfinite(force) & (force > 1e-9)
+    return np.where(
+        np.isinf(force), 0.0, np.where(finite, 1 / np.where(finite, force, 1.0), np.inf)
+    )
+
+
 def _in_counts(skin: PadSkin, capacitance: Any) -> NDArray[np.float64]:
     taxels = len(skin.electrodes.taxels.angle)
     counts = np.asarray(capacitance / skin.electrodes.lsb, float).reshape(-1)
@@ -432,7 +440,7 @@ def _unfolded(
         np.concatenate([-angle[:0:-1], angle]),
         np.concatenate([-axial[:0:-1], axial]),
         even(force),
-        even(np.where(touch > 0, touch, np.inf)),
+        even(touch),
         whole,
         even(pressure),
         *of_taxels,
