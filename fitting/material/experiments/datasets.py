@@ -3,7 +3,8 @@
 import os
 from collections.abc import Callable, Mapping
 
-from fitting.material.data.tables import DataError, read_table
+from fitting.material.data.errors import DataError
+from fitting.material.data.tables import read_table
 from fitting.material.experiments.bulge import bulge
 from fitting.material.experiments.measurements import Dataset, mode_named
 from fitting.material.experiments.skin_readings import skin
@@ -33,24 +34,28 @@ def load_dataset(
     specimen: Mapping[str, str] | None = None,
     noise: str | None = None,
     scene: str | os.PathLike[str] | None = None,
+    columns: Mapping[str, str] | None = None,
 ) -> Dataset:
     """Read one file of measurements.
 
     Args:
         mode: kind of test, one of `MODES`.
-        path: CSV file whose column names state measure and unit.
+        path: file of a test machine whose column names state measure and unit.
         specimen: sizes with units, such as {"width": "6 mm"}, where the file doesn't
             state them (as columns or as `# width: 6 mm`).
         noise: standard deviation of the readings, "5 kPa" or "2 %", where the file
             doesn't state it.
         scene: scene file of the skin, for the mode "skin".
+        columns: what columns measure where their names don't say, such as
+            {"force": "3", "extension": "5 mm"}; see `read_table`.
 
     Raises:
         DataError: the file can't be used; the message names file, line, column, the
             value and what is allowed.
     """
     chosen = mode_named(mode)
-    reader = Reader(chosen, read_table(path), dict(specimen or {}), noise)
+    table = read_table(path, columns, plane=chosen in ("biaxial", "biaxial_difference"))
+    reader = Reader(chosen, table, dict(specimen or {}), noise)
     if chosen != "skin":
         return TESTS.get(chosen, one_parameter)(reader)
     if scene is None:

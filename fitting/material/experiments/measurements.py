@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment
 from suas_jax.config.errors import listed, nearest
 

@@ -2,14 +2,17 @@
 
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from fitting.material.data.columns import Column, understand
+from fitting.material.data.columns import Column, plain_words, quantity_of, understand
+from fitting.material.data.errors import DataError
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
-from fitting.material.data.tables import DataError, Table, is_missing
+from fitting.material.data.numbers import is_missing
+from fitting.material.data.tables import Table
 from fitting.material.experiments.measurements import Kind
 from suas_jax.config.errors import listed
 from suas_jax.config.quantities import parse_quantity
@@ -31,27 +34,62 @@ class Reader:
         self, mode: str, table: Table, specimen: dict[str, str], noise: str | None
     ) -> None:
         self.mode, self.table, self.noise = mode, table, noise
-        self.warnings: list[str] = []
+        self.warnings: list[str] = list(table.remarks)
         self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
+        # Known quantities in units that are missing or unknown: an error once asked for.
+        self._faulty: dict[str, DataError] = {}
+        self._read_names()
+        self.sizes = {**stated_sizes(table), **given_sizes(table, specimen)}
+
+    def _read_names(self) -> None:
+        """Find out what the columns measure."""
         ignored = []
-        for index, name in enumerate(table.names):
+        for index, name in enumerate(self.table.names):
+            if not name:
+                continue
             try:
-                column = understand(name, f"{table.file}: line {table.lines[0]}")
+                column = understand(name, self.table.file)
             except ValueError as error:
-                raise DataError(str(error).replace(f": line {table.lines[0]}", "", 1)) from None
+                meant = quantity_of(name)
+                self._faulty.setdefault(meant or name, DataError(str(error)))
+                continue
             if column is None:
                 ignored.append(name)
-            elif (column.quantity, column.direction) in self.columns:
-                other = table.names[self.columns[column.quantity, column.direction][0]]
-                raise DataError(
-                    f'{table.file}: columns "{other}" and "{name}" mean the same; keep one'
-                )
-            else:
-                self.columns[column.quantity, column.direction] = (index, column)
-        if any(ignored):
-            names = ", ".join(f'"{name}"' for name in ignored if name)
+                continue
+            key = (column.quantity, column.direction)
+            if key not in self.columns:
+                self.columns[key] = (index, column)
+                continue
+            other = self.columns[key][0]
+            kept = self._better_of(other, index)
+            self.columns[key] = (kept, column) if kept == index else self.columns[key]
+        if ignored:
+            names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
-        self.sizes = {**stated_sizes(table), **given_sizes(table, specimen)}
+
+    def _better_of(self, first: int, second: int) -> int:
+        """Which of two columns of the same meaning to use.
+
+        Raises:
+            DataError: neither is the better one.
+        """
+        names = [self.table.names[i] for i in (first, second)]
+        ranks = [_closeness(name) for name in names]
+        same = np.array_equal(
+            self.table.cells[:, first], self.table.cells[:, second], equal_nan=True
+        )
+        if ranks[0] == ranks[1] and not same:
+            raise DataError(
+                f'{self.table.file}: columns "{names[0]}" and "{names[1]}" mean the same; keep '
+                f"one, or choose one: --columns QUANTITY={first + 1}"
+            )
+        kept, left = (second, first) if ranks[1] > ranks[0] else (first, second)
+        if not same:
+            self.warnings.append(
+                f'column "{self.table.names[left]}" is not used: "{self.table.names[kept]}" is '
+                f"measured closer to the specimen; --columns QUANTITY={left + 1} chooses it"
+            )
+        return kept
 
     def column(self, quantity: str, direction: int = 0) -> np.ndarray | None:
         """Values of a column in SI units, NaN where missing; None if there is none.
@@ -60,6 +98,8 @@ class Reader:
             DataError: a cell holds neither a number nor a usual sign of a missing one.
         """
         wanted = (0, 1) if direction in (0, 1) else (direction,)
+        if quantity in self._faulty and not any((quantity, d) in self.columns for d in wanted):
+            raise self._faulty[quantity]
         for d in wanted:
             if (quantity, d) in self.columns:
                 index, column = self.columns[quantity, d]
@@ -143,7 +183,7 @@ class Reader:
                 return stretches
         moved = self.column("displacement", direction)
         if moved is not None:
-            length = self.size("length")
+            length = self._length_of("displacement", direction)
             if length is None:
                 raise DataError(
                     f"{self.table.file}: displacement needs the specimen's length: add "
@@ -155,6 +195,14 @@ class Reader:
             )
             return stretches
         raise self.need("the stretch", f"stretch{tag}", f"strain{tag}", "displacement_mm")
+
+    def _length_of(self, quantity: str, direction: int = 0) -> np.ndarray | None:
+        """The length that a displacement stretches: between grips, or the gauge's."""
+        gauge, grips = self.size("length"), self.size("grip_separation")
+        if gauge is None or grips is None:
+            return grips if gauge is None else gauge
+        name = self.table.names[self.position(quantity, direction)]
+        return grips if _closeness(name) < 0 else gauge
 
     def area(self) -> np.ndarray:
         """Undeformed cross-section of the specimen [m²]."""
@@ -296,3 +344,13 @@ class Reader:
         if np.any(size < 0.0) or not np.any(size > 0.0):
             raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
         return np.where(size > 0.0, size, np.max(size))
+
+
+def _closeness(name: str) -> int:
+    """1 for an extensometer on the specimen, -1 for the machine's own travel, else 0."""
+    plain = plain_words(name)
+    if re.search(r"extensom|video|dic|gauge|gage|corrected|strain_1(?!\d)", plain):
+        return 1
+    if re.search(r"crosshead|cross_head|traverse|stroke|grip|machine|position|actuator", plain):
+        return -1
+    return 0
