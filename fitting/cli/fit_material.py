@@ -25,7 +25,7 @@ def material(
         list[str],
         typer.Option(
             metavar="MODE=FILE",
-            help="Test data (CSV): uniaxial, equibiaxial, pure_shear, biaxial, "
+            help="Test data (CSV, text, .xlsx): uniaxial, equibiaxial, pure_shear, biaxial, "
             "biaxial_difference, simple_shear, balloon, bulge or skin. May be repeated.",
         ),
     ],
@@ -40,7 +40,10 @@ def material(
     ] = None,
     residual: Annotated[
         str,
-        typer.Option(help="relative (with a floor), absolute (all points alike), or noise."),
+        typer.Option(
+            help="relative (with a floor), absolute (all points alike), noise (as stated), "
+            "or estimated (from the data)."
+        ),
     ] = "relative",
     noise: Annotated[
         str | None,
@@ -50,7 +53,40 @@ def material(
         str | None,
         typer.Option(help='Sizes where files state none: "width=6 mm,thickness=2 mm".'),
     ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="What columns measure where names don't say, by number or name, with a unit "
+            'where the file states none: "force=3,extension=5 mm".'
+        ),
+    ] = None,
     branch: Annotated[str, typer.Option(help="all, or loading only.")] = "all",
+    cycle: Annotated[
+        str,
+        typer.Option(help="Loading of one cycle of a cyclic test: first, last, or a number."),
+    ] = "all",
+    cut_break: Annotated[
+        bool, typer.Option("--cut-break", help="Leave out what follows a specimen's failure.")
+    ] = False,
+    zero: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="Find a test's zero with the law: slack (of the specimen), force (of the load "
+            "cell) or machine (its stiffness). May be repeated.",
+        ),
+    ] = None,
+    machine_stiffness: Annotated[
+        str | None,
+        typer.Option(
+            help='Stiffness of machine and grips, "2 kN/mm": the travel that they take '
+            "themselves is taken off."
+        ),
+    ] = None,
+    thin: Annotated[
+        int,
+        typer.Option(min=0, help="Most readings of a curve; means of runs stand for more."),
+    ] = 500,
     bound: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=LOW:HIGH", help="Hard bound, SI units: alpha.0=1:3."),
@@ -104,7 +140,8 @@ def material(
     """
     with bad_input():
         pairs = [_pair(text) for text in data]
-        sizes = _sizes(specimen)
+        sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
+        named = named_values(columns, "--columns", "force=3,extension=5")
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
         from fitting.material.experiments.datasets import load_dataset
@@ -120,7 +157,8 @@ def material(
 
                 check_figure_file(figure)
         sets = [
-            load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
+            load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)
+            for mode, path in pairs
         ]
         with fitting_spinner() as show:
             from suas_jax.runtime.settings import configure
@@ -141,6 +179,10 @@ def material(
                     starts=starts,
                     seed=seed,
                     branch=branch,
+                    cycle=cycle,
+                    cut_break=cut_break,
+                    thin=thin,
+                    zero=tuple(zero or ()),
                     bounds=bounds,
                 )
             except NoFit as error:
@@ -200,16 +242,21 @@ def _pair(
     return mode.strip(), path.strip()
 
 
-def _sizes(text: str | None) -> dict[str, str]:
-    sizes = {}
+def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
+    """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
+
+    Raises:
+        ValueError: a part is no NAME=VALUE.
+    """
+    values = {}
     for part in (text or "").split(","):
         if not part.strip():
             continue
         name, equals, value = part.partition("=")
-        if not equals:
-            raise ValueError(f'--specimen {text}: expected "width=6 mm,thickness=2 mm"')
-        sizes[name.strip()] = value.strip()
-    return sizes
+        if not equals or not value.strip():
+            raise ValueError(f'{option} {text}: expected "{example}"')
+        values[name.strip()] = value.strip()
+    return values
 
 
 def _bound(text: str) -> tuple[str, tuple[float, float]]:

@@ -85,6 +85,7 @@ def uncertainty(
     known_noise: bool,
     inflation: float = 1.0,
     held: Sequence[str] = (),
+    noise_ratio: np.ndarray | None = None,
 ) -> Uncertainty:
     """Judge what the data say about the constants at a minimum.
 
@@ -94,6 +95,9 @@ def uncertainty(
         known_noise: the residuals are in units of the known noise.
         inflation: factor on the standard errors, from `diagnostics.Misfit`.
         held: constants that stopped at a bound; they are taken as known.
+        noise_ratio: standard deviation of each residual up to a common factor, where it is
+            not the same for all, shape [n]. The covariance is then that of the estimate
+            under this noise, A diag(ratio²) Aᵀ with A = (JᵀJ)⁻¹Jᵀ.
     """
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     used = residuals.used
@@ -110,13 +114,14 @@ def uncertainty(
     # Null directions are needed, too, where readings are fewer than constants.
     scaled_rows = (J * sizes)[:, kept]
     few = len(scaled_rows) < scaled_rows.shape[1]
-    _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
+    left, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     # A reading at rest, such as the first row of a test, is met by any constants: it is none.
     told = (np.abs(scaled_rows).max(1, initial=0.0) > _RANK * s[0]) | (np.abs(r) > 0.0)
     count = int(told.sum())
     dof = count - int(kept.sum())
-    estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan
+    ratio = np.ones(len(r)) if noise_ratio is None else noise_ratio[used]
+    estimated = float(np.sqrt(np.sum((r / ratio) ** 2) / dof)) if dof > 0 else np.nan
     typical = whole / np.sqrt(max(count, 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
@@ -125,17 +130,24 @@ def uncertainty(
     limit = max(spread / _MOST_FREE, s[0] * 1e-14, 1e-300)
     root = np.zeros((len(constants), len(constants)))
     scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
+    noise_along = np.ones(len(s))
+    if noise_ratio is not None and len(s) <= len(r):
+        # Of directions that see more or less noise than the whole; R² = Uᵀ diag(ratio²) U.
+        triangle = np.linalg.qr(ratio[:, None] * left[:, : len(s)], mode="r")
+        scaled = scaled @ triangle.T
+        noise_along = np.linalg.norm(triangle, axis=0)
     root[np.ix_(kept, np.arange(len(s)))] = np.clip(
         scaled * sizes[kept, None], -_LARGEST, _LARGEST
     )
     covariance = np.clip(root @ root.T, -(_LARGEST**2), _LARGEST**2)
     deviation = np.sqrt(np.diagonal(covariance))
-    floor = max(spread, SMALLEST_NOISE * typical)
+    # The same noise as that of the intervals.
+    floor = np.maximum(spread * inflation * noise_along, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
     names = tuple(itertools.compress(residuals.names, kept))
     units = tuple(itertools.compress(residuals.units, kept))
     named = [
-        describe(names, units, vt[i], sizes[kept], floor / max(s[i], limit))
+        describe(names, units, vt[i], sizes[kept], floor[i] / max(s[i], limit))
         for i in range(len(s))
         if free[i]
     ]

@@ -11,8 +11,26 @@ STRESS_UNITS = "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
 # Units of quantities that are no concern of a material's law.
 _OTHER_UNITS = frozenset(
-    (*_SECONDS, "°c", "c", "k", "°f", "hz", "v", "mv", "mm/min", "mm/s", "1/s", "%/s", "j")
-    + ("mpa/s", "n/s", "cycles", "seconds", "secs", "minutes", "mv/v", "w", "nm", "n*m", "kn/s")
+    (
+        *_SECONDS,
+        *("seconds", "secs", "minutes", "cycles", "hz", "mm/min", "mm/s", "1/s", "%/s"),
+        *(
+            "°c",
+            "c",
+            "k",
+            "°f",
+            "v",
+            "mv",
+            "mv/v",
+            "mpa/s",
+            "n/s",
+            "kn/s",
+            "nm",
+            "n*m",
+            "j",
+            "w",
+        ),
+    )
 )
 
 

@@ -84,7 +84,7 @@ def find_table(file: str, cells: Cells, *, named: bool) -> Layout:
 
 
 def _kind(row: list[str]) -> str:
-    """ "n" for numbers, "e" for a row of gaps, "w" for words."""
+    """Whether a row holds numbers ("n"), gaps ("e") or words ("w")."""
     filled = [cell for cell in row if not is_missing(cell)]
     if not filled:
         return "e"
@@ -134,9 +134,7 @@ def _above(cells: Cells, kinds: list[str], first: int, last: int) -> Layout:
         groups = _spread(_filled(rows[best - 1], len(names)))
         taken.add(best - 1)
     head = [i for i in range(first) if i not in taken]
-    return Layout(
-        names, _filled(shown, len(names)), groups, body, [], head, cells.lines[best]
-    )
+    return Layout(names, _filled(shown, len(names)), groups, body, [], head, cells.lines[best])
 
 
 def _continued(cells: Cells, kinds: list[str], table: Layout) -> Layout:
@@ -208,7 +206,7 @@ def _labels(row: list[str], names: list[str]) -> bool:
     """Whether a row over the names labels specimens side by side."""
     repeated = len({name for name in names if name}) < sum(bool(name) for name in names)
     filled = [cell for cell in row if cell]
-    return repeated and 1 < len(filled) and len(row) <= len(names) + 1
+    return repeated and len(filled) > 1 and len(row) <= len(names) + 1
 
 
 def _spread(labels: list[str]) -> list[str]:

@@ -22,6 +22,7 @@ from fitting.material.data.layout import Layout, find_table, with_unit
 from fitting.material.data.numbers import decimal_mark, number
 from suas_jax.config.errors import listed
 
+
 @dataclasses.dataclass(frozen=True)
 class Table:
     """A table of numbers as it stands in a file.
@@ -149,7 +150,8 @@ def _part(
         for i, (name, unit) in enumerate(zip(names, units, strict=True))
     ]
     rows = [
-        _row(file, line, row, cells.delimiter, names) for line, row in zip(lines, body, strict=True)
+        _row(file, line, row, cells.delimiter, names)
+        for line, row in zip(lines, body, strict=True)
     ]
     shown = [with_unit(name, unit) for name, unit in zip(names, layout.units, strict=True)]
     shown = _renamed(file, names, layout.units, shown, columns)
@@ -311,8 +313,7 @@ def _side_by_side(
         return whole
     shared = everything[: starts[0]]
     blocks = [
-        everything[a:b]
-        for a, b in zip(starts, [*starts[1:], len(everything)], strict=True)
+        everything[a:b] for a, b in zip(starts, [*starts[1:], len(everything)], strict=True)
     ]
     alike = len({tuple(names[i] for i in block) for block in blocks}) == 1
     if not alike or len(shared) + len(blocks[0]) < 2:
@@ -380,5 +381,3 @@ def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table
         reading,
         tuple(remarks),
     )
-
-

@@ -1,5 +1,6 @@
 """Columns of a table of measurements, as the tests of every mode read them."""
 
+import contextlib
 import dataclasses
 import math
 import re
@@ -10,10 +11,10 @@ import numpy as np
 
 from fitting.material.data.columns import Column, plain_words, quantity_of, understand
 from fitting.material.data.errors import DataError
-from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.numbers import is_missing
+from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
-from fitting.material.experiments.measurements import Kind
+from fitting.material.experiments.measurements import Kind, Origin
 from suas_jax.config.errors import listed
 from suas_jax.config.quantities import parse_quantity
 
@@ -27,12 +28,19 @@ class Reader:
         noise: standard deviation of the readings, where the file doesn't state it.
         columns: position and meaning by quantity and direction.
         sizes: of the specimen, SI units.
+        machine_stiffness: of the machine with its grips [N/m], if its travel is corrected.
         warnings: what a person should know.
     """
 
     def __init__(
-        self, mode: str, table: Table, specimen: dict[str, str], noise: str | None
+        self,
+        mode: str,
+        table: Table,
+        specimen: dict[str, str],
+        noise: str | None,
+        machine_stiffness: float | None = None,
     ) -> None:
+        self.machine_stiffness = machine_stiffness
         self.mode, self.table, self.noise = mode, table, noise
         self.warnings: list[str] = list(table.remarks)
         self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
@@ -175,26 +183,59 @@ class Reader:
                 "a Green strain is greater than -1/2",
             ),
         )
+        # A machine's stiffness corrects its travel, not an extensometer's strain.
+        moved = None
+        if self.machine_stiffness is not None:
+            moved = self.column("displacement", direction)
         for quantity, convert, why in ways:
             values = self.column(quantity, direction)
-            if values is not None:
+            if values is not None and moved is None:
+                if self.machine_stiffness is not None:
+                    values = values - self._given_way(direction) / self._needed_length()
                 stretches = convert(values)
                 self.require_positive(stretches, quantity, why=why)
                 return stretches
         moved = self.column("displacement", direction)
         if moved is not None:
-            length = self._length_of("displacement", direction)
-            if length is None:
-                raise DataError(
-                    f"{self.table.file}: displacement needs the specimen's length: add "
-                    f'"# length: 25 mm" to the file or --specimen "length=25 mm"'
-                )
+            length = self._needed_length(direction)
+            if self.machine_stiffness is not None:
+                moved = moved - self._given_way(direction)
             stretches = 1.0 + moved / length
             self.require_positive(
                 stretches, "displacement", why="the specimen would have no length left"
             )
             return stretches
         raise self.need("the stretch", f"stretch{tag}", f"strain{tag}", "displacement_mm")
+
+    def _needed_length(self, direction: int = 0) -> np.ndarray:
+        length = self._length_of("displacement", direction)
+        if length is None:
+            raise DataError(
+                f"{self.table.file}: displacement needs the specimen's length: add "
+                f'"# length: 25 mm" to the file or --specimen "length=25 mm"'
+            )
+        return length
+
+    def _given_way(self, direction: int) -> np.ndarray:
+        """Travel that the machine itself takes at each reading's force [m]."""
+        assert self.machine_stiffness is not None
+        if not {"displacement", "strain", "stretch"} & {key[0] for key in self.columns}:
+            raise DataError(
+                f"{self.table.file}: --machine-stiffness corrects a displacement, strain or "
+                f"stretch; the file has none"
+            )
+        force = self.column("force", direction)
+        if force is None:
+            warned = len(self.warnings)
+            found = self.stress(direction)
+            del self.warnings[warned:]
+            if found is None or found[1] != "nominal":
+                raise DataError(
+                    f"{self.table.file}: --machine-stiffness needs the force, or nominal "
+                    f"stress and the specimen's cross-section"
+                )
+            force = found[0] * self.area()
+        return force / self.machine_stiffness
 
     def _length_of(self, quantity: str, direction: int = 0) -> np.ndarray | None:
         """The length that a displacement stretches: between grips, or the gauge's."""
@@ -260,6 +301,7 @@ class Reader:
             "line": self.table.lines,
             "dropped": {},
             "warnings": tuple(self.warnings),
+            "origin": self._origin(),
         }
 
     def kept(self, test: Kind, states: np.ndarray) -> Kind:
@@ -281,6 +323,19 @@ class Reader:
         counts = {"missing value": int(missing.sum()), "masked": int((masked & ~missing).sum())}
         dropped = {reason: count for reason, count in counts.items() if count}
         return dataclasses.replace(test.select(keep), dropped=dropped)
+
+    def _origin(self) -> Origin:
+        """Which column states the deformation, and the specimen's length and area."""
+        length, area = self._length_of("displacement"), None
+        with contextlib.suppress(DataError):
+            area = self.area()
+        sizes = [math.nan if x is None else float(np.nanmean(x)) for x in (length, area)]
+        for quantity in ("stretch", "strain", "log_strain", "green_strain", "displacement"):
+            for d in (0, 1):
+                if (quantity, d) in self.columns:
+                    index, column = self.columns[quantity, d]
+                    return Origin(quantity, self.table.names[index], column.unit, *sizes)
+        return Origin("", "", "", *sizes)
 
     def _weight(self) -> np.ndarray:
         weight = self.column("weight")

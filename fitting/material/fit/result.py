@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax
@@ -9,8 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
+from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.fit.intervals import Intervals, intervals_of
+from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.residuals import readings
 from fitting.statistics.diagnostics import Misfit, information_criteria
@@ -53,6 +57,9 @@ class MaterialFit:
         starts: number of starts.
         remarks: warnings for a person.
         bounded: constants that stopped at a bound.
+        noise: of the data sets, estimated from the residuals.
+        suspects: artefacts that the data seem to have.
+        bounds: hard bounds by constant, SI units.
     """
 
     sets: tuple[Dataset, ...]
@@ -64,6 +71,9 @@ class MaterialFit:
     starts: int
     remarks: tuple[str, ...]
     bounded: tuple[str, ...] = ()
+    noise: Noise | None = None
+    suspects: tuple[Suspect, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
 
     @property
     def family(self) -> AbstractFamily:
@@ -124,19 +134,32 @@ class MaterialFit:
         return Band(np.asarray(stretch), np.asarray(value)[:count], half[:count])
 
     def intervals(self, level: float) -> np.ndarray:
-        """Intervals of the constants, SI units, shape [2, p]."""
-        half = self.uncertainty.quantile(level) * self.uncertainty.standard_errors
-        return np.stack([self.constants - half, self.constants + half])
+        """Intervals of the constants, SI units, shape [2, p]; see `interval_ends`."""
+        return self.interval_ends(level).ends
+
+    def interval_ends(self, level: float) -> Intervals:
+        """Intervals by profile likelihood, and which of their ends the data leave open."""
+        if level not in self._known_intervals:
+            self._known_intervals[level] = intervals_of(
+                self.problem,
+                self.constants,
+                self.uncertainty,
+                level,
+                self.bounded,
+                dict(self.bounds),
+            )
+        return self._known_intervals[level]
+
+    @functools.cached_property
+    def _known_intervals(self) -> dict[float, Intervals]:
+        return {}
 
     def shear_modulus(self, level: float = 0.95) -> tuple[float, float, float]:
         """Small-strain shear modulus [Pa] with the ends of its interval.
 
         It is often known where the constants that add up to it are not.
         """
-        value, slope = _modulus(self.family, jnp.asarray(self.constants))
-        half = float(self.uncertainty.spread_of(np.asarray(slope)))
-        half *= self.uncertainty.quantile(level)
-        return float(value), float(value) - half, float(value) + half
+        return float(self.law.shear_modulus), *self.interval_ends(level).modulus
 
     @functools.cached_property
     def stable(self) -> dict[str, tuple[float, float]]:
@@ -203,11 +226,6 @@ def _prediction(
         return test.predict(family.law(c))
 
     return stress(constants), jax.jacfwd(stress)(constants)
-
-
-@eqx.filter_jit
-def _modulus(family: AbstractFamily, constants: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return jax.value_and_grad(lambda c: family.law(c).shear_modulus)(constants)
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:

@@ -1,0 +1,155 @@
+"""Tension and compression whose zeros, or whose machine's stiffness, are found with the law.
+
+A slack specimen, a load cell that is off and a machine that gives way read, of a nominal stress
+P(λ) of the material,
+
+    y = P(λ) + o,   λ = λ_m − s − k (y_m − o)
+
+with λ_m, y_m the measured stretch and nominal stress, s the slack over the specimen's length,
+o the force that is off over its area, and k = A/(K L) of a machine of stiffness K. A slack
+specimen carries nothing: λ does not cross one.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from fitting.material.experiments.homogeneous import mode_factors, padded
+from fitting.material.experiments.measurements import PATHS
+from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.selection import series_of
+from fitting.material.experiments.stress_tests import StressTest
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.constitutive.specimens.homogeneous import kirchhoff
+
+KINDS = ("slack", "force", "machine")
+_DEGREE = 8
+_POWERS = {"cauchy": 0.0, "nominal": 1.0, "second_pk": 2.0}
+
+
+class Zero(NamedTuple):
+    """One unknown of a test's zeros.
+
+    Attributes:
+        kind: "slack" [strain], "force" [Pa] or "machine" [1/Pa].
+        test: position of the data set.
+        specimen: of the data set; the machine is shared by all.
+    """
+
+    kind: str
+    test: int
+    specimen: str
+
+
+class FreeZero(AbstractExperiment):
+    """Points of tests of one stretch with free zeros.
+
+    Attributes:
+        stretch: measured λ_m, shape [n].
+        nominal: measured nominal stress without its scatter [Pa], shape [n]; a machine gives
+            way by the force itself, not by what its noise adds.
+        ratio: log λ₂ / log λ₁ of the mode, shape [n].
+        c1: factor of τ₁ in the Cauchy stress, shape [n].
+        c2: factor of τ₂ in the Cauchy stress, shape [n].
+        power: of λ by which the Cauchy stress is divided in a reading, shape [n].
+        side: 1 in tension, −1 in compression, shape [n].
+        which: position of slack, force and machine among the zeros; beyond them for none,
+            shape [3, n].
+        zeros: s, o and k of all tests, shape [k].
+    """
+
+    stretch: Float[Array, " n"]
+    nominal: Float[Array, " n"]
+    ratio: Float[Array, " n"]
+    c1: Float[Array, " n"]
+    c2: Float[Array, " n"]
+    power: Float[Array, " n"]
+    side: Float[Array, " n"]
+    which: Int[Array, "3 n"]
+    zeros: Float[Array, " k"]
+
+    @property
+    def size(self) -> int:
+        """Number of readings, padding included."""
+        return len(self.stretch)
+
+    def shifted(self, zeros: Float[Array, " k"]) -> Self:
+        """The same tests with these zeros."""
+        return eqx.tree_at(lambda test: test.zeros, self, zeros)
+
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings [Pa]; zero for padding."""
+        slack, force, machine = jnp.append(self.zeros, 0.0)[self.which]
+        moved = slack + machine * (self.nominal - force)
+        stretch = self.side * jnp.maximum(self.side * (self.stretch - moved), self.side)
+        # A step of the search may take away the whole specimen.
+        stretch = jnp.maximum(stretch, 0.05)
+        e = jnp.log(stretch)
+        tau_1, tau_2 = kirchhoff(law, e, self.ratio * e)
+        cauchy = self.c1 * tau_1 + self.c2 * tau_2
+        return cauchy / stretch**self.power + force * stretch ** (1.0 - self.power)
+
+
+def can_be_freed(test: object) -> bool:
+    """Whether a test is one of a single stretch with a stress reading."""
+    return isinstance(test, StressTest) and test.mode in PATHS and test.measure in _POWERS
+
+
+def smoothed(test: StressTest, values: np.ndarray) -> np.ndarray:
+    """Values along a test without their scatter: a polynomial in the stretch, by specimen."""
+    found = np.array(values, float)
+    for rows in series_of(test):
+        degree = min(_DEGREE, len(rows) // 4)
+        x = test.stretch_1[rows]
+        if degree < 1 or np.ptp(x) == 0.0:
+            continue
+        found[rows] = np.polynomial.Chebyshev.fit(x, values[rows], degree)(x)
+    return found
+
+
+def free_zeros(
+    tests: Sequence[StressTest], numbers: Sequence[int], zeros: Sequence[Zero]
+) -> FreeZero:
+    """Tests of one stretch, one after the other, with free zeros.
+
+    Args:
+        tests: the data.
+        numbers: position of each of them in the fit.
+        zeros: the unknowns.
+    """
+    stretch = np.concatenate([test.stretch_1 for test in tests])
+    parts = []
+    which = []
+    for test, number in zip(tests, numbers, strict=True):
+        one, ratio, c1, c2 = mode_factors(PATHS[test.mode], np.array([np.e]))
+        count = test.size
+        power = _POWERS[test.measure]
+        side = 1.0 if np.sum(np.log(test.stretch_1)) >= 0.0 else -1.0
+        nominal = smoothed(test, test.value * test.stretch_1 ** (power - 1.0))
+        constants = (ratio[0], c1[0], c2[0], power, side)
+        parts.append(np.stack([nominal, *(np.full(count, x) for x in constants)]))
+        of_test = np.full((len(KINDS), count), len(zeros))
+        for position, zero in enumerate(zeros):
+            own = np.full(count, zero.test == number)
+            if zero.kind != "machine":
+                own &= test.specimen == zero.specimen
+            of_test[KINDS.index(zero.kind), own] = position
+        which.append(of_test)
+        assert one[0] == 1.0
+    nominal, ratio, c1, c2, power, side = np.concatenate(parts, axis=1)
+    padding = len(padded(stretch)) - len(stretch)
+    positions = np.pad(
+        np.concatenate(which, axis=1), ((0, 0), (0, padding)), constant_values=len(zeros)
+    )
+    return FreeZero(
+        padded(stretch, 1.0),
+        *(padded(x) for x in (nominal, ratio, c1, c2)),
+        padded(power, 1.0),
+        padded(side, 1.0),
+        jnp.asarray(positions),
+        jnp.zeros(len(zeros)),
+    )
