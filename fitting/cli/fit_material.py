@@ -184,6 +184,7 @@ def material(
                     thin=thin,
                     zero=tuple(zero or ()),
                     bounds=bounds,
+                    scene=None if _on_skin(sets) else scene,
                 )
             except NoFit as error:
                 report = {"law": law, "status": "no_fit", "message": str(error)}

@@ -43,6 +43,8 @@ class Uncertainty:
         singular_values: of the scaled sensitivity matrix, largest first, shape [p].
         sizes: natural size of each constant, shape [p].
         unidentifiable: combinations that the data don't determine, in words.
+        spare: how many of them there are without the inflation: constants too many for the
+            noise alone, whatever the law's misfit adds.
     """
 
     noise: float
@@ -54,6 +56,7 @@ class Uncertainty:
     singular_values: np.ndarray
     sizes: np.ndarray
     unidentifiable: tuple[str, ...]
+    spare: int = 0
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -133,7 +136,7 @@ def uncertainty(
     noise_along = np.ones(len(s))
     if noise_ratio is not None and len(s) <= len(r):
         # Of directions that see more or less noise than the whole; R² = Uᵀ diag(ratio²) U.
-        triangle = np.linalg.qr(ratio[:, None] * left[:, : len(s)], mode="r")
+        triangle = np.asarray(np.linalg.qr(ratio[:, None] * left[:, : len(s)], mode="r"))
         scaled = scaled @ triangle.T
         noise_along = np.linalg.norm(triangle, axis=0)
     root[np.ix_(kept, np.arange(len(s)))] = np.clip(
@@ -144,6 +147,8 @@ def uncertainty(
     # The same noise as that of the intervals.
     floor = np.maximum(spread * inflation * noise_along, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
+    alone = np.maximum(spread * noise_along, SMALLEST_NOISE * typical)
+    spare = int(np.sum((alone / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])))
     names = tuple(itertools.compress(residuals.names, kept))
     units = tuple(itertools.compress(residuals.units, kept))
     named = [
@@ -163,6 +168,7 @@ def uncertainty(
         singular_values=s,
         sizes=sizes,
         unidentifiable=tuple(named),
+        spare=spare + (dof <= 0),
     )
 
 

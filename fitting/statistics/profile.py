@@ -17,6 +17,8 @@ import numpy as np
 _ITERATIONS = 40
 _CONSTRAINT = 1e-8
 _SEARCHES = 16
+# Evaluations of the residuals for one end; a search that needs more is given up.
+_MOST_EVALUATIONS = 120
 _TOLERANCE = 5e-3
 # Parameters that the residuals hardly see move as if they saw them by this share.
 _LEAST_SIZE = 1e-3
@@ -61,7 +63,8 @@ def profile_end(
     Returns:
         The end in units of g.
     """
-    r, _ = at(theta)
+    counted = _Counted(at, _MOST_EVALUATIONS)
+    r, _ = counted(theta)
     least = 0.5 * float(r @ r)
     start, _ = quantity(theta)
     step = step if np.isfinite(step) and step > 0.0 else farthest
@@ -71,8 +74,10 @@ def profile_end(
     above, beyond = 0.0, theta
     distance = min(step, farthest)
     for _ in range(_SEARCHES + _STEPS_OUT):
+        if counted.left <= 0:
+            return End(np.nan if outer is None else start + side * outer, False)
         base = beyond if outer is not None and outer - distance < distance - inner else point
-        found = _constrained(at, quantity, base, start + side * distance)
+        found = _constrained(counted, quantity, base, start + side * distance)
         if found is None:
             if outer is None and distance - inner <= 0.02 * max(distance, step):
                 # A limit of the law's, if most of the way was gone; else a valley too narrow.
@@ -103,8 +108,19 @@ def profile_end(
     return End(start + side * (outer if outer is not None else inner), outer is None)
 
 
+class _Counted:
+    """A function that knows how often it may still be called."""
+
+    def __init__(self, function: Linearised, most: int) -> None:
+        self.function, self.left = function, most
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.left -= 1
+        return self.function(theta)
+
+
 def _constrained(
-    at: Linearised, quantity: Quantity, start: np.ndarray, wanted: float
+    at: _Counted, quantity: Quantity, start: np.ndarray, wanted: float
 ) -> tuple[np.ndarray, float] | None:
     """Least cost where the quantity has a value: parameters and cost, None if unreachable.
 
@@ -119,7 +135,7 @@ def _constrained(
     if not np.isfinite(cost):
         return None
     for _ in range(_ITERATIONS):
-        if not np.all(np.isfinite(gradient)) or not np.any(gradient):
+        if not np.all(np.isfinite(gradient)) or not np.any(gradient) or at.left <= 0:
             return None
         norms = np.linalg.norm(J, axis=0)
         sizes = np.maximum(norms, _LEAST_SIZE * np.max(norms) + 1e-300)

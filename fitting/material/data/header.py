@@ -104,7 +104,7 @@ def _pairs(row: list[str]) -> list[tuple[str, str, str]]:
     if len(filled) == 1:
         found = _META.match(filled[0])
         return [(found.group(1), found.group(2), "")] if found else []
-    pairs = []
+    pairs: list[tuple[str, str, str]] = []
     i = 0
     while i + 1 < len(filled):
         key, value = filled[i].rstrip(" :="), filled[i + 1]

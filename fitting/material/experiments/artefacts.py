@@ -16,7 +16,7 @@ _LONGEST = 16.0
 _SOFTENED = 0.03
 # A curve that misses zero stress at rest, by this many standard errors and this share of its
 # largest stress, has another zero.
-_CERTAIN, _NOTICEABLE = 5.0, 0.01
+_CERTAIN, _NOTICEABLE = 5.0, 0.015
 _NEAR_REST = 0.35
 # A toe begins with a slope that is lower by this share than the steepest.
 _STEEPER = 0.25
@@ -196,19 +196,31 @@ def _zero_of_series(
                 "stretch",
             )
         ]
-    fit = np.polynomial.polynomial.polyvander(x[near], 2)
-    solution, _, rank, _ = np.linalg.lstsq(fit, y[near], rcond=None)
-    spare = int(near.sum()) - 3
+    # Neo-Hookean and Mooney's second term follow any rubber near rest, whatever the mode.
+    part = data.select(np.isin(np.arange(data.size), rows[near]))
+    e1, e2, c1, c2 = part.factors
+    inverse = np.exp(2.0 * (e1 + e2))
+    second = c1 * (inverse - np.exp(-2.0 * e1)) + c2 * (inverse - np.exp(-2.0 * e2))
+    side = 1.0 if np.sum(np.log(data.stretch_1[rows])) >= 0.0 else -1.0
+    fit = np.stack([np.ones(part.size), side * part.unit_stress, side * second], axis=1)
+    sizes = np.linalg.norm(fit, axis=0)
+    values = side * part.value
+    solution, _, rank, _ = np.linalg.lstsq(fit / sizes, values, rcond=1e-8)
+    spare = part.size - 3
     if rank < 3 or spare < 3:
         return []
-    scatter = float(np.sum((y[near] - fit @ solution) ** 2)) / spare
+    solution = solution / sizes
+    scatter = float(np.sum((values - fit @ solution) ** 2)) / spare
     error = float(np.sqrt(scatter * np.linalg.inv(fit.T @ fit)[0, 0]))
     at_rest = float(solution[0])
-    if abs(at_rest) < max(_CERTAIN * error, _NOTICEABLE * largest) or solution[1] <= 0.0:
+    # Slope at rest by log stretch, from the mode's: 3, 4 and 6 times the modulus.
+    slope = {"uniaxial": 3.0, "pure_shear": 4.0, "equibiaxial": 6.0}[data.mode]
+    slope *= float(solution[1] + solution[2])
+    if abs(at_rest) < max(_CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
         return []
     below = np.min(y) < -max(_CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
     if at_rest < 0.0 and not below:
-        lag = -at_rest / solution[1]
+        lag = -at_rest / slope
         size, unit = float(lag), "of the length"
         if np.isfinite(data.origin.length):
             size, unit = 1e3 * size * data.origin.length, "mm"

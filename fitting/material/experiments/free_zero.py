@@ -88,8 +88,8 @@ class FreeZero(AbstractExperiment):
         stretch = self.side * jnp.maximum(self.side * (self.stretch - moved), self.side)
         # A step of the search may take away the whole specimen.
         stretch = jnp.maximum(stretch, 0.05)
-        e = jnp.log(stretch)
-        tau_1, tau_2 = kirchhoff(law, e, self.ratio * e)
+        h = jnp.log(stretch)
+        tau_1, tau_2 = kirchhoff(law, h, self.ratio * h)
         cauchy = self.c1 * tau_1 + self.c2 * tau_2
         return cauchy / stretch**self.power + force * stretch ** (1.0 - self.power)
 
@@ -125,13 +125,14 @@ def free_zeros(
     parts = []
     which = []
     for test, number in zip(tests, numbers, strict=True):
-        one, ratio, c1, c2 = mode_factors(PATHS[test.mode], np.array([np.e]))
+        # Of a stretch whose logarithm is one.
+        _, along, first, second = mode_factors(PATHS[test.mode], np.array([np.e]))
         count = test.size
         power = _POWERS[test.measure]
         side = 1.0 if np.sum(np.log(test.stretch_1)) >= 0.0 else -1.0
-        nominal = smoothed(test, test.value * test.stretch_1 ** (power - 1.0))
-        constants = (ratio[0], c1[0], c2[0], power, side)
-        parts.append(np.stack([nominal, *(np.full(count, x) for x in constants)]))
+        force = smoothed(test, test.value * test.stretch_1 ** (power - 1.0))
+        constants = (along[0], first[0], second[0], power, side)
+        parts.append(np.stack([force, *(np.full(count, x) for x in constants)]))
         of_test = np.full((len(KINDS), count), len(zeros))
         for position, zero in enumerate(zeros):
             own = np.full(count, zero.test == number)
@@ -139,17 +140,21 @@ def free_zeros(
                 own &= test.specimen == zero.specimen
             of_test[KINDS.index(zero.kind), own] = position
         which.append(of_test)
-        assert one[0] == 1.0
-    nominal, ratio, c1, c2, power, side = np.concatenate(parts, axis=1)
+    readings = np.concatenate(parts, axis=1)
     padding = len(padded(stretch)) - len(stretch)
     positions = np.pad(
         np.concatenate(which, axis=1), ((0, 0), (0, padding)), constant_values=len(zeros)
     )
+    fills = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+    rows = [padded(row, fill) for row, fill in zip(readings, fills, strict=True)]
     return FreeZero(
-        padded(stretch, 1.0),
-        *(padded(x) for x in (nominal, ratio, c1, c2)),
-        padded(power, 1.0),
-        padded(side, 1.0),
-        jnp.asarray(positions),
-        jnp.zeros(len(zeros)),
+        stretch=padded(stretch, 1.0),
+        nominal=rows[0],
+        ratio=rows[1],
+        c1=rows[2],
+        c2=rows[3],
+        power=rows[4],
+        side=rows[5],
+        which=jnp.asarray(positions),
+        zeros=jnp.zeros(len(zeros)),
     )

@@ -19,6 +19,7 @@ from fitting.statistics.residuals import constants_by_theta, sensitivity
 
 # An end is open at this many e-folds of a constant of one sign, or half widths of another.
 _FOLDS, _STEPS = 18.0, 20.0
+_NONE = 1e-3  # of a half width: the search did not leave the minimum
 _CAN_BE_PROFILED = ("Homogeneous", "FreeZero")
 
 
@@ -149,7 +150,8 @@ def _ends(
     values = np.array([end.value for end in found])
     is_open = np.array([end.is_open for end in found])
     middle = np.log(abs(value)) if logarithmic else value
-    failed = np.isnan(values)
+    failed = np.isnan(values) | (np.abs(values - middle) < _NONE * step)
+    step = min(step, farthest)
     values = np.where(failed, middle + np.array([-step, step]), values)
     is_open &= ~failed
     if logarithmic:

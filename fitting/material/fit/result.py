@@ -23,9 +23,11 @@ from fitting.statistics.least_squares import Minima
 from fitting.statistics.parameters import AbstractFamily
 from suas_jax.config.law import LawSpec
 from suas_jax.config.schema_material import LAWS
-from suas_jax.constitutive import AbstractLaw, stable_range
+from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range
 
 _DISTINCT = 0.02
+STABLE_LIMITS = (0.01, 100.0)
+"""Stretches between which the ends of stability are looked for."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -163,11 +165,48 @@ class MaterialFit:
 
     @functools.cached_property
     def stable(self) -> dict[str, tuple[float, float]]:
-        """Stretches around one in which the law is stable, by mode."""
+        """Stretches around one in which the law is stable, by mode; see `STABLE_LIMITS`."""
         found = {}
         for mode, path in PATHS.items():
-            low, high = stable_range(self.law, path)
+            low, high = stable_range(self.law, path, STABLE_LIMITS)
             found[mode] = (float(low), float(high))
+        return found
+
+    @property
+    def stable_open(self) -> dict[str, tuple[bool, bool]]:
+        """Which ends of the stable stretches were not found before the search ended."""
+        low, high = STABLE_LIMITS
+        return {
+            mode: (first <= low * 1.001, last >= high / 1.001)
+            for mode, (first, last) in self.stable.items()
+        }
+
+    def instabilities(self, margin: float = 0.0) -> list[str]:
+        """Where the law is unstable within the data's range, in words.
+
+        Args:
+            margin: share by which the logarithms of the stretches exceed the data's.
+        """
+        found = []
+        for data in self.sets:
+            e1, e2 = data.states * (1.0 + margin)
+            if data.mode in PATHS:
+                low, high = self.stable[data.mode]
+                first, last = np.exp(data.states[0].min()), np.exp(data.states[0].max())
+                if np.exp(e1.min()) < low or np.exp(e1.max()) > high:
+                    found.append(
+                        f"{data.mode}: the law is stable for stretches from {low:.3f} to "
+                        f"{high:.3f}, the data in {data.file} reach from {first:.3f} to "
+                        f"{last:.3f}"
+                    )
+                continue
+            modulus = np.asarray(drucker_modulus(self.law, np.exp(e1), np.exp(e2)))
+            if not np.all(modulus > 0.0):
+                bad = int(np.argmin(np.where(np.isnan(modulus), -np.inf, modulus)))
+                found.append(
+                    f"{data.mode}: the law is unstable at stretches {np.exp(e1[bad]):.3f} and "
+                    f"{np.exp(e2[bad]):.3f}, which the data in {data.file} reach"
+                )
         return found
 
     def misfits(self) -> list[np.ndarray]:

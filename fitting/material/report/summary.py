@@ -1,7 +1,6 @@
 """The JSON of `suas fit material`, with warnings of what to doubt in a fit."""
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -64,6 +63,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "singular_values": judged.singular_values.tolist(),
         "unidentifiable": [*judged.unidentifiable, *_rivals(fit), *unknown_modes],
         "stable_range": {mode: list(ends) for mode, ends in stable.items()},
+        "stable_range_open": {mode: list(ends) for mode, ends in fit.stable_open.items()},
         "misfit": fit.misfit.report,
         "noise_model": fit.noise.report(fit.sets) if fit.noise is not None else [],
         "suspects": [suspect.report for suspect in fit.suspects],
@@ -71,7 +71,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "starts": fit.starts,
         "starts_converged": int(fit.minima.converged.sum()),
         "starts_agreeing": fit.minima.agreeing,
-        "warnings": [*fit.remarks, *_doubts(fit, stable), *extrapolated],
+        "warnings": [*fit.remarks, *_doubts(fit), *extrapolated],
         "status": fit.status,
     }
     report |= family.settings
@@ -183,7 +183,7 @@ def _rivals(fit: MaterialFit) -> list[str]:
     ]
 
 
-def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list[str]:
+def _doubts(fit: MaterialFit) -> list[str]:
     doubts = []
     if fit.status == "not_converged":
         doubts.append(
@@ -194,16 +194,7 @@ def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list
         doubts.append("only one start reached the lowest minimum: use more --starts")
     if fit.misfit.description:
         doubts.append(fit.misfit.description)
-    for data in fit.sets:
-        if data.mode not in stable:
-            continue
-        low, high = stable[data.mode]
-        first, last = np.exp(data.states[0].min()), np.exp(data.states[0].max())
-        if first < low or last > high:
-            doubts.append(
-                f"{data.mode}: the law is stable for stretches from {low:.3f} to "
-                f"{high:.3f}, the data in {data.file} reach from {first:.3f} to {last:.3f}"
-            )
+    doubts += fit.instabilities()
     return doubts
 
 
@@ -220,6 +211,16 @@ def _extrapolations(fit: MaterialFit) -> tuple[list[str], list[str]]:
     missing = [mode for mode in PATHS if mode not in measured]
     if not missing or not all(data.is_curve for data in fit.sets):
         return [], []
+    if fit.misfit.significant:
+        # A band assumes that the law is right.
+        return [
+            f"{mode} stress: not measured, and not to be had from a law that does not follow "
+            f"the data"
+            for mode in missing
+        ], [
+            f"only {', '.join(sorted(modes))} was measured, and the law does not follow it: "
+            f"what it says of {', '.join(missing)} has no known accuracy"
+        ]
     largest = float(np.exp(np.asarray(fit.problem.residuals.scales.strain)))
     ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
     parts, unknown = [], []
