@@ -27,7 +27,7 @@ from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 
 KINDS = ("slack", "force", "machine")
-_DEGREE = 8
+_DEGREE, _LEAST = 5, 0.01
 _POWERS = {"cauchy": 0.0, "nominal": 1.0, "second_pk": 2.0}
 
 
@@ -100,14 +100,24 @@ def can_be_freed(test: object) -> bool:
 
 
 def smoothed(test: StressTest, values: np.ndarray) -> np.ndarray:
-    """Values along a test without their scatter: a polynomial in the stretch, by specimen."""
+    """Values along a test without their scatter, by specimen.
+
+    A stiffness that is a polynomial in the stretch, times the stress of a neo-Hookean solid,
+    and a constant; relative deviations count, for near rest little stress moves much.
+    """
     found = np.array(values, float)
     for rows in series_of(test):
-        degree = min(_DEGREE, len(rows) // 4)
-        x = test.stretch_1[rows]
+        x, y = test.stretch_1[rows], values[rows]
+        degree = min(_DEGREE, len(rows) // 8)
         if degree < 1 or np.ptp(x) == 0.0:
             continue
-        found[rows] = np.polynomial.Chebyshev.fit(x, values[rows], degree)(x)
+        unit = test.unit_stress[rows]
+        middle = (x - x.mean()) / np.ptp(x)
+        basis = unit[:, None] * np.polynomial.chebyshev.chebvander(2.0 * middle, degree)
+        basis = np.column_stack([np.ones(len(x)), basis])
+        weight = 1.0 / np.maximum(np.abs(y), _LEAST * np.max(np.abs(y)))
+        solution, *_ = np.linalg.lstsq(basis * weight[:, None], y * weight, rcond=None)
+        found[rows] = basis @ solution
     return found
 
 

@@ -62,7 +62,8 @@ def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.nd
         model = _estimated(data, error[place], predicted[place], inverse[place])
         models.append(model)
         if model is not None and model.excludes_assumed:
-            sigma = model.deviation(predicted[place]) * inverse[place]
+            # Of a mean of several readings, which count as often, it is that of one of them.
+            sigma = model.deviation(predicted[place]) * inverse[place] / np.sqrt(data.weight)
             ratio[place] = np.maximum(sigma, 1e-6 * np.max(sigma))
     excluded = any(model is not None and model.excludes_assumed for model in models)
     if excluded:
