@@ -99,7 +99,7 @@ def test_thinning_shifts_nothing(tmp_path: pathlib.Path) -> None:
     file.write_text("stretch,nominal_stress_MPa\n" + rows)
     data = load_dataset("uniaxial", file)
     few = thinned(data, 500)
-    assert few.size <= 500
+    assert 200 < few.size <= 250
     assert few.weight.sum() == data.size
     # Relative residuals of noisy readings are biased themselves; these are not.
     fits = [

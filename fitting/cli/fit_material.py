@@ -85,7 +85,9 @@ def material(
     ] = None,
     thin: Annotated[
         int,
-        typer.Option(min=0, help="Most readings of a curve; means of runs stand for more."),
+        typer.Option(
+            min=0, help="Most readings of a curve; of more, half as many means. 0 keeps all."
+        ),
     ] = 500,
     bound: Annotated[
         list[str] | None,

@@ -17,8 +17,9 @@ import numpy as np
 _ITERATIONS = 40
 _CONSTRAINT = 1e-8
 _SEARCHES = 16
-# Evaluations of the residuals for one end; a search that needs more is given up.
-_MOST_EVALUATIONS = 120
+# Evaluations of the residuals for one end, over their number; a search that needs more is
+# given up.
+_EVALUATIONS, _FEWEST, _MOST = 1.5e4, 30, 120
 _TOLERANCE = 5e-3
 # Parameters that the residuals hardly see move as if they saw them by this share.
 _LEAST_SIZE = 1e-3
@@ -63,8 +64,8 @@ def profile_end(
     Returns:
         The end in units of g.
     """
-    counted = _Counted(at, _MOST_EVALUATIONS)
-    r, _ = counted(theta)
+    r, _ = at(theta)
+    counted = _Counted(at, int(np.clip(_EVALUATIONS / len(r), _FEWEST, _MOST)))
     least = 0.5 * float(r @ r)
     start, _ = quantity(theta)
     step = step if np.isfinite(step) and step > 0.0 else farthest

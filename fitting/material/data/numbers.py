@@ -11,6 +11,7 @@ _MISSING = frozenset(
     )
 )
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
+_PLAIN = re.compile(r"[+-]?\d{1,15}(?:\.\d{0,20})?")
 _SHAPE = re.compile(r"[+-]?[\d.,]*\d[\d.,]*(?:[eEdD][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+")
 
@@ -60,6 +61,8 @@ def number(text: str, decimal: str | None = None) -> float:
         text: the cell.
         decimal: decimal mark of its table; None takes the last mark of the cell.
     """
+    if decimal != "," and _PLAIN.fullmatch(text):  # most cells of most files
+        return float(text)
     bare = _bare(text)
     if decimal is None:
         decimal = "," if bare.rfind(",") > bare.rfind(".") else "."

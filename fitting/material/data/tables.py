@@ -22,6 +22,8 @@ from fitting.material.data.layout import Layout, find_table, with_unit
 from fitting.material.data.numbers import decimal_mark, number
 from suas_jax.config.errors import listed
 
+_SAMPLED = 2000  # rows that tell the decimal mark
+
 
 @dataclasses.dataclass(frozen=True)
 class Table:
@@ -356,7 +358,8 @@ def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table
         extra = [part.specimen or str(k + 1), *(own.get(key, "") for key in sized)]
         rows += [(*row, *(extra if several else ())) for row in part.rows]
         lines += part.lines
-    decimal = decimal_mark(cell for row in rows for cell in row[: len(names)])
+    sampled = rows[:: max(1, len(rows) // _SAMPLED)]
+    decimal = decimal_mark(cell for row in sampled for cell in row[: len(names)])
     cells = np.array([[number(text, decimal) for text in row] for row in rows], dtype=float)
     shown = (*names, *(("specimen", *sized) if several else ()))
     if several:

@@ -20,6 +20,8 @@ _CERTAIN, _NOTICEABLE = 5.0, 0.015
 _NEAR_REST = 0.35
 # A toe begins with a slope that is lower by this share than the steepest.
 _STEEPER = 0.25
+# ... and has ended at this share of the largest stress.
+_TOE_ENDS = 0.4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -255,12 +257,15 @@ def _zero_of_series(
 def _toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
     """Where a curve that grows steeper from rest is steepest; None if it does not.
 
-    Slopes of lines through a tenth of the readings each, in the first half of the test.
+    Slopes of lines through an eighth of the early readings each.
     """
     order = np.argsort(x, kind="stable")
-    x, y = x[order], y[order]
-    width = max(len(x) // 12, 4)
-    starts = np.arange(0, len(x) // 2, max(width // 2, 1))
+    # Against the stretch itself rubber is steepest at rest, until its chains lock.
+    x, y = np.expm1(x[order]), y[order]
+    early = int(np.argmax(y > _TOE_ENDS * np.max(y)))
+    x, y = x[:early], y[:early]
+    width = max(len(x) // 8, 4)
+    starts = np.arange(0, len(x) - 3, max(width // 2, 1))
     slopes, errors, middles = [], [], []
     for i in starts:
         part = slice(i, i + width)
@@ -277,9 +282,11 @@ def _toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
     scatter = float(np.sqrt(np.mean(np.square(errors))))
     best = int(np.argmax(slopes))
     rise = slopes[best] - slopes[0]
-    if best == 0 or rise < max(_CERTAIN * scatter, _STEEPER * slopes[best]):
+    fall = slopes[best] - min(slopes[best:])
+    least = max(_CERTAIN * scatter, _STEEPER * slopes[best])
+    if best == 0 or rise < least or fall < min(scatter, 0.02 * slopes[best]):
         return None
-    return middles[best]
+    return float(np.log1p(middles[best]))
 
 
 def without_toe(data: Dataset, share: float = 0.0) -> Dataset:

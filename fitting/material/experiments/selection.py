@@ -160,7 +160,7 @@ def before_break(data: Dataset) -> Dataset:
 
 
 def thinned(data: Dataset, most: int) -> Dataset:
-    """At most about this many readings, each the mean of a run of them, with its weight.
+    """Fewer readings, each the mean of a run of them, with its weight.
 
     Runs hold readings that follow each other along the test and differ by little in stretch
     and stress, so that means lie on the curve; a run counts as often as it has readings,
@@ -168,10 +168,11 @@ def thinned(data: Dataset, most: int) -> Dataset:
 
     Args:
         data: a test; those that are no single curve stay as they are.
-        most: readings to keep; zero keeps all.
+        most: tests with more readings are averaged to half as many; zero keeps all.
     """
     if not isinstance(data, StressTest) or not data.is_curve or not 0 < most < data.size:
         return data
+    most = max(most // 2, 1)
     halves = []
     for rows in series_of(data):
         cycles = half_cycles(data.deformation[rows])

@@ -79,7 +79,7 @@ def fit_material(
         branch: "all", or "loading" to leave unloading branches out; None takes all.
         cycle: "all", or the loading of the "first", the "last" or a numbered cycle.
         cut_break: leave out what follows the failure of a specimen.
-        thin: most readings of a curve; more are averaged in runs. Zero keeps all.
+        thin: most readings of a curve; more are averaged to half as many. Zero keeps all.
         zero: what is found with the law: "slack", "force", "machine".
         bounds: hard bounds by constant, SI units, such as {"alpha.0": (1, 3)}.
         remarks: warnings to carry into the report.
