@@ -187,3 +187,36 @@ def test_preview_of_a_file(tmp_path: pathlib.Path) -> None:
     report = json.loads(run.invoke(app, ["data", str(bare), "--json"]).stdout)
     assert report["status"] == "incomplete"
     assert "cross-section" in report["message"]
+
+
+def test_specimens_differ_and_scatter_is_told(tmp_path: pathlib.Path) -> None:
+    rng = np.random.default_rng(5)
+    stretch = np.linspace(1.02, 2.2, 15)
+    file = tmp_path / "a.csv"
+    inside, scatters, misfits = 0, [], 0
+    for _ in range(8):
+        factors = np.exp(0.06 * rng.standard_normal(6))
+        rows = [
+            f"{x:.6g},{y:.7g},S{k}\n"
+            for k, factor in enumerate(factors)
+            for x, y in zip(
+                stretch,
+                0.4
+                * factor
+                * (stretch - stretch**-2)
+                * (1.0 + 0.01 * rng.standard_normal(len(stretch))),
+                strict=True,
+            )
+        ]
+        file.write_text("stretch,nominal_stress_MPa,specimen\n" + "".join(rows))
+        fit = fit_material([load_dataset("uniaxial", file)], "neo-hookean", starts=2)
+        assert fit.specimens is not None
+        ratio = fit.specimens.factors / factors
+        np.testing.assert_allclose(ratio / np.mean(ratio), 1.0, rtol=0.02)
+        scatters.append(fit.specimens.scatter.deviation)
+        _, low, high = fit.shear_modulus()
+        inside += low <= MU <= high
+        misfits += fit.misfit.significant
+    assert inside >= 6  # of 8 at 95 %: 5 or fewer in 0.6 %
+    assert 0.04 < np.mean(scatters) < 0.08
+    assert misfits <= 1

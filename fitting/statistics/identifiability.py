@@ -73,6 +73,22 @@ class Uncertainty:
         """Standard errors of quantities [n] with these derivatives by the constants [n, p]."""
         return np.asarray(np.linalg.norm(slope @ self.root, axis=-1))
 
+    def with_error(self, error: np.ndarray) -> "Uncertainty":
+        """The same with a further error that all constants share.
+
+        Args:
+            error: by how much each constant moves at one standard deviation of it, shape [p].
+        """
+        root = np.column_stack([self.root, error])
+        covariance = root @ root.T
+        deviation = np.sqrt(np.diagonal(covariance))
+        return dataclasses.replace(
+            self,
+            root=root,
+            covariance=covariance,
+            correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
+        )
+
     def quantile(self, level: float) -> float:
         """Half width of a two-sided interval in standard errors.
 

@@ -22,6 +22,7 @@ from fitting.material.fit.noise import Noise, noise_of, with_noise
 from fitting.material.fit.problem import MaterialProblem, pose, settle
 from fitting.material.fit.residuals import readings
 from fitting.material.fit.result import MaterialFit
+from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
 from fitting.material.fit.suspects import (
     fit_suspects,
     posed_kind,
@@ -140,6 +141,11 @@ def _fitted(
     zeros = zeros_of(used, tuple(dict.fromkeys(zero))) if zero else ()
     wider = with_zeros(chosen, used, zeros) if zeros else chosen
     problem, minima, used = _weighed(used, wider, residual, starts, seed, zeros)
+    specimens = None
+    if np.isfinite(minima.cost[0]) and not zeros and not bounds and _several(used):
+        specimens, problem, minima, used = _hierarchical(
+            used, wider, problem, minima, (residual, starts, seed)
+        )
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
             f"{chosen.title}: none of {starts} starts gave finite stresses; check the units, "
@@ -179,6 +185,13 @@ def _fitted(
         held=at_bounds,
         noise_ratio=noise.ratio if noise.excluded and not known_noise else None,
     )
+    if specimens is not None and specimens.differ:
+        stresses = np.array([unit == "Pa" for unit in wider.units])
+        judged = judged.with_error(np.where(stresses, constants, 0.0) * specimens.mean_error)
+        notes.append(
+            f"the specimens differ by {100.0 * specimens.scatter.deviation:.2g} % in stiffness "
+            f"beyond their noise; the constants are those of the typical one"
+        )
     if doubt and judged_misfit.significant and not suspects and not bounds:
         suspects += _explaining(used, problem, constants, noise)
         if not suspects and not zero:
@@ -197,6 +210,7 @@ def _fitted(
         noise=noise,
         suspects=tuple(suspects),
         bounds=dict(bounds or {}),
+        specimens=specimens,
     )
 
 
@@ -276,6 +290,38 @@ def _in_words(model: NoiseModel) -> str:
     relative, absolute = f"{100.0 * model.relative:.2g} %", f"{model.absolute / 1e6:.2g} MPa"
     kinds = {"relative": relative, "absolute": absolute, "both": f"{relative} and {absolute}"}
     return f"{kinds[model.kind]} ({model.kind})"
+
+
+def _several(sets: Sequence[Dataset]) -> bool:
+    """Whether a mode has more than one specimen."""
+    seen = [
+        (data.mode, data.file, label) for data in sets for label in dict.fromkeys(data.specimen)
+    ]
+    return len({mode for mode, *_ in seen}) < len(seen)
+
+
+def _hierarchical(
+    sets: list[Dataset],
+    chosen: AbstractFamily,
+    problem: MaterialProblem,
+    minima: Minima,
+    options: tuple[str, int, int],
+) -> tuple[Specimens | None, MaterialProblem, Minima, list[Dataset]]:
+    """The fit of the typical specimen, if the specimens differ."""
+
+    def judged(known: np.ndarray | None) -> Specimens | None:
+        theta, scales = jnp.asarray(minima.theta[0]), problem.residuals.scales
+        constants = np.asarray(chosen.constants(theta, scales))
+        return specimens_of(sets, problem, constants, known)
+
+    found = judged(None)
+    if found is None or not found.differ:
+        return found, problem, minima, sets
+    sets = of_typical_specimen(sets, found)
+    problem, minima, sets = _weighed(sets, chosen, *options, ())
+    if not np.isfinite(minima.cost[0]):
+        return None, problem, minima, sets
+    return judged(found.factors), problem, minima, sets
 
 
 def _weighed(

@@ -17,6 +17,7 @@ from fitting.material.fit.intervals import Intervals, intervals_of
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.residuals import readings
+from fitting.material.fit.specimens import Specimens
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
@@ -62,6 +63,7 @@ class MaterialFit:
         noise: of the data sets, estimated from the residuals.
         suspects: artefacts that the data seem to have.
         bounds: hard bounds by constant, SI units.
+        specimens: factors of several specimens of one mode; None where there is one each.
     """
 
     sets: tuple[Dataset, ...]
@@ -76,6 +78,7 @@ class MaterialFit:
     noise: Noise | None = None
     suspects: tuple[Suspect, ...] = ()
     bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    specimens: Specimens | None = None
 
     @property
     def family(self) -> AbstractFamily:

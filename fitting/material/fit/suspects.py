@@ -167,7 +167,8 @@ def _refit_with(
     none = np.zeros(int(part.sum()))
     kinds = np.array(residuals.family.kinds)[part]
     # A machine that takes a tenth, or a third, of the travel.
-    share = np.where(kinds == "machine", 2.0 * float(residuals.scales.strain), 0.0)
+    strain = float(np.asarray(residuals.scales.strain))
+    share = np.where(kinds == "machine", 2.0 * strain, 0.0)
     starts = [theta[moved], np.append(theta[:size], none)]
     if np.any(share):
         starts += [np.append(theta[:size], times * share) for times in (0.3, 1.0)]

@@ -74,6 +74,8 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "warnings": [*fit.remarks, *_doubts(fit), *extrapolated],
         "status": fit.status,
     }
+    if fit.specimens is not None:
+        report["specimens"] = fit.specimens.report(fit.shear_modulus()[0])
     report |= family.settings
     if family.terms is not None:
         report["terms"] = family.terms

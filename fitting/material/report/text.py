@@ -69,6 +69,8 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
     console.print(f"residuals {kind}{floor}, condition number {report['condition_number']:.3g}")
     if "posterior" in report:
         _print_posterior(console, report["posterior"], fit)
+    if "specimens" in report:
+        _print_specimens(console, report["specimens"])
     for zero in report["zeros"]:
         console.print(
             f"{zero['name']} of {escape(zero['file'])}: {zero['value']:.4g} +- "
@@ -82,6 +84,23 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
         console.print(f"[yellow]warning:[/] {escape(text)}")
     if fit.family.law_name in LAWS:
         console.print("\n" + card(fit.material(), "toml"), markup=False)
+
+
+def _print_specimens(console: Console, found: dict[str, Any]) -> None:
+    """Stiffness of each specimen, and the scatter between them."""
+    table = Table("specimen", "mode", "shear modulus", "standard error")
+    for one in found["specimens"]:
+        name = f"{one['file']} {one['specimen']}".strip()
+        error = f"{100.0 * one['standard_error'] / one['factor']:.2g} %"
+        table.add_row(escape(name), one["mode"], _text(one["shear_modulus_Pa"], "Pa"), error)
+    console.print(table)
+    low, high = found["relative_scatter_95"]
+    first, last = (_text(x, "Pa") for x in found["next_specimen_95_Pa"])
+    console.print(
+        f"scatter between specimens {100.0 * found['relative_scatter']:.2g} % "
+        f"({100.0 * low:.2g} to {100.0 * high:.2g} %); a further specimen has a shear modulus "
+        f"of {first} to {last} (95 %)"
+    )
 
 
 def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialFit) -> None:
