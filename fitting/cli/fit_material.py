@@ -13,6 +13,7 @@ from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from fitting.material.fit.result import MaterialFit
+    from fitting.material.report.cards import CardSettings
 
 
 def register(app: typer.Typer) -> None:
@@ -121,9 +122,18 @@ def material(
         list[str] | None,
         typer.Option(
             metavar="FORMAT=FILE",
-            help="Write a material card: abaqus, calculix, ansys, febio, comsol or toml. "
-            "May be repeated.",
+            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna or "
+            "toml. May be repeated.",
         ),
+    ] = None,
+    card_units: Annotated[
+        str, typer.Option(help="Units of the cards: SI or mm-N-MPa (mm, t, s, MPa).")
+    ] = "SI",
+    card_name: Annotated[
+        str, typer.Option(help="Name of the material in the cards.")
+    ] = "membrane",
+    density: Annotated[
+        float | None, typer.Option(help="Density in the cards [kg/m3]; lsdyna needs it.")
     ] = None,
     scene: Annotated[
         Path | None,
@@ -148,7 +158,13 @@ def material(
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
+        from fitting.material.report.cards import PROGRAMS, CardError, CardSettings
 
+        settings = CardSettings(card_units, card_name, density)
+        for name, _ in cards:
+            if name not in PROGRAMS:
+                allowed = ", ".join(PROGRAMS)
+                raise CardError(f"--export {name}: unknown program; allowed: {allowed}")
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
         outputs = [arviz, corner, predictive, plot, *(Path(file) for _, file in cards)]
@@ -213,10 +229,10 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
-                from fitting.material.report.cards import write_card
-
-                for name, file in cards:
-                    write_card(fit.material(), name, Path(file))
+                report["cards"] = _written(fit, cards, settings)
+                report["warnings"] += [
+                    entry["message"] for entry in report["cards"] if entry["message"]
+                ]
             if fit is not None and plot is not None:
                 from fitting.material.report.plots import plot_material
 
@@ -230,6 +246,23 @@ def material(
     if fit is None:
         typer.echo(f"suas: {report['message']}", err=True)
         raise typer.Exit(NO_SOLUTION)
+
+
+def _written(
+    fit: "MaterialFit", cards: list[tuple[str, str]], settings: "CardSettings"
+) -> list[dict[str, str]]:
+    """Write the cards; one that a program can't have is reported, and stops nothing."""
+    from fitting.material.report.cards import CardError, write_card
+
+    found = []
+    for name, file in cards:
+        message = ""
+        try:
+            write_card(fit.material(), name, Path(file), settings)
+        except CardError as error:
+            message = str(error)
+        found.append({"program": name, "file": file, "message": message})
+    return found
 
 
 def _on_skin(sets: list[Any]) -> bool:

@@ -140,7 +140,13 @@ def uncertainty(
     count = int(told.sum())
     dof = count - int(kept.sum())
     ratio = np.ones(len(r)) if noise_ratio is None else noise_ratio[used]
-    estimated = float(np.sqrt(np.sum((r / ratio) ** 2) / dof)) if dof > 0 else np.nan
+    whitened = r / ratio
+    if noise_ratio is not None:
+        # What the constants are off by, for they were weighed otherwise, is no noise.
+        along, size, _ = np.linalg.svd(scaled_rows / ratio[:, None], full_matrices=False)
+        along = along[:, size > _RANK * max(float(size[0]), 1e-300)]
+        whitened = whitened - along @ (along.T @ whitened)
+    estimated = float(np.sqrt(np.sum(whitened**2) / dof)) if dof > 0 else np.nan
     typical = whole / np.sqrt(max(count, 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
