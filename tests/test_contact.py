@@ -30,8 +30,8 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import equilibrium, path, smallest_gap
 from suas_jax.mechanics.base import ContactState
 from suas_jax.mechanics.contact.term import contact_pressure
+from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.forward import Loads, Skin, forward, skin_of
-from suas_jax.scene.observables import wall_observables
 from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.wall import RigidLimit, SoftLayer, Wall
@@ -72,7 +72,7 @@ def contact_of(problem: Problem, state: State) -> ContactState:
 
 def wall_report(spec: SceneSpec, contact: ContactState) -> dict[str, Any]:
     geometry = skin_parts(spec, continuous_inputs(spec)).geometry
-    return jax.tree.map(lambda x: float(x[0]), wall_observables(contact, geometry))
+    return jax.tree.map(lambda x: float(x[0]), contact_zone(contact, geometry))
 
 
 def pressed(case: str, force: float) -> SceneSpec:
@@ -227,7 +227,7 @@ def test_derivatives_are_those_of_the_solution_in_contact() -> None:
         problem = _problem(skin, Loads.line(angle, force))
         state = equilibrium(problem).state
         contact = problem.mechanics.contact(state.q, problem.mechanics.wall)
-        wall = wall_observables(contact, skin.geometry)
+        wall = contact_zone(contact, skin.geometry)
         return jnp.stack([state.pressure[0] / 1e4, wall["force_N"][0] / 10])
 
     at = (jnp.array(60.0), jnp.array(np.deg2rad(44.0)))
@@ -390,3 +390,10 @@ def test_the_bound_is_that_of_a_straight_line() -> None:
     spread = ((x - x.mean()) ** 2).sum()
     assert float(slope) == pytest.approx(1 / np.sqrt(spread))
     assert float(offset) == pytest.approx(np.sqrt(1 / 10 + x.mean() ** 2 / spread))
+
+
+def test_a_pressure_that_the_wall_keeps_out_of_reach_is_named() -> None:
+    """A thin membrane touches at 8.2 kPa; beyond, the wall takes whatever is added."""
+    thin = scene(line(0.0, 20.0), oil_pressure=10e3, thickness=0.5e-3)
+    wanted = with_solve(thin, model="shell", elements=32)
+    assert solve(wanted).report["status"] == "unreachable_pressure"

@@ -16,7 +16,7 @@ from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
-from suas_jax.mechanics.pad.net import NetTopology
+from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad.points import Surface, energy_density, layers, resultants, surface
 from suas_jax.mechanics.shell.shell import Shell
@@ -26,6 +26,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.wall import RigidLimit, Wall
 
 DATA = pathlib.Path(__file__).parent / "data"
 ONE = jnp.ones(1)
@@ -78,10 +79,8 @@ def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
         jnp.asarray(rng.normal(size=(3, 5, 1))),
     )
     angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
-    return Pad(
-        law, 0.058 * ONE, 4e-3 * ONE, angles, positions, points, 1e-4 * ONE, None,
-        NetTopology(arc, axial),
-    )  # fmt: skip
+    net = Net.of(NetTopology(arc, axial), angles, positions)
+    return Pad(law, 0.058 * ONE, 4e-3 * ONE, net, points, 1e-4 * ONE, None)
 
 
 CASES = {
@@ -143,6 +142,25 @@ def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
         wanted = (ahead - back) / 2e-8
         scale = np.max(np.abs(wanted))
         np.testing.assert_allclose(got.tangent.mv(v), wanted, rtol=0, atol=1e-7 * scale)
+
+
+def test_contact_with_the_wall_comes_from_its_energy() -> None:
+    free_pad = small_pad(*CASES["sliding ends, half, kinked"])
+    q, directions, free = state_of(free_pad, 2e-3)
+    inner = free_pad.mid_radius - free_pad.thickness / 2
+    law = RigidLimit(1e9 * ONE, 1e-4 * ONE)
+    pad = free_pad.with_wall(Wall(inner - 2e-4, law))
+    gap = pad.contact(q, pad.wall).gap
+    assert 0.05 < np.mean(gap < 0) < 0.95
+    without = assemble(free_pad, q, PRESSURE, FACTOR)
+    got = assemble(pad, q, PRESSURE, FACTOR)
+    wanted = gradients(pad, q, PRESSURE, FACTOR)[0] * free
+    change = np.max(np.abs(got.residual - without.residual))
+    np.testing.assert_allclose(got.residual, wanted, rtol=0, atol=1e-11 * change)
+    moved = jax.vmap(got.tangent.mv)(directions)
+    expected = products(pad, q, PRESSURE, FACTOR, directions) * free
+    scale = np.max(np.abs(expected))
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-11 * scale)
 
 
 def test_the_tangent_is_the_hessian_to_the_last_digits() -> None:
@@ -279,19 +297,18 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
     places = (axial[:-1] + jnp.diff(axial, axis=0) * (x + 1) / 2).reshape(-1, 1)
     shares = (jnp.diff(axial, axis=0) * w / 2).reshape(-1)
     forces = jnp.concatenate([force, jnp.zeros(1)])[:, None] * shares
+    topology = NetTopology(
+        SplineAxis(elements, multiplicity=(2,) * (elements - 1)),
+        SplineAxis(3, "mirror", "mirror"),
+    )
     pad = Pad(
         EPDM,
         SKIN.mid_radius,
         SKIN.thickness,
-        angles,
-        axial,
+        Net.of(topology, angles, axial),
         PadLoadPoints(at * jnp.ones_like(places), places, forces[..., None]),
         SKIN.film_area * SKIN.width,
         None,
-        NetTopology(
-            SplineAxis(elements, multiplicity=(2,) * (elements - 1)),
-            SplineAxis(3, "mirror", "mirror"),
-        ),
         gauss=gauss,
     )
     section, whole = find(trapped(shell)), find(trapped(pad))
@@ -389,6 +406,21 @@ def test_radii_along_rays_are_those_of_the_deformed_face() -> None:
     polar, along = np.arctan2(x, y)[:, None], (np.asarray(axial)[:, 0] + moved[2])[:, None]
     got = pad.inner_radius_at(q, jnp.asarray(polar), jnp.asarray(along))
     np.testing.assert_allclose(got[:, 0], np.hypot(x, y), rtol=1e-9)
+
+
+def test_displacements_converge_with_the_order_of_the_splines() -> None:
+    load = patch(0, 0, 1.0, arc=40e-3, length=40e-3)
+
+    def compliance(count: int) -> float:
+        pad = pad_under([load], (count, count))
+        at_rest = assemble(pad, pad.rest(), 0 * ONE, ONE)
+        moved = solve(at_rest.tangent, at_rest.load[:, None])
+        return float(jnp.sum(moved[:, 0] * at_rest.load))
+
+    coarse, fine, best = compliance(12), compliance(18), compliance(36)
+    # The patch ends inside elements, which costs half an order.
+    assert abs(fine / best - 1) < abs(coarse / best - 1) / 1.5**3.5
+    assert abs(fine / best - 1) < 2e-2
 
 
 # Loads.

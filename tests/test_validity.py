@@ -20,7 +20,7 @@ SKIN = pathlib.Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
 
 @quick
 def judged(problem: Problem, state: State, stretch: jax.Array, energy: jax.Array) -> jax.Array:
-    return validity(problem, state, stretch, energy)
+    return validity(problem, state, force_balance(problem, state), stretch, energy)
 
 
 @pytest.fixture(scope="module")

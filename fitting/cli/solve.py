@@ -75,7 +75,8 @@ def solve(
         Path | None, typer.Option(help="Write a figure of the taxels' sensor output.")
     ] = None,
     vtu: Annotated[
-        Path | None, typer.Option(help="Write the solid model's fields for ParaView.")
+        Path | None,
+        typer.Option(help="Write the fields of the solid, or of a pad, for ParaView."),
     ] = None,
     repeat: Annotated[
         int,
@@ -91,8 +92,8 @@ def solve(
     """
     with bad_input():
         spec = _scene(scene, model, rtol)
-        if vtu is not None and spec.solve.model != "solid":
-            _refuse("--vtu", "fields through the thickness come with the solid model only")
+        if vtu is not None and spec.geometry.dimension == 2 and spec.solve.model != "solid":
+            _refuse("--vtu", "a section's fields come with the solid model only")
         _check_figure(plot)
         _check_figure(pad)
         check_outputs([plot, pad, vtu], overwrite=overwrite)

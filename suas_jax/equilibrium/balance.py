@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.skin.oil import AbstractOil
@@ -46,6 +46,34 @@ class State(NamedTuple):
     factor: Lanes
 
 
+def controls(
+    y: BorderedVector, level: Lanes, pressure_given: Bool[Array, ""] | None
+) -> tuple[Lanes, Lanes]:
+    """Oil pressure and load factor: one is the level, the other the border unknown."""
+    if y.border is None:
+        return jnp.zeros_like(level), level
+    if pressure_given is None:
+        return y.border, level
+    given = pressure_given
+    return jnp.where(given, level, y.border), jnp.where(given, y.border, level)
+
+
+def imbalance(
+    problem: Problem,
+    y: BorderedVector,
+    level: Lanes,
+    pressure_given: Bool[Array, ""] | None = None,
+) -> BorderedVector:
+    """The residual alone, for derivatives: no tangent is assembled; see `residual`."""
+    mechanics, oil = problem.mechanics, problem.oil
+    pressure, factor = controls(y, level, pressure_given)
+    net = pressure - factor * problem.external_pressure
+    force, volume_change = mechanics.imbalance(y.stations, net, factor)
+    if y.border is None:
+        return BorderedVector(force, None)
+    return BorderedVector(force, oil.expansion(pressure, mechanics.film_volume) - volume_change)
+
+
 def residual(
     problem: Problem,
     y: BorderedVector,
@@ -68,45 +96,69 @@ def residual(
     """
     mechanics, oil = problem.mechanics, problem.oil
     external = problem.external_pressure
-
-    def controls(level: Lanes) -> tuple[Lanes, Lanes]:
-        """Oil pressure and load factor."""
-        if y.border is None:
-            return jnp.zeros_like(level), level
-        if pressure_given is None:
-            return y.border, level
-        given = pressure_given
-        return jnp.where(given, level, y.border), jnp.where(given, y.border, level)
-
-    pressure, factor = controls(level)
+    pressure, factor = controls(y, level, pressure_given)
     if tangent_level is None:
         a = mechanics.assemble(y.stations, pressure - factor * external, factor)
         force = a.residual
     else:
-        at_pressure, at_factor = controls(tangent_level)
+        at_pressure, at_factor = controls(y, tangent_level, pressure_given)
         a = mechanics.assemble(y.stations, at_pressure - at_factor * external, at_factor)
         more = factor - at_factor
         more_pressure = pressure - at_pressure - more * external
         force = a.residual - more_pressure * a.volume_gradient - more * a.load
+    operator = operator_of(problem, a, None if y.border is None else pressure, pressure_given)
     if y.border is None:
-        operator = BorderedBlockTridiagonal(a.tangent, None, None)
         return BorderedVector(force, None), operator
-    film = mechanics.film_volume
-    defect = oil.expansion(pressure, film) - a.volume_change
-    by_pressure, compliance = -a.volume_gradient, oil.compliance(pressure, film)
-    if pressure_given is None:
-        operator = BorderedBlockTridiagonal(a.tangent, by_pressure, compliance)
-    else:
-        by_factor = external * a.volume_gradient - a.load
-        column = jnp.where(pressure_given, by_factor, by_pressure)
-        corner = jnp.where(pressure_given, 0.0, compliance)
-        operator = BorderedBlockTridiagonal(a.tangent, column, corner, row=by_pressure)
+    defect = oil.expansion(pressure, mechanics.film_volume) - a.volume_change
     return BorderedVector(force, defect), operator
+
+
+def operator_of(
+    problem: Problem,
+    a: Assembly,
+    pressure: Lanes | None,
+    pressure_given: Bool[Array, ""] | None = None,
+) -> BorderedBlockTridiagonal:
+    """Derivative of the residual from an assembly of the membrane.
+
+    Args:
+        problem: membrane, oil, loads.
+        a: the membrane at the state.
+        pressure: of the oil; None where it is vented.
+        pressure_given: see `residual`.
+    """
+    if pressure is None:
+        return BorderedBlockTridiagonal(a.tangent, None, None)
+    by_pressure = -a.volume_gradient
+    compliance = problem.oil.compliance(pressure, problem.mechanics.film_volume)
+    if pressure_given is None:
+        return BorderedBlockTridiagonal(a.tangent, by_pressure, compliance)
+    by_factor = problem.external_pressure * a.volume_gradient - a.load
+    column = jnp.where(pressure_given, by_factor, by_pressure)
+    corner = jnp.where(pressure_given, 0.0, compliance)
+    return BorderedBlockTridiagonal(a.tangent, column, corner, row=by_pressure)
 
 
 def border_of(y: BorderedVector) -> Lanes:
     """The border unknown of a state; zero, as a vented oil's pressure, where there is none."""
     return jnp.zeros(y.stations.shape[-1:]) if y.border is None else y.border
+
+
+def unknowns_of(
+    problem: Problem, state: State
+) -> tuple[BorderedVector, Lanes, Bool[Array, ""] | None]:
+    """A state as unknowns, level and whether the pressure is what is given."""
+    if problem.oil_pressure is not None:
+        return BorderedVector(state.q, state.factor), state.pressure, jnp.array(True)
+    border = state.pressure if problem.oil.trapped else None
+    return BorderedVector(state.q, border), state.factor, None
+
+
+def state_of(problem: Problem, y: BorderedVector, level: Lanes) -> State:
+    """The inverse of `unknowns_of`."""
+    if problem.oil_pressure is not None:
+        return State(y.stations, level, border_of(y))
+    return State(y.stations, border_of(y), level)
 
 
 class Verification(NamedTuple):
@@ -115,41 +167,80 @@ class Verification(NamedTuple):
     Attributes:
         stable: positive tangent on the constraint surface.
         correction: the state after one more Newton correction.
-        omitted: change of the state, to first order, by the energy that the mechanics
-            leaves out; None where it leaves out nothing.
+        unbalanced: largest force that nothing balances.
+        balanced: size of the forces that balance one another; see `forces_in_balance`.
     """
 
     stable: Bool[Array, " lane"]
     correction: State
-    omitted: State | None
+    unbalanced: Lanes
+    balanced: Lanes
 
 
-def verify(problem: Problem, state: State) -> Verification:
+def verify(
+    problem: Problem, state: State, *, omitted: bool = True
+) -> tuple[Verification, State | None]:
     """Test the stability of a state and how far it is from equilibrium.
 
     Args:
         problem: membrane, oil and loads, possibly on a finer mesh than the state's.
         state: the state to check.
+        omitted: whether the effect of the omitted energy is wanted.
+
+    Returns:
+        The verdict, and the change of the state, to first order, by the energy that the
+        mechanics leaves out; None where it leaves out nothing.
     """
-    border = state.pressure if problem.oil.trapped else None
-    r, operator = residual(problem, BorderedVector(state.q, border), state.factor)
-    inertia = 1 if problem.oil.trapped else 0
+    mechanics = problem.mechanics
+    trapped = problem.oil.trapped
+    net = state.pressure - state.factor * problem.external_pressure
+    a = mechanics.assemble(state.q, net, state.factor)
+    defect = None
+    if trapped:
+        film = mechanics.film_volume
+        defect = problem.oil.expansion(state.pressure, film) - a.volume_change
+    operator = operator_of(problem, a, state.pressure if trapped else None)
+    right = BorderedVector(a.residual, defect)
+    pull = mechanics.omitted_gradient(state.q) if omitted else None
+    change = None
+    if pull is None:
+        solved = eliminate(operator, right)
+    else:
+        relaxed = BorderedVector(pull, None if defect is None else jnp.zeros_like(defect))
+        both = jax.tree.map(lambda *x: jnp.stack(x), right, relaxed)
+        pair = jax.vmap(lambda right: eliminate(operator, right))(both)
+        solved, second = (jax.tree.map(lambda x, i=i: x[i], pair) for i in (0, 1))
+        if problem.oil_pressure is not None:  # the loads change, not the pressure
+            own = operator_of(problem, a, state.pressure, jnp.array(True))
+            second = eliminate(own, relaxed)
+        zero = jnp.zeros_like(state.pressure)
+        change = state_of(problem, second.solution, zero)
+    better = State(
+        state.q - solved.solution.stations,
+        state.pressure - border_of(solved.solution),
+        state.factor,
+    )
+    verdict = Verification(
+        solved.negative == (1 if trapped else 0),
+        better,
+        largest(a.residual),
+        forces_in_balance(problem, state, a),
+    )
+    return verdict, change
 
-    def moved(change: BorderedVector) -> State:
-        return State(
-            state.q - change.stations, state.pressure - border_of(change), state.factor
-        )
 
-    omitted = problem.mechanics.omitted_gradient(state.q)
-    if omitted is None:
-        solved = eliminate(operator, r)
-        return Verification(solved.negative == inertia, moved(solved.solution), None)
-    relaxed = BorderedVector(omitted, None if border is None else jnp.zeros_like(border))
-    both = jax.tree.map(lambda *x: jnp.stack(x), r, relaxed)
-    solved = jax.vmap(lambda right: eliminate(operator, right))(both)
-    first, second = (jax.tree.map(lambda x, i=i: x[i], solved) for i in (0, 1))
-    change = State(second.solution.stations, border_of(second.solution), state.factor)
-    return Verification(first.negative == inertia, moved(first.solution), change)
+def forces_in_balance(problem: Problem, state: State, a: Assembly) -> Lanes:
+    """Size of the forces that balance one another, in the unknowns' generalised forces.
+
+    Largest entries of the loads and of the pressures, each for itself, and the strain energy
+    over the displacement (which sees loads that a clamp takes over at once), added up.
+    """
+    size = problem.mechanics.displacement_size(state.q)
+    energy = problem.mechanics.strain_energy(state.q)
+    scale = jnp.where(size > 0, energy / jnp.where(size > 0, size, 1.0), 0.0)
+    scale += largest(state.factor * a.load)
+    scale += largest(state.pressure * a.volume_gradient)
+    return scale + largest(state.factor * problem.external_pressure * a.volume_gradient)
 
 
 def volume_residual(problem: Problem, state: State) -> Lanes:

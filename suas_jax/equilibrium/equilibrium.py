@@ -17,7 +17,13 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float, Int
 
-from suas_jax.equilibrium.balance import Problem, State, residual
+from suas_jax.equilibrium.balance import (
+    Problem,
+    State,
+    imbalance,
+    residual,
+    unknowns_of,
+)
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure
 from suas_jax.mechanics.base import AbstractMechanics
@@ -126,7 +132,7 @@ def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
         if problem.oil_pressure is not None:  # it enters as the level
             fixed = jax.lax.stop_gradient(problem.oil_pressure)
             reached = level + (problem.oil_pressure - fixed)
-        return residual(problem, found.y, reached, given)[0]
+        return imbalance(problem, found.y, reached, given)
 
     value, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
     # An equation that the perturbed inputs don't enter has the tangent None.
@@ -208,11 +214,7 @@ def differentiable(problem: Problem, state: State) -> State:
     Returns:
         The same state; derivatives by the problem's leaves flow through it.
     """
-    if problem.oil_pressure is not None:
-        y, level = BorderedVector(state.q, state.factor), state.pressure
-    else:
-        y = BorderedVector(state.q, state.pressure if problem.oil.trapped else None)
-        level = state.factor
+    y, level, _ = unknowns_of(problem, state)
     count = jnp.zeros(level.shape, jnp.int32)
     return _outcome(problem, _known(problem, Found(y, level, count, count, level))).state
 

@@ -8,7 +8,12 @@ is no state at all. So every state found is judged once more by itself.
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from suas_jax.equilibrium.balance import Problem, State, volume_residual
+from suas_jax.equilibrium.balance import (
+    Problem,
+    State,
+    forces_in_balance,
+    volume_residual,
+)
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.base import largest
 from suas_jax.numerics.array_types import Lanes
@@ -22,20 +27,25 @@ _VOLUME = 1e-9
 
 
 def validity(
-    problem: Problem, state: State, stretch_min: Lanes, energy: Lanes
+    problem: Problem,
+    state: State,
+    forces: tuple[Lanes, Lanes],
+    stretch_min: Lanes,
+    energy: Lanes,
 ) -> Int[Array, " lane"]:
     """Judge a state: finite, in the law's domain, with length left, in balance.
 
     Args:
         problem: membrane, oil and loads.
         state: claimed to be its equilibrium.
+        forces: the largest that nothing balances, and the size of those that balance.
         stretch_min: smallest stretch of a fibre.
         energy: strain energy.
 
     Returns:
         Index of the outcome: zero where the state is valid, else what is wrong with it.
     """
-    error, scale = force_balance(problem, state)
+    error, scale = forces
     allowed = _UNBALANCED if problem.mechanics.wall is None else _UNBALANCED_ON_A_WALL
     volume = jnp.abs(volume_residual(problem, state))
     found = jnp.zeros(error.shape, jnp.int32)
@@ -51,23 +61,7 @@ def validity(
 
 
 def force_balance(problem: Problem, state: State) -> tuple[Lanes, Lanes]:
-    """Largest force that nothing balances, and the size of those that balance.
-
-    Args:
-        problem: membrane, oil and loads.
-        state: the state.
-
-    Returns:
-        Largest entry of the residual; largest entries of the loads and of the pressures, each
-        for itself, and the strain energy over the displacement (which sees loads that a clamp
-        takes over at once), added up. In the unknowns' generalised forces.
-    """
-    size = problem.mechanics.displacement_size(state.q)
-    energy = problem.mechanics.strain_energy(state.q)
+    """Largest force that nothing balances, and the size of those that balance."""
     net = state.pressure - state.factor * problem.external_pressure
     a = problem.mechanics.assemble(state.q, net, state.factor)
-    scale = jnp.where(size > 0, energy / jnp.where(size > 0, size, 1.0), 0.0)
-    scale += largest(state.factor * a.load)
-    scale += largest(state.pressure * a.volume_gradient)
-    scale += largest(state.factor * problem.external_pressure * a.volume_gradient)
-    return largest(a.residual), scale
+    return largest(a.residual), forces_in_balance(problem, state, a)

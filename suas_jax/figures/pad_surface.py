@@ -25,7 +25,7 @@ def plot_pad_surface(solution: Solution) -> Figure:
     """
     pad = solution.problem().mechanics
     assert isinstance(pad, Pad)
-    grid = pad.sampled(solution.state.q, _SAMPLES)
+    grid = pad.sampled(solution.shown.q, _SAMPLES)
     inner, outer, angle, axial = (
         np.asarray(x)[..., 0]
         for x in (grid.inner_displacement, grid.outer_displacement, grid.angle, grid.axial)

@@ -1,4 +1,4 @@
-"""Fields of the solid as a VTK unstructured grid, for ParaView."""
+"""Fields of the solid and of the pad as a VTK unstructured grid, for ParaView."""
 
 from pathlib import Path
 
@@ -6,6 +6,8 @@ import meshio
 import numpy as np
 
 from suas_jax.files.writing import written
+from suas_jax.mechanics.pad.faces import principal_stretches
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
@@ -15,25 +17,38 @@ from suas_jax.scene.solve import Solution
 _VTK_NODES = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1))
 
 
-def write_vtu(solution: Solution, file: Path) -> None:
-    """Write the reference mesh with displacement, pressure, energy and stretches, in SI units.
+_PAD_SAMPLES = 3  # quadrilaterals along either side of a pad's element
 
-    "Warp By Vector" with the displacement shows the deformed section. Elements keep nodes
-    of their own, so that fields may jump between them.
+
+def write_vtu(solution: Solution, file: Path) -> None:
+    """Write the undeformed membrane with its displacement and other fields, in SI units.
+
+    "Warp By Vector" with the displacement shows it deformed. The solid's section comes with
+    the fields through its thickness, the pad as its inner face.
 
     Args:
-        solution: a solution with the solid model.
+        solution: a solution with the solid model, or in three dimensions.
         file: where to write; the name ends in .vtu.
 
     Raises:
-        ValueError: the solution is not one of the solid, or the name has another ending.
+        ValueError: the solution is a section's shell, or the name has another ending.
     """
-    mechanics = solution.problem().mechanics
-    if not isinstance(mechanics, Solid):
-        raise ValueError("fields through the thickness come with the solid model only")
     if file.suffix.lower() != ".vtu":
         raise ValueError(f'--vtu {file}: the name of the file has to end in ".vtu"')
-    fields = nodal_fields(mechanics, solution.state.q)
+    mechanics = solution.problem().mechanics
+    if isinstance(mechanics, Solid):
+        mesh = _section_mesh(mechanics, solution)
+    elif isinstance(mechanics, Pad):
+        mesh = _pad_mesh(mechanics, solution)
+    else:
+        raise ValueError("a section's fields come with the solid model only")
+    with written(file) as draft:
+        mesh.write(draft, file_format="vtu")
+
+
+def _section_mesh(solid: Solid, solution: Solution) -> meshio.Mesh:
+    """Elements keep nodes of their own, so that fields may jump between them."""
+    fields = nodal_fields(solid, solution.state.q)
     order = [NODES.index(node) for node in _VTK_NODES]
 
     def flat(values: np.ndarray) -> np.ndarray:
@@ -52,6 +67,31 @@ def write_vtu(solution: Solution, file: Path) -> None:
         "radial_stretch": flat(fields.radial_stretch),
         "dilatation": flat(fields.dilatation),
     }
-    mesh = meshio.Mesh(spatial(fields.position), [("quad9", cells)], point_data=data)
-    with written(file) as draft:
-        mesh.write(draft, file_format="vtu")
+    return meshio.Mesh(spatial(fields.position), [("quad9", cells)], point_data=data)
+
+
+def _pad_mesh(pad: Pad, solution: Solution) -> meshio.Mesh:
+    """The inner face as quadrilaterals."""
+    geometry = solution.scene.geometry
+    grid = pad.sampled(solution.shown.q, _PAD_SAMPLES)
+    angle, axial, energy = (
+        np.asarray(x)[..., 0] for x in (grid.angle, grid.axial, grid.energy_density)
+    )
+    moved = np.moveaxis(np.asarray(grid.inner_displacement)[..., 0], 0, -1)
+    arc, along = angle.shape
+    radius = geometry.inner_radius
+    rest = np.stack([radius * np.sin(angle), radius * np.cos(angle), axial], -1)
+    now = rest + moved
+    gap = np.hypot(now[..., 0], now[..., 1]) - (radius - geometry.oil_gap)
+    stretches = principal_stretches(grid.inner_strain)
+    index = np.arange(arc * along).reshape(arc, along)
+    corners = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
+    data = {
+        "displacement_m": moved.reshape(-1, 3),
+        "gap_m": gap.reshape(-1),
+        "strain_energy_density_J_per_m3": energy.reshape(-1),
+        "smallest_stretch": np.asarray(stretches)[0, ..., 0].reshape(-1),
+        "largest_stretch": np.asarray(stretches)[1, ..., 0].reshape(-1),
+    }
+    cells = np.stack(corners, -1).reshape(-1, 4)
+    return meshio.Mesh(rest.reshape(-1, 3), [("quad", cells)], point_data=data)

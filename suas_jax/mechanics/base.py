@@ -75,14 +75,18 @@ class Displacements(NamedTuple):
 
 
 class ContactState(NamedTuple):
-    """The inner face at the points where it may touch the wall [point, element, lane].
+    """The inner face at the points where it may touch the wall.
+
+    Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad.
 
     Attributes:
         angle: reference angle [rad].
         polar_angle: current polar angle [rad].
         gap: to the wall's surface, negative inside it [m].
         pressure: of the wall on the face, per area of the undeformed face [Pa].
-        area: of the undeformed face that a point stands for, per width [m].
+        area: of the undeformed face that a point stands for [m^2]; in plane strain per
+            width [m].
+        axial: current position along the axis [m]; None in plane strain.
     """
 
     angle: Array
@@ -90,6 +94,7 @@ class ContactState(NamedTuple):
     gap: Array
     pressure: Array
     area: Array
+    axial: Array | None = None
 
 
 class AbstractMechanics(eqx.Module):
@@ -98,12 +103,14 @@ class AbstractMechanics(eqx.Module):
     Attributes:
         per_width: whether energies, forces and volumes are per unit of width; else they
             are totals.
+        corrected: whether what is reported has the first-order effect of the omitted energy.
         law: the membrane's material.
         film_volume: volume of the undeformed oil film per width [m^2].
         wall: what holds the inner face; None where the membrane passes through it.
     """
 
     per_width: ClassVar[bool]
+    corrected: ClassVar[bool] = False
     law: eqx.AbstractVar[AbstractLaw]
     film_volume: eqx.AbstractVar[Lanes]
     wall: eqx.AbstractVar[Wall | None]
@@ -130,6 +137,19 @@ class AbstractMechanics(eqx.Module):
             pressure: net pressure on the inner face, oil less external [Pa].
             factor: dimensionless factor on all line loads.
         """
+
+    def imbalance(
+        self, q: StationVector, pressure: Lanes, factor: Lanes
+    ) -> tuple[StationVector, Lanes]:
+        """Residual and volume change of `assemble`, for derivatives by anything.
+
+        Args:
+            q: unknowns.
+            pressure: net pressure on the inner face, oil less external [Pa].
+            factor: dimensionless factor on all line loads.
+        """
+        a = self.assemble(q, pressure, factor)
+        return a.residual, a.volume_change
 
     @abc.abstractmethod
     def strain_energy(self, q: StationVector) -> Lanes:
@@ -205,6 +225,10 @@ class AbstractMechanics(eqx.Module):
     def with_wall(self, wall: Wall | None) -> Self:
         """The same membrane held by another wall, or by none."""
         return dataclasses.replace(self, wall=wall)
+
+    def stored_energy(self, q: StationVector) -> Lanes:
+        """Strain energy of the state that is reported, per width [J/m]."""
+        return self.strain_energy(q)
 
     def omitted_gradient(self, q: StationVector) -> StationVector | None:
         """Derivative, by the free unknowns, of the energy that the model leaves out [N/m].

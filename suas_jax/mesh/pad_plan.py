@@ -26,7 +26,7 @@ Ends = Literal["clamped", "sliding"]
 
 # Element sizes in decay lengths of bending, sqrt(R t): along edges, under a load, far away;
 # and how fast they grow with the distance.
-_EDGE, _LOAD, _LARGEST, _GROWTH = 0.7, 0.32, 1.5, 0.5
+_EDGE, _LOAD, _LARGEST, _GROWTH = 1.2, 0.32, 1.2, 0.2
 # Places that loads may have between the middle and an edge, as far as the mesh knows.
 _PLACES = 48
 # Points in a clipped element: exact for cubic displacement.

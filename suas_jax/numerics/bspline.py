@@ -168,28 +168,26 @@ class SplineAxis:
         """
         knots = self.knots(breakpoints)
         at = self._first + DEGREE
-        near = [knots[at + k] for k in range(-2, 4)]
-        start, end = near[2], near[3]
-        one, zero = jnp.ones_like(start), jnp.zeros_like(start)
-        unit = [[one if i == j else zero for j in range(4)] for i in range(4)]
-        columns = []
-        for coefficient in range(4):
-            # Bezier coefficients are values of the polynomial's blossom at the ends.
-            values = unit
-            for level in range(3):
-                u = end if level < coefficient else start
-                values = [
-                    _between(values[i], values[i + 1], u, near[i + level], near[i + 3])
-                    for i in range(3 - level)
-                ]
-            columns.append(jnp.stack(values[0]))
-        matrix = jnp.stack(columns, 1)
-        return matrix if parity is None else jnp.stack(self._folded(list(matrix), parity))
+        near = knots[at + np.arange(-2, 4)[:, None]]
+        # Bezier coefficients are values of the polynomial's blossom, each at its own number of
+        # starts and ends of the element: [value, control value, Bernstein, element].
+        ends = np.arange(4) > np.arange(3)[:, None]  # [level, Bernstein]
+        values = jnp.broadcast_to(np.eye(4)[:, :, None, None], (4, 4, 4, self.elements))
+        for level in range(3):
+            u = jnp.where(ends[level][:, None], near[3], near[2])
+            a, b = near[level:3, None, None], near[3 : 6 - level, None, None]
+            share = (u - a) / (b - a)
+            values = (1 - share) * values[:-1] + share * values[1:]
+        matrix = values[0]
+        return matrix if parity is None else self.folded(matrix, parity)
 
-    def _folded(self, rows: list[Array], parity: int) -> list[Array]:
-        """Add images to their stations and drop what is no station."""
+    def folded(
+        self, extraction: Float[Array, "4 4 element"], parity: int
+    ) -> Float[Array, "4 4 element"]:
+        """Rows of all control values with images added to their stations, the rest zero."""
         last = self.stations + 1
         control = self._first[:, None] + np.arange(4)
+        rows = list(extraction)
         folded = list(rows)
         for i in range(4):
             left, right = control[:, i] == 0, control[:, i] == last
@@ -198,20 +196,17 @@ class SplineAxis:
             if self.right == "mirror" and right.any():
                 folded[i - 2] = folded[i - 2] + parity * right * rows[i]
             folded[i] = folded[i] * ~(left | right)
-        return folded
+        return jnp.stack(folded)
 
     def matrix(
         self, breakpoints: Float[Array, " breakpoint"], parity: int = 1
     ) -> Float[Array, "4 element station"]:
         """Bernstein coefficients of all elements as a matrix on the stations' values."""
-        extraction = self.extraction(breakpoints, parity)
+        return self.on_stations(self.extraction(breakpoints, parity))
+
+    def on_stations(
+        self, extraction: Float[Array, "4 4 element"]
+    ) -> Float[Array, "4 element station"]:
+        """Bernstein coefficients from folded extraction matrices."""
         where = np.eye(self.stations + 1)[self.station_of][:, :, :-1]  # element, control
         return jnp.einsum("iae,eis->aes", extraction, where)
-
-
-def _between(
-    left: list[Array], right: list[Array], u: Array, a: Array, b: Array
-) -> list[Array]:
-    """Linear interpolation from `left` at a to `right` at b."""
-    share = (u - a) / (b - a)
-    return [(1 - share) * p + share * q for p, q in zip(left, right, strict=True)]

@@ -20,3 +20,16 @@ def gauss_legendre(
     points, weights = np.polynomial.legendre.leggauss(n)
     half = (upper - lower) / 2
     return lower + half * (points + 1), half * weights
+
+
+def lagrange_slopes(points: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+    """Derivatives at points of the polynomial through values there [point, value].
+
+    Args:
+        points: all different.
+    """
+    n = len(points)
+    apart = points[:, None] - points + np.eye(n)
+    weight = 1 / np.prod(apart, 1)  # barycentric
+    slope = weight / weight[:, None] / apart * (1 - np.eye(n))
+    return slope - np.diag(np.sum(slope, 1))

@@ -11,10 +11,10 @@ import functools
 
 import jax.numpy as jnp
 
-from suas_jax.equilibrium.balance import Problem, State, Verification
+from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.scene.parts import SceneParts
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.pad_loads import DeadLoad
 
@@ -63,21 +63,20 @@ def discretisation_error(
 
 
 def model_error(
-    problem: Problem, check: Verification, loads: list[DeadLoad], geometry: SkinGeometry
+    problem: Problem, state: State, change: State | None, parts: SceneParts
 ) -> Lanes:
     """The model's share; zero for the continuum.
 
     Args:
-        problem: what was checked, on the comparison mesh.
-        check: what its tangent said.
-        loads: the line loads.
-        geometry: dimensions of the skin.
+        problem: membrane, oil and loads.
+        state: their equilibrium.
+        change: first-order effect of what the mechanics leaves out.
+        parts: of the scene.
     """
-    better, change = check.correction, check.omitted
     if change is None:
-        return jnp.zeros_like(better.pressure)
-    mechanics = problem.mechanics
-    size = _largest(mechanics, better.q)
+        return jnp.zeros_like(state.pressure)
+    mechanics, loads, geometry = problem.mechanics, parts.forces, parts.skin.geometry
+    size = _largest(mechanics, state.q)
     moved = _under_loads(mechanics, change.q, loads)
     indentation = mechanics.indentation
     if indentation is not None:
@@ -86,8 +85,8 @@ def model_error(
             # Spread over an arc as wide as the membrane is thick, half of it is left.
             arc = 0.0 if load.spread is None else load.spread
             share = geometry.thickness / (geometry.thickness + arc)
-            per_width = load.force * better.factor / geometry.width
+            per_width = load.force * state.factor / geometry.width
             moved[i] = moved[i] + indentation * share * per_width
     if not loads:  # a line load's own field is part of the displacement beneath it alone
-        moved.append(_largest(mechanics, better.q + change.q) - size)
-    return mechanics.omitted_margin * _relative(change.pressure, moved, better, size)
+        moved.append(_largest(mechanics, state.q + change.q) - size)
+    return mechanics.omitted_margin * _relative(change.pressure, moved, state, size)

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
@@ -53,7 +53,8 @@ def _observed(
 ) -> dict[str, Any]:
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
-    return observe(parts, problem, differentiable(problem, state))
+    root, shown = corrected(problem, state)
+    return observe(parts, problem, shown, root)
 
 
 @eqx.filter_jit

@@ -7,15 +7,16 @@ differentiated.
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
-from suas_jax.mechanics.base import ContactState
+from suas_jax.mechanics.base import AbstractMechanics, ContactState
+from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
-from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad
 
 
@@ -70,20 +71,23 @@ def taxel_rows(scene: SceneSpec, columns: Mapping[str, list[float]]) -> list[dic
     ]
 
 
-def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]:
+def observe(
+    parts: SceneParts, problem: Problem, state: State, root: State | None = None
+) -> dict[str, Any]:
     """Everything a solve reports about a state, in SI units, with a lane axis.
 
     Args:
         parts: of the scene.
         problem: its discrete problem on the whole membrane.
-        state: the equilibrium.
+        state: to report.
+        root: the equilibrium that the state is a first-order correction of, if it is one.
     """
     geometry, mechanics = parts.skin.geometry, problem.mechanics
     shape = mechanics.shape(state.q)
     gap, bulge = shape.smallest_gap(geometry), shape.bulge(geometry)
     largest = shape.largest_displacement()
     stretch_min, stretch_max = shape.stretch_range()
-    energy = mechanics.strain_energy(state.q)
+    energy = mechanics.stored_energy(state.q)
     report = {
         "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,
@@ -102,11 +106,11 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
         "taxels": taxel_observables(parts, problem, state),
     }
     if problem.mechanics.wall is not None:
-        contact = problem.mechanics.contact(state.q, problem.mechanics.wall)
+        contact = _contact(problem.mechanics, state, root)
         lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
         report |= {
             "wall_contact": jnp.any(contact.gap < 0, (0, 1)),
-            "wall": wall_observables(contact, geometry),
+            "wall": contact_zone(contact, geometry),
             "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
         }
     places = {"max_displacement": largest, "min_gap": gap, "bulge": bulge}
@@ -118,31 +122,15 @@ def observe(parts: SceneParts, problem: Problem, state: State) -> dict[str, Any]
     return report
 
 
-def wall_observables(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any]:
-    """What the wall carries, and where; the zone means something only where there is one.
-
-    Args:
-        contact: the inner face at its contact points.
-        geometry: of the skin.
-    """
-    # Along the arc [point, lane]; between two points the gap is taken as linear.
-    gap, angle = (
-        jnp.moveaxis(jnp.broadcast_to(x, contact.gap.shape), 1, 0).reshape(-1, x.shape[-1])
-        for x in (contact.gap, contact.polar_angle)
-    )
-    first, second = gap[:-1], gap[1:]
-    crosses = (first < 0) != (second < 0)
-    share = jnp.where(crosses, first / jnp.where(crosses, first - second, 1.0), 0.0)
-    step = angle[1:] - angle[:-1]
-    crossing = angle[:-1] + share * step
-    closed = (first < 0) | (second < 0)
-    start = jnp.where(closed, jnp.where(first < 0, angle[:-1], crossing), jnp.inf)
-    end = jnp.where(closed, jnp.where(second < 0, angle[1:], crossing), -jnp.inf)
-    covered = jnp.sum(jnp.where(closed, end - start, 0.0), 0)
-    half = geometry.width / 2
-    return {
-        "force_N": jnp.sum(contact.area * contact.pressure, (0, 1)) * geometry.width,
-        "area_m2": covered * geometry.wall_radius * geometry.width,
-        "angle_deg": [jnp.rad2deg(jnp.min(start, 0)), jnp.rad2deg(jnp.max(end, 0))],
-        "axial_m": [-half, half],
-    }
+def _contact(mechanics: AbstractMechanics, state: State, root: State | None) -> ContactState:
+    """Contact with the mechanics' own wall, to first order where the state is."""
+    wall = mechanics.wall
+    assert wall is not None
+    if root is None or not mechanics.corrected:
+        return mechanics.contact(state.q, wall)
+    # A wall so stiff makes much of what is of second order in a displacement.
+    change = state.q - root.q
+    at, along = jax.jvp(lambda q: mechanics.contact(q, wall), (root.q,), (change,))
+    near = jax.tree.map(lambda a, b: a + b, at, along)
+    pressure = jnp.where(at.gap < 0, jnp.maximum(near.pressure, 0.0), 0.0)
+    return near._replace(pressure=pressure)

@@ -10,14 +10,16 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
-from suas_jax.equilibrium.balance import Problem, State, verify
+from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.equilibrium.validity import validity
+from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
@@ -53,7 +55,8 @@ class Attempt(NamedTuple):
 
     Attributes:
         report: what is observed, errors included.
-        state: the equilibrium on the whole arc.
+        state: the equilibrium on the whole membrane.
+        shown: the state that the report describes, see `Solution`.
         outcome: how it was found.
         plan: its mesh.
         wall: whether the wall was there.
@@ -61,6 +64,7 @@ class Attempt(NamedTuple):
 
     report: dict[str, Any]
     state: State
+    shown: State
     outcome: dict[str, Any]
     plan: AbstractPlan
     wall: bool = False
@@ -101,7 +105,9 @@ class Solution:
 
     Attributes:
         report: the quantities of `suas solve --json`, SI units in the key names.
-        state: the equilibrium on the whole arc.
+        state: the equilibrium on the whole membrane.
+        shown: the state that the report describes: the equilibrium, where the mechanics is
+            `corrected` with the first-order effect of what it leaves out.
         plan: its mesh.
         scene: what was solved.
         wall: whether the wall was there.
@@ -109,6 +115,7 @@ class Solution:
 
     report: dict[str, Any]
     state: State
+    shown: State
     plan: AbstractPlan
     scene: SceneSpec
     wall: bool = False
@@ -126,11 +133,13 @@ class Solution:
 
 def assess(
     parts: SceneParts, meshes: Meshes, solved: Problem, found: State, *, wall: bool
-) -> tuple[dict[str, Any], State]:
+) -> tuple[dict[str, Any], State, State]:
     """Observe a state on the whole membrane, and check it.
 
     One assembly on the mesh for the error answers two questions: whether the state is stable
-    and how far it is from the exact solution. Sway needs the whole membrane.
+    and how far it is from the exact solution. Sway needs the whole membrane: where the error
+    is judged on a part, the state is assembled on the whole as well, which also gives the
+    first-order effect of what the mechanics leaves out.
 
     Args:
         parts: of the scene.
@@ -140,40 +149,55 @@ def assess(
         wall: whether the wall is there.
 
     Returns:
-        What is observed, and the state on the whole membrane.
+        What is observed, the state on the whole membrane, and the one that is observed.
     """
     problem, state = solved, found
     if meshes.solved.symmetric:
         problem = problem_of(parts, meshes.whole, wall=wall)
         state = found._replace(q=solved.mechanics.mirrored(found.q))
-    report = observe(parts, problem, state)
-    whole, stable = state, None
-    if meshes.stability is not None:
-        stable = verify(problem_of(parts, meshes.stability, wall=wall), state).stable
-        problem, state = solved, found
-    other = problem_of(parts, meshes.error, wall=wall)
-    start = state._replace(q=problem.mechanics.to_comparison_mesh(state.q))
-    check = verify(other, start)
-    report["stable"] = check.stable if stable is None else check.stable & stable
-    error = discretisation_error(problem, state, other, check.correction, parts.forces)
+    check, shown = None, state
+    if meshes.stability is not None:  # the error is judged on a part, which can't sway
+        check, change = verify(problem, state)
+        if problem.mechanics.corrected:
+            assert change is not None
+            shown = jax.tree.map(lambda a, b: a + b, state, change)
+        report = observe(parts, problem, shown, state)
+        report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
+        report["model_error"] = model_error(problem, state, change, parts)
+        forces = check.unbalanced, check.balanced
+        origin, start = solved, found
+    else:
+        report = observe(parts, problem, state)
+        forces = force_balance(solved, found)
+        origin, start = problem, state
+    finer = problem_of(parts, meshes.error, wall=wall)
+    begin = start._replace(q=origin.mechanics.to_comparison_mesh(start.q))
+    finer_check, finer_change = verify(finer, begin, omitted=check is None)
+    report["stable"] = finer_check.stable if check is None else check.stable
+    error = discretisation_error(origin, start, finer, finer_check.correction, parts.forces)
     same = meshes.whole.counts == meshes.error.counts
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
-    report["model_error"] = model_error(other, check, parts.forces, parts.skin.geometry)
-    report["validity"] = validity(
-        solved, found, report["stretch_min"], report["strain_energy_J"]
-    )
-    return report, whole
+    if check is None:
+        report["model_error"] = model_error(finer, finer_check.correction, finer_change, parts)
+    verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
+    if wall and problem.oil_pressure is not None:
+        # Loads that grow against the wall hardly raise the pressure. To reach more of it the
+        # solver finds states of a membrane crushed on the wall, which no growing load leads to.
+        lost = (verdict == 0) & report["wall_contact"] & ~report["stable"]
+        verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
+    report["validity"] = verdict
+    return report, state, shown
 
 
 @eqx.filter_jit
 def _program(
     scene: Structure, meshes: Meshes, inputs: Inputs
-) -> tuple[dict[str, Any], State, dict[str, Any]]:
+) -> tuple[dict[str, Any], State, State, dict[str, Any]]:
     """Solve the whole membrane or a part of it, then assess the whole."""
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
     found = equilibrium(problem)
-    report, state = assess(parts, meshes, problem, found.state, wall=scene.wall)
+    report, state, shown = assess(parts, meshes, problem, found.state, wall=scene.wall)
     outcome = {
         "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
         "level": found.level,
@@ -181,7 +205,7 @@ def _program(
         "smallest_pivot": found.smallest_pivot,
         "unknowns": jnp.full(1, problem.mechanics.unknowns() + int(problem.oil.trapped)),
     }
-    return report, state, outcome
+    return report, state, shown, outcome
 
 
 def unloaded(scene: SceneSpec) -> bool:
@@ -234,7 +258,7 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
-    return Solution(report, found.state, found.plan, scene, found.wall)
+    return Solution(report, found.state, found.shown, found.plan, scene, found.wall)
 
 
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
@@ -294,10 +318,10 @@ def _attempt(
             report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
-            return Attempt(report, state, outcome, plan)
+            return Attempt(report, state, state, outcome, plan)
         arguments = (static, plan.meshes(), inputs)
-        report, state, outcome = COMPILED.run(_program, *arguments, once=once)
-        found = Attempt(report, state, outcome, plan, wall)
+        report, state, shown, outcome = COMPILED.run(_program, *arguments, once=once)
+        found = Attempt(report, state, shown, outcome, plan, wall)
         # Where another model is tried next, a finer mesh of this one is wasted.
         other_next = scene.solve.model == "auto" and name == "shell" and not given
         other_next = other_next and found.converged and found.model_too_coarse(rtol)

@@ -33,6 +33,8 @@ from suas_jax.scene.solve import Inputs, Structure, assess
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
+# Share of an interval in which the gap's zero is looked for, around that of the secant.
+_SECANT_SHARE = 0.05
 # Points up to which a curve takes less time to follow than to compile for speed.
 _FEW = 40
 # Observables of a point that go into the table.
@@ -304,20 +306,43 @@ class _Curve:
         if after == 0:
             return _contact_of(points[0])
         low, high = float(levels[after - 1]), float(levels[after])
+        gaps = points[after - 1]["min_gap_m"], None
         best = points[after]
         start = None
         count = int(np.count_nonzero(levels)) if self.scene.solve.oil_pressure else len(levels)
         while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
-            inner = np.linspace(low, high, count + 2)[1:-1]
+            inner = _around_zero(low, high, gaps, count)
             rows, states = self.follow(inner, start, wall=False)
             inside = [row["wall_contact"] for row in rows]
             k = inside.index(True) if any(inside) else len(rows)
+            above, below = gaps
             if k < len(rows):
-                high, best = float(inner[k]), rows[k]
+                high, best, below = float(inner[k]), rows[k], rows[k]["min_gap_m"]
             if k > 0:
-                low = float(inner[k - 1])
+                low, above = float(inner[k - 1]), rows[k - 1]["min_gap_m"]
                 start = jax.tree.map(lambda x, k=k: x[k - 1], states)
+            gaps = above, below
         return _contact_of(best)
+
+
+def _around_zero(
+    low: float, high: float, gaps: tuple[float, float | None], count: int
+) -> np.ndarray:
+    """Levels close to where the gap vanishes by the secant, all inside an interval.
+
+    Args:
+        low: level at which the gap is open.
+        high: level at which it is closed.
+        gaps: smallest gap there; None where it is not known without the wall [m].
+        count: number of levels.
+    """
+    above, below = gaps
+    inner = np.linspace(low, high, count + 2)[1:-1]
+    if below is None or not above > 0 > below:
+        return inner
+    root = low + (high - low) * above / (above - below)
+    near = root + _SECANT_SHARE * (inner - (low + high) / 2)
+    return np.clip(near, inner[0], inner[-1])
 
 
 def _contact_of(report: dict[str, Any]) -> dict[str, float]:

@@ -14,8 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.points import cross
-from suas_jax.mechanics.pad.stiffness import SLOTS, Upper
-from suas_jax.numerics.block_banded import REACH
+from suas_jax.mechanics.pad.stiffness import SLOTS, Upper, add_blocks, no_blocks, upper_of
 from suas_jax.numerics.bspline import bernstein
 from suas_jax.skin.pad_loads import PadLoadPoints
 
@@ -48,8 +47,6 @@ def locate(
 
 def spots(
     net: Net,
-    angles: Array,
-    axial: Array,
     radius: Array,
     at: tuple[Array, Array],
     kinds: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (0, 1)),
@@ -58,14 +55,12 @@ def spots(
 
     Args:
         net: the control net.
-        angles: breakpoints along the arc [rad].
-        axial: breakpoints along the axis [m].
         radius: of the mid-surface [m].
         at: reference angles [rad] and axial positions [m].
         kinds: orders of differentiation by arc length and along the axis.
     """
-    i, xi, span = locate(angles, at[0])
-    k, eta, length = locate(axial, at[1])
+    i, xi, span = locate(net.angles, at[0])
+    k, eta, length = locate(net.axial, at[1])
     along = [jnp.stack(bernstein(xi, n)) / (radius * span) ** n for n in range(3)]
     axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
     shapes = []
@@ -136,8 +131,7 @@ def add_vectors(f: ElementVector, spots: Spots, vector: Array) -> ElementVector:
 
 def load_bands(net: Net, spots: Spots, hessian: Float[Array, "2 3 2 3 point"]) -> Upper:
     """The second derivative of the work, as upper bands at control values."""
-    topology = net.topology
-    along, across = net.extraction()
+    along, across = net.along, net.across
     long, side = spots.element
     shapes = spots.shapes[1:3].reshape(2, 4, 4, -1)
     shapes = jnp.einsum("iap,kabp->kibp", along[:, :, long], shapes)
@@ -145,18 +139,4 @@ def load_bands(net: Net, spots: Spots, hessian: Float[Array, "2 3 2 3 point"]) -
     half = jnp.einsum("kcijp,kcldp->cijldp", shapes, hessian)
     rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
     blocks = jnp.einsum("cgjldp,ldgmp->gpjmcd", half[:, rows], shapes[:, :, columns])
-    stations, controls = topology.across.stations, topology.long.stations + 2
-    control = jnp.asarray(topology.long.first)[long] + rows[:, None]
-    station = jnp.asarray(topology.across.station_of)[side]
-    # Places of what is no station are beyond the end, and dropped.
-    place = jnp.where(station < 0, stations, station)
-    diagonal = REACH + np.arange(4) - np.arange(4)[:, None]
-    bands = jnp.zeros((REACH + 1, controls, stations, 2 * REACH + 1, 3, 3))
-    index = (
-        (columns - rows)[:, None, None, None],
-        control[:, :, None, None],
-        place[None, :, :, None],
-        diagonal[None, None],
-    )
-    bands = bands.at[index].add(blocks, mode="drop")
-    return jnp.transpose(bands, (0, 1, 3, 4, 5, 2))
+    return upper_of(add_blocks(net, no_blocks(net), (long, side), blocks))

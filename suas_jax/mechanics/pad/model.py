@@ -55,7 +55,7 @@ class PadMesh(AbstractPlan):
     def meshes(self) -> Meshes:
         """Errors are estimated on the part that is solved; it can't sway, the whole can."""
         part = self.reduced()
-        return Meshes(self, part, part.comparison(), None if part is self else self)
+        return Meshes(self, part, part.comparison(), self)
 
 
 class PadModel(AbstractModel):

@@ -8,8 +8,8 @@ normal and axial in the frame of their column. Element arrays are in Bernstein f
 
 import dataclasses
 import functools
-from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -130,54 +130,94 @@ def tables(
     return Tables(xi, w, values.reshape(-1, 16), shapes, across)
 
 
-class Net:
+class Net(eqx.Module):
     """A control net with its breakpoints: the linear maps between its descriptions.
 
+    They are worked out once for a pad: every other thing asks for them, and each time they
+    are traced anew costs time to compile. Made by `Net.of` all arrays end in a lane axis;
+    methods are those of one lane's net, without that axis (`Net.lane`).
+
     Attributes:
-        topology: what is static.
+        angles: breakpoints along the arc [rad].
+        axial: breakpoints along the axis [m].
         frames: unit vectors (tangential, normal, axial) of the arc's columns.
+        matrices: Bernstein coefficients by Cartesian component from stations' values, along
+            the stations and across.
+        along: extraction matrices of all control values along.
+        across: extraction matrices by component of the stations across.
+        topology: what is static.
     """
 
-    def __init__(self, topology: NetTopology, angles: Array, axial: Array) -> None:
-        """Prepare the maps.
+    angles: Float[Array, "breakpoint *lane"]
+    axial: Float[Array, "breakpoint *lane"]
+    frames: Float[Array, "local 3 column *lane"]
+    matrices: tuple[Float[Array, "3 4 long row *lane"], Float[Array, "3 4 across column *lane"]]
+    along: Float[Array, "4 4 long *lane"]
+    across: Float[Array, "3 4 4 across *lane"]
+    topology: NetTopology = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls,
+        topology: NetTopology,
+        angles: Float[Array, "breakpoint #lane"],
+        axial: Float[Array, "breakpoint #lane"],
+    ) -> "Net":
+        """Work out the maps.
 
         Args:
             topology: what is static.
             angles: breakpoints along the arc [rad].
             axial: breakpoints along the axis [m].
         """
-        self.topology = topology
+        lanes = jnp.broadcast_shapes(angles.shape[-1:], axial.shape[-1:])
+        wide = [jnp.broadcast_to(x, (*x.shape[:-1], *lanes)) for x in (angles, axial)]
+        make = functools.partial(cls._of_one_lane, topology)
+        if lanes == (1,):
+            return jax.tree.map(lambda x: x[..., None], make(*(x[:, 0] for x in wide)))
+        return jax.vmap(make, -1, -1)(*wide)
+
+    @classmethod
+    def _of_one_lane(cls, topology: NetTopology, angles: Array, axial: Array) -> "Net":
         at = topology.arc.abscissae(angles)
         sine, cosine, zero = jnp.sin(at), jnp.cos(at), jnp.zeros_like(at)
-        one = zero + 1
-        self.frames = jnp.stack(
-            [
-                jnp.stack([cosine, -sine, zero]),
-                jnp.stack([sine, cosine, zero]),
-                jnp.stack([zero, zero, one]),
-            ]
-        )  # [local, Cartesian, column]
-        self.long, self.across = topology.ordered(angles, axial)
+        rows = [[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, zero + 1]]
+        long, across = topology.ordered(angles, axial)
         parities = topology.ordered(ODD_ARC, ODD_AXIAL)
-        self.matrices = tuple(
-            _by_component(functools.partial(a.matrix, x), odd)
-            for a, x, odd in zip(
+        all_along = topology.long.extraction(long, None)
+        folded = [
+            {p: axis.folded(extraction, p) for p in {*odd}}
+            for axis, extraction, odd in zip(
                 (topology.long, topology.across),
-                (self.long, self.across),
+                (all_along, topology.across.extraction(across, None)),
                 parities,
                 strict=True,
             )
+        ]
+        matrices = [
+            jnp.stack([axis.on_stations(by_parity[p]) for p in odd])
+            for axis, by_parity, odd in zip(
+                (topology.long, topology.across), folded, parities, strict=True
+            )
+        ]
+        return cls(
+            angles=angles,
+            axial=axial,
+            frames=jnp.stack([jnp.stack(row) for row in rows]),
+            matrices=(matrices[0], matrices[1]),
+            along=all_along,
+            across=jnp.stack([folded[1][p] for p in parities[1]]),
+            topology=topology,
         )
-        self.parities = parities
 
-    def extraction(self) -> tuple[Float[Array, "4 4 long"], Float[Array, "3 4 4 across"]]:
-        """Extraction matrices: of all control values along, by component of stations across."""
-        topology = self.topology
-        along = topology.long.extraction(self.long, None)
-        across = _by_component(
-            lambda p: topology.across.extraction(self.across, p), self.parities[1]
-        )
-        return along, across
+    def lane(self, index: int) -> "Net":
+        """One lane's net."""
+        return jax.tree.map(lambda x: x[..., index], self)
+
+    @property
+    def parities(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+        """Signs of Cartesian components in mirror planes along the stations and across."""
+        return self.topology.ordered(ODD_ARC, ODD_AXIAL)
 
     def cartesian(self, q: Float[Array, "dof station"]) -> Float[Array, "3 station across"]:
         """Control values in Cartesian components."""
@@ -207,29 +247,24 @@ class Net:
         )
 
 
-def refined(
-    net: Net, angles: Array, axial: Array, q: Float[Array, "dof station"]
-) -> Float[Array, "dof station"]:
+def refined(net: Net, q: Float[Array, "dof station"]) -> Float[Array, "dof station"]:
     """The same deformation on elements half as long in both directions.
 
     Args:
-        net: the control net.
-        angles: its breakpoints along the arc [rad].
-        axial: its breakpoints along the axis [m].
+        net: one lane's control net.
         q: unknowns.
     """
     old = net.topology
     new = NetTopology(old.arc.halved(), old.axial.halved())
-    finer = [_halved(x) for x in (angles, axial)]
-    fine = Net(new, *finer)
+    finer = [_halved(x) for x in (net.angles, net.axial)]
+    fine = Net.of(new, *(x[:, None] for x in finer)).lane(0)
+    # The two directions may change places in the order of elimination.
+    coarse, finest = old.ordered(*net.matrices), new.ordered(*fine.matrices)
+    arc = _prolongation(coarse[0], finest[0], new.arc, ODD_ARC)
+    axial = _prolongation(coarse[1], finest[1], new.axial, ODD_AXIAL)
     x = net.cartesian(q)  # [component, long, across]
     x = x if old.along_arc else jnp.swapaxes(x, 1, 2)
-    by_component = []
-    for c, (odd_arc, odd_axial) in enumerate(zip(ODD_ARC, ODD_AXIAL, strict=True)):
-        arc = _prolongation(old.arc, new.arc, angles, finer[0], odd_arc)
-        along = _prolongation(old.axial, new.axial, axial, finer[1], odd_axial)
-        by_component.append(arc @ x[c] @ along.T)
-    y = jnp.stack(by_component)
+    y = jnp.einsum("cKk,ckm,cMm->cKM", arc, x, axial)
     return fine.local(y if new.along_arc else jnp.swapaxes(y, 1, 2))
 
 
@@ -240,24 +275,28 @@ def _halved(x: Float[Array, " breakpoint"]) -> Array:
 
 
 def _prolongation(
-    old: SplineAxis, new: SplineAxis, coarse: Array, fine: Array, parity: int
-) -> Float[Array, "fine coarse"]:
-    """Stations' values on the finer elements from those on the coarser ones."""
-    by_coarse = old.matrix(coarse, parity)  # [4, element, station]
+    coarse: Float[Array, "3 4 element station"],
+    fine: Float[Array, "3 4 element station"],
+    axis: SplineAxis,
+    parities: tuple[int, int, int],
+) -> Float[Array, "3 fine coarse"]:
+    """Stations' values on the finer elements from those on the coarser ones.
+
+    Args:
+        coarse: Bernstein coefficients by component from the stations' values.
+        fine: the same on the finer elements.
+        axis: the finer splines.
+        parities: of the components.
+    """
     halves = np.array([_SPLIT, _SPLIT[::-1, ::-1]])
-    split = jnp.einsum("hab,bes->aehs", halves, by_coarse)
-    split = split.reshape(4, 2 * old.elements, -1)
-    by_fine = new.matrix(fine, parity)
-    rows = 4 * new.elements
-    a, b = by_fine.reshape(rows, -1), split.reshape(rows, -1)
+    split = jnp.einsum("hab,cbes->caehs", halves, coarse)
+    a, b = (x.reshape(3, 4 * axis.elements, -1) for x in (fine, split))
     # The finer splines contain the coarser ones: the least squares have no remainder.
-    if new.stations == 0:
-        return jnp.zeros((0, old.stations))
-    factors = jax.scipy.linalg.cho_factor(a.T @ a + _odd_middle(new, parity))
-    return jax.scipy.linalg.cho_solve(factors, a.T @ b)
+    normal = jnp.einsum("crs,crt->cst", a, a) + np.stack([_held(axis, p) for p in parities])
+    return jnp.linalg.solve(normal, jnp.einsum("crs,crt->cst", a, b))
 
 
-def _odd_middle(axis: SplineAxis, parity: int) -> np.ndarray:
+def _held(axis: SplineAxis, parity: int) -> np.ndarray:
     """Unit entries for stations on mirror planes, which odd components don't have."""
     held = np.zeros(axis.stations)
     if parity < 0:
@@ -268,8 +307,3 @@ def _odd_middle(axis: SplineAxis, parity: int) -> np.ndarray:
 
 # Bernstein coefficients on the left half of an element from those on the whole.
 _SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
-
-
-def _by_component(make: Callable[[int], Array], parities: tuple[int, int, int]) -> Array:
-    made = {p: make(p) for p in set(parities)}
-    return jnp.stack([made[p] for p in parities])

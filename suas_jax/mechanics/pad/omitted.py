@@ -10,8 +10,6 @@ order the solution of the potential less E is one more substitution with the tan
 hand. The field of a patch itself, and how a clamp holds a face, are not part of it.
 """
 
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -40,22 +38,15 @@ def moments(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Mome
 
 
 def shear_energy_density(
-    moments_at: Callable[[Array, Array], Moments],
-    place: tuple[Float[Array, " point"], Float[Array, " point"]],
-    radius: Array,
-    stiffness: Array,
-) -> Float[Array, " point"]:
+    by_arc: Float[Array, "3 *point"], by_axial: Float[Array, "3 *point"], stiffness: Array
+) -> Float[Array, "*point"]:
     """Energy of transverse shear per area of the mid-surface [J/m^2].
 
     Args:
-        moments_at: moments at reference angles [rad] and axial positions [m].
-        place: where, inside elements.
-        radius: of the undeformed mid-surface [m].
+        by_arc: derivatives of the moments by arc length [N/m].
+        by_axial: along the axis.
         stiffness: G t [N/m].
     """
-    one, zero = jnp.ones_like(place[0]), jnp.zeros_like(place[0])
-    by_arc = jax.jvp(moments_at, place, (one, zero))[1] / radius
-    by_axial = jax.jvp(moments_at, place, (zero, one))[1]
     along = by_arc[0] + by_axial[2] / 2
     across = by_arc[2] / 2 + by_axial[1]
     return SHEAR * (along**2 + across**2) / stiffness

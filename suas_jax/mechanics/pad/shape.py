@@ -4,6 +4,7 @@ Extremes are taken at the vertex of a paraboloid through neighbouring samples, s
 can be differentiated.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -35,29 +36,31 @@ def peak(values: Grid, *companions: Array) -> tuple[Lanes, ...]:
     best = jnp.argmax(values.reshape(-1, lanes), 0)
     a, b = jnp.unravel_index(best, (arc, axial))
     a, b = jnp.clip(a, 1, arc - 2), jnp.clip(b, 1, axial - 2)
-    lane = jnp.arange(lanes)
+
+    def around(f: Array, a: Array, b: Array) -> Array:
+        return jax.lax.dynamic_slice(f, (a - 1, b - 1), (3, 3))
 
     def local(f: Array) -> tuple[Array, ...]:
         f = jnp.broadcast_to(f, values.shape)
-        near = [[f[a + m, b + n, lane] for n in (-1, 0, 1)] for m in (-1, 0, 1)]
-        middle = near[1][1]
-        slopes = (near[2][1] - near[0][1]) / 2, (near[1][2] - near[1][0]) / 2
-        bends = near[2][1] + near[0][1] - 2 * middle, near[1][2] + near[1][0] - 2 * middle
-        twist = (near[2][2] - near[2][0] - near[0][2] + near[0][0]) / 4
+        near = jax.vmap(around, (-1, 0, 0), -1)(f, a, b)
+        middle = near[1, 1]
+        slopes = (near[2, 1] - near[0, 1]) / 2, (near[1, 2] - near[1, 0]) / 2
+        bends = near[2, 1] + near[0, 1] - 2 * middle, near[1, 2] + near[1, 0] - 2 * middle
+        twist = (near[2, 2] - near[2, 0] - near[0, 2] + near[0, 0]) / 4
         return middle, *slopes, *bends, twist
 
-    def at(f: Array) -> Array:
-        middle, gx, gy, bx, by, twist = local(f)
-        return middle + gx * x + gy * y + (bx * x**2 + by * y**2) / 2 + twist * x * y
-
-    _, gx, gy, bx, by, twist = local(values)
+    fields = [local(f) for f in (values, *companions)]
+    _, gx, gy, bx, by, twist = fields[0]
     determinant = bx * by - twist**2
     hill = (bx < 0) & (determinant > 0)
     safe = jnp.where(hill, determinant, 1.0)
     x = jnp.where(hill, (twist * gy - by * gx) / safe, jnp.sign(gx))
     y = jnp.where(hill, (twist * gx - bx * gy) / safe, jnp.sign(gy))
     x, y = jnp.clip(x, -1.0, 1.0), jnp.clip(y, -1.0, 1.0)
-    return tuple(at(f) for f in (values, *companions))
+    return tuple(
+        middle + gx * x + gy * y + (bx * x**2 + by * y**2) / 2 + twist * x * y
+        for middle, gx, gy, bx, by, twist in fields
+    )
 
 
 def _magnitude(displacement: Array) -> Array:

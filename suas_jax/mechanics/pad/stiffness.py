@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from suas_jax.mechanics.pad.net import Net, Tables
 from suas_jax.mechanics.pad.points import total
@@ -22,6 +22,9 @@ from suas_jax.numerics.bspline import SplineAxis
 # Upper bands of a matrix on all control values along the stations, in Cartesian components:
 # by offset along, control value of the row, offset across, components, station across.
 Upper = Float[Array, "4 control 7 3 3 across"]
+
+# The same with components last, as single blocks are added to it.
+Blocks = Float[Array, "4 control across 7 3 3"]
 
 # Pairs of an element's control values, row first, by offset.
 SLOTS = [(i, i + o) for o in range(4) for i in range(4 - o)]
@@ -50,8 +53,8 @@ def upper_bands(
     topology = net.topology
     mixed = np.array([k for k, (left, right) in enumerate(pairs) if left != right])
     every = both_ways(pairs)
-    along, across = net.extraction()
-    splines = jnp.einsum("oga,iae->ogie", tables.long, along)
+    across = net.across
+    splines = jnp.einsum("oga,iae->ogie", tables.long, net.along)
     powers = jnp.stack([lengths**-order for order in range(3)])
     splines = splines * powers[:, None, None]
     left, right = (np.array([orders[pair[side]] for pair in every]) for side in (0, 1))
@@ -94,6 +97,48 @@ def upper_bands(
 def both_ways(pairs: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
     """Pairs, then those of different kinds the other way round."""
     return [*pairs, *((b, a) for a, b in pairs if a != b)]
+
+
+def no_blocks(net: Net) -> Blocks:
+    """A matrix without entries."""
+    topology = net.topology
+    shape = (REACH + 1, topology.long.stations + 2, topology.across.stations, len(_ACROSS))
+    return jnp.zeros((*shape, 3, 3), net.frames.dtype)
+
+
+def add_blocks(
+    net: Net,
+    sum_so_far: Blocks,
+    element: tuple[Int[Array, " place"], Int[Array, " place"]],
+    blocks: Float[Array, "slot place 4 4 3 3"],
+) -> Blocks:
+    """Add elements' blocks to a matrix.
+
+    Args:
+        net: the control net.
+        sum_so_far: the matrix.
+        element: index along the stations and across of every place.
+        blocks: by `SLOTS` along the stations, row and column across, components.
+    """
+    topology = net.topology
+    rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
+    control = jnp.asarray(topology.long.first)[element[0]] + rows[:, None]
+    station = jnp.asarray(topology.across.station_of)[element[1]]
+    # Places of what is no station are beyond the end, and dropped.
+    place = jnp.where(station < 0, topology.across.stations, station)
+    diagonal = REACH + np.arange(4) - np.arange(4)[:, None]
+    index = (
+        (columns - rows)[:, None, None, None],
+        control[:, :, None, None],
+        place[None, :, :, None],
+        diagonal[None, None],
+    )
+    return sum_so_far.at[index].add(blocks, mode="drop")
+
+
+def upper_of(blocks: Blocks) -> Upper:
+    """Bands from a matrix of blocks."""
+    return jnp.transpose(blocks, (0, 1, 3, 4, 5, 2))
 
 
 def dense_bands(net: Net, upper: Upper) -> Float[Array, "station 4 dof dof"]:

@@ -1,0 +1,93 @@
+"""The first-order effect of the energy that a mechanics leaves out, with its derivatives.
+
+A thin shell is the minimum of a potential P; what it leaves out (transverse shear) would make
+it the minimum of P - E. To first order in E the state changes by::
+
+    x = K^-1 dE/dy,   K = d^2 P/dy^2
+
+one more substitution with the tangent at hand. Its derivative by the inputs a follows from
+h = dE/dy - K x = 0, held along the equilibrium::
+
+    dx = K^-1 (dh/da da + dh/dy dy)   with x kept
+
+where K x is the residual's directional derivative, so no tangent is differentiated.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+from jaxtyping import Array, Bool
+
+from suas_jax.equilibrium.balance import (
+    Problem,
+    State,
+    imbalance,
+    residual,
+    state_of,
+    unknowns_of,
+)
+from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
+
+Given = Bool[Array, ""] | None
+
+
+def corrected(problem: Problem, state: State) -> tuple[State, State]:
+    """A known equilibrium, and the same with the effect of what its mechanics leaves out.
+
+    Both are differentiable by every leaf of the problem.
+
+    Args:
+        problem: membrane, oil and loads.
+        state: their equilibrium.
+
+    Returns:
+        The equilibrium and the state to report: the same where nothing is left out.
+    """
+    root = differentiable(problem, state)
+    if not problem.mechanics.corrected:
+        return root, root
+    y, level, given = unknowns_of(problem, root)
+    change = _change(problem, y, level, given)
+    moved = jax.tree.map(lambda a, b: a + b, y, change)
+    return root, state_of(problem, moved, level)
+
+
+def _pull(problem: Problem, y: BorderedVector) -> BorderedVector:
+    """dE/dy."""
+    gradient = problem.mechanics.omitted_gradient(y.stations)
+    assert gradient is not None
+    return BorderedVector(gradient, None if y.border is None else jnp.zeros_like(y.border))
+
+
+def _solved(
+    problem: Problem, y: BorderedVector, level: Lanes, given: Given, right: BorderedVector
+) -> BorderedVector:
+    operator = residual(problem, y, level, given)[1]
+    return lx.linear_solve(operator, right, BlockElimination(), throw=False).value
+
+
+@eqx.filter_custom_jvp
+def _change(problem: Problem, y: BorderedVector, level: Lanes, given: Given) -> BorderedVector:
+    return _solved(problem, y, level, given, _pull(problem, y))
+
+
+@_change.def_jvp
+def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
+    problem, y, level, given = primals
+    change = _change(*primals)
+
+    def unexplained(problem: Problem, y: BorderedVector, level: Lanes) -> BorderedVector:
+        def force(y: BorderedVector) -> BorderedVector:
+            return imbalance(problem, y, level, given)
+
+        along = jax.jvp(force, (y,), (change,))[1]
+        return jax.tree.map(lambda a, b: a - b, _pull(problem, y), along)
+
+    value, right = eqx.filter_jvp(unexplained, (problem, y, level), tangents[:3])
+    right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else t, value, right)
+    return change, _solved(problem, y, level, given, right)
