@@ -33,7 +33,7 @@ from fitting.material.fit.suspects import (
 from fitting.material.laws.registry import family
 from fitting.statistics.diagnostics import Misfit, misfit
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import Minima, minimise
+from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 from fitting.statistics.noise_model import NoiseModel
 from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.residuals import sensitivity
@@ -43,6 +43,7 @@ _STARTS_IN_BOX = 5
 _SKIN_LANES = 4
 # A reading is wrong by the square of how far its apex stretch still is from settled.
 _BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 3e-3
+_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 8, 40, 3e-2
 _THIN = 500
 # Rounds of weighing by the estimated noise, which the fit itself then changes little.
 _NOISE_ROUNDS = 2
@@ -450,8 +451,9 @@ def _search(
         problem, change = settle(problem, np.asarray(best))
         if change < _SETTLED:
             break
-        lanes = _BULGE_LANES
-        nearer = minimise(problem.residuals, found.theta[:lanes], lanes=lanes, passes=0)
+        # States follow the constants, so there is no need to go on before they do.
+        steps = _BULGE_STEPS if change > _NEARLY else _BULGE_STEPS_AT_LAST
+        nearer = minimise_one_by_one(problem.residuals, found.theta[:_BULGE_LANES], steps)
         if not np.isfinite(nearer.cost[0]):
             break
         found = nearer
