@@ -90,17 +90,23 @@ def first_touch(problem: Problem, parts: SceneParts) -> tuple[Lanes, Array]:
     return found.level, found.result
 
 
-def press(parts: SceneParts, plan: AbstractPlan) -> dict[str, Any]:
-    """Everything about one scene at twice its first contact."""
+def press(parts: SceneParts, plan: AbstractPlan, beyond: float = 2.0) -> dict[str, Any]:
+    """Everything about one scene at a multiple of its first contact.
+
+    Args:
+        parts: of the scene.
+        plan: the mesh.
+        beyond: the multiple.
+    """
     free = problem_of(parts, plan)
     touch, way = first_touch(free, parts)
     held = problem_of(parts, plan, wall=True)
 
     def loaded(factor: Array) -> Problem:
-        lines = [dataclasses.replace(line, force=line.force * factor) for line in parts.lines]
-        return problem_of(parts._replace(lines=lines), plan, wall=True)
+        forces = [dataclasses.replace(f, force=f.force * factor) for f in parts.forces]
+        return problem_of(parts._replace(forces=forces), plan, wall=True)
 
-    problem = loaded(2 * touch)
+    problem = loaded(beyond * touch)
     found = equilibrium(problem)
     state = found.state
     border = state.pressure if problem.oil.trapped else None
@@ -113,7 +119,7 @@ def press(parts: SceneParts, plan: AbstractPlan) -> dict[str, Any]:
         stored = held.mechanics.strain_energy(state.q) + held.mechanics.contact_energy(state.q)
         return stored, held.mechanics.work(state.q), held.mechanics.volume_change(state.q)
 
-    factor = 2 * touch
+    factor = beyond * touch
     _, (stored, work, volume) = jax.jvp(energies, (factor,), (jnp.ones_like(factor),))
     gained = factor * work + state.pressure * volume
     outcome = {

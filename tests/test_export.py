@@ -3,6 +3,7 @@
 The readers here are written from the programs' manuals and share nothing with the writer.
 """
 
+import json
 import pathlib
 import re
 import tomllib
@@ -10,8 +11,10 @@ import tomllib
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from fitting.material.report.cards import CardError, card
+from fitting.cli.app import app
+from fitting.material.report.cards import CardError, CardSettings, card
 from suas_jax.config import (
     ArrudaBoyceSpec,
     GentSpec,
@@ -122,7 +125,23 @@ def read_comsol(text: str) -> object:
     return polynomial([found.get(key, 0.0) for key in order] + [0.0] * 3, 3)
 
 
+def read_lsdyna(text: str) -> object:
+    lines = [line for line in text.splitlines() if not line.startswith("$")]
+    title, name, first, *rows = lines
+    assert name == "membrane"
+    fields = [first[i : i + 10] for i in range(0, len(first), 10)]
+    assert (int(fields[0]), float(fields[1]), int(fields[3])) == (1, 1100.0, 0)
+    assert 0.4999 < float(fields[2]) < 0.5
+    values = [numbers(row) for row in rows]
+    if title == "*MAT_OGDEN_RUBBER_TITLE":
+        return powers([(m / a, a) for m, a in zip(*values, strict=True) if a])
+    assert title == "*MAT_HYPERELASTIC_RUBBER_TITLE"
+    c10, c01, c11, c20, c02, c30 = values[0]
+    return polynomial([c10, c01, c20, c11, c02, c30, 0.0, 0.0, 0.0], 3)
+
+
 READERS = {
+    "lsdyna": read_lsdyna,
     "abaqus": read_abaqus,
     "calculix": read_abaqus,
     "ansys": read_ansys,
@@ -139,9 +158,33 @@ def test_stress_survives_the_round_trip(name: str, program: str) -> None:
         with pytest.raises(CardError, match="febio is offered for"):
             card(law, program)
         return
-    stress = nominal(READERS[program](card(law, program)), STRETCH)
     expected = np.asarray(uniaxial(build_law(law), jnp.asarray(STRETCH)).nominal)
-    assert np.allclose(stress, expected, rtol=1e-6)
+    for units, pascal in (("SI", 1.0), ("mm-N-MPa", 1e-6)):
+        density = 1100.0 if units == "SI" else 1100e12
+        text = card(law, program, CardSettings(units, density=density))
+        text = text.replace("[MPa]", "[Pa]")
+        text = re.sub(r"\*DENSITY\n.*\n|    <density>.*\n", "", text)
+        stress = nominal(READERS[program](text), STRETCH)
+        assert np.allclose(stress, pascal * expected, rtol=1e-6)
+
+
+def test_a_refused_card_stops_no_report(tmp_path: pathlib.Path) -> None:
+    data = pathlib.Path(__file__).parent.parent / "configs/data/treloar1944_uniaxial.csv"
+    good, bad = tmp_path / "a.inp", tmp_path / "b.feb"
+    options = ["--export", f"abaqus={good}", "--export", f"febio={bad}", "--card-name", "skin"]
+    options += ["--card-units", "mm-N-MPa", "--density", "1100", "--json"]
+    command = ["fit", "material", "--law", "yeoh", "--data", f"uniaxial={data}", *options]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0
+    report = json.loads(result.stdout)
+    assert [bool(entry["message"]) for entry in report["cards"]] == [False, True]
+    assert any("febio is offered for" in text for text in report["warnings"])
+    text = good.read_text()
+    assert "NAME=SKIN" in text
+    assert "*DENSITY\n1.1e-09\n" in text
+    assert not bad.exists()
+    result = CliRunner().invoke(app, [*command, "--card-units", "cgs"])
+    assert result.exit_code == 2
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.data_checks import contradictions, warnings_of
 from fitting.material.experiments.datasets import load_dataset
 

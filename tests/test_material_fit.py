@@ -201,15 +201,15 @@ def test_intervals_cover_the_truth(treloar: list[Dataset], kind: str) -> None:
     truth = np.array([1.9e5, -1.8e3, 44.0])
     law = family("yeoh", 3)
     hits: dict[float, list[np.ndarray]] = {0.6827: [], 0.95: []}
-    for seed in range(80):
+    for seed in range(40):
         made = made_by(law.law(jnp.asarray(truth)), treloar, 0.02, seed)
         fit = fit_material(made, law, residual=kind, starts=16)
         for level, found in hits.items():
             low, high = fit.intervals(level)
             found.append((fit.status == "converged") & (low <= truth) & (truth <= high))
-    # Binomial with 80 draws of three constants: two standard deviations are 7 % and 3 %.
-    assert abs(np.mean(hits[0.6827]) - 0.6827) < 0.08
-    assert abs(np.mean(hits[0.95]) - 0.95) < 0.04
+    # Binomial with 40 draws of three constants: two standard deviations are 9 % and 4 %.
+    assert abs(np.mean(hits[0.6827]) - 0.6827) < 0.1
+    assert abs(np.mean(hits[0.95]) - 0.95) < 0.05
 
 
 @pytest.mark.parametrize("kind", ["relative", "noise"])
@@ -273,7 +273,7 @@ def test_hard_bounds_hold_and_agree_with_scipy(treloar: list[Dataset]) -> None:
 def test_random_cases_end_with_a_named_status(treloar: list[Dataset]) -> None:
     rng = np.random.default_rng(8)
     named = {"converged", "single_minimum", "not_converged"}
-    for case in range(21):
+    for case in range(12):
         data = treloar[rng.integers(3)]
         part = data.select(np.sort(rng.permutation(data.size)[: rng.integers(1, data.size)]))
         noise = 10.0 ** rng.uniform(-3.0, 0.5)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.skin_curve import predicted, specimen

@@ -8,6 +8,7 @@ import typer
 
 from fitting.cli import (
     contract,
+    data,
     fit_material,
     fit_materials,
     fit_sensor,
@@ -27,6 +28,7 @@ app = typer.Typer(
 solve.register(app)
 simulate.register(app)
 log.register(app)
+data.register(app)
 
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)

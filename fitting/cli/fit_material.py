@@ -13,6 +13,7 @@ from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from fitting.material.fit.result import MaterialFit
+    from fitting.material.report.cards import CardSettings
 
 
 def register(app: typer.Typer) -> None:
@@ -25,7 +26,7 @@ def material(
         list[str],
         typer.Option(
             metavar="MODE=FILE",
-            help="Test data (CSV): uniaxial, equibiaxial, pure_shear, biaxial, "
+            help="Test data (CSV, text, .xlsx): uniaxial, equibiaxial, pure_shear, biaxial, "
             "biaxial_difference, simple_shear, balloon, bulge or skin. May be repeated.",
         ),
     ],
@@ -40,7 +41,10 @@ def material(
     ] = None,
     residual: Annotated[
         str,
-        typer.Option(help="relative (with a floor), absolute (all points alike), or noise."),
+        typer.Option(
+            help="relative (with a floor), absolute (all points alike), noise (as stated), "
+            "or estimated (from the data)."
+        ),
     ] = "relative",
     noise: Annotated[
         str | None,
@@ -50,7 +54,42 @@ def material(
         str | None,
         typer.Option(help='Sizes where files state none: "width=6 mm,thickness=2 mm".'),
     ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            help="What columns measure where names don't say, by number or name, with a unit "
+            'where the file states none: "force=3,extension=5 mm".'
+        ),
+    ] = None,
     branch: Annotated[str, typer.Option(help="all, or loading only.")] = "all",
+    cycle: Annotated[
+        str,
+        typer.Option(help="Loading of one cycle of a cyclic test: first, last, or a number."),
+    ] = "all",
+    cut_break: Annotated[
+        bool, typer.Option("--cut-break", help="Leave out what follows a specimen's failure.")
+    ] = False,
+    zero: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND",
+            help="Find a test's zero with the law: slack (of the specimen), force (of the load "
+            "cell) or machine (its stiffness). May be repeated.",
+        ),
+    ] = None,
+    machine_stiffness: Annotated[
+        str | None,
+        typer.Option(
+            help='Stiffness of machine and grips, "2 kN/mm": the travel that they take '
+            "themselves is taken off."
+        ),
+    ] = None,
+    thin: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Most readings of a curve; of more, half as many means. 0 keeps all."
+        ),
+    ] = 500,
     bound: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=LOW:HIGH", help="Hard bound, SI units: alpha.0=1:3."),
@@ -83,9 +122,18 @@ def material(
         list[str] | None,
         typer.Option(
             metavar="FORMAT=FILE",
-            help="Write a material card: abaqus, calculix, ansys, febio, comsol or toml. "
-            "May be repeated.",
+            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna or "
+            "toml. May be repeated.",
         ),
+    ] = None,
+    card_units: Annotated[
+        str, typer.Option(help="Units of the cards: SI or mm-N-MPa (mm, t, s, MPa).")
+    ] = "SI",
+    card_name: Annotated[
+        str, typer.Option(help="Name of the material in the cards.")
+    ] = "membrane",
+    density: Annotated[
+        float | None, typer.Option(help="Density in the cards [kg/m3]; lsdyna needs it.")
     ] = None,
     scene: Annotated[
         Path | None,
@@ -104,12 +152,19 @@ def material(
     """
     with bad_input():
         pairs = [_pair(text) for text in data]
-        sizes = _sizes(specimen)
+        sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
+        named = named_values(columns, "--columns", "force=3,extension=5")
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
+        from fitting.material.report.cards import PROGRAMS, CardError, CardSettings
 
+        settings = CardSettings(card_units, card_name, density)
+        for name, _ in cards:
+            if name not in PROGRAMS:
+                allowed = ", ".join(PROGRAMS)
+                raise CardError(f"--export {name}: unknown program; allowed: {allowed}")
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
         outputs = [arviz, corner, predictive, plot, *(Path(file) for _, file in cards)]
@@ -120,7 +175,8 @@ def material(
 
                 check_figure_file(figure)
         sets = [
-            load_dataset(mode_named(mode), path, sizes, noise, scene) for mode, path in pairs
+            load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)
+            for mode, path in pairs
         ]
         with fitting_spinner() as show:
             from suas_jax.runtime.settings import configure
@@ -141,7 +197,12 @@ def material(
                     starts=starts,
                     seed=seed,
                     branch=branch,
+                    cycle=cycle,
+                    cut_break=cut_break,
+                    thin=thin,
+                    zero=tuple(zero or ()),
                     bounds=bounds,
+                    scene=None if _on_skin(sets) else scene,
                 )
             except NoFit as error:
                 report = {"law": law, "status": "no_fit", "message": str(error)}
@@ -168,10 +229,10 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
-                from fitting.material.report.cards import write_card
-
-                for name, file in cards:
-                    write_card(fit.material(), name, Path(file))
+                report["cards"] = _written(fit, cards, settings)
+                report["warnings"] += [
+                    entry["message"] for entry in report["cards"] if entry["message"]
+                ]
             if fit is not None and plot is not None:
                 from fitting.material.report.plots import plot_material
 
@@ -187,6 +248,23 @@ def material(
         raise typer.Exit(NO_SOLUTION)
 
 
+def _written(
+    fit: "MaterialFit", cards: list[tuple[str, str]], settings: "CardSettings"
+) -> list[dict[str, str]]:
+    """Write the cards; one that a program can't have is reported, and stops nothing."""
+    from fitting.material.report.cards import CardError, write_card
+
+    found = []
+    for name, file in cards:
+        message = ""
+        try:
+            write_card(fit.material(), name, Path(file), settings)
+        except CardError as error:
+            message = str(error)
+        found.append({"program": name, "file": file, "message": message})
+    return found
+
+
 def _on_skin(sets: list[Any]) -> bool:
     return any(data.mode == "skin" for data in sets)
 
@@ -200,16 +278,21 @@ def _pair(
     return mode.strip(), path.strip()
 
 
-def _sizes(text: str | None) -> dict[str, str]:
-    sizes = {}
+def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
+    """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
+
+    Raises:
+        ValueError: a part is no NAME=VALUE.
+    """
+    values = {}
     for part in (text or "").split(","):
         if not part.strip():
             continue
         name, equals, value = part.partition("=")
-        if not equals:
-            raise ValueError(f'--specimen {text}: expected "width=6 mm,thickness=2 mm"')
-        sizes[name.strip()] = value.strip()
-    return sizes
+        if not equals or not value.strip():
+            raise ValueError(f'{option} {text}: expected "{example}"')
+        values[name.strip()] = value.strip()
+    return values
 
 
 def _bound(text: str) -> tuple[str, tuple[float, float]]:

@@ -1,11 +1,14 @@
 """A law fitted by name, or all laws compared, with the report of the one that is chosen."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
+from fitting.material.fit.in_service import compare_with_scene
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.summary import material_report
 
@@ -19,6 +22,7 @@ def calibrate(
     terms: int | None = None,
     *,
     progress: Callable[[str], None] = lambda title: None,
+    scene: Path | None = None,
     **options: Any,
 ) -> tuple[MaterialFit, dict[str, Any]]:
     """Fit a law to data, or compare all laws, and report.
@@ -28,6 +32,7 @@ def calibrate(
         law: a value of `law` in [material], or "auto".
         terms: number of terms, if the law has any.
         progress: called with the name of the law that is fitted next.
+        scene: of a skin in whose stretches a law that is chosen must be stable.
         options: as for `fit_material`.
 
     Returns:
@@ -45,8 +50,24 @@ def calibrate(
         raise ValueError("--terms: --law auto chooses the number of terms itself")
     if options.pop("bounds", None):
         raise ValueError("--bound: name the law whose constants are bounded")
-    comparison = compare_laws(sets, progress=progress, **options)
-    report = material_report(comparison.best)
+
+    def refuses(fit: MaterialFit) -> str:
+        assert scene is not None
+        summary, _ = compare_with_scene(fit, scene)
+        if summary["material_stable"] is False:
+            return f"unstable in {scene}"
+        return ""
+
+    comparison = compare_laws(
+        sets, progress=progress, refuses=None if scene is None else refuses, **options
+    )
+    best = comparison.best
+    reasons = comparison.against(best)
+    if reasons:
+        text = f"no law is without objection; against {best.family.title}: {'; '.join(reasons)}"
+        best = dataclasses.replace(best, remarks=(*best.remarks, text))
+    report = material_report(best)
     report["candidates"] = comparison.table
     report["candidates_failed"] = comparison.failed
-    return comparison.best, report
+    report["effective_readings"] = comparison.effective_number
+    return best, report

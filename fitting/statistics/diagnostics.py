@@ -19,6 +19,9 @@ _SIGNIFICANT = 0.01
 _MOST_CORRELATED = 0.97
 _PATTERNS = 4  # polynomials of degree 0 to 3 along a test
 _FEWEST_SPARE = 4
+# Of a pattern less than this share is left where constants follow it.
+_LEFT = 1e-3
+_SMOOTH_DEGREE = 10
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,11 +183,15 @@ def _patterns(
             columns.append(column)
         start += n
     known, rank = _basis(J[:, sizes > 0.0] / sizes[sizes > 0.0])
+    # Derivatives at noisy states are noisy themselves, with the noise of the residuals: what
+    # patterns leave of them must not be that noise.
+    smooth_J = np.concatenate([_smoothed(own) for _, own in tests])
+    taken, _ = _basis(smooth_J[:, sizes > 0.0] / sizes[sizes > 0.0])
     if not columns:
         return np.nan, 1.0
     patterns = np.stack(columns, axis=1)
     patterns = patterns / np.linalg.norm(patterns, axis=0)
-    basis, extra = _basis(patterns - known @ (known.T @ patterns), 1e-6)
+    basis, extra = _basis(patterns - taken @ (taken.T @ patterns), _LEFT)
     spare = len(r) - rank - extra
     if extra == 0 or spare < _FEWEST_SPARE:
         return np.nan, 1.0
@@ -198,6 +205,16 @@ def _patterns(
         return np.nan, 1.0
     whole = float(r @ r) / (spare + extra)
     return float(stats.f.sf(mean / rest, extra, spare)), mean / whole
+
+
+def _smoothed(columns: np.ndarray) -> np.ndarray:
+    """Columns along a test as polynomials, where there are readings enough."""
+    n = len(columns)
+    degree = min(_SMOOTH_DEGREE, n // 4)
+    if degree < _PATTERNS:
+        return columns
+    vander = np.polynomial.chebyshev.chebvander(np.linspace(-1.0, 1.0, n), degree)
+    return np.asarray(vander @ np.linalg.lstsq(vander, columns, rcond=None)[0])
 
 
 def _basis(columns: np.ndarray, tolerance: float = 1e-10) -> tuple[np.ndarray, int]:

@@ -43,6 +43,8 @@ class Uncertainty:
         singular_values: of the scaled sensitivity matrix, largest first, shape [p].
         sizes: natural size of each constant, shape [p].
         unidentifiable: combinations that the data don't determine, in words.
+        spare: how many of them there are without the inflation: constants too many for the
+            noise alone, whatever the law's misfit adds.
     """
 
     noise: float
@@ -54,6 +56,7 @@ class Uncertainty:
     singular_values: np.ndarray
     sizes: np.ndarray
     unidentifiable: tuple[str, ...]
+    spare: int = 0
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -70,6 +73,22 @@ class Uncertainty:
         """Standard errors of quantities [n] with these derivatives by the constants [n, p]."""
         return np.asarray(np.linalg.norm(slope @ self.root, axis=-1))
 
+    def with_error(self, error: np.ndarray) -> "Uncertainty":
+        """The same with a further error that all constants share.
+
+        Args:
+            error: by how much each constant moves at one standard deviation of it, shape [p].
+        """
+        root = np.column_stack([self.root, error])
+        covariance = root @ root.T
+        deviation = np.sqrt(np.diagonal(covariance))
+        return dataclasses.replace(
+            self,
+            root=root,
+            covariance=covariance,
+            correlation=covariance / np.maximum(np.outer(deviation, deviation), 1e-300),
+        )
+
     def quantile(self, level: float) -> float:
         """Half width of a two-sided interval in standard errors.
 
@@ -85,6 +104,7 @@ def uncertainty(
     known_noise: bool,
     inflation: float = 1.0,
     held: Sequence[str] = (),
+    noise_ratio: np.ndarray | None = None,
 ) -> Uncertainty:
     """Judge what the data say about the constants at a minimum.
 
@@ -94,6 +114,9 @@ def uncertainty(
         known_noise: the residuals are in units of the known noise.
         inflation: factor on the standard errors, from `diagnostics.Misfit`.
         held: constants that stopped at a bound; they are taken as known.
+        noise_ratio: standard deviation of each residual up to a common factor, where it is
+            not the same for all, shape [n]. The covariance is then that of the estimate
+            under this noise, A diag(ratio²) Aᵀ with A = (JᵀJ)⁻¹Jᵀ.
     """
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     used = residuals.used
@@ -110,13 +133,20 @@ def uncertainty(
     # Null directions are needed, too, where readings are fewer than constants.
     scaled_rows = (J * sizes)[:, kept]
     few = len(scaled_rows) < scaled_rows.shape[1]
-    _, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
+    left, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     # A reading at rest, such as the first row of a test, is met by any constants: it is none.
     told = (np.abs(scaled_rows).max(1, initial=0.0) > _RANK * s[0]) | (np.abs(r) > 0.0)
     count = int(told.sum())
     dof = count - int(kept.sum())
-    estimated = float(np.sqrt(np.sum(r**2) / dof)) if dof > 0 else np.nan
+    ratio = np.ones(len(r)) if noise_ratio is None else noise_ratio[used]
+    whitened = r / ratio
+    if noise_ratio is not None:
+        # What the constants are off by, for they were weighed otherwise, is no noise.
+        along, size, _ = np.linalg.svd(scaled_rows / ratio[:, None], full_matrices=False)
+        along = along[:, size > _RANK * max(float(size[0]), 1e-300)]
+        whitened = whitened - along @ (along.T @ whitened)
+    estimated = float(np.sqrt(np.sum(whitened**2) / dof)) if dof > 0 else np.nan
     typical = whole / np.sqrt(max(count, 1))
     noise = 1.0 if known_noise else estimated
     spread = noise if np.isfinite(noise) else typical
@@ -125,17 +155,26 @@ def uncertainty(
     limit = max(spread / _MOST_FREE, s[0] * 1e-14, 1e-300)
     root = np.zeros((len(constants), len(constants)))
     scaled = (vt.T / np.maximum(s, limit)) * spread * inflation
+    noise_along = np.ones(len(s))
+    if noise_ratio is not None and len(s) <= len(r):
+        # Of directions that see more or less noise than the whole; R² = Uᵀ diag(ratio²) U.
+        triangle = np.asarray(np.linalg.qr(ratio[:, None] * left[:, : len(s)], mode="r"))
+        scaled = scaled @ triangle.T
+        noise_along = np.linalg.norm(triangle, axis=0)
     root[np.ix_(kept, np.arange(len(s)))] = np.clip(
         scaled * sizes[kept, None], -_LARGEST, _LARGEST
     )
     covariance = np.clip(root @ root.T, -(_LARGEST**2), _LARGEST**2)
     deviation = np.sqrt(np.diagonal(covariance))
-    floor = max(spread, SMALLEST_NOISE * typical)
+    # The same noise as that of the intervals.
+    floor = np.maximum(spread * inflation * noise_along, SMALLEST_NOISE * typical)
     free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
+    alone = np.maximum(spread * noise_along, SMALLEST_NOISE * typical)
+    spare = int(np.sum((alone / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])))
     names = tuple(itertools.compress(residuals.names, kept))
     units = tuple(itertools.compress(residuals.units, kept))
     named = [
-        describe(names, units, vt[i], sizes[kept], floor / max(s[i], limit))
+        describe(names, units, vt[i], sizes[kept], floor[i] / max(s[i], limit))
         for i in range(len(s))
         if free[i]
     ]
@@ -151,6 +190,7 @@ def uncertainty(
         singular_values=s,
         sizes=sizes,
         unidentifiable=tuple(named),
+        spare=spare + (dof <= 0),
     )
 
 

@@ -6,6 +6,7 @@ here and not by the solver's flag: at a minimum no Gauss-Newton step, cut to len
 every singular direction of the Jacobian, lowers the cost noticeably.
 """
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -13,9 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+import scipy.optimize
 from jaxtyping import Array, Float
 
-from fitting.statistics.residuals import AbstractResiduals, linearised
+from fitting.statistics.residuals import AbstractResiduals, by_theta, linearised
 from suas_jax.runtime.compiled import COMPILED
 
 # A start has converged when the predicted decrease of its cost is below this fraction,
@@ -110,6 +112,51 @@ def minimise(
 
 def _is_minimum(cost: np.ndarray, predicted_decrease: np.ndarray, used: int) -> np.ndarray:
     return np.isfinite(cost) & ((predicted_decrease <= CONVERGED) | (cost <= used * _ROUNDING))
+
+
+def minimise_one_by_one(
+    residuals: AbstractResiduals, starts: Float[np.ndarray, "starts p"], evaluations: int = 60
+) -> Minima:
+    """Minimise ½ Σ r² from a few points that are near, one after the other.
+
+    The steps are taken outside of the compiled programs (MINPACK's Levenberg-Marquardt), so
+    that of residuals that are long to compile nothing but `sensitivity` is compiled.
+
+    Args:
+        residuals: the misfit.
+        starts: unconstrained parameters to start from.
+        evaluations: most evaluations for each start.
+
+    Returns:
+        The starts, best first, judged as `minimise` judges them.
+    """
+    used = int(residuals.used.sum())
+    found = []
+    for start in np.asarray(starts, float):
+
+        @functools.lru_cache(maxsize=2)
+        def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+            r, J = by_theta(residuals, np.frombuffer(key))
+            finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
+            return np.where(finite, r, _IMPOSSIBLE), np.where(finite[:, None], J, 0.0)
+
+        run = scipy.optimize.least_squares(
+            lambda x, at=at: at(x.tobytes())[0],
+            start,
+            lambda x, at=at: at(x.tobytes())[1],
+            method="lm",
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=evaluations,
+        )
+        r, J = at(run.x.tobytes())
+        cost, decrease = _judged(jnp.asarray(r), jnp.asarray(J))
+        possible = np.max(np.abs(r)) < _IMPOSSIBLE
+        found.append((run.x, float(cost) if possible else np.inf, float(decrease)))
+    found.sort(key=lambda run: run[1])
+    theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
+    return Minima(theta, costs, _is_minimum(costs, decreases, used), decreases)
 
 
 @eqx.filter_jit

@@ -70,6 +70,10 @@ class AbstractFamily(abc.ABC):
     def law(self, constants: Float[Array, " p"]) -> AbstractLaw:
         """The law with these constants."""
 
+    def zeros(self, constants: Float[Array, " p"]) -> Float[Array, " k"]:
+        """Unknowns of the tests among the constants; by default there are none."""
+        return constants[self.size :]
+
     @abc.abstractmethod
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Starting points θ, shape [count, p]; the first is a plain guess."""

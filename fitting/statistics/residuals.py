@@ -41,6 +41,11 @@ class AbstractResiduals(eqx.Module):
     def constants(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Constants in SI units from unconstrained parameters."""
 
+    @property
+    def mapping(self) -> Callable[[Float[Array, " p"]], Float[Array, " p"]]:
+        """`constants` as a function that holds no more than it needs."""
+        return self.constants
+
     @abc.abstractmethod
     def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
         """Unconstrained parameters from constants, the inverse of `constants`."""
@@ -110,3 +115,24 @@ def linearised(
         return jax.jvp(function, (point,), (tangent,))
 
     return jax.vmap(push, out_axes=(None, 1))(jnp.eye(point.size, dtype=point.dtype))
+
+
+def by_theta(residuals: AbstractResiduals, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals [n] and their derivatives by the unconstrained parameters [n, p]."""
+    constants, slope = constants_by_theta(residuals, theta)
+    r, J = sensitivity(residuals, jnp.asarray(constants))
+    return np.asarray(r), np.asarray(J) @ slope
+
+
+def constants_by_theta(
+    residuals: AbstractResiduals, theta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Constants [p], SI units, and their derivatives by the parameters [p, p]."""
+    # The readings, which the constants don't depend on, must not choose the program.
+    c, slope = _constants_by_theta(residuals.mapping, jnp.asarray(theta))
+    return np.asarray(c), np.asarray(slope)
+
+
+@eqx.filter_jit
+def _constants_by_theta(mapping: Callable[[Array], Array], theta: Array) -> tuple[Array, Array]:
+    return mapping(theta), jax.jacfwd(mapping)(theta)

@@ -109,7 +109,9 @@ def _first_losses(
     # One Newton step with a frozen slope: it carries the root's derivative with respect
     # to the constants (implicit function theorem).
     _, slope = jax.jvp(partial(modulus, frozen), (at,), (jnp.ones_like(at),))
-    return jnp.exp(jnp.where(found, at - modulus(law, at) / slope, at))
+    root = at - modulus(law, at) / slope
+    # At the end of a law's domain, such as locked chains, there is no slope to follow.
+    return jnp.exp(jnp.where(found & jnp.isfinite(root), root, at))
 
 
 def _bracket(

@@ -8,6 +8,32 @@ from fitting.column_units import UNITS, unit_size
 STRESS_UNITS = "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
 
 
+_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
+# Units of quantities that are no concern of a material's law.
+_OTHER_UNITS = frozenset(
+    (
+        *_SECONDS,
+        *("seconds", "secs", "minutes", "cycles", "hz", "mm/min", "mm/s", "1/s", "%/s"),
+        *(
+            "°c",
+            "c",
+            "k",
+            "°f",
+            "v",
+            "mv",
+            "mv/v",
+            "mpa/s",
+            "n/s",
+            "kn/s",
+            "nm",
+            "n*m",
+            "j",
+            "w",
+        ),
+    )
+)
+
+
 class Quantity(NamedTuple):
     """What a column can measure.
 
@@ -50,11 +76,18 @@ _QUANTITIES = tuple(
             "nominal",
             "stress",
             r"(?:nominal|engineering|eng|first_piola_kirchhoff|pk1|1st_pk|first_pk|tensile"
-            r"|compressive|standard)_?stress|pk1|first_piola_kirchhoff",
+            r"|compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff",
         ),
-        ("stress", "stress", r"stress"),
+        ("stress", "stress", r"(?:axial_)?stress"),
         ("pressure", "pressure", r"(?:inflation_|gauge_|differential_|oil_)?pressure|p"),
-        ("force", "force", r"(?:axial_|standard_|tensile_)?(?:force|load)"),
+        (
+            "force",
+            "force",
+            r"(?:axial_|standard_|tensile_|tension_|compressive_|compression_|test_|load_cell_)*"
+            r"(?:force|load)(?:_cell)?",
+        ),
+        ("time", "time", r"(?:test_|running_|total_|elapsed_)*time|t(?=_s$|_min$|$)"),
+        ("cycle", "number", r"(?:total_|elapsed_)?cycles?(?:_(?:count|number|no))?"),
         ("shear_angle", "angle", r"shear_angle"),
         ("shear", "number", r"shear_strain|amount_of_shear|shear|gamma|γ"),
         ("log_strain", "number", r"(?:log|true|hencky|logarithmic|natural|ln)_?strain"),
@@ -62,29 +95,135 @@ _QUANTITIES = tuple(
         (
             "strain",
             "number",
-            r"(?:nominal_|engineering_|eng_|tensile_|compressive_)?strain|elongation_percent"
-            r"|epsilon",
+            r"(?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_"
+            r"|corrected_|extensometer_)*strain|elongation_percent|epsilon",
         ),
         ("stretch", "number", r"(?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam"),
         (
             "displacement",
             "length",
-            r"(?:crosshead_|loads_0_)?(?:displacement|extension|elongation|stroke|travel|deflection)",
+            r"(?:crosshead_|cross_head_|loads_0_|axial_|standard_|tensile_|compressive_|actuator_"
+            r"|corrected_|extensometer_|video_|machine_)*"
+            r"(?:displacement|extension|elongation|stroke|travel|deflection|crosshead"
+            r"|distance|position|extensometer)",
+        ),
+        (
+            "grip_separation",
+            "length",
+            r"(?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?_(?:separation|distance"
+            r"|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length",
         ),
         ("height", "length", r"(?:apex_|pole_|bulge_|dome_)?height|apex_displacement"),
-        ("length", "length", r"(?:gauge_|gage_|initial_|specimen_)?length|l0"),
-        ("width", "length", r"(?:specimen_)?width"),
-        ("thickness", "length", r"(?:specimen_|wall_|initial_|membrane_)?thickness"),
-        ("diameter", "length", r"(?:specimen_)?diameter"),
+        (
+            "length",
+            "length",
+            r"(?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]",
+        ),
+        ("width", "length", r"(?:specimen_|initial_)?width(?:_[bw][0o]?)?|b0|w0"),
+        (
+            "thickness",
+            "length",
+            r"(?:specimen_|wall_|initial_|membrane_)?thickness(?:_[abht][0o]?)?|h0|t0",
+        ),
+        ("diameter", "length", r"(?:specimen_|initial_)?diameter(?:_d[0o]?)?|d0"),
         ("rest_radius", "length", r"(?:initial|undeformed|reference|rest)_radius|r0"),
         ("radius", "length", r"(?:current_|balloon_|membrane_|diaphragm_)?radius"),
-        ("area", "area", r"(?:specimen_|initial_|cross_section(?:al)?_)?area|a0"),
+        (
+            "area",
+            "area",
+            r"(?:specimen_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?|cross_section|a0|s0",
+        ),
         ("thickness_ratio", "number", r"thickness_ratio|h_over_r"),
         ("weight", "number", r"weight"),
         ("use", "word", r"use|mask|valid|include"),
         ("specimen", "word", r"specimen|sample|specimen_id|sample_id"),
     )
 )
+
+
+# Words of other languages, spelled without accents, longest first.
+_WORDS = {
+    # German
+    "standardkraft": "standard_force",
+    "pruefkraft": "test_force",
+    "zugkraft": "tensile_force",
+    "druckkraft": "compressive_force",
+    "kraft": "force",
+    "standardweg": "standard_travel",
+    "traversenweg": "crosshead_travel",
+    "kolbenweg": "actuator_travel",
+    "verlaengerung": "extension",
+    "laengenaenderung": "extension",
+    "verschiebung": "displacement",
+    "weg": "travel",
+    "wahre_dehnung": "true_strain",
+    "technische_dehnung": "nominal_strain",
+    "nenndehnung": "nominal_strain",
+    "stauchung": "compressive_strain",
+    "dehnung": "strain",
+    "wahre_spannung": "true_stress",
+    "technische_spannung": "nominal_stress",
+    "nennspannung": "nominal_stress",
+    "zugspannung": "tensile_stress",
+    "druckspannung": "compressive_stress",
+    "schubspannung": "shear_stress",
+    "spannung": "stress",
+    "streckverhaeltnis": "stretch",
+    "ueberdruck": "pressure",
+    "innendruck": "pressure",
+    "druck": "pressure",
+    "pruefzeit": "test_time",
+    "versuchszeit": "test_time",
+    "zeit": "time",
+    "zyklus": "cycle",
+    "anfangsquerschnitt": "initial_area",
+    "querschnittsflaeche": "area",
+    "querschnitt": "area",
+    "einspannlaenge": "grip_separation",
+    "klemmlaenge": "clamping_length",
+    "messlaenge": "gauge_length",
+    "anfangslaenge": "initial_length",
+    "probendicke": "specimen_thickness",
+    "dicke": "thickness",
+    "probenbreite": "specimen_width",
+    "breite": "width",
+    "probendurchmesser": "specimen_diameter",
+    "durchmesser": "diameter",
+    "hoehe": "height",
+    # French
+    "allongement": "elongation",
+    "deplacement": "displacement",
+    "deformation": "strain",
+    "contrainte": "stress",
+    "epaisseur": "thickness",
+    "largeur": "width",
+    "longueur_initiale": "initial_length",
+    "longueur": "length",
+    "diametre": "diameter",
+    "temps": "time",
+}
+_ACCENTS = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "é": "e", "è": "e", "ê": "e", "à": "a"}
+)
+_FOREIGN = re.compile(rf"(?<![a-z])(?:{'|'.join(_WORDS)})(?![a-z])")
+# Which specimen of a file a column or a size belongs to.
+_SPECIMEN = re.compile(
+    r"(?:^|_)(?:specimen|sample|probekoerper|probe|eprouvette)_*(?:no_|nr_)?#?(\d+)(?=_|$)"
+)
+
+
+SIZES = (
+    "length",
+    "grip_separation",
+    "width",
+    "thickness",
+    "diameter",
+    "radius",
+    "rest_radius",
+    "area",
+    "thickness_ratio",
+)
+"""Sizes of a specimen."""
 
 
 class Column(NamedTuple):
@@ -116,17 +255,15 @@ def understand(name: str, where: str) -> Column | None:
     Raises:
         ValueError: the quantity is known but its unit is missing or unknown.
     """
-    spelled = name.strip().replace("²", "2").replace("^2", "2").replace("**2", "2")
-    bracket = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$", spelled)
-    explicit = bracket.group(1) if bracket else None
-    plain = _plain(spelled[: bracket.start()] if bracket else spelled)
+    plain, explicit = _name_and_unit(name)
     for quantity in _QUANTITIES:
         found = re.match(rf"(?:{quantity.pattern})(?![a-z])", plain)
         if not found:
             continue
         rest = plain[found.end() :]
         direction, rest = _split_direction(rest)
-        unit = explicit if explicit is not None else rest.strip("_ ")
+        unit = explicit if explicit is not None else re.sub(r"^_in_(?=.)", "_", rest)
+        unit = unit.strip("_, ")
         if explicit is not None and rest.strip("_ "):
             continue
         column = _with_unit(quantity, direction, unit, name, where)
@@ -135,9 +272,61 @@ def understand(name: str, where: str) -> Column | None:
     return None
 
 
-def _plain(text: str) -> str:
+def quantity_of(name: str) -> str | None:
+    """Which quantity a name means, whatever its unit; None for others."""
+    plain, _ = _name_and_unit(name)
+    for quantity in _QUANTITIES:
+        if re.match(rf"(?:{quantity.pattern})(?![a-z])", plain):
+            return quantity.name
+    return None
+
+
+def split_specimen(name: str) -> tuple[str, str]:
+    """A name without the specimen that it belongs to, and that specimen; "" for none.
+
+    "Specimen 1 : Width" is the width of specimen "1".
+    """
+    found = _SPECIMEN.search(plain_words(name))
+    if found is None:
+        return name, ""
+    rest = re.sub(
+        rf"(?i)(?:specimen|sample|probekörper|probe|éprouvette)[\s_]*(?:no\.?|nr\.?)?\s*#?"
+        rf"{found.group(1)}(?!\d)",
+        " ",
+        name,
+        count=1,
+    ).strip(" :;_-.,")
+    return rest, found.group(1)
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell holds a unit, in brackets or without."""
+    bare = text.strip("()[]{}<> ").casefold().replace("²", "2").replace("^2", "2")
+    return bare in UNITS or bare in _OTHER_UNITS
+
+
+def plain_words(text: str) -> str:
+    """A name in English, lower case, without accents, words joined by underscores."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])(?!Pa)", "_", text.strip())
-    return re.sub(r"[\s\-.:]+", "_", text.casefold()).strip("_")
+    text = text.casefold().translate(_ACCENTS)
+    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_")
+    return _FOREIGN.sub(lambda found: _WORDS[found.group()], text)
+
+
+def _name_and_unit(name: str) -> tuple[str, str | None]:
+    """Plain name and the unit in brackets; None where there are no brackets.
+
+    Brackets that hold no unit say more about the name, such as "Strain (Extensometer) [%]".
+    """
+    spelled = name.strip().replace("²", "2").replace("^2", "2").replace("**2", "2")
+    bracket = re.search(r"[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*$", spelled)
+    if bracket is None:
+        return plain_words(spelled), None
+    before, unit = spelled[: bracket.start()], bracket.group(1)
+    plain = plain_words(re.sub(r"\s*[\[({][^\])}]*[\])}]\s*", " ", before))
+    if not is_unit(unit) and re.fullmatch(r"[a-zA-Z][\w ]{3,}", unit):
+        return plain, None  # "Strain (Extension)": no unit is stated
+    return plain, unit
 
 
 def _split_direction(rest: str) -> tuple[int, str]:
@@ -160,6 +349,12 @@ def _with_unit(
         if UNITS.get(bare) == "%":
             return Column(quantity.name, direction, "%", 0.01)
         return None
+    if quantity.name == "time" and not bare:
+        return Column("time", direction, "s", 1.0)
+    # ISO 527 calls a thickness a0.
+    of_thickness = quantity.name == "area" and name.strip().casefold().startswith("a0")
+    if of_thickness and UNITS.get(bare) in ("mm", "cm", "m", "um"):
+        return Column("thickness", direction, UNITS[bare], unit_size(UNITS[bare], "length"))
     if quantity.name == "sigma" and UNITS.get(bare) == "%":
         return Column("relative_sigma", direction, "%", 0.01)
     if not bare:
@@ -169,6 +364,10 @@ def _with_unit(
             f'{where}: column "{name}" states no unit; add it, for example '
             f'"{name}_{_example(quantity.dimension)}"'
         )
+    if quantity.dimension == "time":
+        if bare not in _SECONDS:
+            return None
+        return Column("time", direction, bare, _SECONDS[bare])
     if bare not in UNITS:
         if quantity.name == "stress":  # "stress_ratio" and the like
             return None

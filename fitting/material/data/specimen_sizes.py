@@ -4,12 +4,14 @@ from collections.abc import Mapping
 
 from fitting.column_units import unit_size
 from fitting.material.data.columns import understand
-from fitting.material.data.tables import DataError, Table
+from fitting.material.data.errors import DataError
+from fitting.material.data.tables import Table
 from suas_jax.config.errors import listed, nearest
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
 _SPECIMEN_KEYS: dict[str, DimensionName | str] = {
     "length": "length",
+    "grip_separation": "length",
     "width": "length",
     "thickness": "length",
     "diameter": "length",

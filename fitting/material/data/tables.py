@@ -1,35 +1,28 @@
-"""Read the text that test machines write: one table of numbers, whatever the locale.
+"""Read the file of a test machine: one table of readings, whatever wrote it.
 
-Understood: UTF-8 and UTF-16 with or without byte order mark, Windows code page 1252, any
-line ends; commas, semicolons, tabs, bars or blanks between fields; decimal points or
-commas; `# key: value` lines anywhere; lines of other text before the column names; a line
-of units below them; empty and "NaN" cells.
+Understood: what `cells` reads; decimal points or commas; `# key: value` lines anywhere; rows
+about the test above the table; units in brackets or in a row of their own; specimens side
+by side, or one a sheet; sizes of the specimens in the rows above or in a table of results;
+empty and "NaN" cells; repeated names and remarks between the rows.
 """
 
-import csv
 import dataclasses
-import math
 import os
 import re
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from suas_jax.files.reading import MEGABYTE, read_bytes
+from fitting.material.data.cells import Cells, read_cells
+from fitting.material.data.columns import split_specimen, understand
+from fitting.material.data.errors import DataError
+from fitting.material.data.header import Header, read_header
+from fitting.material.data.layout import Layout, find_table, with_unit
+from fitting.material.data.numbers import decimal_mark, number
+from suas_jax.config.errors import listed
 
-_MISSING = frozenset(
-    (
-        *("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "."),
-        *("inf", "+inf", "-inf", "#div/0!", "#value!", "#num!", "1.#qnan", "1.#inf"),
-    )
-)
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?")
-_META = re.compile(r"^\s*([A-Za-z][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
-_MOST_BYTES = 64 * MEGABYTE
-_DELIMITERS = (";", "\t", "|", ",")
-
-
-class DataError(ValueError):
-    """A data file can't be used; the message names file, line, column and what is allowed."""
+_SAMPLED = 2000  # rows that tell the decimal mark
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,7 +36,10 @@ class Table:
         texts: the cells as written, for columns of words.
         lines: line number of each row in the file, from one.
         comments: the comment lines, without their mark.
-        metadata: `key: value` pairs of the comments, keys in lower case with underscores.
+        metadata: `key: value` pairs of the comments and of the rows above the table, keys in
+            lower case with underscores.
+        reading: how the file was read, for people: format, decimal mark, lines.
+        remarks: what a person should know about how it was read.
     """
 
     file: str
@@ -53,179 +49,338 @@ class Table:
     lines: np.ndarray
     comments: tuple[str, ...]
     metadata: dict[str, str]
+    reading: dict[str, Any] = dataclasses.field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
-def read_table(path: str | os.PathLike[str]) -> Table:
-    """Read a delimited text file of numbers.
+def read_table(
+    path: str | os.PathLike[str],
+    columns: Mapping[str, str] | None = None,
+    *,
+    plane: bool = False,
+) -> Table:
+    """Read a delimited text file, or a workbook, of numbers.
 
     Args:
         path: the file.
+        columns: what columns measure where their names don't say, as quantity to column
+            ("3", or its name) and, where the file states none, a unit: {"force": "3 N"}.
+        plane: numbers in names are directions in the plane, not specimens.
 
     Raises:
         DataError: the file is missing, empty, binary, has no line of column names or a
             line that doesn't fit them, with the line and what to do.
     """
     file = os.fspath(path)
-    lines = _text(file).splitlines()
-    rows: list[tuple[int, str]] = []
-    comments: list[str] = []
-    for number, line in enumerate(lines, 1):
-        bare = line.strip().strip("\x1a")
-        if bare.startswith(("#", "%", "//")) and not bare.casefold().startswith(
-            ("#n/a", "#div/0!", "#value!", "#num!")
-        ):
-            comments.append(bare.lstrip("#%/ ").rstrip(" ,;\t"))
-        elif bare.strip(",;\t| "):
-            rows.append((number, line.rstrip("\r\n")))
-    if not rows:
+    sheets = read_cells(file)
+    if not sheets:
         raise DataError(f"{file}: the file is empty: it holds no table")
-    head, delimiter = _header(file, rows)
-    preamble = [line for _, line in rows[:head]]
-    names = _fields(rows[head][1], delimiter)
-    while names and not names[-1]:
-        names.pop()
-    body = rows[head + 1 :]
-    if body and _is_units(_fields(body[0][1], delimiter), len(names)):
-        units = _fields(body[0][1], delimiter)
-        names = [
-            f"{name} [{unit.strip('()[] ')}]" if unit.strip("()[] -") else name
-            for name, unit in zip(names, units, strict=False)
-        ]
-        body = body[1:]
-    repeated = [name for name in names if name and names.count(name) > 1]
-    if repeated:
-        raise DataError(f'{file}: line {rows[head][0]}: column "{repeated[0]}" stands twice')
-    texts = [_row(file, number, line, delimiter, len(names)) for number, line in body]
-    if not texts:
-        raise DataError(f"{file}: there is no row below the column names")
-    cells = np.array([[_number(text) for text in row] for row in texts], dtype=float)
-    metadata = {}
-    for text in [*comments, *(line.replace(delimiter, ": ", 1) for line in preamble)]:
-        found = _META.match(text)
-        if found:
-            key = re.sub(r"[^a-z0-9]+", "_", found.group(1).casefold()).strip("_")
-            metadata[key] = found.group(2).strip(" ;,\t\"'")
-    return Table(
-        file,
-        tuple(names),
-        cells,
-        tuple(tuple(row) for row in texts),
-        np.array([number for number, _ in body]),
-        tuple(comments),
-        metadata,
-    )
+    found = []
+    problem: DataError | None = None
+    for cells in sheets:
+        try:
+            found.append((cells, find_table(file, cells, named=bool(columns))))
+        except DataError as error:
+            problem = error
+    if not found:
+        assert problem is not None
+        raise problem
+    most = max(min(layout.known, 2) for _, layout in found)
+    found = [pair for pair in found if min(pair[1].known, 2) == most]
+    longest = max(found, key=lambda pair: len(pair[1].body))
+    alike = [pair for pair in found if _signature(pair[1]) == _signature(longest[1])]
+    headers = [(cells, read_header(cells, layout)) for cells, layout in _others(sheets, found)]
+    parts = [
+        _part(file, cells, layout, columns or {}, cells.name * (len(alike) > 1), plane=plane)
+        for cells, layout in alike
+    ]
+    return _joined(file, [header for _, header in headers], parts)
 
 
-def is_missing(text: str) -> bool:
-    """Whether a cell is one of the usual ways to write that there is no value."""
-    return text.strip().casefold() in _MISSING
+@dataclasses.dataclass(frozen=True)
+class _Part:
+    """Readings of one specimen.
+
+    Attributes:
+        specimen: its label; "" where the file holds one.
+        names: of the columns.
+        rows: cells as written.
+        lines: line numbers.
+        header: what the rows about the test say.
+        reading: how it was read.
+        remarks: for people.
+    """
+
+    specimen: str
+    names: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+    header: Header
+    reading: dict[str, Any]
+    remarks: list[str]
 
 
-def _text(file: str) -> str:
-    try:
-        raw = read_bytes(file, _MOST_BYTES)
-    except FileNotFoundError:
-        raise DataError(f"{file}: no such file") from None
-    except IsADirectoryError:
-        raise DataError(f"{file}: is a directory; name a CSV file") from None
-    except OSError as error:
-        raise DataError(f"{file}: can't be read: {error.strerror or error}") from None
-    except ValueError as error:  # a NUL in the name
-        raise DataError(f"{file!r}: can't be read: {error}") from None
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return raw.decode("utf-16", errors="replace")
-    if raw[:4] == b"PK\x03\x04" or b"\x00" in raw:
-        raise DataError(f"{file}: is no text; export the sheet as CSV")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
+def _signature(layout: Layout) -> tuple[str, ...]:
+    return tuple(map(with_unit, layout.names, layout.units))
 
 
-def _fields(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
-        return line.split()
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+def _others(
+    sheets: list[Cells], found: list[tuple[Cells, Layout]]
+) -> list[tuple[Cells, Layout | None]]:
+    """Sheets without a table of readings; they may state the specimens' sizes."""
+    taken = [id(cells) for cells, _ in found]
+    return [(cells, None) for cells in sheets if id(cells) not in taken]
 
 
-def _header(file: str, rows: list[tuple[int, str]]) -> tuple[int, str]:
-    """Find the line of column names, and what separates the fields."""
-    for head, (number, line) in enumerate(rows):
-        following = [text for _, text in rows[head + 1 : head + 3]]
-        for delimiter in (*_DELIMITERS, " "):
-            if delimiter not in line.strip():
-                continue
-            names = _fields(line, delimiter)
-            wordy = [
-                bool(re.search(r"[^\W\d]", n)) and _NUMBER.fullmatch(n) is None for n in names
-            ]
-            if sum(wordy) < 2 or not all(w or not n for w, n in zip(wordy, names, strict=True)):
-                continue
-            if not following:
-                return head, delimiter
-            if any(_numeric(_fields(text, delimiter)) for text in following):
-                return head, delimiter
-        if _numeric(_fields(line, _most_likely(line)), share=0.9):
-            raise DataError(
-                f"{file}: line {number}: numbers without a line of column names above them; "
-                f"name the columns and their units, for example "
-                f'"stretch_1,nominal_stress_MPa"'
+def _part(
+    file: str,
+    cells: Cells,
+    layout: Layout,
+    columns: Mapping[str, str],
+    sheet: str,
+    *,
+    plane: bool,
+) -> list[_Part]:
+    """The table of a sheet, split into the specimens that stand side by side."""
+    body = [cells.rows[i] for i in layout.body]
+    lines = [cells.lines[i] for i in layout.body]
+    names = layout.names or [f"column {i + 1}" for i in range(len(layout.units))]
+    # Numbers in columns of which nothing is known have no names either.
+    units = layout.units
+    names = [
+        name or (f"column {i + 1}" if unit else "")
+        for i, (name, unit) in enumerate(zip(names, units, strict=True))
+    ]
+    rows = [
+        _row(file, line, row, cells.delimiter, names)
+        for line, row in zip(lines, body, strict=True)
+    ]
+    shown = [with_unit(name, unit) for name, unit in zip(names, layout.units, strict=True)]
+    shown = _renamed(file, names, layout.units, shown, columns)
+    header = read_header(cells, layout)
+    remarks = []
+    if layout.skipped:
+        skipped = [cells.lines[i] for i in layout.skipped]
+        where = ", ".join(map(str, skipped[:4])) + (", ..." if len(skipped) > 4 else "")
+        remarks.append(
+            f"{len(skipped)} {'row' if len(skipped) == 1 else 'rows'} without readings left "
+            f"out (line {where})"
+        )
+    reading = {
+        "format": cells.format,
+        "names_line": layout.line if layout.names else None,
+        "first_line": lines[0],
+        "last_line": lines[-1],
+    }
+    groups = _side_by_side(shown, layout.groups, fixed=bool(columns), plane=plane)
+    parts = []
+    for label, positions in groups:
+        own = [split_specimen(shown[i])[0] if label else shown[i] for i in positions]
+        taken = [[row[i] for i in positions] for row in rows]
+        kept = [k for k, row in enumerate(taken) if len(groups) == 1 or any(map(bool, row))]
+        parts.append(
+            _Part(
+                label or sheet,
+                own,
+                [taken[k] for k in kept],
+                [lines[k] for k in kept],
+                header,
+                reading,
+                remarks,
             )
-    first = rows[0]
-    raise DataError(
-        f"{file}: line {first[0]}: no line of column names followed by numbers was found; "
-        f'expected columns such as "stretch_1,nominal_stress_MPa" (found {first[1][:60]!r})'
-    )
+        )
+    if len(groups) == 1:
+        repeated = [n for n in shown if n and shown.count(n) > 1]
+        if repeated:
+            raise DataError(f'{file}: line {layout.line}: column "{repeated[0]}" stands twice')
+    return parts
 
 
-def _most_likely(line: str) -> str:
-    return next((d for d in _DELIMITERS if d in line), " ")
-
-
-def _numeric(fields: list[str], share: float = 0.5) -> bool:
-    """Whether a line looks like data: this share of its filled cells are numbers."""
-    filled = [field for field in fields if not is_missing(field)]
-    numbers = sum(not math.isnan(_number(field)) for field in filled)
-    return numbers >= max(1.0, share * len(filled))
-
-
-def _is_units(fields: list[str], width: int) -> bool:
-    words = [f for f in fields if f]
-    short = all(len(f) <= 14 for f in words)
-    return (
-        bool(words)
-        and short
-        and len(fields) >= width - 1
-        and all(math.isnan(_number(f)) and not is_missing(f) for f in words if f != "-")
-    )
-
-
-def _row(file: str, number: int, line: str, delimiter: str, width: int) -> list[str]:
-    fields = _fields(line, delimiter)
-    while len(fields) > width and not fields[-1]:
-        fields.pop()
-    if len(fields) > width:
+def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str]) -> list[str]:
+    cells, width = list(row), len(names)
+    while len(cells) > width and not cells[-1]:
+        cells.pop()
+    if len(cells) > width:
         hint = ""
-        if delimiter == "," and len(fields) == 2 * width:
+        if delimiter == "," and len(cells) == 2 * width:
             hint = (
                 "; decimal commas can't be told from commas between fields: put semicolons "
                 "between fields, or use decimal points"
             )
         raise DataError(
-            f"{file}: line {number}: {len(fields)} fields, but {width} columns are named{hint}"
+            f"{file}: line {line}: {len(cells)} fields, but {width} columns are named{hint}"
         )
-    return fields + [""] * (width - len(fields))
+    return cells + [""] * (width - len(cells))
 
 
-def _number(text: str) -> float:
-    """The number in a cell; NaN if there is none."""
-    bare = re.sub(r"[\s\u00a0\u202f']", "", text).replace("\N{MINUS SIGN}", "-")
-    if "," in bare:
-        if "." in bare and bare.rfind(".") > bare.rfind(","):
-            bare = bare.replace(",", "")
-        else:
-            bare = bare.replace(".", "").replace(",", ".")
-    if not _NUMBER.fullmatch(bare):
-        return math.nan
-    value = float(bare.replace("d", "e").replace("D", "e"))
-    return value if math.isfinite(value) else math.nan
+def _renamed(
+    file: str,
+    names: list[str],
+    units: list[str],
+    shown: list[str],
+    columns: Mapping[str, str],
+) -> list[str]:
+    """Column names with the user's word for what they measure."""
+    if not columns:
+        return shown
+    found = list(shown)
+    meant = {}
+    for quantity, text in columns.items():
+        index, given = _position(file, quantity, text, names, shown)
+        unit = given or units[index]
+        if not unit and (known := _understood(shown[index])) is not None:
+            unit = known
+        spelled = f"{quantity} [{unit}]" if unit else quantity
+        try:
+            column = understand(spelled, f"--columns {quantity}={text}")
+        except ValueError as error:
+            raise DataError(
+                f"{error}; the file states none: give it after the column, for example "
+                f'--columns "{quantity}={index + 1} mm"'
+                if not unit
+                else str(error)
+            ) from None
+        if column is None:
+            raise DataError(
+                f"--columns {quantity}={text}: {quantity} is no known quantity"
+                f"{f' in {unit}' if unit else ''}; such as force, extension, strain, stretch, "
+                f"stress, pressure, time"
+            )
+        found[index] = spelled
+        meant[index] = (column.quantity, column.direction)
+    # Other columns of the same meaning give way.
+    for i, name in enumerate(found):
+        if i in meant:
+            continue
+        try:
+            column = understand(name, "")
+        except ValueError:
+            continue
+        if column is not None and (column.quantity, column.direction) in meant.values():
+            found[i] = f"(not used) {name}"
+    return found
+
+
+def _position(
+    file: str, quantity: str, text: str, names: list[str], shown: list[str]
+) -> tuple[int, str]:
+    """Column that the user names by number or name, and the unit after it."""
+    for spellings in (shown, names):
+        if text in spellings:
+            return spellings.index(text), ""
+    first, _, unit = text.partition(" ")
+    if first.isdigit() and 1 <= int(first) <= len(names):
+        return int(first) - 1, unit.strip("()[] ")
+    for i, name in enumerate(names):
+        if name and text.startswith(f"{name} "):
+            return i, text[len(name) :].strip("()[] ")
+    have = listed(f'{i}: "{name}"' for i, name in enumerate(names, 1) if name)
+    raise DataError(
+        f"--columns {quantity}={text}: {file} has no such column; it has {have or 'no names'}"
+        + (f" and {len(names)} columns" if not any(names) else "")
+    )
+
+
+def _understood(name: str) -> str | None:
+    """Unit of a column that is understood by its name."""
+    try:
+        column = understand(name, "")
+    except ValueError:
+        return None
+    return column.unit if column is not None else None
+
+
+def _side_by_side(
+    names: list[str], groups: list[str], *, fixed: bool, plane: bool
+) -> list[tuple[str, list[int]]]:
+    """Columns of each specimen, by its label; one group where there is only one."""
+    everything = [i for i, name in enumerate(names) if name]
+    whole = [("", list(range(len(names))))]
+    if fixed or len(everything) < 2:
+        return whole
+    labels = [split_specimen(name)[1] for name in names]
+    if not any(labels) and not plane:
+        labels = _numbered(names)
+    if len({label for label in labels if label}) > 1:
+        shared = [i for i in everything if not labels[i]]
+        order = dict.fromkeys(label for label in labels if label)
+        return [
+            (label, shared + [i for i in everything if labels[i] == label]) for label in order
+        ]
+    # Repeated sequences: a name that returns begins the next specimen. What stands before
+    # the first such name is common to all.
+    first = next((names[i] for i in everything if names.count(names[i]) > 1), None)
+    starts = [k for k, i in enumerate(everything) if names[i] == first]
+    if len(starts) < 2:
+        return whole
+    shared = everything[: starts[0]]
+    blocks = [
+        everything[a:b] for a, b in zip(starts, [*starts[1:], len(everything)], strict=True)
+    ]
+    alike = len({tuple(names[i] for i in block) for block in blocks}) == 1
+    if not alike or len(shared) + len(blocks[0]) < 2:
+        return whole
+    stated = [groups[block[0]] for block in blocks]
+    if len(set(stated)) < len(stated):
+        stated = [str(k + 1) for k in range(len(blocks))]
+    return [(label, shared + block) for label, block in zip(stated, blocks, strict=True)]
+
+
+def _numbered(names: list[str]) -> list[str]:
+    """Numbers at the ends of names, such as 2 in "Stress 2 (MPa)", where all sets are alike."""
+    found = [re.fullmatch(r"(.*?[^\W\d])[ _]?(\d{1,2})(\s*[\[(].*)?", name) for name in names]
+    sets: dict[str, list[str]] = {}
+    for match in found:
+        if match is not None:
+            sets.setdefault(match.group(2), []).append(match.group(1) + (match.group(3) or ""))
+    alike = len(sets) > 1 and len({tuple(own) for own in sets.values()}) == 1
+    if not alike or len(next(iter(sets.values()))) < 2:
+        return [""] * len(names)
+    return [match.group(2) if match is not None else "" for match in found]
+
+
+def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table:
+    """One table of all specimens, with their labels and own sizes as columns."""
+    parts = [part for group in groups for part in group]
+    names = parts[0].names
+    header = Header.merged([*others, *dict.fromkeys(part.header for part in parts)])
+    several = len(parts) > 1
+    sized: list[str] = []
+    if several and header.by_specimen:
+        sized = list(dict.fromkeys(key for own in header.by_specimen.values() for key in own))
+    rows: list[tuple[str, ...]] = []
+    lines: list[int] = []
+    labels = list(header.by_specimen)
+    for k, part in enumerate(parts):
+        own: Mapping[str, str] = header.by_specimen.get(part.specimen, {})
+        if several and not own and len(labels) == len(parts):
+            own = header.by_specimen[labels[k]]  # the same order, other labels
+        extra = [part.specimen or str(k + 1), *(own.get(key, "") for key in sized)]
+        rows += [(*row, *(extra if several else ())) for row in part.rows]
+        lines += part.lines
+    sampled = rows[:: max(1, len(rows) // _SAMPLED)]
+    decimal = decimal_mark(cell for row in sampled for cell in row[: len(names)])
+    cells = np.array([[number(text, decimal) for text in row] for row in rows], dtype=float)
+    shown = (*names, *(("specimen", *sized) if several else ()))
+    if several:
+        for j, key in enumerate(sized, len(names) + 1):
+            cells[:, j] = [float(row[j]) if row[j] else np.nan for row in rows]
+            assert key
+    remarks = list(dict.fromkeys(text for part in parts for text in part.remarks))
+    reading = {
+        **parts[0].reading,
+        "decimal_mark": decimal,
+        "specimens": len(parts),
+        "last_line": max(part.reading["last_line"] for part in parts),
+    }
+    return Table(
+        file,
+        tuple(shown),
+        cells,
+        tuple(rows),
+        np.array(lines),
+        header.comments,
+        header.single(several=several),
+        reading,
+        tuple(remarks),
+    )

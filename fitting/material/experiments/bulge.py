@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.homogeneous import mode_factors
 from fitting.material.experiments.measurements import Predictor
 from fitting.material.experiments.prediction import AbstractExperiment

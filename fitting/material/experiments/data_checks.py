@@ -4,16 +4,15 @@ Nothing here changes data: what looks wrong becomes a warning with its reason.
 """
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.selection import half_cycles, series_of
 from fitting.material.experiments.stress_tests import StressTest
 
 _SHORTEST_BRANCH = 3
-_LEAST_SPAN = 0.05
 # Rubber: the stiffer the network, the shorter it stretches. Gum rubber has about
 # μ λ² = 23 MPa at break, stiff filled ones 40 MPa.
 _STIFF_AND_LONG = 60e6
@@ -41,15 +40,14 @@ def branches(data: Dataset) -> Branches:
 
     A branch is a run of at least three steps towards the undeformed state that spans 5 %
     of the test, after a branch that went out over the same states. Rows in no order of
-    time (turning at every third row or more) have no branches.
+    time (turning at every fifth row or more) have no branches.
     """
     none = Branches(np.zeros(data.size, dtype=bool), 0.0)
     if not isinstance(data, StressTest) or not data.is_curve or data.size < 6:
         return none
     h = data.deformation
     unloading = np.zeros(data.size, dtype=bool)
-    for specimen in dict.fromkeys(data.specimen):
-        rows = np.flatnonzero(data.specimen == specimen)
+    for rows in series_of(data):
         unloading[rows] = _goes_back(h[rows])
     if not unloading.any():
         return none
@@ -64,31 +62,14 @@ def branches(data: Dataset) -> Branches:
 
 
 def _goes_back(h: np.ndarray) -> np.ndarray:
-    """Which rows lie on a branch back towards rest."""
+    """Which rows lie on a branch back towards rest, after one that went out."""
     back = np.zeros(len(h), dtype=bool)
-    span = np.max(h) - np.min(h)
-    if len(h) < 6 or span <= 0.0:
-        return back
-    # Jitter of the extensometer is no turning point.
-    steps = np.diff(h)
-    direction = np.where(np.abs(steps) < 1e-3 * span, 0, np.sign(steps))
-    for i in range(1, len(direction)):
-        if direction[i] == 0:
-            direction[i] = direction[i - 1]
-    turns = np.flatnonzero(direction[1:] * direction[:-1] < 0)
-    if len(turns) > max(2, len(h) // 5):
-        return back  # shuffled rows
-    edges = np.concatenate([[0], turns + 1, [len(direction)]])
-    went_out = 0.0
-    for first, last in itertools.pairwise(edges):
-        if direction[first] >= 0:
-            went_out = max(went_out, h[last])
-        elif (
-            last - first >= _SHORTEST_BRANCH
-            and h[first] - h[last] > _LEAST_SPAN * span
-            and went_out > h[last]
-        ):
-            back[first + 1 : last + 1] = True
+    reached = -np.inf
+    for half in half_cycles(h):
+        if half.outward:
+            reached = max(reached, float(h[half.rows].max()))
+        elif len(half.rows) >= _SHORTEST_BRANCH and reached > h[half.rows[-1]]:
+            back[half.rows] = True
     return back
 
 

@@ -7,12 +7,13 @@ undeformed area, Cauchy stress force over current area.
 
 import abc
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.prediction import AbstractExperiment
 from suas_jax.config.errors import listed, nearest
 
@@ -58,6 +59,24 @@ class Channel(NamedTuple):
     label: str
 
 
+class Origin(NamedTuple):
+    """Where the states and stresses of a test come from.
+
+    Attributes:
+        state: quantity that states the deformation, such as "strain".
+        column: its name in the file.
+        unit: its unit; "" for a number.
+        length: of the specimen that a displacement stretches [m]; NaN where not stated.
+        area: undeformed cross-section [m²]; NaN where not stated.
+    """
+
+    state: str = ""
+    column: str = ""
+    unit: str = ""
+    length: float = math.nan
+    area: float = math.nan
+
+
 @dataclasses.dataclass(frozen=True)
 class Dataset(abc.ABC):
     """Readings of one file, one entry per reading (two per row of a biaxial test).
@@ -72,6 +91,7 @@ class Dataset(abc.ABC):
         line: line in the file, shape [n].
         dropped: how many rows were left out, by reason.
         warnings: what a person should know about this file.
+        origin: columns and sizes behind the states.
     """
 
     mode: str
@@ -83,6 +103,7 @@ class Dataset(abc.ABC):
     line: np.ndarray
     dropped: dict[str, int]
     warnings: tuple[str, ...]
+    origin: Origin
 
     @property
     def size(self) -> int:

@@ -27,6 +27,10 @@ class AbstractExperiment(eqx.Module):
         """The same tests, at the states that fit a law."""
         return self
 
+    def shifted(self, zeros: Float[Array, " k"]) -> Self:
+        """The same tests with other zeros; by default a test has none that are free."""
+        return self
+
     def distance(self, other: Self) -> float:
         """How far its states are from those of another prediction, relative."""
         return 0.0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
 from fitting.material.experiments.skin_curve import SkinCurve, Specimen, specimen
 from fitting.material.experiments.table_reader import Reader

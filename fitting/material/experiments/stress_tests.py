@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.material.data.tables import DataError
+from fitting.material.data.errors import DataError
 from fitting.material.experiments.homogeneous import (
     Homogeneous,
     mode_factors,

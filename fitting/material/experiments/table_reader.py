@@ -1,16 +1,20 @@
 """Columns of a table of measurements, as the tests of every mode read them."""
 
+import contextlib
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from fitting.material.data.columns import Column, understand
+from fitting.material.data.columns import Column, plain_words, quantity_of, understand
+from fitting.material.data.errors import DataError
+from fitting.material.data.numbers import is_missing
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
-from fitting.material.data.tables import DataError, Table, is_missing
-from fitting.material.experiments.measurements import Kind
+from fitting.material.data.tables import Table
+from fitting.material.experiments.measurements import Kind, Origin
 from suas_jax.config.errors import listed
 from suas_jax.config.quantities import parse_quantity
 
@@ -24,34 +28,76 @@ class Reader:
         noise: standard deviation of the readings, where the file doesn't state it.
         columns: position and meaning by quantity and direction.
         sizes: of the specimen, SI units.
+        machine_stiffness: of the machine with its grips [N/m], if its travel is corrected.
         warnings: what a person should know.
     """
 
     def __init__(
-        self, mode: str, table: Table, specimen: dict[str, str], noise: str | None
+        self,
+        mode: str,
+        table: Table,
+        specimen: dict[str, str],
+        noise: str | None,
+        machine_stiffness: float | None = None,
     ) -> None:
+        self.machine_stiffness = machine_stiffness
         self.mode, self.table, self.noise = mode, table, noise
-        self.warnings: list[str] = []
+        self.warnings: list[str] = list(table.remarks)
         self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
+        # Known quantities in units that are missing or unknown: an error once asked for.
+        self._faulty: dict[str, DataError] = {}
+        self._read_names()
+        self.sizes = {**stated_sizes(table), **given_sizes(table, specimen)}
+
+    def _read_names(self) -> None:
+        """Find out what the columns measure."""
         ignored = []
-        for index, name in enumerate(table.names):
+        for index, name in enumerate(self.table.names):
+            if not name:
+                continue
             try:
-                column = understand(name, f"{table.file}: line {table.lines[0]}")
+                column = understand(name, self.table.file)
             except ValueError as error:
-                raise DataError(str(error).replace(f": line {table.lines[0]}", "", 1)) from None
+                meant = quantity_of(name)
+                self._faulty.setdefault(meant or name, DataError(str(error)))
+                continue
             if column is None:
                 ignored.append(name)
-            elif (column.quantity, column.direction) in self.columns:
-                other = table.names[self.columns[column.quantity, column.direction][0]]
-                raise DataError(
-                    f'{table.file}: columns "{other}" and "{name}" mean the same; keep one'
-                )
-            else:
-                self.columns[column.quantity, column.direction] = (index, column)
-        if any(ignored):
-            names = ", ".join(f'"{name}"' for name in ignored if name)
+                continue
+            key = (column.quantity, column.direction)
+            if key not in self.columns:
+                self.columns[key] = (index, column)
+                continue
+            other = self.columns[key][0]
+            kept = self._better_of(other, index)
+            self.columns[key] = (kept, column) if kept == index else self.columns[key]
+        if ignored:
+            names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
-        self.sizes = {**stated_sizes(table), **given_sizes(table, specimen)}
+
+    def _better_of(self, first: int, second: int) -> int:
+        """Which of two columns of the same meaning to use.
+
+        Raises:
+            DataError: neither is the better one.
+        """
+        names = [self.table.names[i] for i in (first, second)]
+        ranks = [_closeness(name) for name in names]
+        same = np.array_equal(
+            self.table.cells[:, first], self.table.cells[:, second], equal_nan=True
+        )
+        if ranks[0] == ranks[1] and not same:
+            raise DataError(
+                f'{self.table.file}: columns "{names[0]}" and "{names[1]}" mean the same; keep '
+                f"one, or choose one: --columns QUANTITY={first + 1}"
+            )
+        kept, left = (second, first) if ranks[1] > ranks[0] else (first, second)
+        if not same:
+            self.warnings.append(
+                f'column "{self.table.names[left]}" is not used: "{self.table.names[kept]}" is '
+                f"measured closer to the specimen; --columns QUANTITY={left + 1} chooses it"
+            )
+        return kept
 
     def column(self, quantity: str, direction: int = 0) -> np.ndarray | None:
         """Values of a column in SI units, NaN where missing; None if there is none.
@@ -60,6 +106,8 @@ class Reader:
             DataError: a cell holds neither a number nor a usual sign of a missing one.
         """
         wanted = (0, 1) if direction in (0, 1) else (direction,)
+        if quantity in self._faulty and not any((quantity, d) in self.columns for d in wanted):
+            raise self._faulty[quantity]
         for d in wanted:
             if (quantity, d) in self.columns:
                 index, column = self.columns[quantity, d]
@@ -135,26 +183,67 @@ class Reader:
                 "a Green strain is greater than -1/2",
             ),
         )
+        # A machine's stiffness corrects its travel, not an extensometer's strain.
+        moved = None
+        if self.machine_stiffness is not None:
+            moved = self.column("displacement", direction)
         for quantity, convert, why in ways:
             values = self.column(quantity, direction)
-            if values is not None:
+            if values is not None and moved is None:
+                if self.machine_stiffness is not None:
+                    values = values - self._given_way(direction) / self._needed_length()
                 stretches = convert(values)
                 self.require_positive(stretches, quantity, why=why)
                 return stretches
         moved = self.column("displacement", direction)
         if moved is not None:
-            length = self.size("length")
-            if length is None:
-                raise DataError(
-                    f"{self.table.file}: displacement needs the specimen's length: add "
-                    f'"# length: 25 mm" to the file or --specimen "length=25 mm"'
-                )
+            length = self._needed_length(direction)
+            if self.machine_stiffness is not None:
+                moved = moved - self._given_way(direction)
             stretches = 1.0 + moved / length
             self.require_positive(
                 stretches, "displacement", why="the specimen would have no length left"
             )
             return stretches
         raise self.need("the stretch", f"stretch{tag}", f"strain{tag}", "displacement_mm")
+
+    def _needed_length(self, direction: int = 0) -> np.ndarray:
+        length = self._length_of("displacement", direction)
+        if length is None:
+            raise DataError(
+                f"{self.table.file}: displacement needs the specimen's length: add "
+                f'"# length: 25 mm" to the file or --specimen "length=25 mm"'
+            )
+        return length
+
+    def _given_way(self, direction: int) -> np.ndarray:
+        """Travel that the machine itself takes at each reading's force [m]."""
+        assert self.machine_stiffness is not None
+        if not {"displacement", "strain", "stretch"} & {key[0] for key in self.columns}:
+            raise DataError(
+                f"{self.table.file}: --machine-stiffness corrects a displacement, strain or "
+                f"stretch; the file has none"
+            )
+        force = self.column("force", direction)
+        if force is None:
+            warned = len(self.warnings)
+            found = self.stress(direction)
+            del self.warnings[warned:]
+            if found is None or found[1] != "nominal":
+                raise DataError(
+                    f"{self.table.file}: --machine-stiffness needs the force, or nominal "
+                    f"stress and the specimen's cross-section"
+                )
+            force = found[0] * self.area()
+        return force / self.machine_stiffness
+
+    def _length_of(self, quantity: str, direction: int = 0) -> np.ndarray | None:
+        """The length that a displacement stretches: between grips, or the gauge's."""
+        gauge, grips = self.size("length"), self.size("grip_separation")
+        if gauge is None or grips is None:
+            return grips if gauge is None else gauge
+        name = self.table.names[self.position(quantity, direction)]
+        return grips if _closeness(name) < 0 else gauge
 
     def area(self) -> np.ndarray:
         """Undeformed cross-section of the specimen [m²]."""
@@ -212,6 +301,7 @@ class Reader:
             "line": self.table.lines,
             "dropped": {},
             "warnings": tuple(self.warnings),
+            "origin": self._origin(),
         }
 
     def kept(self, test: Kind, states: np.ndarray) -> Kind:
@@ -233,6 +323,19 @@ class Reader:
         counts = {"missing value": int(missing.sum()), "masked": int((masked & ~missing).sum())}
         dropped = {reason: count for reason, count in counts.items() if count}
         return dataclasses.replace(test.select(keep), dropped=dropped)
+
+    def _origin(self) -> Origin:
+        """Which column states the deformation, and the specimen's length and area."""
+        length, area = self._length_of("displacement"), None
+        with contextlib.suppress(DataError):
+            area = self.area()
+        sizes = [math.nan if x is None else float(np.nanmean(x)) for x in (length, area)]
+        for quantity in ("stretch", "strain", "log_strain", "green_strain", "displacement"):
+            for d in (0, 1):
+                if (quantity, d) in self.columns:
+                    index, column = self.columns[quantity, d]
+                    return Origin(quantity, self.table.names[index], column.unit, *sizes)
+        return Origin("", "", "", *sizes)
 
     def _weight(self) -> np.ndarray:
         weight = self.column("weight")
@@ -296,3 +399,13 @@ class Reader:
         if np.any(size < 0.0) or not np.any(size > 0.0):
             raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
         return np.where(size > 0.0, size, np.max(size))
+
+
+def _closeness(name: str) -> int:
+    """1 for an extensometer on the specimen, -1 for the machine's own travel, else 0."""
+    plain = plain_words(name)
+    if re.search(r"extensom|video|dic|gauge|gage|corrected|strain_1(?!\d)", plain):
+        return 1
+    if re.search(r"crosshead|cross_head|traverse|stroke|grip|machine|position|actuator", plain):
+        return -1
+    return 0

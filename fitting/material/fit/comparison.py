@@ -1,7 +1,8 @@
 """Laws compared on the same data."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,10 @@ from fitting.material.fit.result import MaterialFit
 from fitting.material.laws.registry import candidates as usual_candidates
 from fitting.material.laws.registry import family
 
+# A law must be stable this much further than the data reach, in log stretch.
+STABILITY_MARGIN = 0.1
+_MOST_CORRELATED = 0.97
+
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
@@ -20,43 +25,114 @@ class Comparison:
     Attributes:
         fits: one per law that could be fitted, lowest AICc first.
         failed: reasons, by law, of those that could not.
+        refused: further reasons against laws, by title, such as a scene's stretches.
     """
 
     fits: tuple[MaterialFit, ...]
     failed: dict[str, str]
+    refused: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    @functools.cached_property
+    def effective_number(self) -> float:
+        """Number of independent readings: n (1 − ρ)/(1 + ρ).
+
+        ρ is the correlation of neighbouring residuals of the law that follows the data most
+        closely; what correlation others have on top is their misfit.
+        """
+        count = float(self.fits[0].problem.residuals.used.sum())
+        closest = min(self.fits, key=lambda fit: fit.cost)
+        rho = float(np.clip(closest.misfit.autocorrelation, 0.0, _MOST_CORRELATED))
+        # A correlation that chance explains is none.
+        if rho < 2.0 / np.sqrt(count):
+            return count
+        return count * (1.0 - rho) / (1.0 + rho)
+
+    def aicc(self, fit: MaterialFit) -> float:
+        """AICc of a fit with the effective number of readings."""
+        return _aicc(fit, self.effective_number)
+
+    def against(self, fit: MaterialFit) -> list[str]:
+        """Why a law is not to be recommended; nothing if it is sound."""
+        reasons = []
+        if fit.status == "not_converged":
+            reasons.append("no start converged")
+        reasons += [f"unstable: {text}" for text in fit.instabilities(STABILITY_MARGIN)]
+        if fit.family.title in self.refused:
+            reasons.append(self.refused[fit.family.title])
+        if count := fit.uncertainty.spare:
+            reasons.append(
+                f"{count} combination{'s' if count > 1 else ''} of constants not determined"
+            )
+        return reasons
 
     @property
     def best(self) -> MaterialFit:
-        """The lowest AICc among converged fits that determine all their constants.
+        """The lowest AICc among laws against which nothing stands.
 
-        A law with a combination of constants that the data leave free has terms to spare;
-        it is chosen only where every law has one.
+        Where something stands against every law, stability goes first, then convergence,
+        then constants that are determined.
         """
-        return min(self.fits, key=lambda fit: bool(fit.uncertainty.unidentifiable))
+        return min(self.fits, key=self._faults)
+
+    def _faults(self, fit: MaterialFit) -> tuple[bool, bool, bool]:
+        unstable = bool(fit.instabilities(STABILITY_MARGIN)) or fit.family.title in self.refused
+        return (
+            unstable,
+            fit.status == "not_converged",
+            fit.uncertainty.spare > 0,
+        )
 
     @property
     def table(self) -> list[dict[str, Any]]:
         """One line per law."""
-        return [
-            {
-                "law": fit.family.law_name,
-                "title": fit.family.title,
-                "constants": fit.family.size,
-                "aicc": fit.criteria[0],
-                "bic": fit.criteria[1],
-                "cost": fit.cost,
-                "condition_number": fit.uncertainty.condition_number,
-                "unidentifiable": len(fit.uncertainty.unidentifiable),
-                "status": fit.status,
-            }
-            for fit in self.fits
-        ]
+        best = self.best
+        lines = []
+        for fit in self.fits:
+            reasons = self.against(fit)
+            delta = self.aicc(fit) - self.aicc(best)
+            if not reasons and fit is not best:
+                reasons = [f"AICc is {delta:.3g} higher"]
+            lines.append(
+                {
+                    "law": fit.family.law_name,
+                    "title": fit.family.title,
+                    "constants": fit.family.size,
+                    "aicc": self.aicc(fit),
+                    "delta_aicc": delta,
+                    "bic": fit.criteria[1],
+                    "cost": fit.cost,
+                    "condition_number": fit.uncertainty.condition_number,
+                    "unidentifiable": len(fit.uncertainty.unidentifiable),
+                    "stable": not fit.instabilities(STABILITY_MARGIN),
+                    "misfit": fit.misfit.significant,
+                    "rejected": [] if fit is best else reasons,
+                    "chosen": fit is best,
+                    "status": fit.status,
+                }
+            )
+        return lines
+
+
+def _aicc(fit: MaterialFit, effective: float) -> float:
+    """AICc with a number of independent readings; infinite if they are too few."""
+    count = float(fit.problem.residuals.used.sum())
+    known = fit.problem.kind in ("noise", "estimated")
+    k = fit.family.size + (not known)
+    square = 2.0 * fit.cost
+    deviance = (
+        square * effective / count
+        if known
+        else effective * float(np.log(max(square, 1e-300) / count))
+    )
+    spare = effective - k - 1
+    return deviance + 2.0 * k + (2.0 * k * (k + 1) / spare if spare > 0 else np.inf)
 
 
 def compare_laws(
     sets: Sequence[Dataset],
     candidates: Sequence[tuple[str, int]] | None = None,
     progress: Callable[[str], None] = lambda title: None,
+    refuses: Callable[[MaterialFit], str] | None = None,
     **options: Any,
 ) -> Comparison:
     """Fit several laws and rank them by AICc.
@@ -65,6 +141,7 @@ def compare_laws(
         sets: the data.
         candidates: laws and numbers of terms; None for those that the laws declare.
         progress: called with each law's title before it is fitted.
+        refuses: a reason against a fit that is about to be recommended; "" for none.
         options: as for `fit_material`.
     """
     fits, failed = [], {}
@@ -76,14 +153,25 @@ def compare_laws(
             continue
         progress(chosen.title)
         try:
-            fits.append(fit_material(sets, chosen, **options))
+            fits.append(fit_material(sets, chosen, doubt=False, **options))
         except NoFit as error:
             failed[chosen.title] = str(error)
     if not fits:
         raise NoFit("no law could be fitted: " + "; ".join(failed.values()))
 
+    comparison = Comparison(tuple(fits), failed)
+
     def rank(fit: MaterialFit) -> tuple[bool, float]:
-        aicc = fit.criteria[0]
+        aicc = comparison.aicc(fit)
         return fit.status == "not_converged", aicc if np.isfinite(aicc) else np.inf
 
-    return Comparison(tuple(sorted(fits, key=rank)), failed)
+    comparison = Comparison(tuple(sorted(fits, key=rank)), failed)
+    refused: dict[str, str] = {}
+    while refuses is not None and len(refused) < len(fits):
+        best = comparison.best
+        reason = "" if best.family.title in refused else refuses(best)
+        if not reason:
+            break
+        refused[best.family.title] = reason
+        comparison = dataclasses.replace(comparison, refused=dict(refused))
+    return comparison

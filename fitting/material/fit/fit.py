@@ -1,23 +1,40 @@
 """Fit a law to test data."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from fitting.material.experiments.artefacts import Suspect, curve_suspects, without_toe
 from fitting.material.experiments.data_checks import (
     branches,
     contradictions,
     refuse_without_information,
     warnings_of,
 )
+from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
+from fitting.material.experiments.free_zero import Zero, can_be_freed
 from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.selection import before_break, in_cycle, thinned
+from fitting.material.fit.noise import Noise, noise_of, with_noise
 from fitting.material.fit.problem import MaterialProblem, pose, settle
+from fitting.material.fit.residuals import readings
 from fitting.material.fit.result import MaterialFit
+from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
+from fitting.material.fit.suspects import (
+    fit_suspects,
+    posed_kind,
+    with_zeros,
+    zero_in_units,
+    zeros_of,
+)
 from fitting.material.laws.registry import family
-from fitting.statistics.diagnostics import misfit
+from fitting.statistics.diagnostics import Misfit, misfit
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import Minima, minimise
+from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
+from fitting.statistics.noise_model import NoiseModel
 from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.residuals import sensitivity
 from suas_jax.runtime.precision import require_float64
@@ -26,6 +43,13 @@ _STARTS_IN_BOX = 5
 _SKIN_LANES = 4
 # A reading is wrong by the square of how far its apex stretch still is from settled.
 _BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 3e-3
+_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 8, 40, 3e-2
+_THIN = 500
+# Rounds of weighing by the estimated noise, which the fit itself then changes little.
+_NOISE_ROUNDS = 2
+# Shares of the largest stress at which a toe may end.
+_TOES = (0.05, 0.1, 0.2, 0.3, 0.4)
+_FEWEST_BEHIND_TOE, _CLEAR = 12, 5.0
 
 
 def fit_material(
@@ -36,9 +60,14 @@ def fit_material(
     residual: str = "relative",
     starts: int = 64,
     seed: int = 0,
-    branch: str = "all",
+    branch: str | None = None,
+    cycle: str = "all",
+    cut_break: bool = False,
+    thin: int = _THIN,
+    zero: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     remarks: Sequence[str] = (),
+    doubt: bool = True,
 ) -> MaterialFit:
     """Find the constants of a law that follow test data best.
 
@@ -46,12 +75,17 @@ def fit_material(
         sets: the data, from `datasets.load_dataset`.
         law: a value of `law` in [material], or a family of one's own.
         terms: number of terms, if the law has any.
-        residual: "relative", "absolute" or "noise", see `problem.pose`.
+        residual: "relative", "absolute", "noise" or "estimated", see `problem.pose`.
         starts: number of starting points.
         seed: of the random starting points.
-        branch: "all", or "loading" to leave unloading branches out.
+        branch: "all", or "loading" to leave unloading branches out; None takes all.
+        cycle: "all", or the loading of the "first", the "last" or a numbered cycle.
+        cut_break: leave out what follows the failure of a specimen.
+        thin: most readings of a curve; more are averaged to half as many. Zero keeps all.
+        zero: what is found with the law: "slack", "force", "machine".
         bounds: hard bounds by constant, SI units, such as {"alpha.0": (1, 3)}.
         remarks: warnings to carry into the report.
+        doubt: look for artefacts that explain a misfit, and for the end of a toe.
 
     Raises:
         ValueError: law, terms, residual, branch or bounds are not allowed.
@@ -62,18 +96,57 @@ def fit_material(
     chosen = law if isinstance(law, AbstractFamily) else family(law, terms)
     if starts < 1:
         raise ValueError(f"--starts {starts}: at least one is needed")
-    notes = [*remarks]
-    used = tuple(_on_branch(data, branch) for data in sets)
-    for data in used:
-        refuse_without_information(data)
-    for data, kept in zip(sets, used, strict=True):
-        notes += warnings_of(kept)
-        if kept.size < data.size:
-            notes.append(
-                f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
-            )
-    notes += contradictions(used)
-    problem, minima = _search(used, chosen, residual, starts, seed)
+    if thin < 0:
+        raise ValueError(f"--thin {thin}: a number of readings is expected; 0 keeps all")
+    unknown = [kind for kind in zero if kind not in ZERO_KINDS]
+    if unknown:
+        raise ValueError(f"--zero {unknown[0]}: unknown; allowed: {', '.join(ZERO_KINDS)}")
+    settings = {
+        "residual": residual,
+        "starts": starts,
+        "seed": seed,
+        "zero": tuple(dict.fromkeys(zero)),
+    }
+    used, notes, suspects = _prepared(sets, branch, cycle, zero, cut_break=cut_break, thin=thin)
+    fit = _fitted(used, chosen, bounds, [*remarks, *notes], suspects, settings, doubt=doubt)
+    if not (doubt and "slack" in zero and fit.misfit.significant):
+        return fit
+    gone = False
+    for share in _TOES:
+        rest = [without_toe(data, share) for data in used]
+        shorter = _fitted(rest, chosen, bounds, [*remarks, *notes], suspects, settings)
+        # A toe fades; what is left of it where it can no longer be seen still pulls.
+        if gone or (share == _TOES[-1] and not shorter.misfit.significant):
+            text = f"readings below {100.0 * share:.0f} % of the largest stress left out: a toe"
+            return dataclasses.replace(shorter, remarks=(*shorter.remarks, text))
+        gone = not shorter.misfit.significant
+    return fit
+
+
+def _fitted(
+    used: list[Dataset],
+    chosen: AbstractFamily,
+    bounds: Mapping[str, tuple[float, float]] | None,
+    notes: list[str],
+    suspects: list[Suspect],
+    settings: dict[str, Any],
+    *,
+    doubt: bool = False,
+) -> MaterialFit:
+    """The fit of prepared data, and what explains its misfit."""
+    residual, starts, seed, zero = (
+        settings[key] for key in ("residual", "starts", "seed", "zero")
+    )
+    notes, suspects = [*notes], [*suspects]
+    suspects = [s for s in suspects if not _is_mended(s, zero)]
+    zeros = zeros_of(used, tuple(dict.fromkeys(zero))) if zero else ()
+    wider = with_zeros(chosen, used, zeros) if zeros else chosen
+    problem, minima, used = _weighed(used, wider, residual, starts, seed, zeros)
+    specimens = None
+    if np.isfinite(minima.cost[0]) and not zeros and not bounds and _several(used):
+        specimens, problem, minima, used = _hierarchical(
+            used, wider, problem, minima, (residual, starts, seed)
+        )
     if not np.isfinite(minima.cost[0]):
         raise NoFit(
             f"{chosen.title}: none of {starts} starts gave finite stresses; check the units, "
@@ -88,34 +161,265 @@ def fit_material(
             f"--residual noise, which allows for it"
         )
     scales = problem.residuals.scales
-    constants = np.asarray(chosen.constants(jnp.asarray(minima.theta[0]), scales))
-    constants = chosen.ordered(constants)
+    constants = np.asarray(wider.constants(jnp.asarray(minima.theta[0]), scales))
+    constants = wider.ordered(constants)
     at_bounds: tuple[str, ...] = ()
     if bounds:
         from fitting.statistics.bounded import minimise_in_box
 
-        others = chosen.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
+        others = wider.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
         constants, minima, at_bounds = minimise_in_box(
-            problem.residuals, chosen, constants, others, bounds
+            problem.residuals, wider, constants, others, bounds
         )
         if at_bounds:
             notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known_noise = residual == "noise"
-    shape, smooth = _residual_paths(used, problem, constants)
-    typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
-    judged_misfit = misfit(
-        shape, chosen.size, known_noise=known_noise, exact=1e-4 * typical, smooth=smooth
-    )
+    noise = noise_of(used, problem, constants)
+    judged_misfit = judged_residuals(used, problem, constants, noise, known_noise=known_noise)
+    if noise.excluded and not known_noise:
+        notes.append(_noise_remark(used, noise, residual))
     judged = uncertainty(
         problem.residuals,
         constants,
         known_noise=known_noise,
         inflation=judged_misfit.inflation,
         held=at_bounds,
+        noise_ratio=noise.ratio if noise.excluded and not known_noise else None,
     )
+    if specimens is not None and specimens.differ:
+        stresses = np.array([unit == "Pa" for unit in wider.units])
+        judged = judged.with_error(np.where(stresses, constants, 0.0) * specimens.mean_error)
+        notes.append(
+            f"the specimens differ by {100.0 * specimens.scatter.deviation:.2g} % in stiffness "
+            f"beyond their noise; the constants are those of the typical one"
+        )
+    if doubt and judged_misfit.significant and not suspects and not bounds:
+        suspects += _explaining(used, problem, constants, noise)
+        if not suspects and not zero:
+            suspects += _toe(used, chosen, settings)
+    notes += [suspect.text for suspect in suspects]
     return MaterialFit(
-        used, problem, constants, minima, judged, judged_misfit, starts, tuple(notes), at_bounds
+        tuple(used),
+        problem,
+        constants,
+        minima,
+        judged,
+        judged_misfit,
+        starts,
+        tuple(notes),
+        at_bounds,
+        noise=noise,
+        suspects=tuple(suspects),
+        bounds=dict(bounds or {}),
+        specimens=specimens,
     )
+
+
+def _prepared(
+    sets: Sequence[Dataset],
+    branch: str | None,
+    cycle: str,
+    zero: Sequence[str],
+    *,
+    cut_break: bool,
+    thin: int,
+) -> tuple[list[Dataset], list[str], list[Suspect]]:
+    """The readings that are fitted, remarks, and artefacts that their curves show."""
+    used, notes, suspects = [], [], []
+    for data in sets:
+        kept = _on_branch(in_cycle(data, cycle), branch or "all")
+        if kept.size < data.size and cycle != "all":
+            notes.append(
+                f"{data.file}: {data.size - kept.size} readings outside of the {cycle} cycle's "
+                f"loading left out"
+            )
+        elif kept.size < data.size:
+            notes.append(
+                f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
+            )
+        if cut_break:
+            whole = before_break(kept)
+            if whole.size < kept.size:
+                notes.append(
+                    f"{data.file}: {kept.size - whole.size} readings after the break left out"
+                )
+            kept = whole
+        if "slack" in zero:
+            taut = without_toe(kept)
+            if taut.size < kept.size:
+                notes.append(
+                    f"{data.file}: {kept.size - taut.size} readings of the toe, before the "
+                    f"curve is steepest, left out"
+                )
+            kept = taut
+        refuse_without_information(kept)
+        notes += warnings_of(kept)
+        suspects += curve_suspects(kept)
+        few = thinned(kept, thin)
+        if few.size < kept.size:
+            notes.append(
+                f"{data.file}: {kept.size} readings are fitted as {few.size} means of runs; "
+                f"--thin 0 keeps all"
+            )
+        used.append(few)
+    return used, [*notes, *contradictions(used)], suspects
+
+
+def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:
+    """Whether the zeros that are found with the law take care of an artefact."""
+    mends = {
+        "slack": ("slack", "force"),
+        "toe": ("slack",),
+        "force offset": ("force", "slack"),
+    }
+    return any(kind in zero for kind in mends.get(suspect.kind, ()))
+
+
+def _noise_remark(sets: Sequence[Dataset], noise: Noise, residual: str) -> str:
+    parts = [
+        f"{data.file}: {_in_words(model)}"
+        for data, model in zip(sets, noise.models, strict=True)
+        if model is not None and model.excludes_assumed
+    ]
+    return (
+        f"the noise is not {residual}: {'; '.join(parts)}; intervals allow for it, and "
+        f"--residual estimated weighs the readings by it"
+    )
+
+
+def _in_words(model: NoiseModel) -> str:
+    relative, absolute = f"{100.0 * model.relative:.2g} %", f"{model.absolute / 1e6:.2g} MPa"
+    kinds = {"relative": relative, "absolute": absolute, "both": f"{relative} and {absolute}"}
+    return f"{kinds[model.kind]} ({model.kind})"
+
+
+def _several(sets: Sequence[Dataset]) -> bool:
+    """Whether a mode has more than one specimen."""
+    seen = [
+        (data.mode, data.file, label) for data in sets for label in dict.fromkeys(data.specimen)
+    ]
+    return len({mode for mode, *_ in seen}) < len(seen)
+
+
+def _hierarchical(
+    sets: list[Dataset],
+    chosen: AbstractFamily,
+    problem: MaterialProblem,
+    minima: Minima,
+    options: tuple[str, int, int],
+) -> tuple[Specimens | None, MaterialProblem, Minima, list[Dataset]]:
+    """The fit of the typical specimen, if the specimens differ."""
+
+    def judged(known: np.ndarray | None) -> Specimens | None:
+        theta, scales = jnp.asarray(minima.theta[0]), problem.residuals.scales
+        constants = np.asarray(chosen.constants(theta, scales))
+        return specimens_of(sets, problem, constants, known)
+
+    found = judged(None)
+    if found is None or not found.differ:
+        return found, problem, minima, sets
+    sets = of_typical_specimen(sets, found)
+    problem, minima, sets = _weighed(sets, chosen, *options, ())
+    if not np.isfinite(minima.cost[0]):
+        return None, problem, minima, sets
+    return judged(found.factors), problem, minima, sets
+
+
+def _weighed(
+    sets: list[Dataset],
+    chosen: AbstractFamily,
+    kind: str,
+    starts: int,
+    seed: int,
+    zeros: Sequence[Zero],
+) -> tuple[MaterialProblem, Minima, list[Dataset]]:
+    """The search, with readings weighed by their noise where it is to be estimated."""
+    if kind != "estimated":
+        return *_search(sets, chosen, kind, starts, seed, zeros), sets
+    problem, minima = _search(sets, chosen, "relative", starts, seed, zeros)
+    for _ in range(_NOISE_ROUNDS):
+        if not np.isfinite(minima.cost[0]):
+            break
+        scales = problem.residuals.scales
+        constants = np.asarray(chosen.constants(jnp.asarray(minima.theta[0]), scales))
+        noise = noise_of(sets, problem, constants)
+        predicted, _ = readings(problem.residuals, jnp.asarray(constants))
+        sizes = [np.asarray(predicted)[place] for place in problem.places]
+        sets = with_noise(sets, noise, sizes)
+        posed = pose(sets, chosen, "noise", zeros=zeros)
+        minima = minimise(posed.residuals, minima.theta)
+        problem = dataclasses.replace(posed, kind="estimated")
+    return problem, minima, sets
+
+
+def judged_residuals(
+    sets: Sequence[Dataset],
+    problem: MaterialProblem,
+    constants: np.ndarray,
+    noise: Noise,
+    *,
+    known_noise: bool,
+) -> Misfit:
+    """Whether the residuals of a fit are more than noise of the model that fits it."""
+    ratio = noise.ratio if noise.excluded and not known_noise else None
+    shape, smooth = _residual_paths(sets, problem, constants, ratio)
+    typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
+    return misfit(
+        shape, len(constants), known_noise=known_noise, exact=1e-4 * typical, smooth=smooth
+    )
+
+
+def _explaining(
+    sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray, noise: Noise
+) -> list[Suspect]:
+    """Artefacts that leave nothing but noise."""
+    if any(not can_be_freed(data) for data in sets):
+        return []
+    if problem.kind != "noise" and all(model is not None for model in noise.models):
+        # What is weighed by another noise shows other patterns than the artefact's.
+        predicted, _ = readings(problem.residuals, jnp.asarray(constants))
+        sizes = [np.asarray(predicted)[place] for place in problem.places]
+        sets = with_noise(sets, noise, sizes)
+        posed = pose(sets, problem.residuals.family, "noise")
+        problem = dataclasses.replace(posed, kind="estimated")
+
+    def is_noise(other: MaterialProblem, point: np.ndarray) -> bool:
+        found = noise_of(sets, other, point)
+        known = problem.kind == "noise"
+        return not judged_residuals(sets, other, point, found, known_noise=known).significant
+
+    def refit(changed: Sequence[Dataset]) -> float:
+        family = problem.residuals.family
+        posed = pose(changed, family, posed_kind(problem))
+        points = family.random(np.random.default_rng(0), 16)
+        return float(minimise(posed.residuals, points).cost[0])
+
+    return fit_suspects(sets, problem, constants, is_noise, refit)
+
+
+def _toe(
+    sets: Sequence[Dataset], chosen: AbstractFamily, settings: dict[str, Any]
+) -> list[Suspect]:
+    """A toe, if the law follows what is left without it, with the slack found."""
+    if len(sets) > 1 or not can_be_freed(sets[0]):
+        return []
+    (data,) = sets
+    for share in _TOES:
+        rest = without_toe(data, share)
+        if rest.size < _FEWEST_BEHIND_TOE:
+            break
+        found = _fitted([rest], chosen, None, [], [], {**settings, "zero": ("slack",)})
+        slack, error = found.constants[chosen.size], found.uncertainty.standard_errors[-1]
+        if slack < _CLEAR * error:
+            continue
+        if not found.misfit.significant:
+            amount, accuracy, unit = zero_in_units("slack", slack, error, data)
+            text = (
+                f"above {100.0 * share:.0f} % of the largest stress the law follows the data "
+                f"if {amount:.3g} +- {accuracy:.2g} {unit} of slack were taken up before"
+            )
+            return [Suspect("toe", data.file, text, "--zero slack", float(amount), unit)]
+    return []
 
 
 class NoFit(ArithmeticError):  # noqa: N818
@@ -123,10 +427,15 @@ class NoFit(ArithmeticError):  # noqa: N818
 
 
 def _search(
-    sets: Sequence[Dataset], chosen: AbstractFamily, kind: str, starts: int, seed: int
+    sets: Sequence[Dataset],
+    chosen: AbstractFamily,
+    kind: str,
+    starts: int,
+    seed: int,
+    zeros: Sequence[Zero] = (),
 ) -> tuple[MaterialProblem, Minima]:
     points = chosen.random(np.random.default_rng(seed), starts)
-    problem = pose(sets, chosen, kind)
+    problem = pose(sets, chosen, kind, zeros=zeros)
     if any(data.mode == "skin" for data in sets):
         # Every residual is an equilibrium, and the modulus is known from the start.
         return problem, minimise(problem.residuals, points[:_SKIN_LANES], lanes=_SKIN_LANES)
@@ -142,8 +451,9 @@ def _search(
         problem, change = settle(problem, np.asarray(best))
         if change < _SETTLED:
             break
-        lanes = _BULGE_LANES
-        nearer = minimise(problem.residuals, found.theta[:lanes], lanes=lanes, passes=0)
+        # States follow the constants, so there is no need to go on before they do.
+        steps = _BULGE_STEPS if change > _NEARLY else _BULGE_STEPS_AT_LAST
+        nearer = minimise_one_by_one(problem.residuals, found.theta[:_BULGE_LANES], steps)
         if not np.isfinite(nearer.cost[0]):
             break
         found = nearer
@@ -159,17 +469,23 @@ def _on_branch(data: Dataset, branch: str) -> Dataset:
 
 
 def _residual_paths(
-    sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray
+    sets: Sequence[Dataset],
+    problem: MaterialProblem,
+    constants: np.ndarray,
+    ratio: np.ndarray | None = None,
 ) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
     """Residuals of each test in the order in which it deforms.
 
     Returns:
         Them, and of tests that are one curve also residuals and derivatives on a scale that
         changes smoothly along it: where the scale is a share of the reading, noise and all,
-        the same share of the prediction.
+        the same share of the prediction. Where the noise is not what the fit assumed, both
+        are those of a step that weighs by the noise as it is.
     """
     residuals = problem.residuals
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
+    if ratio is not None:
+        return _paths_under_noise(sets, problem, r / ratio, J / ratio[:, None])
     size = np.abs(np.asarray(residuals.value))
     predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -184,6 +500,23 @@ def _residual_paths(
                 alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
                 w = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
                 smooth.append((w * r[order], w[:, None] * J[order]))
+    return paths, smooth
+
+
+def _paths_under_noise(
+    sets: Sequence[Dataset], problem: MaterialProblem, r: np.ndarray, J: np.ndarray
+) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
+    sizes = np.linalg.norm(J, axis=0)
+    columns = J[:, sizes > 0.0] / sizes[sizes > 0.0]
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    u = u[:, s > 1e-10 * s[0]]
+    r = r - u @ (u.T @ r)
+    paths, smooth = [], []
+    for data, place in zip(sets, problem.places, strict=True):
+        for path in data.paths():
+            paths.append(r[place[path]])
+            if data.is_curve:
+                smooth.append((r[place[path]], J[place[path]]))
     return paths, smooth
 
 

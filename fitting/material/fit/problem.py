@@ -7,6 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from fitting.material.experiments.free_zero import Zero, can_be_freed, free_zeros
 from fitting.material.experiments.measurements import Dataset, Predictor
 from fitting.material.fit.residuals import KINDS, Residuals, shared_error
 from fitting.statistics.parameters import AbstractFamily, Scales
@@ -33,7 +34,12 @@ class MaterialProblem:
 
 
 def pose(
-    sets: Sequence[Dataset], family: AbstractFamily, kind: str, *, estimate: bool = False
+    sets: Sequence[Dataset],
+    family: AbstractFamily,
+    kind: str,
+    *,
+    estimate: bool = False,
+    zeros: Sequence[Zero] = (),
 ) -> MaterialProblem:
     """Build the residuals of a fit.
 
@@ -44,6 +50,7 @@ def pose(
             larger stress of the same biaxial state) with a floor; "absolute", the
             root-mean-square reading; "noise", the stated standard deviation.
         estimate: predict bulges by a spherical cap, which is fast, instead of a membrane.
+        zeros: of tests, which are unknown; the family's last constants.
 
     Raises:
         ValueError: the kind is unknown, there is no data, or "noise" is asked for and a
@@ -61,7 +68,12 @@ def pose(
                     f'"sigma_MPa", a line "# sigma: 5 kPa", or --noise "2 %"'
                 )
     groups: list[tuple[Predictor, list[int]]] = []
+    freed = [i for i, data in enumerate(sets) if zeros and can_be_freed(data)]
+    if freed:
+        groups.append((lambda tests: free_zeros(tests, freed, zeros), freed))
     for i, data in enumerate(sets):
+        if i in freed:
+            continue
         predictor = data.predictor(estimate=estimate)
         members = next((own for other, own in groups if other == predictor), None)
         if members is None:

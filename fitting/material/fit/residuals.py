@@ -3,6 +3,8 @@
 r_i(θ) = √w_i (y_i(θ) − y_i) / s_i; the scale s_i says which misfit counts as one.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,7 @@ from fitting.statistics.parameters import AbstractFamily, Scales
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 from suas_jax.constitutive import AbstractLaw
 
-KINDS = ("relative", "absolute", "noise")
+KINDS = ("relative", "absolute", "noise", "estimated")
 
 
 class Residuals(AbstractResiduals):
@@ -55,14 +57,19 @@ class Residuals(AbstractResiduals):
         """Constants in SI units from unconstrained parameters."""
         return self.family.constants(theta, self.scales)
 
+    @property
+    def mapping(self) -> Callable[[Float[Array, " p"]], Float[Array, " p"]]:
+        """The family's map from θ, with the scales."""
+        return Mapping(self.scales, self.family)
+
     def unconstrained(self, constants: Float[Array, " p"]) -> Float[Array, " p"]:
         """Unconstrained parameters from constants."""
         return self.family.unconstrained(constants, self.scales)
 
     def predict(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Readings [Pa] for constants in SI units, padding included."""
-        law = self.family.law(constants)
-        return jnp.concatenate([test.predict(law) for test in self.experiments])
+        law, zeros = self.family.law(constants), self.family.zeros(constants)
+        return jnp.concatenate([test.shifted(zeros).predict(law) for test in self.experiments])
 
     def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for constants in SI units."""
@@ -93,6 +100,22 @@ class Residuals(AbstractResiduals):
             return self.weighed(jnp.concatenate(readings) * self.scales.stress)
 
         return self.family.refined(theta, columns, self.scales, self.weighed(self.value))
+
+
+class Mapping(eqx.Module):
+    """The map of a family from unconstrained parameters to constants.
+
+    Attributes:
+        scales: sizes that make constants dimensionless.
+        family: the law.
+    """
+
+    scales: Scales
+    family: AbstractFamily = eqx.field(static=True)
+
+    def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
+        """Constants in SI units."""
+        return self.family.constants(theta, self.scales)
 
 
 def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array, Array]:

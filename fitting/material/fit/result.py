@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 
 import equinox as eqx
 import jax
@@ -9,19 +10,25 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
+from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.fit.intervals import Intervals, intervals_of
+from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.residuals import readings
+from fitting.material.fit.specimens import Specimens
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
 from fitting.statistics.parameters import AbstractFamily
 from suas_jax.config.law import LawSpec
 from suas_jax.config.schema_material import LAWS
-from suas_jax.constitutive import AbstractLaw, stable_range
+from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range
 
 _DISTINCT = 0.02
+STABLE_LIMITS = (0.01, 100.0)
+"""Stretches between which the ends of stability are looked for."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +60,10 @@ class MaterialFit:
         starts: number of starts.
         remarks: warnings for a person.
         bounded: constants that stopped at a bound.
+        noise: of the data sets, estimated from the residuals.
+        suspects: artefacts that the data seem to have.
+        bounds: hard bounds by constant, SI units.
+        specimens: factors of several specimens of one mode; None where there is one each.
     """
 
     sets: tuple[Dataset, ...]
@@ -64,6 +75,10 @@ class MaterialFit:
     starts: int
     remarks: tuple[str, ...]
     bounded: tuple[str, ...] = ()
+    noise: Noise | None = None
+    suspects: tuple[Suspect, ...] = ()
+    bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    specimens: Specimens | None = None
 
     @property
     def family(self) -> AbstractFamily:
@@ -124,27 +139,77 @@ class MaterialFit:
         return Band(np.asarray(stretch), np.asarray(value)[:count], half[:count])
 
     def intervals(self, level: float) -> np.ndarray:
-        """Intervals of the constants, SI units, shape [2, p]."""
-        half = self.uncertainty.quantile(level) * self.uncertainty.standard_errors
-        return np.stack([self.constants - half, self.constants + half])
+        """Intervals of the constants, SI units, shape [2, p]; see `interval_ends`."""
+        return self.interval_ends(level).ends
+
+    def interval_ends(self, level: float) -> Intervals:
+        """Intervals by profile likelihood, and which of their ends the data leave open."""
+        if level not in self._known_intervals:
+            self._known_intervals[level] = intervals_of(
+                self.problem,
+                self.constants,
+                self.uncertainty,
+                level,
+                self.bounded,
+                dict(self.bounds),
+            )
+        return self._known_intervals[level]
+
+    @functools.cached_property
+    def _known_intervals(self) -> dict[float, Intervals]:
+        return {}
 
     def shear_modulus(self, level: float = 0.95) -> tuple[float, float, float]:
         """Small-strain shear modulus [Pa] with the ends of its interval.
 
         It is often known where the constants that add up to it are not.
         """
-        value, slope = _modulus(self.family, jnp.asarray(self.constants))
-        half = float(self.uncertainty.spread_of(np.asarray(slope)))
-        half *= self.uncertainty.quantile(level)
-        return float(value), float(value) - half, float(value) + half
+        return float(self.law.shear_modulus), *self.interval_ends(level).modulus
 
     @functools.cached_property
     def stable(self) -> dict[str, tuple[float, float]]:
-        """Stretches around one in which the law is stable, by mode."""
+        """Stretches around one in which the law is stable, by mode; see `STABLE_LIMITS`."""
         found = {}
         for mode, path in PATHS.items():
-            low, high = stable_range(self.law, path)
+            low, high = stable_range(self.law, path, STABLE_LIMITS)
             found[mode] = (float(low), float(high))
+        return found
+
+    @property
+    def stable_open(self) -> dict[str, tuple[bool, bool]]:
+        """Which ends of the stable stretches were not found before the search ended."""
+        low, high = STABLE_LIMITS
+        return {
+            mode: (first <= low * 1.001, last >= high / 1.001)
+            for mode, (first, last) in self.stable.items()
+        }
+
+    def instabilities(self, margin: float = 0.0) -> list[str]:
+        """Where the law is unstable within the data's range, in words.
+
+        Args:
+            margin: share by which the logarithms of the stretches exceed the data's.
+        """
+        found = []
+        for data in self.sets:
+            e1, e2 = data.states * (1.0 + margin)
+            if data.mode in PATHS:
+                low, high = self.stable[data.mode]
+                first, last = np.exp(data.states[0].min()), np.exp(data.states[0].max())
+                if np.exp(e1.min()) < low or np.exp(e1.max()) > high:
+                    found.append(
+                        f"{data.mode}: the law is stable for stretches from {low:.3f} to "
+                        f"{high:.3f}, the data in {data.file} reach from {first:.3f} to "
+                        f"{last:.3f}"
+                    )
+                continue
+            modulus = np.asarray(drucker_modulus(self.law, np.exp(e1), np.exp(e2)))
+            if not np.all(modulus > 0.0):
+                bad = int(np.argmin(np.where(np.isnan(modulus), -np.inf, modulus)))
+                found.append(
+                    f"{data.mode}: the law is unstable at stretches {np.exp(e1[bad]):.3f} and "
+                    f"{np.exp(e2[bad]):.3f}, which the data in {data.file} reach"
+                )
         return found
 
     def misfits(self) -> list[np.ndarray]:
@@ -203,11 +268,6 @@ def _prediction(
         return test.predict(family.law(c))
 
     return stress(constants), jax.jacfwd(stress)(constants)
-
-
-@eqx.filter_jit
-def _modulus(family: AbstractFamily, constants: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return jax.value_and_grad(lambda c: family.law(c).shear_modulus)(constants)
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> float:

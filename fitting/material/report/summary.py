@@ -1,17 +1,21 @@
 """The JSON of `suas fit material`, with warnings of what to doubt in a fit."""
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from fitting.material.experiments.measurements import PATHS
+from fitting.material.experiments.free_zero import can_be_freed
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, SkinTest
 from fitting.material.fit.result import MaterialFit
+from fitting.material.fit.suspects import zero_in_units, zeros_of
+from fitting.material.laws.with_zeros import WithZeros
 
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
+# What a law becomes where a constant has no upper limit.
+_LIMITS = {("gent", "Jm"): "neo-Hookean", ("arruda-boyce", "lambda_m"): "neo-Hookean"}
 
 
 def material_report(fit: MaterialFit) -> dict[str, Any]:
@@ -22,6 +26,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
     """
     family, judged = fit.family, fit.uncertainty
     aicc, bic = fit.criteria
+    size = family.base.size if isinstance(family, WithZeros) else family.size
     stable = fit.stable
     unknown_modes, extrapolated = _extrapolations(fit)
     report: dict[str, Any] = {
@@ -29,13 +34,15 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "parameters": family.tree(map(float, fit.constants)),
         "units": family.tree(family.units),
         "standard_errors": family.tree(map(float, judged.standard_errors)),
-        "covariance": judged.covariance.tolist(),
-        "covariance_order": list(family.names),
-        "correlation": judged.correlation.tolist(),
+        "covariance": judged.covariance[:size, :size].tolist(),
+        "covariance_order": list(family.names[:size]),
+        "correlation": judged.correlation[:size, :size].tolist(),
         "intervals": {
             name: family.tree(fit.intervals(level).T.tolist())
             for name, level in (("68", 0.6827), ("95", 0.95))
         },
+        "interval_method": fit.interval_ends(0.95).method,
+        "at_limits": at_limits(fit),
         "shear_modulus_Pa": dict(
             zip(("value", "low95", "high95"), fit.shear_modulus(), strict=True)
         ),
@@ -56,19 +63,78 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "singular_values": judged.singular_values.tolist(),
         "unidentifiable": [*judged.unidentifiable, *_rivals(fit), *unknown_modes],
         "stable_range": {mode: list(ends) for mode, ends in stable.items()},
+        "stable_range_open": {mode: list(ends) for mode, ends in fit.stable_open.items()},
         "misfit": fit.misfit.report,
+        "noise_model": fit.noise.report(fit.sets) if fit.noise is not None else [],
+        "suspects": [suspect.report for suspect in fit.suspects],
+        "zeros": zeros_report(fit),
         "starts": fit.starts,
         "starts_converged": int(fit.minima.converged.sum()),
         "starts_agreeing": fit.minima.agreeing,
-        "warnings": [*fit.remarks, *_doubts(fit, stable), *extrapolated],
+        "warnings": [*fit.remarks, *_doubts(fit), *extrapolated],
         "status": fit.status,
     }
+    if fit.specimens is not None:
+        report["specimens"] = fit.specimens.report(fit.shear_modulus()[0])
     report |= family.settings
     if family.terms is not None:
         report["terms"] = family.terms
     if fit.bounded:
         report["at_bounds"] = list(fit.bounded)
     return report
+
+
+def zeros_report(fit: MaterialFit) -> list[dict[str, Any]]:
+    """Zeros of the tests that were found with the law, in the units of the tests."""
+    family = fit.family
+    if not isinstance(family, WithZeros):
+        return []
+    found = []
+    tests = [data for data in fit.sets if can_be_freed(data)]
+    size = family.base.size
+    labels = [(kind, data) for data, kind in _zero_tests(tests, family.kinds)]
+    for i, (kind, data) in enumerate(labels):
+        value = float(fit.constants[size + i])
+        error = float(fit.uncertainty.standard_errors[size + i])
+        amount, accuracy, unit = zero_in_units(kind, value, error, data)
+        found.append(
+            {
+                "name": family.labels[i],
+                "kind": kind,
+                "file": data.file,
+                "value": amount,
+                "standard_error": accuracy,
+                "unit": unit,
+            }
+        )
+    return found
+
+
+def _zero_tests(tests: list[Dataset], kinds: tuple[str, ...]) -> list[tuple[Dataset, str]]:
+    """The test of each zero, in the order of `zeros_of`."""
+    wanted = tuple(dict.fromkeys(kinds))
+    return [(tests[zero.test], zero.kind) for zero in zeros_of(tests, wanted)]
+
+
+def at_limits(fit: MaterialFit) -> list[str]:
+    """Constants whose interval is open, in words: what the law is there."""
+    found = fit.interval_ends(0.95)
+    texts = []
+    for i, (name, unit) in enumerate(zip(fit.family.names, fit.family.units, strict=True)):
+        low, high = found.ends[:, i]
+        at_low, at_high = found.is_open[:, i]
+        shown = "" if unit == "1" else f" {unit}"
+        limit = _LIMITS.get((fit.family.law_name, name.split(".")[0]))
+        says = f": {fit.family.law_name} is {limit} here" if limit else ""
+        if at_low and at_high:
+            texts.append(f"{name}: the data exclude no value of it (95 %)")
+        elif at_high:
+            texts.append(f"{name} > {low:.3g}{shown} (95 %), with no upper limit{says}")
+        elif at_low and fit.family.law_name == "ogden":
+            texts.append(f"{name} < {high:.3g}{shown} in size (95 %): it may vanish")
+        elif at_low:
+            texts.append(f"{name} < {high:.3g}{shown} (95 %), with no lower limit")
+    return texts
 
 
 def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
@@ -119,7 +185,7 @@ def _rivals(fit: MaterialFit) -> list[str]:
     ]
 
 
-def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list[str]:
+def _doubts(fit: MaterialFit) -> list[str]:
     doubts = []
     if fit.status == "not_converged":
         doubts.append(
@@ -130,16 +196,7 @@ def _doubts(fit: MaterialFit, stable: Mapping[str, tuple[float, float]]) -> list
         doubts.append("only one start reached the lowest minimum: use more --starts")
     if fit.misfit.description:
         doubts.append(fit.misfit.description)
-    for data in fit.sets:
-        if data.mode not in stable:
-            continue
-        low, high = stable[data.mode]
-        first, last = np.exp(data.states[0].min()), np.exp(data.states[0].max())
-        if first < low or last > high:
-            doubts.append(
-                f"{data.mode}: the law is stable for stretches from {low:.3f} to "
-                f"{high:.3f}, the data in {data.file} reach from {first:.3f} to {last:.3f}"
-            )
+    doubts += fit.instabilities()
     return doubts
 
 
@@ -156,6 +213,16 @@ def _extrapolations(fit: MaterialFit) -> tuple[list[str], list[str]]:
     missing = [mode for mode in PATHS if mode not in measured]
     if not missing or not all(data.is_curve for data in fit.sets):
         return [], []
+    if fit.misfit.significant:
+        # A band assumes that the law is right.
+        return [
+            f"{mode} stress: not measured, and not to be had from a law that does not follow "
+            f"the data"
+            for mode in missing
+        ], [
+            f"only {', '.join(sorted(modes))} was measured, and the law does not follow it: "
+            f"what it says of {', '.join(missing)} has no known accuracy"
+        ]
     largest = float(np.exp(np.asarray(fit.problem.residuals.scales.strain)))
     ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
     parts, unknown = [], []

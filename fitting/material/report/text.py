@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -44,21 +45,22 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
             str(row["n"]) if row else "not measured",
             format_quantity(1e6 * row["rms_MPa"], "stress") if row and "rms_MPa" in row else "",
             f"{100.0 * row['relative_rms']:.3g} %" if row else "",
-            f"{window[0]:.3f} to {window[1]:.3f}" if window else "",
+            _window(window, report["stable_range_open"][mode]) if window else "",
         )
     console.print(table)
     if "candidates" in report:
-        table = Table("law", "constants", "AICc", "BIC", "free combinations", "status")
+        table = Table("law", "constants", "AICc", "above best", "rejected because")
         for row in report["candidates"]:
             chosen = "[bold]" if row["title"] == fit.family.title else ""
             table.add_row(
                 chosen + row["title"],
                 str(row["constants"]),
                 f"{row['aicc']:.2f}",
-                f"{row['bic']:.2f}",
-                str(row["unidentifiable"]),
-                row["status"],
+                f"{row['delta_aicc']:.2f}",
+                escape("; ".join(row["rejected"])),
             )
+        for name, reason in report["candidates_failed"].items():
+            table.add_row(name, "", "", "", escape(reason))
         console.print(table)
     else:
         console.print(f"AICc {report['aicc']:.2f}, BIC {report['bic']:.2f}", end=", ")
@@ -67,12 +69,38 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
     console.print(f"residuals {kind}{floor}, condition number {report['condition_number']:.3g}")
     if "posterior" in report:
         _print_posterior(console, report["posterior"], fit)
+    if "specimens" in report:
+        _print_specimens(console, report["specimens"])
+    for zero in report["zeros"]:
+        console.print(
+            f"{zero['name']} of {escape(zero['file'])}: {zero['value']:.4g} +- "
+            f"{zero['standard_error']:.2g} {zero['unit']}"
+        )
+    for text in report["at_limits"]:
+        console.print(f"[yellow]at a limit:[/] {escape(text)}")
     for text in report["unidentifiable"]:
         console.print(f"[yellow]not determined:[/] {escape(text)}")
     for text in report["warnings"]:
         console.print(f"[yellow]warning:[/] {escape(text)}")
     if fit.family.law_name in LAWS:
         console.print("\n" + card(fit.material(), "toml"), markup=False)
+
+
+def _print_specimens(console: Console, found: dict[str, Any]) -> None:
+    """Stiffness of each specimen, and the scatter between them."""
+    table = Table("specimen", "mode", "shear modulus", "standard error")
+    for one in found["specimens"]:
+        name = f"{one['file']} {one['specimen']}".strip()
+        error = f"{100.0 * one['standard_error'] / one['factor']:.2g} %"
+        table.add_row(escape(name), one["mode"], _text(one["shear_modulus_Pa"], "Pa"), error)
+    console.print(table)
+    low, high = found["relative_scatter_95"]
+    first, last = (_text(x, "Pa") for x in found["next_specimen_95_Pa"])
+    console.print(
+        f"scatter between specimens {100.0 * found['relative_scatter']:.2g} % "
+        f"({100.0 * low:.2g} to {100.0 * high:.2g} %); a further specimen has a shear modulus "
+        f"of {first} to {last} (95 %)"
+    )
 
 
 def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialFit) -> None:
@@ -117,5 +145,17 @@ def _print_posterior(console: Console, posterior: dict[str, Any], fit: MaterialF
     console.print(posterior["agreement"]["message"])
 
 
+def _window(ends: list[float], is_open: list[bool]) -> str:
+    """Stretches between which a law is stable."""
+    if all(is_open):
+        return "all"
+    low, high = (f"{end:.3f}" for end in ends)
+    return (
+        f"above {low}" if is_open[1] else f"below {high}" if is_open[0] else f"{low} to {high}"
+    )
+
+
 def _text(value: float, unit: str) -> str:
+    if np.isinf(value):
+        return "no limit"
     return format_quantity(value, "stress") if unit == "Pa" else f"{value:.5g}"

@@ -18,36 +18,16 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.base import AbstractMechanics, Assembly, ContactState, Displacements
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.mechanics.pad import loads as pad_loads
-from suas_jax.mechanics.pad.contact import InnerFace
-from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
-from suas_jax.mechanics.pad.net import ElementVector, Net, NetTopology, refined, tables
-from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
-from suas_jax.mechanics.pad.points import (
-    KINDS,
-    PAIRS,
-    Layers,
-    Surface,
-    energy_density,
-    layers,
-    resultants,
-    stress,
-    surface,
-    swept,
-    tangent,
-)
+from suas_jax.mechanics.pad.faces import Faces
+from suas_jax.mechanics.pad.lane import PadLane
+from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
-from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.mesh.pad_plan import PadPlan, pad_load_points
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
-from suas_jax.numerics.quadrature import lagrange_slopes
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.wall import Wall
-
-# Newton steps to the material point on a ray: displacements along the wall are small.
-_RAY_STEPS = 4
 
 
 class Pad(AbstractMechanics):
@@ -114,12 +94,12 @@ class Pad(AbstractMechanics):
         """Energy of contact with the wall [J]; see the base class."""
         if self.wall is None:
             return jnp.zeros(q.shape[-1:], q.dtype)
-        return self._by_lane(lambda pad, q: _One(pad).inner_face(q, pad.wall).energy(), q)
+        return self._by_lane(lambda pad, q: pad.one_lane().inner_face(q, pad.wall).energy(), q)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall [arc, axial, lane]; see the base class."""
         held = self.with_wall(wall)
-        return held._by_lane(lambda pad, q: _One(pad).inner_face(q, pad.wall).state(), q)
+        return held._by_lane(lambda pad, q: pad.one_lane().inner_face(q, pad.wall).state(), q)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a control value's displacement [m]."""
@@ -147,22 +127,28 @@ class Pad(AbstractMechanics):
         found = jax.lax.map(chosen, jnp.arange(lanes))
         return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), found)
 
+    def one_lane(self) -> PadLane:
+        """The sums of a pad of one lane, scalars kept as arrays of one number."""
+        points = jax.tree.map(lambda x: x[..., 0], self.points)
+        sizes = self.mid_radius, self.thickness
+        return PadLane(self.law, self.net.lane(0), sizes, points, (self.gauss, self.layers))
+
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
-        return self._by_lane(lambda pad, q: _One(pad).strain_energy(q), q)
+        return self._by_lane(lambda pad, q: pad.one_lane().strain_energy(q), q)
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest [m^3]."""
-        return self._by_lane(lambda pad, q: _One(pad).volume_change(q), q)
+        return self._by_lane(lambda pad, q: pad.one_lane().volume_change(q), q)
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J]."""
-        return self._by_lane(lambda pad, q: _One(pad).work(q), q)
+        return self._by_lane(lambda pad, q: pad.one_lane().work(q), q)
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
         residual, bands, gradient, load, volume = self._by_lane(
-            lambda pad, *given: _One(pad).assemble(*given), q, pressure, factor
+            lambda pad, *given: pad.one_lane().assemble(*given, pad.wall), q, pressure, factor
         )
         operator = BlockBanded(jnp.moveaxis(bands, -1, 0), self.topology.free_by_station)
         return Assembly(residual, operator, gradient, load, volume)
@@ -173,7 +159,7 @@ class Pad(AbstractMechanics):
         """Residual and volume change: derivatives of the potential; see the base class."""
 
         def potential(q: StationVector) -> tuple[Array, Lanes]:
-            energy, more, work = self._by_lane(lambda pad, q: _One(pad).energies(q), q)
+            energy, more, work = self._by_lane(lambda pad, q: pad.one_lane().energies(q), q)
             stored = energy + self.contact_energy(q)
             return jnp.sum(stored - pressure * more - factor * work), more
 
@@ -274,7 +260,7 @@ class Pad(AbstractMechanics):
             angle: reference angles, within the modelled part [rad].
             axial: reference positions along the axis, likewise [m].
         """
-        return self._by_lane(lambda pad, *given: _One(pad).faces(*given), q, angle, axial)
+        return self._by_lane(lambda pad, *given: pad.one_lane().faces(*given), q, angle, axial)
 
     def sampled(self, q: StationVector, samples: int) -> Faces:
         """The deformed pad on a grid: evenly spaced points of every element.
@@ -312,7 +298,7 @@ class Pad(AbstractMechanics):
             axial: their current positions along the axis [m].
         """
         return self._by_lane(
-            lambda pad, *given: _One(pad).inner_radius_at(*given), q, angle, axial
+            lambda pad, *given: pad.one_lane().inner_radius_at(*given), q, angle, axial
         )
 
     def shape(self, q: StationVector) -> PadShape:
@@ -341,11 +327,11 @@ class Pad(AbstractMechanics):
 
     def to_comparison_mesh(self, q: StationVector) -> StationVector:
         """The same deformation on elements half as long in both directions."""
-        return self._by_lane(lambda pad, q: _One(pad).refined(q), q)
+        return self._by_lane(lambda pad, q: pad.one_lane().refined(q), q)
 
     def omitted_energy(self, q: StationVector) -> Lanes:
         """Energy of transverse shear; see `omitted` [J]."""
-        return self._by_lane(lambda pad, q: _One(pad).omitted_energy(q), q)
+        return self._by_lane(lambda pad, q: pad.one_lane().omitted_energy(q), q)
 
     def omitted_gradient(self, q: StationVector) -> StationVector:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""
@@ -399,199 +385,3 @@ def _divided(breaks: Float[Array, "breakpoint #lane"], samples: int) -> Array:
     steps = jnp.diff(breaks, axis=0)[:, None]
     points = (breaks[:-1, None] + inside * steps).reshape(-1, breaks.shape[-1])
     return jnp.concatenate([points, breaks[-1:]])
-
-
-class _One:
-    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one."""
-
-    def __init__(self, pad: Pad) -> None:
-        self.pad = pad
-        self.topology = pad.topology
-        self.net = pad.net.lane(0)
-        order = pad.topology.ordered
-        self.kinds = tuple(order(*kind) for kind in KINDS)
-        self.tables = tables(pad.gauss, self.kinds, tuple(both_ways(PAIRS)))
-        arc = pad.mid_radius * jnp.diff(self.net.angles)
-        axial = jnp.diff(self.net.axial)
-        long, across = order(arc, axial)
-        self.lengths = long[:, None], across[None]
-        self.elements = (len(long), len(across))
-        self.fibres: Layers = layers(pad.layers, pad.thickness, pad.mid_radius)
-
-    @property
-    def powers(self) -> list[Array]:
-        """What turns a derivative by local coordinates into one by length, for each kind."""
-        long, across = self.lengths
-        return [1 / (long**m * across**n).reshape(-1) for m, n in self.kinds]
-
-    @property
-    def angle(self) -> Float[Array, " point"]:
-        """Reference angle of the points [rad]."""
-        start, end = self.net.angles[:-1], self.net.angles[1:]
-        inside = start + jnp.asarray(self.tables.xi)[:, None] * (end - start)
-        g = self.pad.gauss
-        shape = (g, g, *self.elements)
-        if self.topology.along_arc:
-            return jnp.broadcast_to(inside[:, None, :, None], shape).reshape(-1)
-        return jnp.broadcast_to(inside[None, :, None, :], shape).reshape(-1)
-
-    @property
-    def areas(self) -> Float[Array, "gauss element"]:
-        """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
-        long, across = self.lengths
-        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (
-            long * across
-        ).reshape(-1)
-
-    def surface(self, qe: ElementVector) -> Surface:
-        """The mid-surface at the quadrature points."""
-        values = jnp.asarray(self.tables.values) @ _leading(qe, 16)
-        values = values.reshape(len(KINDS), self.pad.gauss**2, 3, -1)
-        powers = jnp.stack(self.powers)[:, None, None]
-        values = jnp.moveaxis(values * powers, 2, 1).reshape(len(KINDS), 3, -1)
-        return surface(list(values), self.angle, self.pad.mid_radius)
-
-    def strain_energy(self, q: Array) -> Array:
-        return self.energies(q)[0]
-
-    def volume_change(self, q: Array) -> Array:
-        return self.energies(q)[1]
-
-    def work(self, q: Array) -> Array:
-        return self.energies(q)[2]
-
-    def energies(self, q: Array) -> tuple[Array, Array, Array]:
-        """Strain energy, volume change and work of the loads."""
-        qe, areas = self.net.gather(q), self.areas.reshape(-1)
-        s = self.surface(qe)
-        density = energy_density(self.pad.law, s, self.fibres, self.pad.mid_radius)
-        more = swept(s, self.pad.mid_radius)[0]
-        points, spots = self._points()
-        moved = pad_loads.interpolated(spots, qe)
-        work = pad_loads.load_work(points, spots, moved, self.pad.thickness)
-        return jnp.sum(areas * density), jnp.sum(areas * more), work
-
-    def inner_face(self, q: Array, wall: Wall) -> InnerFace:
-        pad = self.pad
-        return InnerFace(self.net, wall, pad.thickness, pad.mid_radius, self.net.gather(q))
-
-    def _points(self) -> tuple[PadLoadPoints, pad_loads.Spots]:
-        pad = self.pad
-        points = jax.tree.map(lambda x: x[..., 0], pad.points)
-        at = (points.angle, points.axial)
-        spots = pad_loads.spots(self.net, pad.mid_radius, at)
-        return points, spots
-
-    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
-        s = self._at(self.net.gather(q), angle, axial)
-        pad = self.pad
-        place = jnp.broadcast_arrays(angle, axial)
-        return faces(
-            pad.law, s, (place[0], place[1]), pad.thickness, pad.mid_radius, self.fibres
-        )
-
-    def omitted_energy(self, q: Array) -> Array:
-        """Of transverse shear; polynomials join the moments at the points of an element."""
-        pad = self.pad
-        s = self.surface(self.net.gather(q))
-        found = moments(pad.law, s, self.fibres, pad.mid_radius)
-        g = pad.gauss
-        found = found.reshape(3, g, g, *self.elements)
-        long, across = self.lengths
-        slope = lagrange_slopes(self.tables.xi)
-        by_long = jnp.einsum("hg,cgkef->chkef", slope, found) / long
-        by_across = jnp.einsum("hk,cgkef->cghef", slope, found) / across
-        by_arc, by_axial = self.topology.ordered(by_long, by_across)
-        stiffness = pad.law.shear_modulus * pad.thickness
-        density = shear_energy_density(by_arc, by_axial, stiffness)
-        return jnp.sum(self.areas.reshape(-1) * density.reshape(-1))
-
-    def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
-        """The mid-surface at places."""
-        pad = self.pad
-        spots = pad_loads.spots(self.net, pad.mid_radius, (angle, axial), KINDS)
-        moved = pad_loads.interpolated(spots, qe)
-        return surface(list(moved), angle, pad.mid_radius)
-
-    def inner_radius_at(self, q: Array, angle: Array, axial: Array) -> Array:
-        """See `Pad`: which material point lies on a ray is found by Newton's method."""
-        pad, qe = self.pad, self.net.gather(q)
-        inner = pad.mid_radius - pad.thickness / 2
-        ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
-
-        def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-            """Polar angle, axial position and radius of the inner face's point."""
-            s = self._at(qe, *place)
-            x, y, z = face_displacement(s, -pad.thickness / 2, pad.mid_radius)[0]
-            x, y = x + inner * s.n[0], y + inner * s.n[1]
-            return jnp.arctan2(x, y), place[1] + z, jnp.hypot(x, y)
-
-        def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
-            one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
-            here, by_angle = jax.jvp(position, (place,), ((one, zero),))
-            _, by_axial = jax.jvp(position, (place,), ((zero, one),))
-            off = angle - here[0], axial - here[1]
-            determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
-            turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
-            shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
-            moved = place[0] + turn, place[1] + shift
-            clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
-            return (clipped[0], clipped[1]), None
-
-        first, second = jnp.broadcast_arrays(angle, axial)
-        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
-        return position(place)[2]
-
-    def refined(self, q: Array) -> Array:
-        return refined(self.net, q)
-
-    def assemble(self, q: Array, pressure: Array, factor: Array) -> tuple[Array, ...]:
-        pad, radius = self.pad, self.pad.mid_radius
-        qe = self.net.gather(q)
-        s = self.surface(qe)
-        found = resultants(pad.law, s, self.fibres, radius)
-        forces = stress(s, found.first)
-        more, pulls = swept(s, radius)
-        internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
-        gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
-        points, spots = self._points()
-        moved = pad_loads.interpolated(spots, qe)
-        vectors, hessian = pad_loads.load_terms(points, spots, moved, pad.thickness)
-        load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
-        upper = self._stiffness(tangent(s, found, pressure, radius))
-        upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
-        if pad.wall is not None:
-            pushes, more_bands = self.inner_face(q, pad.wall).element_terms()
-            internal, upper = internal + pushes, upper + more_bands
-        bands = dense_bands(self.net, upper)
-        scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
-        residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
-        volume = jnp.sum(self.areas.reshape(-1) * more)
-        return residual, bands, scattered[1], scattered[2], volume
-
-    def _stiffness(self, blocks: Float[Array, "pair 3 3 point"]) -> Upper:
-        """Upper bands from second derivatives of a density by `PAIRS`."""
-        g = self.pad.gauss
-        _, across = self.lengths
-        powers = [across[0] ** (1 - self.kinds[k][1] - self.kinds[m][1]) for k, m in PAIRS]
-        scale = jnp.stack(powers)[:, None, None, None, None, None]
-        blocks = blocks.reshape(len(PAIRS), 3, 3, g, g, *self.elements) * scale
-        orders = [kind[0] for kind in self.kinds]
-        lengths = self.lengths[0][:, 0]
-        return upper_bands(self.net, self.tables, PAIRS, orders, blocks, lengths)
-
-    def _forces(self, by_kind: dict[int, Array]) -> ElementVector:
-        """Element vectors from derivatives of a density by the kinds of derivative."""
-        count = self.pad.gauss**2
-        powers = jnp.stack([self.powers[k] for k in by_kind])[:, None]
-        scale = (powers * self.areas)[:, :, None]
-        rows = jnp.stack(list(by_kind.values())).reshape(len(by_kind), 3, count, -1)
-        rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
-        values = self.tables.values.reshape(len(KINDS), count, 16)[list(by_kind)]
-        flat = jnp.asarray(values.reshape(-1, 16).T) @ rows
-        return jnp.moveaxis(flat.reshape(4, 4, 3, *self.elements), 2, 0)
-
-
-def _leading(qe: ElementVector, count: int) -> Float[Array, "16 rest"]:
-    """Element coefficients as columns of a matrix."""
-    return jnp.moveaxis(qe.reshape(3, count, -1), 0, 1).reshape(count, -1)

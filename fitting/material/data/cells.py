@@ -1,0 +1,202 @@
+"""The cells of a file as text, whatever wrote it: delimited text or an .xlsx workbook.
+
+Text: UTF-8 and UTF-16 with or without byte order mark, Windows code page 1252, any line
+ends; commas, semicolons, tabs, bars or blanks between fields; lines that begin with #, // or
+% are comments. Workbooks: every sheet, values as they were last computed.
+"""
+
+import csv
+import dataclasses
+import io
+import os
+import re
+import warnings
+import zipfile
+from pathlib import Path
+
+from fitting.material.data.errors import DataError
+from fitting.material.data.numbers import is_missing, looks_numeric
+from suas_jax.files.reading import MEGABYTE, read_bytes
+
+_MOST_BYTES = 64 * MEGABYTE
+_MOST_UNPACKED = 512 * MEGABYTE
+_MOST_ROWS = 2_000_000
+_DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
+_SAMPLED = 60
+_ERROR_CELLS = ("#n/a", "#div/0!", "#value!", "#num!")
+
+
+@dataclasses.dataclass(frozen=True)
+class Cells:
+    """Rows of text cells.
+
+    Attributes:
+        name: of the sheet; empty for text.
+        rows: cells of each row that is not blank.
+        lines: line number of each row, from one.
+        comments: lines that are marked as comments, without their mark.
+        delimiter: what separates the fields; empty for a sheet.
+        encoding: of a text.
+    """
+
+    name: str
+    rows: list[list[str]]
+    lines: list[int]
+    comments: tuple[str, ...] = ()
+    delimiter: str = ""
+    encoding: str = ""
+
+    @property
+    def format(self) -> str:
+        """Encoding and separator in words."""
+        if not self.delimiter:
+            return f'workbook, sheet "{self.name}"'
+        return f"{self.encoding}, {_DELIMITERS[self.delimiter]} between fields"
+
+
+def read_cells(path: str | os.PathLike[str]) -> list[Cells]:
+    """Read the cells of a file, one `Cells` a sheet; text has one.
+
+    Raises:
+        DataError: the file is missing, binary, too large, or a broken workbook.
+    """
+    file = os.fspath(path)
+    raw = _raw(file)
+    if raw[:4] == b"PK\x03\x04":
+        return _workbook(file, raw)
+    if raw[:4] == b"\xd0\xcf\x11\xe0":
+        raise DataError(
+            f"{file}: is a workbook of the old format .xls; save it as .xlsx or as CSV"
+        )
+    text, encoding = _decoded(file, raw)
+    return [_delimited(text, encoding)]
+
+
+def _raw(file: str) -> bytes:
+    try:
+        return read_bytes(file, _MOST_BYTES)
+    except FileNotFoundError:
+        raise DataError(f"{file}: no such file") from None
+    except IsADirectoryError:
+        raise DataError(f"{file}: is a directory; name a CSV file") from None
+    except OSError as error:
+        raise DataError(f"{file}: can't be read: {error.strerror or error}") from None
+    except ValueError as error:  # a NUL in the name
+        raise DataError(f"{file!r}: can't be read: {error}") from None
+
+
+def _decoded(file: str, raw: bytes) -> tuple[str, str]:
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return raw.decode("utf-16", errors="replace"), "UTF-16"
+    if b"\x00" in raw:
+        raise DataError(f"{file}: is no text; export the sheet as CSV")
+    try:
+        return raw.decode("utf-8-sig"), "UTF-8"
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace"), "Latin-1 (Windows 1252)"
+
+
+def _delimited(text: str, encoding: str) -> Cells:
+    comments, kept, lines = [], [], []
+    for number, line in enumerate(text.splitlines(), 1):
+        bare = line.strip().strip("\x1a\ufeff")
+        if _is_comment(bare):
+            comments.append(bare.lstrip("#%/ ").rstrip(" ,;\t"))
+        elif bare.strip(',;\t|" '):
+            kept.append(line.rstrip("\r\n").strip("\ufeff"))
+            lines.append(number)
+    delimiter = _delimiter(kept)
+    # A separator declared for Excel says nothing else.
+    if kept and re.fullmatch(r"sep=.", kept[0].strip()):
+        kept, lines = kept[1:], lines[1:]
+    rows = [fields(line, delimiter) for line in kept]
+    return Cells("", rows, lines, tuple(comments), delimiter, encoding)
+
+
+def _is_comment(line: str) -> bool:
+    if line.startswith("%"):  # or a line of units that begins with per cent
+        return re.match(r"%\s*(?:[;\t,|]|$)", line) is None
+    return line.startswith(("#", "//")) and not line.casefold().startswith(_ERROR_CELLS)
+
+
+def fields(line: str, delimiter: str) -> list[str]:
+    """The fields of a line of text, without blanks around them."""
+    if delimiter == " ":
+        # Names may hold single blanks, in lines whose columns stand wider apart.
+        wide = re.split(r"\s{2,}", line.strip())
+        narrow = line.split()
+        return wide if len(wide) > 1 and any(" " in cell for cell in wide) else narrow
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+
+
+def _delimiter(lines: list[str]) -> str:
+    """What separates fields: in most of a sample of lines it leaves numbers, or gaps."""
+    tail = lines[len(lines) // 3 :] or lines
+    sample = tail[:: max(1, len(tail) // _SAMPLED)] + lines[-3:]
+    best, most = next((d for d in _DELIMITERS if any(d in line for line in lines)), " "), 0.0
+    for delimiter in _DELIMITERS:
+        share = 0.0
+        for line in sample:
+            if delimiter not in line.strip():
+                continue
+            cells = fields(line, delimiter)
+            filled = [cell for cell in cells if not is_missing(cell)]
+            numbers = sum(looks_numeric(cell) for cell in filled)
+            share += numbers / len(filled) if len(cells) > 1 and filled else 0.0
+        if share > most + 1e-9:
+            best, most = delimiter, share
+    return best
+
+
+def _workbook(file: str, raw: bytes) -> list[Cells]:
+    import openpyxl
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            unpacked = sum(entry.file_size for entry in archive.infolist())
+        if unpacked > _MOST_UNPACKED:
+            raise DataError(
+                f"{file}: the workbook unpacks to {unpacked / MEGABYTE:.0f} MB; at most "
+                f"{_MOST_UNPACKED / MEGABYTE:.0f} MB are read"
+            )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles and extensions, which are not read
+            book = openpyxl.load_workbook(io.BytesIO(raw), read_only=True, data_only=True)
+            sheets = [_sheet(file, sheet) for sheet in book.worksheets]
+    except DataError:
+        raise
+    except Exception as error:  # whatever a broken archive makes the library raise
+        suffix = Path(file).suffix
+        if suffix.casefold() not in (".xlsx", ".xlsm"):
+            raise DataError(f"{file}: is no text; export the sheet as CSV") from None
+        raise DataError(
+            f"{file}: the workbook can't be read ({type(error).__name__}); save it again as "
+            f".xlsx or as CSV"
+        ) from None
+    return [sheet for sheet in sheets if sheet.rows]
+
+
+def _sheet(file: str, sheet: object) -> Cells:
+    rows, lines = [], []
+    cells_of = sheet.iter_rows(values_only=True)  # type: ignore[attr-defined]
+    for number, row in enumerate(cells_of, 1):
+        if number > _MOST_ROWS:
+            raise DataError(f"{file}: more than {_MOST_ROWS} rows; export fewer")
+        texts = [_as_text(value) for value in row]
+        while texts and not texts[-1]:
+            texts.pop()
+        if texts:
+            rows.append(texts)
+            lines.append(number)
+    title = str(sheet.title)  # type: ignore[attr-defined]
+    return Cells(title, rows, lines)
+
+
+def _as_text(value: object) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    if isinstance(value, float | int):
+        return repr(value)
+    return " ".join(str(value).split())

@@ -1,0 +1,5 @@
+"""What is raised when a data file can't be used."""
+
+
+class DataError(ValueError):
+    """A data file can't be used; the message names file, line, column and what is allowed."""

@@ -1,0 +1,222 @@
+"""Where the table stands in the cells of a file: names, units, rows of numbers.
+
+Machines write reports: rows about the test, tables of results, and one table of readings. The
+table of readings is the longest run of rows with numbers under a row of names of which some
+are known quantities; rows about the test may be as wide as it is.
+"""
+
+import dataclasses
+import re
+
+from fitting.material.data.cells import Cells
+from fitting.material.data.columns import is_unit, split_specimen, understand
+from fitting.material.data.errors import DataError
+from fitting.material.data.numbers import is_missing, looks_numeric
+
+_HEAD_ROWS = 4  # of names and units above a table
+
+
+@dataclasses.dataclass(frozen=True)
+class Layout:
+    """The parts of a sheet.
+
+    Attributes:
+        names: column names as they stand there; empty where there is no row of names.
+        units: unit of each column, from the row of units; "" where there is none.
+        groups: specimen of each column, from a row above the names; "" where there is none.
+        body: positions of the rows of numbers.
+        skipped: positions of rows among them that hold no numbers.
+        head: positions of the rows above the table that are no names or units.
+        line: line number of the row of names, or of the first row of numbers.
+    """
+
+    names: list[str]
+    units: list[str]
+    groups: list[str]
+    body: list[int]
+    skipped: list[int]
+    head: list[int]
+    line: int
+
+    @property
+    def known(self) -> int:
+        """How many columns are known quantities."""
+        pairs = zip(self.names, self.units, strict=False)
+        return sum(_is_known(name, unit) for name, unit in pairs)
+
+
+def find_table(file: str, cells: Cells, *, named: bool) -> Layout:
+    """Find the table of readings.
+
+    Args:
+        file: for messages.
+        cells: of one sheet.
+        named: the user names the columns, so that none have to be known.
+
+    Raises:
+        DataError: there is no table.
+    """
+    rows = cells.rows
+    if not rows:
+        raise DataError(f"{file}: the file is empty: it holds no table")
+    kinds = [_kind(row) for row in rows]
+    runs = _runs(kinds)
+    tables = [_above(cells, kinds, first, last) for first, last in runs]
+    whole = [table for table in tables if table.names or named]
+    if not whole:
+        if tables:
+            longest = max(tables, key=lambda table: len(table.body))
+            raise DataError(
+                f"{file}: line {longest.line}: numbers without a line of column names above "
+                f"them; name the columns and their units, for example "
+                f'"stretch_1,nominal_stress_MPa", or give --columns "force=1 N,extension=2 mm"'
+            )
+        head = [i for i, row in enumerate(rows) if sum(map(_is_word, row)) > 1]
+        if head:
+            raise DataError(f"{file}: there is no row below the column names")
+        raise DataError(
+            f"{file}: line {cells.lines[0]}: no line of column names followed by numbers was "
+            f'found; expected columns such as "stretch_1,nominal_stress_MPa" '
+            f"(found {' '.join(rows[0])[:60]!r})"
+        )
+    best = max(whole, key=lambda table: (min(table.known, 2), len(table.body)))
+    return _continued(cells, kinds, best)
+
+
+def _kind(row: list[str]) -> str:
+    """Whether a row holds numbers ("n"), gaps ("e") or words ("w")."""
+    filled = [cell for cell in row if not is_missing(cell)]
+    if not filled:
+        return "e"
+    numbers = sum(looks_numeric(cell) for cell in filled)
+    return "n" if numbers and 3 * numbers >= len(filled) else "w"
+
+
+def _runs(kinds: list[str]) -> list[tuple[int, int]]:
+    """First row and end of every run of numbers; rows of gaps may be among them."""
+    found, first = [], None
+    for i, kind in enumerate([*kinds, "w"]):
+        if kind == "w":
+            if first is not None and "n" in kinds[first:i]:
+                found.append((first, i))
+            first = None
+        elif first is None:
+            first = i
+    return found
+
+
+def _above(cells: Cells, kinds: list[str], first: int, last: int) -> Layout:
+    """The table of a run of numbers, with the names and units above it."""
+    rows = cells.rows
+    words = []
+    for i in range(first - 1, max(first - 1 - _HEAD_ROWS, -1), -1):
+        if kinds[i] != "w":
+            break
+        words.append(i)
+    units_row = next((i for i in words[:2] if _is_units(rows[i])), None)
+    units = rows[units_row] if units_row is not None else []
+    candidates = [i for i in words if i != units_row and _are_names(rows[i])]
+    # One name is no table, unless a single column is the whole file.
+    best = max(candidates, key=lambda i: (_known(rows[i], units), i), default=None)
+    body = [i for i in range(first, last) if kinds[i] == "n" or i > first]
+    if best is None:
+        width = max(len(rows[i]) for i in body)
+        blank = [""] * width
+        units = _filled([unit.strip("()[]{}<> ") for unit in units], width)
+        return Layout([], units, blank, body, [], list(range(first)), cells.lines[first])
+    names = list(rows[best])
+    while names and not names[-1]:
+        names.pop()
+    shown = [cell.strip("()[]{}<> ") for cell in units]
+    groups = [""] * len(names)
+    taken = {best, units_row}
+    if best > 0 and kinds[best - 1] == "w" and _labels(rows[best - 1], names):
+        groups = _spread(_filled(rows[best - 1], len(names)))
+        taken.add(best - 1)
+    head = [i for i in range(first) if i not in taken]
+    return Layout(names, _filled(shown, len(names)), groups, body, [], head, cells.lines[best])
+
+
+def _continued(cells: Cells, kinds: list[str], table: Layout) -> Layout:
+    """The table with what follows after rows of words, such as repeated names."""
+    rows = cells.rows
+    pattern = _numbers_in(rows[table.body[len(table.body) // 2]])
+    body, skipped = list(table.body), []
+    waiting: list[int] = []
+    for i in range(body[-1] + 1, len(rows)):
+        if kinds[i] == "n" and _numbers_in(rows[i]) == pattern:
+            skipped += waiting
+            waiting = []
+            body.append(i)
+        else:
+            waiting.append(i)
+    while body and kinds[body[-1]] == "e":
+        body.pop()
+    return dataclasses.replace(table, body=body, skipped=skipped + waiting)
+
+
+def _numbers_in(row: list[str]) -> frozenset[int]:
+    return frozenset(i for i, cell in enumerate(row) if looks_numeric(cell))
+
+
+def _is_units(row: list[str]) -> bool:
+    """Whether a row holds units, perhaps after the word "units"."""
+    filled = [cell for cell in row if cell]
+    if filled and re.fullmatch(r"(?i)\W*(units?|einheit(en)?|unit[eé]s?)\W*", filled[0]):
+        filled = filled[1:]
+    if not filled or len(filled) * 2 < len(row):
+        return False
+    known = sum(is_unit(cell) for cell in filled)
+    bracketed = sum(bool(re.fullmatch(r"[(\[{<].*[)\]}>]", cell)) for cell in filled)
+    return known == len(filled) or bracketed == len(filled) or known * 3 >= len(filled) * 2
+
+
+def _is_word(cell: str) -> bool:
+    return bool(re.search(r"[^\W\d]", cell)) and not looks_numeric(cell)
+
+
+def _are_names(row: list[str]) -> bool:
+    words = [_is_word(cell) for cell in row]
+    return sum(words) > 1 and all(w or not c for w, c in zip(words, row, strict=True))
+
+
+def _known(names: list[str], units: list[str]) -> int:
+    return sum(
+        _is_known(name, unit.strip("()[]{}<> "))
+        for name, unit in zip(names, _filled(units, len(names)), strict=True)
+    )
+
+
+def _is_known(name: str, unit: str) -> bool:
+    for spelled in (with_unit(name, unit), with_unit(split_specimen(name)[0], unit)):
+        try:
+            if understand(spelled, "") is not None:
+                return True
+        except ValueError:
+            return True
+    return False
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A column's name with the unit of the row of units, if that states one."""
+    return f"{name} [{unit}]" if unit.strip("- ") and name else name
+
+
+def _labels(row: list[str], names: list[str]) -> bool:
+    """Whether a row over the names labels specimens side by side."""
+    repeated = len({name for name in names if name}) < sum(bool(name) for name in names)
+    filled = [cell for cell in row if cell]
+    return repeated and len(filled) > 1 and len(row) <= len(names) + 1
+
+
+def _spread(labels: list[str]) -> list[str]:
+    """Labels of merged cells stand over the first of their columns."""
+    found, last = [], ""
+    for label in labels:
+        last = label or last
+        found.append(last)
+    return found
+
+
+def _filled(cells: list[str], width: int) -> list[str]:
+    return (list(cells) + [""] * width)[:width]

@@ -1,0 +1,335 @@
+"""Artefacts of a test that its curve alone shows: break, cycles, zeros, mistaken percent."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from fitting.material.experiments.free_zero import can_be_freed
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.selection import broken, loadings, series_of
+from fitting.material.experiments.stress_tests import StressTest
+
+# No rubber stretches to this many times its length.
+_LONGEST = 16.0
+# Loadings that differ by more than this share of the largest stress are not one curve.
+_SOFTENED = 0.03
+# A curve that misses zero stress at rest, by this many standard errors and this share of its
+# largest stress, has another zero.
+_CERTAIN, _NOTICEABLE = 5.0, 0.015
+_NEAR_REST = 0.35
+# A toe begins with a slope that is lower by this share than the steepest.
+_STEEPER = 0.25
+# ... and has ended at this share of the largest stress.
+_TOE_ENDS = 0.4
+
+
+@dataclasses.dataclass(frozen=True)
+class Suspect:
+    """An artefact that a file seems to have.
+
+    Attributes:
+        kind: "break", "preconditioning", "percent", "slack", "toe", "force offset" or
+            "machine stiffness".
+        file: which file.
+        evidence: what shows it.
+        option: what corrects it, for the command line.
+        size: how large it is, in `unit`; None where it has no size.
+        unit: of the size.
+    """
+
+    kind: str
+    file: str
+    evidence: str
+    option: str
+    size: float | None = None
+    unit: str = ""
+
+    @property
+    def text(self) -> str:
+        """One sentence for people."""
+        return f"{self.file}: suspect {self.kind}: {self.evidence}; mend it with {self.option}"
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The attributes and the sentence, for JSON."""
+        return {**dataclasses.asdict(self), "message": self.text}
+
+
+def curve_suspects(data: Dataset) -> list[Suspect]:
+    """Artefacts that the curve of a test shows by itself, whatever law is fitted."""
+    if not isinstance(data, StressTest) or not data.is_curve or data.size < 4:
+        return []
+    found = []
+    after = broken(data)
+    if after.any():
+        found.append(_break(data, after))
+    found += _cycles(data)
+    found += _too_long(data)
+    if not found:
+        found += _missed_zero(data)
+    return found
+
+
+def _break(data: StressTest, after: np.ndarray) -> Suspect:
+    lines = data.line[after]
+    first = float(np.min(data.deformation[after]))
+    return Suspect(
+        "break",
+        data.file,
+        f"the stress falls at a stretch of {np.exp(first):.3g} and does not come back: "
+        f"{int(after.sum())} readings from line {lines.min()} on are of a broken specimen",
+        "--cut-break",
+        float(np.exp(first)),
+        "stretch",
+    )
+
+
+def _cycles(data: StressTest) -> list[Suspect]:
+    """Loadings of one specimen that lie on different curves."""
+    for cycles in loadings(data):
+        if len(cycles) < 2:
+            continue
+        first, last = cycles[0], cycles[-1]
+        h = data.deformation
+        common = min(h[first].max(), h[last].max())
+        inside = h[last] <= common
+        if inside.sum() < 3:
+            continue
+        order = np.argsort(h[first], kind="stable")
+        size = np.abs(data.value)
+        before = np.interp(h[last][inside], h[first][order], size[first][order])
+        lower = before - size[last][inside]
+        share = float(np.mean(lower) / np.max(before))
+        if abs(share) > _SOFTENED:
+            return [
+                Suspect(
+                    "preconditioning",
+                    data.file,
+                    f"{len(cycles)} loadings of one specimen, of which the last is "
+                    f"{100.0 * float(np.sum(lower) / np.sum(before)):.0f} % softer than the "
+                    f"first: they are no one curve",
+                    "--cycle last",
+                    share,
+                    "of the largest stress",
+                )
+            ]
+    return []
+
+
+def _too_long(data: StressTest) -> list[Suspect]:
+    origin = data.origin
+    longest = float(np.max(np.maximum(data.stretch_1, 1.0 / data.stretch_1)))
+    if origin.state not in ("strain", "stretch") or origin.unit or longest < _LONGEST:
+        return []
+    return [percent_suspect(data, f"it would stretch the specimen to {longest:.3g} times")]
+
+
+def percent_suspect(data: StressTest, evidence: str) -> Suspect:
+    """A column of strains whose unit is another than its name says."""
+    origin = data.origin
+    quantity = "strain"
+    if origin.unit == "%":
+        name = origin.column.partition("%")[0].strip("_ [(")
+        return Suspect(
+            "percent",
+            data.file,
+            f'column "{origin.column}" is not in percent: {evidence}',
+            f'--columns "{quantity}={origin.column} 1" (or name it "{name}")',
+        )
+    return Suspect(
+        "percent",
+        data.file,
+        f'column "{origin.column}" is in percent, not a fraction: {evidence}',
+        f'--columns "{quantity}={origin.column} %"',
+    )
+
+
+def _missed_zero(data: StressTest) -> list[Suspect]:
+    """The stress at rest that the readings near it point to, where it is not zero."""
+    if not can_be_freed(data):
+        return []
+    found = []
+    for rows in series_of(data):
+        x = np.log(data.stretch_1[rows])
+        y = data.value[rows]
+        side = 1.0 if np.sum(x) >= 0.0 else -1.0
+        x, y = side * x, side * y
+        found += _zero_of_series(data, rows, x, y)
+    return found
+
+
+def _zero_of_series(
+    data: StressTest, rows: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> list[Suspect]:
+    largest, span = float(np.max(np.abs(y))), float(np.max(x))
+    near = x <= _NEAR_REST * span
+    if near.sum() < 8 or np.min(x) > 0.1 * span or largest <= 0.0:
+        return []
+    label = data.specimen[rows][0]
+    where = f"specimen {label}: " if label and len(set(data.specimen)) > 1 else ""
+    idle = _idle(x, y, largest)
+    if idle is not None:
+        stretch = float(np.exp(idle) - 1.0)
+        size, unit = stretch, "of the length"
+        if np.isfinite(data.origin.length):
+            size, unit = 1e3 * stretch * data.origin.length, "mm"
+        return [
+            Suspect(
+                "slack",
+                data.file,
+                f"{where}nothing is carried up to a stretch of {np.exp(idle):.4g}, then the "
+                f"stress rises: the specimen was slack by about {size:.3g} {unit}",
+                "--zero slack",
+                size,
+                unit,
+            )
+        ]
+    toe = _toe_end(x, y)
+    if toe is not None:
+        return [
+            Suspect(
+                "toe",
+                data.file,
+                f"{where}the curve grows steeper up to a stretch of {np.exp(toe):.4g}, which "
+                f"rubber does not: the specimen or its grips were taking up slack",
+                "--zero slack",
+                float(np.exp(toe)),
+                "stretch",
+            )
+        ]
+    # Neo-Hookean and Mooney's second term follow any rubber near rest, whatever the mode.
+    part = data.select(np.isin(np.arange(data.size), rows[near]))
+    e1, e2, c1, c2 = part.factors
+    inverse = np.exp(2.0 * (e1 + e2))
+    second = c1 * (inverse - np.exp(-2.0 * e1)) + c2 * (inverse - np.exp(-2.0 * e2))
+    side = 1.0 if np.sum(np.log(data.stretch_1[rows])) >= 0.0 else -1.0
+    fit = np.stack([np.ones(part.size), side * part.unit_stress, side * second], axis=1)
+    sizes = np.linalg.norm(fit, axis=0)
+    values = side * part.value
+    solution, _, rank, _ = np.linalg.lstsq(fit / sizes, values, rcond=1e-8)
+    spare = part.size - 3
+    if rank < 3 or spare < 3:
+        return []
+    solution = solution / sizes
+    scatter = float(np.sum((values - fit @ solution) ** 2)) / spare
+    error = float(np.sqrt(scatter * np.linalg.inv(fit.T @ fit)[0, 0]))
+    at_rest = float(solution[0])
+    # Slope at rest by log stretch, from the mode's: 3, 4 and 6 times the modulus.
+    slope = {"uniaxial": 3.0, "pure_shear": 4.0, "equibiaxial": 6.0}[data.mode]
+    slope *= float(solution[1] + solution[2])
+    if abs(at_rest) < max(_CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
+        return []
+    below = np.min(y) < -max(_CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
+    if at_rest < 0.0 and not below:
+        lag = -at_rest / slope
+        size, unit = float(lag), "of the length"
+        if np.isfinite(data.origin.length):
+            size, unit = 1e3 * size * data.origin.length, "mm"
+        return [
+            Suspect(
+                "slack",
+                data.file,
+                f"{where}the curve meets zero stress at a strain of {lag:.3g}, not at rest: "
+                f"the specimen was slack by about {size:.3g} {unit}, or the load cell is off "
+                f"(--zero force)",
+                "--zero slack",
+                size,
+                unit,
+            )
+        ]
+    size, unit = at_rest / 1e6, "MPa"
+    if np.isfinite(data.origin.area):
+        size, unit = at_rest * data.origin.area, "N"
+    return [
+        Suspect(
+            "force offset",
+            data.file,
+            f"{where}at rest the curve points to a stress of {at_rest / 1e6:.3g} MPa: the load "
+            f"cell is off by about {size:.3g} {unit}",
+            "--zero force",
+            size,
+            unit,
+        )
+    ]
+
+
+def _toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
+    """Where a curve that grows steeper from rest is steepest; None if it does not.
+
+    Slopes of lines through an eighth of the early readings each.
+    """
+    order = np.argsort(x, kind="stable")
+    # Against the stretch itself rubber is steepest at rest, until its chains lock.
+    x, y = np.expm1(x[order]), y[order]
+    early = int(np.argmax(y > _TOE_ENDS * np.max(y)))
+    x, y = x[:early], y[:early]
+    width = max(len(x) // 8, 4)
+    starts = np.arange(0, len(x) - 3, max(width // 2, 1))
+    slopes, errors, middles = [], [], []
+    for i in starts:
+        part = slice(i, i + width)
+        if len(x[part]) < 4 or np.ptp(x[part]) <= 0.0:
+            continue
+        coefficients, covariance = np.polyfit(x[part], y[part], 1, cov="unscaled")
+        rest = y[part] - np.polyval(coefficients, x[part])
+        slopes.append(float(coefficients[0]))
+        errors.append(float(np.sqrt(covariance[0, 0] * np.sum(rest**2) / (len(rest) - 2))))
+        middles.append(float(np.mean(x[part])))
+    if len(slopes) < 4:
+        return None
+    # Scatter is judged from all of them: of few readings it is little known.
+    scatter = float(np.sqrt(np.mean(np.square(errors))))
+    best = int(np.argmax(slopes))
+    rise = slopes[best] - slopes[0]
+    fall = slopes[best] - min(slopes[best:])
+    least = max(_CERTAIN * scatter, _STEEPER * slopes[best])
+    if best == 0 or rise < least or fall < min(scatter, 0.02 * slopes[best]):
+        return None
+    return float(np.log1p(middles[best]))
+
+
+def without_toe(data: Dataset, share: float = 0.0) -> Dataset:
+    """A test without its toe.
+
+    Args:
+        data: the test.
+        share: of the largest stress, below which readings are left out; none where the curve
+            is steepest at once.
+    """
+    if not isinstance(data, StressTest) or not can_be_freed(data):
+        return data
+    keep = np.ones(data.size, dtype=bool)
+    for rows in series_of(data):
+        x = np.log(data.stretch_1[rows])
+        side = 1.0 if np.sum(x) >= 0.0 else -1.0
+        end = _toe_end(side * x, side * data.value[rows])
+        if end is not None:
+            keep[rows[side * x < end]] = False
+        size = side * data.value[rows]
+        if share > 0.0:
+            first = int(np.argmax(size >= share * np.max(size)))
+            keep[rows[side * x < side * x[first]]] = False
+    return data.select(keep) if keep.sum() > 6 else data
+
+
+def _idle(x: np.ndarray, y: np.ndarray, largest: float) -> float | None:
+    """Where a slack specimen begins to carry; None if it does so at once.
+
+    Before that, readings scatter about zero and do not rise; behind it they do.
+    """
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    flat = np.flatnonzero(np.abs(y) > 0.02 * largest)
+    end = int(flat[0]) if flat.size else 0
+    while end >= 4:
+        # Readings before must not rise as those behind do.
+        before = np.polyfit(x[:end], y[:end], 1)[0] if x[end - 1] > x[0] else 0.0
+        behind = x[end:] <= x[end] + max(x[end] - x[0], 1e-12)
+        if behind.sum() < 2:
+            return None
+        after = np.polyfit(x[end:][behind], y[end:][behind], 1)[0]
+        if before < 0.2 * after and x[end] > 0.02 * x[-1]:
+            return float(x[end - 1])
+        end = int(0.75 * end)
+    return None

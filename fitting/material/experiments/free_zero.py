@@ -1,0 +1,170 @@
+"""Tension and compression whose zeros, or whose machine's stiffness, are found with the law.
+
+A slack specimen, a load cell that is off and a machine that gives way read, of a nominal stress
+P(λ) of the material,
+
+    y = P(λ) + o,   λ = λ_m − s − k (y_m − o)
+
+with λ_m, y_m the measured stretch and nominal stress, s the slack over the specimen's length,
+o the force that is off over its area, and k = A/(K L) of a machine of stiffness K. A slack
+specimen carries nothing: λ does not cross one.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from fitting.material.experiments.homogeneous import mode_factors, padded
+from fitting.material.experiments.measurements import PATHS
+from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.selection import series_of
+from fitting.material.experiments.stress_tests import StressTest
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.constitutive.specimens.homogeneous import kirchhoff
+
+KINDS = ("slack", "force", "machine")
+_DEGREE, _LEAST = 5, 0.01
+_POWERS = {"cauchy": 0.0, "nominal": 1.0, "second_pk": 2.0}
+
+
+class Zero(NamedTuple):
+    """One unknown of a test's zeros.
+
+    Attributes:
+        kind: "slack" [strain], "force" [Pa] or "machine" [1/Pa].
+        test: position of the data set.
+        specimen: of the data set; the machine is shared by all.
+    """
+
+    kind: str
+    test: int
+    specimen: str
+
+
+class FreeZero(AbstractExperiment):
+    """Points of tests of one stretch with free zeros.
+
+    Attributes:
+        stretch: measured λ_m, shape [n].
+        nominal: measured nominal stress without its scatter [Pa], shape [n]; a machine gives
+            way by the force itself, not by what its noise adds.
+        ratio: log λ₂ / log λ₁ of the mode, shape [n].
+        c1: factor of τ₁ in the Cauchy stress, shape [n].
+        c2: factor of τ₂ in the Cauchy stress, shape [n].
+        power: of λ by which the Cauchy stress is divided in a reading, shape [n].
+        side: 1 in tension, −1 in compression, shape [n].
+        which: position of slack, force and machine among the zeros; beyond them for none,
+            shape [3, n].
+        zeros: s, o and k of all tests, shape [k].
+    """
+
+    stretch: Float[Array, " n"]
+    nominal: Float[Array, " n"]
+    ratio: Float[Array, " n"]
+    c1: Float[Array, " n"]
+    c2: Float[Array, " n"]
+    power: Float[Array, " n"]
+    side: Float[Array, " n"]
+    which: Int[Array, "3 n"]
+    zeros: Float[Array, " k"]
+
+    @property
+    def size(self) -> int:
+        """Number of readings, padding included."""
+        return len(self.stretch)
+
+    def shifted(self, zeros: Float[Array, " k"]) -> Self:
+        """The same tests with these zeros."""
+        return eqx.tree_at(lambda test: test.zeros, self, zeros)
+
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings [Pa]; zero for padding."""
+        slack, force, machine = jnp.append(self.zeros, 0.0)[self.which]
+        moved = slack + machine * (self.nominal - force)
+        stretch = self.side * jnp.maximum(self.side * (self.stretch - moved), self.side)
+        # A step of the search may take away the whole specimen.
+        stretch = jnp.maximum(stretch, 0.05)
+        h = jnp.log(stretch)
+        tau_1, tau_2 = kirchhoff(law, h, self.ratio * h)
+        cauchy = self.c1 * tau_1 + self.c2 * tau_2
+        return cauchy / stretch**self.power + force * stretch ** (1.0 - self.power)
+
+
+def can_be_freed(test: object) -> bool:
+    """Whether a test is one of a single stretch with a stress reading."""
+    return isinstance(test, StressTest) and test.mode in PATHS and test.measure in _POWERS
+
+
+def smoothed(test: StressTest, values: np.ndarray) -> np.ndarray:
+    """Values along a test without their scatter, by specimen.
+
+    A stiffness that is a polynomial in the stretch, times the stress of a neo-Hookean solid,
+    and a constant; relative deviations count, for near rest little stress moves much.
+    """
+    found = np.array(values, float)
+    for rows in series_of(test):
+        x, y = test.stretch_1[rows], values[rows]
+        degree = min(_DEGREE, len(rows) // 8)
+        if degree < 1 or np.ptp(x) == 0.0:
+            continue
+        unit = test.unit_stress[rows]
+        middle = (x - x.mean()) / np.ptp(x)
+        basis = unit[:, None] * np.polynomial.chebyshev.chebvander(2.0 * middle, degree)
+        basis = np.column_stack([np.ones(len(x)), basis])
+        weight = 1.0 / np.maximum(np.abs(y), _LEAST * np.max(np.abs(y)))
+        solution, *_ = np.linalg.lstsq(basis * weight[:, None], y * weight, rcond=None)
+        found[rows] = basis @ solution
+    return found
+
+
+def free_zeros(
+    tests: Sequence[StressTest], numbers: Sequence[int], zeros: Sequence[Zero]
+) -> FreeZero:
+    """Tests of one stretch, one after the other, with free zeros.
+
+    Args:
+        tests: the data.
+        numbers: position of each of them in the fit.
+        zeros: the unknowns.
+    """
+    stretch = np.concatenate([test.stretch_1 for test in tests])
+    parts = []
+    which = []
+    for test, number in zip(tests, numbers, strict=True):
+        # Of a stretch whose logarithm is one.
+        _, along, first, second = mode_factors(PATHS[test.mode], np.array([np.e]))
+        count = test.size
+        power = _POWERS[test.measure]
+        side = 1.0 if np.sum(np.log(test.stretch_1)) >= 0.0 else -1.0
+        force = smoothed(test, test.value * test.stretch_1 ** (power - 1.0))
+        constants = (along[0], first[0], second[0], power, side)
+        parts.append(np.stack([force, *(np.full(count, x) for x in constants)]))
+        of_test = np.full((len(KINDS), count), len(zeros))
+        for position, zero in enumerate(zeros):
+            own = np.full(count, zero.test == number)
+            if zero.kind != "machine":
+                own &= test.specimen == zero.specimen
+            of_test[KINDS.index(zero.kind), own] = position
+        which.append(of_test)
+    readings = np.concatenate(parts, axis=1)
+    padding = len(padded(stretch)) - len(stretch)
+    positions = np.pad(
+        np.concatenate(which, axis=1), ((0, 0), (0, padding)), constant_values=len(zeros)
+    )
+    fills = (0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
+    rows = [padded(row, fill) for row, fill in zip(readings, fills, strict=True)]
+    return FreeZero(
+        stretch=padded(stretch, 1.0),
+        nominal=rows[0],
+        ratio=rows[1],
+        c1=rows[2],
+        c2=rows[3],
+        power=rows[4],
+        side=rows[5],
+        which=jnp.asarray(positions),
+        zeros=jnp.zeros(len(zeros)),
+    )

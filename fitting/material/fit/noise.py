@@ -1,0 +1,129 @@
+"""Noise of the data sets of a fit: what it is, and whether the assumed noise is excluded."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.fit.problem import MaterialProblem
+from fitting.statistics.noise_model import NoiseModel, estimate_noise
+from fitting.statistics.residuals import sensitivity
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """The noise of all readings of a fit.
+
+    Attributes:
+        models: of each data set; None where it can't be estimated.
+        ratio: standard deviation of each residual over that of the whole, shape [n] with
+            padding; one where the assumed noise stands.
+        excluded: whether the assumed noise is excluded by one of the data sets.
+    """
+
+    models: tuple[NoiseModel | None, ...]
+    ratio: np.ndarray
+    excluded: bool
+
+    def report(self, sets: Sequence[Dataset]) -> list[dict[str, Any]]:
+        """One entry a data set, for JSON."""
+        return [
+            {
+                "file": data.file,
+                "kind": model.kind,
+                "absolute_Pa": model.absolute,
+                "relative": model.relative,
+                "excludes_assumed": model.excludes_assumed,
+            }
+            for data, model in zip(sets, self.models, strict=True)
+            if model is not None
+        ]
+
+
+def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray) -> Noise:
+    """Estimate the noise of each data set from the residuals of a fit.
+
+    Args:
+        sets: the data, in the order of the problem's.
+        problem: the residuals.
+        constants: fitted constants, SI units.
+    """
+    residuals = problem.residuals
+    r, _ = sensitivity(residuals, jnp.asarray(constants))
+    error = np.asarray(residuals.misfit(r))
+    predicted = np.asarray(residuals.value) + error
+    inverse = np.asarray(residuals.inverse_scale)
+    models: list[NoiseModel | None] = []
+    ratio = np.ones(len(error))
+    for data, place in zip(sets, problem.places, strict=True):
+        model = _estimated(data, error[place], predicted[place], inverse[place])
+        models.append(model)
+        if model is not None and model.excludes_assumed:
+            # Of a mean of several readings, which count as often, it is that of one of them.
+            sigma = model.deviation(predicted[place]) * inverse[place] / np.sqrt(data.weight)
+            ratio[place] = np.maximum(sigma, 1e-6 * np.max(sigma))
+    excluded = any(model is not None and model.excludes_assumed for model in models)
+    if excluded:
+        # Residuals of all data sets share one factor, that of the assumed noise elsewhere.
+        ratio = _common(ratio, np.asarray(r), models, problem)
+    return Noise(tuple(models), ratio, excluded)
+
+
+def with_noise(sets: Sequence[Dataset], noise: Noise, sizes: list[np.ndarray]) -> list[Dataset]:
+    """The data sets with the estimated noise as their stated one.
+
+    Args:
+        sets: the data.
+        noise: from `noise_of`.
+        sizes: predicted readings of each data set.
+
+    Raises:
+        ValueError: the noise of a data set can't be estimated.
+    """
+    found = []
+    for data, model, size in zip(sets, noise.models, sizes, strict=True):
+        if model is None:
+            raise ValueError(
+                f"{data.file}: --residual estimated needs some 12 readings along one curve "
+                f"that scatter; use relative or absolute"
+            )
+        sigma = model.deviation(size)
+        sigma = np.maximum(sigma, 1e-3 * np.max(sigma))
+        found.append(dataclasses.replace(data, sigma=sigma))
+    return found
+
+
+def _estimated(
+    data: Dataset, error: np.ndarray, predicted: np.ndarray, inverse: np.ndarray
+) -> NoiseModel | None:
+    if not data.is_curve or np.any(inverse <= 0.0):
+        return None
+    paths = data.paths()
+    if len(paths) != 1:
+        return None
+    (order,) = paths
+    along = data.abscissa[order]
+    weight = data.weight[order]
+    # A reading of weight w is as good as w readings.
+    assumed = 1.0 / (inverse[order] / np.sqrt(weight))
+    return estimate_noise(error[order], predicted[order], assumed, along, weight)
+
+
+def _common(
+    ratio: np.ndarray,
+    r: np.ndarray,
+    models: Sequence[NoiseModel | None],
+    problem: MaterialProblem,
+) -> np.ndarray:
+    """Ratios of all data sets, such that residuals over them have about one size."""
+    found = ratio.copy()
+    for model, place in zip(models, problem.places, strict=True):
+        if model is None or not model.excludes_assumed:
+            size = float(np.sqrt(np.mean(r[place] ** 2)))
+        else:
+            size = 1.0
+        found[place] *= size if size > 0.0 else 1.0
+    return found

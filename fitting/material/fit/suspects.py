@@ -1,0 +1,265 @@
+"""Artefacts that a fit shows: which one explains the pattern of the residuals.
+
+Where residuals are more than noise, the law is fitted again with each data set's slack, force
+offset or machine stiffness free, and with its strains in percent. An artefact is named if what
+remains is noise.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from scipy import optimize, stats
+
+from fitting.material.experiments.artefacts import Suspect, percent_suspect
+from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
+from fitting.material.experiments.homogeneous import mode_factors
+from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.fit.problem import MaterialProblem, pose
+from fitting.material.laws.with_zeros import WithZeros
+from fitting.statistics.parameters import AbstractFamily
+from fitting.statistics.residuals import by_theta, sensitivity
+
+_CHANCE = 1e-4
+_NAMES = {"slack": "slack", "force": "force offset", "machine": "machine stiffness"}
+_PERCENT_BETTER = 4.0
+_LONG = 1.5
+_FARTHEST = 200.0  # of parameters, beyond which exponentials overflow
+
+
+def zeros_of(sets: Sequence[Dataset], kinds: Sequence[str]) -> tuple[Zero, ...]:
+    """The unknown zeros of all tests that can have them.
+
+    Raises:
+        ValueError: no test can.
+    """
+    found = []
+    for i, data in enumerate(sets):
+        if not can_be_freed(data):
+            continue
+        for kind in kinds:
+            labels = [""] if kind == "machine" else list(dict.fromkeys(data.specimen))
+            found += [Zero(kind, i, label) for label in labels]
+    if not found:
+        raise ValueError(
+            "--zero: uniaxial, equibiaxial or pure_shear tests have zeros that can be found"
+        )
+    return tuple(found)
+
+
+def posed_kind(problem: MaterialProblem) -> str:
+    """The kind to pose the same residuals again with; estimated noise is a stated one."""
+    return "noise" if problem.kind == "estimated" else problem.kind
+
+
+def with_zeros(
+    family: AbstractFamily, sets: Sequence[Dataset], zeros: Sequence[Zero]
+) -> WithZeros:
+    """A family with the zeros of tests as further unknowns."""
+    labels = []
+    for zero in zeros:
+        name = {"slack": "slack", "force": "force_zero", "machine": "machine"}[zero.kind]
+        same = [z for z in zeros if z.kind == zero.kind]
+        labels.append(name if len(same) == 1 else f"{name}_{same.index(zero) + 1}")
+    start = tuple(_start(sets[zero.test], zero) for zero in zeros)
+    return WithZeros(family, tuple(zero.kind for zero in zeros), tuple(labels), start)
+
+
+def _start(data: Dataset, zero: Zero) -> float:
+    """A slack specimen's first guess: where a line through the first loads meets zero."""
+    assert isinstance(data, StressTest)
+    if zero.kind != "slack":
+        return 0.0
+    rows = data.specimen == zero.specimen
+    stretch, size = data.stretch_1[rows], np.abs(data.value[rows])
+    order = np.argsort(np.abs(np.log(stretch)), kind="stable")
+    stretch, size = stretch[order], size[order]
+    part = (size > 0.05 * size.max()) & (size < 0.35 * size.max())
+    if part.sum() < 2 or np.ptp(stretch[part]) == 0.0:
+        return 0.0
+    slope, value = np.polyfit(stretch[part], size[part], 1)
+    lag = -value / slope - 1.0 if slope != 0.0 else 0.0
+    widest = float(np.max(np.abs(stretch - 1.0)))
+    return float(np.clip(lag, -0.5 * widest, 0.5 * widest)) / 0.05
+
+
+def fit_suspects(
+    sets: Sequence[Dataset],
+    problem: MaterialProblem,
+    constants: np.ndarray,
+    is_noise: Callable[[MaterialProblem, np.ndarray], bool],
+    refit: Callable[[Sequence[Dataset]], float],
+) -> list[Suspect]:
+    """Artefacts that explain a misfit.
+
+    Args:
+        sets: the data.
+        problem: residuals of the fit.
+        constants: fitted constants.
+        is_noise: whether the residuals of a problem at constants are no more than noise.
+        refit: cost of the law on other data.
+
+    Returns:
+        Those that leave only noise, the best first; none if the law fails for another reason.
+    """
+    family = problem.residuals.family
+    kind_posed = posed_kind(problem)
+    cost = np.inf
+    found: list[tuple[float, Suspect]] = []
+    for i, data in enumerate(sets):
+        if not isinstance(data, StressTest) or not can_be_freed(data):
+            continue
+        if _may_be_percent(data):
+            cost = refit(sets)
+            changed = [*sets[:i], _in_percent(data), *sets[i + 1 :]]
+            other = refit(changed)
+            if other * _PERCENT_BETTER < cost:
+                times = np.sqrt(cost / max(other, 1e-300))
+                text = f"the law follows the data {times:.3g} times closer then"
+                found.append((other, percent_suspect(data, text)))
+                continue
+        if isinstance(family, WithZeros):
+            continue
+        zeros = zeros_of([data], KINDS)
+        zeros = tuple(zero._replace(test=i) for zero in zeros)
+        wider = with_zeros(family, sets, zeros)
+        free = pose(sets, wider, kind_posed, zeros=zeros)
+        free = dataclasses.replace(free, kind=problem.kind)
+        _, cost, _ = _refit_with(free, constants, np.zeros(len(zeros), dtype=bool))
+        for kind in KINDS:
+            part = np.array([zero.kind == kind for zero in zeros])
+            point, lower, error = _refit_with(free, constants, part)
+            count = int(free.residuals.used.sum()) - len(constants) - int(part.sum())
+            if count < 3 or not lower < cost:
+                continue
+            gain = (cost - lower) / part.sum() / max(lower / count, 1e-300)
+            if kind == "machine" and point[len(constants) :][part][0] <= 0.0:
+                continue  # nothing is stiffer than rigid
+            if stats.f.sf(gain, part.sum(), count) < _CHANCE and is_noise(free, point):
+                found.append((lower, _named(kind, data, point, error, part, len(constants))))
+    return [suspect for _, suspect in sorted(found, key=lambda pair: pair[0])]
+
+
+def _refit_with(
+    free: MaterialProblem, constants: np.ndarray, part: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """Least squares with some zeros free, from the fit without: constants, cost, errors."""
+    residuals = free.residuals
+    size = len(constants)
+    assert isinstance(residuals.family, WithZeros)
+    begin = np.append(constants, np.zeros(len(part)))
+    theta = np.array(residuals.unconstrained(jnp.asarray(begin)))
+    theta[size:] = np.where(part, np.asarray(residuals.family.start), 0.0)
+    moved = np.append(np.ones(size, dtype=bool), part)
+
+    @functools.lru_cache(maxsize=2)
+    def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+        whole = theta.copy()
+        whole[moved] = np.clip(np.frombuffer(key), -_FARTHEST, _FARTHEST)
+        r, J = by_theta(residuals, whole)
+        good = np.all(np.isfinite(J), axis=1) & np.isfinite(r)
+        return np.where(good, r, 1e3), np.where(good[:, None], J, 0.0)[:, moved]
+
+    best = None
+    none = np.zeros(int(part.sum()))
+    kinds = np.array(residuals.family.kinds)[part]
+    # A machine that takes a tenth, or a third, of the travel.
+    strain = float(np.asarray(residuals.scales.strain))
+    share = np.where(kinds == "machine", 2.0 * strain, 0.0)
+    starts = [theta[moved], np.append(theta[:size], none)]
+    if np.any(share):
+        starts += [np.append(theta[:size], times * share) for times in (0.3, 1.0)]
+    for start in starts:
+        run = optimize.least_squares(
+            lambda x: at(x.tobytes())[0],
+            start,
+            lambda x: at(x.tobytes())[1],
+            method="lm",
+            max_nfev=40,
+        )
+        if best is None or run.cost < best.cost:
+            best = run
+    assert best is not None
+    whole = theta.copy()
+    whole[moved] = np.clip(best.x, -_FARTHEST, _FARTHEST)
+    point = np.asarray(residuals.constants(jnp.asarray(whole)))
+    _, J = (np.asarray(y) for y in sensitivity(residuals, jnp.asarray(point)))
+    J = J[:, moved] * np.maximum(np.abs(point[moved]), 1e-300)
+    spare = max(int(residuals.used.sum()) - int(moved.sum()), 1)
+    covariance = np.linalg.pinv(J.T @ J) * 2.0 * best.cost / spare
+    error = np.zeros(len(point))
+    error[moved] = np.sqrt(np.maximum(np.diagonal(covariance), 0.0)) * np.abs(point[moved])
+    return point, float(best.cost), error
+
+
+def _named(
+    kind: str,
+    data: StressTest,
+    point: np.ndarray,
+    error: np.ndarray,
+    part: np.ndarray,
+    size: int,
+) -> Suspect:
+    values, errors = point[size:][part], error[size:][part]
+    worst = int(np.argmax(np.abs(values)))
+    value, deviation = float(values[worst]), float(errors[worst])
+    amount, accuracy, unit = zero_in_units(kind, value, deviation, data)
+    what = {
+        "slack": "the specimen was slack by",
+        "force": "the load cell is off by",
+        "machine": "the machine gives way, with a stiffness of",
+    }[kind]
+    option = f"--zero {kind}"
+    if kind == "machine":
+        option = "--zero machine"
+        if unit == "N/mm":
+            option = f'--machine-stiffness "{amount:.3g} N/mm" (measure it) or --zero machine'
+    return Suspect(
+        _NAMES[kind],
+        data.file,
+        f"the pattern of the residuals vanishes if {what} {amount:.3g} +- {accuracy:.2g} "
+        f"{unit}",
+        option,
+        amount,
+        unit,
+    )
+
+
+def zero_in_units(
+    kind: str, value: float, error: float, data: Dataset
+) -> tuple[float, float, str]:
+    """A zero in the units of the test: its size, standard error and unit."""
+    length, area = data.origin.length, data.origin.area
+    if kind == "slack":
+        if np.isfinite(length):
+            return 1e3 * value * length, 1e3 * error * length, "mm"
+        return value, error, "of the length"
+    if kind == "force":
+        if np.isfinite(area):
+            return value * area, error * area, "N"
+        return value / 1e6, error / 1e6, "MPa"
+    if np.isfinite(length) and np.isfinite(area) and value != 0.0:
+        stiffness = 1e-3 * area / (length * value)
+        return stiffness, abs(stiffness * error / value), "N/mm"
+    return value * 1e6, error * 1e6, "of the length per MPa"
+
+
+def _may_be_percent(data: StressTest) -> bool:
+    origin = data.origin
+    if origin.state != "strain" or data.measure == "cauchy":
+        return False
+    largest = float(np.max(np.abs(data.stretch_1 - 1.0)))
+    return largest > _LONG if origin.unit != "%" else largest < 0.06
+
+
+def _in_percent(data: StressTest) -> StressTest:
+    """The test with its strains a hundred times smaller, or larger where they are stated so."""
+    factor = 100.0 if data.origin.unit == "%" else 0.01
+    stretch = np.maximum(1.0 + factor * (data.stretch_1 - 1.0), 0.05)
+    factors = np.stack(mode_factors(PATHS[data.mode], stretch))
+    power = {"cauchy": 0, "nominal": 1, "second_pk": 2}[data.measure]
+    factors[2:] /= stretch**power
+    return dataclasses.replace(data, factors=factors, coordinate=stretch)

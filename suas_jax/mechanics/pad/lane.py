@@ -1,0 +1,249 @@
+"""One lane of a pad: sums over its quadrature points, in arrays without lanes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.pad import loads as pad_loads
+from suas_jax.mechanics.pad.contact import InnerFace
+from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
+from suas_jax.mechanics.pad.net import ElementVector, Net, refined, tables
+from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
+from suas_jax.mechanics.pad.points import (
+    KINDS,
+    PAIRS,
+    Layers,
+    Surface,
+    energy_density,
+    layers,
+    resultants,
+    stress,
+    surface,
+    swept,
+    tangent,
+)
+from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
+from suas_jax.numerics.quadrature import lagrange_slopes
+from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.wall import Wall
+
+# Newton steps to the material point on a ray: displacements along the wall are small.
+_RAY_STEPS = 4
+
+
+class PadLane:
+    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one."""
+
+    def __init__(
+        self,
+        law: AbstractLaw,
+        net: Net,
+        sizes: tuple[Array, Array],
+        points: PadLoadPoints,
+        quadrature: tuple[int, int],
+    ) -> None:
+        """Prepare what sums need.
+
+        Args:
+            law: the membrane's material.
+            net: control values.
+            sizes: radius of the undeformed mid-surface and thickness [m].
+            points: the loads.
+            quadrature: points along either side of an element, and through the thickness.
+        """
+        self.law, self.net, self.points = law, net, points
+        self.mid_radius, self.thickness = sizes
+        self.gauss = quadrature[0]
+        self.topology = net.topology
+        order = self.topology.ordered
+        self.kinds = tuple(order(*kind) for kind in KINDS)
+        self.tables = tables(self.gauss, self.kinds, tuple(both_ways(PAIRS)))
+        arc, axial = self.mid_radius * jnp.diff(net.angles), jnp.diff(net.axial)
+        long, across = order(arc, axial)
+        self.lengths = long[:, None], across[None]
+        self.elements = (len(long), len(across))
+        self.fibres: Layers = layers(quadrature[1], self.thickness, self.mid_radius)
+
+    @property
+    def powers(self) -> list[Array]:
+        """What turns a derivative by local coordinates into one by length, for each kind."""
+        long, across = self.lengths
+        return [1 / (long**m * across**n).reshape(-1) for m, n in self.kinds]
+
+    @property
+    def angle(self) -> Float[Array, " point"]:
+        """Reference angle of the points [rad]."""
+        start, end = self.net.angles[:-1], self.net.angles[1:]
+        inside = start + jnp.asarray(self.tables.xi)[:, None] * (end - start)
+        g = self.gauss
+        shape = (g, g, *self.elements)
+        if self.topology.along_arc:
+            return jnp.broadcast_to(inside[:, None, :, None], shape).reshape(-1)
+        return jnp.broadcast_to(inside[None, :, None, :], shape).reshape(-1)
+
+    @property
+    def areas(self) -> Float[Array, "gauss element"]:
+        """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
+        long, across = self.lengths
+        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (
+            long * across
+        ).reshape(-1)
+
+    def surface(self, qe: ElementVector) -> Surface:
+        """The mid-surface at the quadrature points."""
+        values = jnp.asarray(self.tables.values) @ _leading(qe, 16)
+        values = values.reshape(len(KINDS), self.gauss**2, 3, -1)
+        powers = jnp.stack(self.powers)[:, None, None]
+        values = jnp.moveaxis(values * powers, 2, 1).reshape(len(KINDS), 3, -1)
+        return surface(list(values), self.angle, self.mid_radius)
+
+    def strain_energy(self, q: Array) -> Array:
+        """Strain energy [J]."""
+        return self.energies(q)[0]
+
+    def volume_change(self, q: Array) -> Array:
+        """Enclosed volume less its value at rest [m^3]."""
+        return self.energies(q)[1]
+
+    def work(self, q: Array) -> Array:
+        """Work of the loads at unit factor [J]."""
+        return self.energies(q)[2]
+
+    def energies(self, q: Array) -> tuple[Array, Array, Array]:
+        """Strain energy, volume change and work of the loads."""
+        qe, areas = self.net.gather(q), self.areas.reshape(-1)
+        s = self.surface(qe)
+        density = energy_density(self.law, s, self.fibres, self.mid_radius)
+        more = swept(s, self.mid_radius)[0]
+        points, spots = self._points()
+        moved = pad_loads.interpolated(spots, qe)
+        work = pad_loads.load_work(points, spots, moved, self.thickness)
+        return jnp.sum(areas * density), jnp.sum(areas * more), work
+
+    def inner_face(self, q: Array, wall: Wall) -> InnerFace:
+        """The inner face against a wall."""
+        return InnerFace(self.net, wall, self.thickness, self.mid_radius, self.net.gather(q))
+
+    def _points(self) -> tuple[PadLoadPoints, pad_loads.Spots]:
+        points = self.points
+        at = (points.angle, points.axial)
+        spots = pad_loads.spots(self.net, self.mid_radius, at)
+        return points, spots
+
+    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
+        """See `Pad.faces`."""
+        s = self._at(self.net.gather(q), angle, axial)
+        place = jnp.broadcast_arrays(angle, axial)
+        return faces(
+            self.law, s, (place[0], place[1]), self.thickness, self.mid_radius, self.fibres
+        )
+
+    def omitted_energy(self, q: Array) -> Array:
+        """Of transverse shear; polynomials join the moments at the points of an element."""
+        s = self.surface(self.net.gather(q))
+        found = moments(self.law, s, self.fibres, self.mid_radius)
+        g = self.gauss
+        found = found.reshape(3, g, g, *self.elements)
+        long, across = self.lengths
+        slope = lagrange_slopes(self.tables.xi)
+        by_long = jnp.einsum("hg,cgkef->chkef", slope, found) / long
+        by_across = jnp.einsum("hk,cgkef->cghef", slope, found) / across
+        by_arc, by_axial = self.topology.ordered(by_long, by_across)
+        stiffness = self.law.shear_modulus * self.thickness
+        density = shear_energy_density(by_arc, by_axial, stiffness)
+        return jnp.sum(self.areas.reshape(-1) * density.reshape(-1))
+
+    def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
+        """The mid-surface at places."""
+        spots = pad_loads.spots(self.net, self.mid_radius, (angle, axial), KINDS)
+        moved = pad_loads.interpolated(spots, qe)
+        return surface(list(moved), angle, self.mid_radius)
+
+    def inner_radius_at(self, q: Array, angle: Array, axial: Array) -> Array:
+        """See `Pad`: which material point lies on a ray is found by Newton's method."""
+        qe = self.net.gather(q)
+        inner = self.mid_radius - self.thickness / 2
+        ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
+
+        def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+            """Polar angle, axial position and radius of the inner face's point."""
+            s = self._at(qe, *place)
+            x, y, z = face_displacement(s, -self.thickness / 2, self.mid_radius)[0]
+            x, y = x + inner * s.n[0], y + inner * s.n[1]
+            return jnp.arctan2(x, y), place[1] + z, jnp.hypot(x, y)
+
+        def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
+            one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
+            here, by_angle = jax.jvp(position, (place,), ((one, zero),))
+            _, by_axial = jax.jvp(position, (place,), ((zero, one),))
+            off = angle - here[0], axial - here[1]
+            determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
+            turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
+            shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
+            moved = place[0] + turn, place[1] + shift
+            clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
+            return (clipped[0], clipped[1]), None
+
+        first, second = jnp.broadcast_arrays(angle, axial)
+        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
+        return position(place)[2]
+
+    def refined(self, q: Array) -> Array:
+        """See `Pad.to_comparison_mesh`."""
+        return refined(self.net, q)
+
+    def assemble(
+        self, q: Array, pressure: Array, factor: Array, wall: Wall | None
+    ) -> tuple[Array, ...]:
+        """Residual, bands, derivatives of volume and load, and volume change."""
+        radius = self.mid_radius
+        qe = self.net.gather(q)
+        s = self.surface(qe)
+        found = resultants(self.law, s, self.fibres, radius)
+        forces = stress(s, found.first)
+        more, pulls = swept(s, radius)
+        internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
+        gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
+        points, spots = self._points()
+        moved = pad_loads.interpolated(spots, qe)
+        vectors, hessian = pad_loads.load_terms(points, spots, moved, self.thickness)
+        load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
+        upper = self._stiffness(tangent(s, found, pressure, radius))
+        upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
+        if wall is not None:
+            pushes, more_bands = self.inner_face(q, wall).element_terms()
+            internal, upper = internal + pushes, upper + more_bands
+        bands = dense_bands(self.net, upper)
+        scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
+        residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
+        volume = jnp.sum(self.areas.reshape(-1) * more)
+        return residual, bands, scattered[1], scattered[2], volume
+
+    def _stiffness(self, blocks: Float[Array, "pair 3 3 point"]) -> Upper:
+        """Upper bands from second derivatives of a density by `PAIRS`."""
+        g = self.gauss
+        _, across = self.lengths
+        powers = [across[0] ** (1 - self.kinds[k][1] - self.kinds[m][1]) for k, m in PAIRS]
+        scale = jnp.stack(powers)[:, None, None, None, None, None]
+        blocks = blocks.reshape(len(PAIRS), 3, 3, g, g, *self.elements) * scale
+        orders = [kind[0] for kind in self.kinds]
+        lengths = self.lengths[0][:, 0]
+        return upper_bands(self.net, self.tables, PAIRS, orders, blocks, lengths)
+
+    def _forces(self, by_kind: dict[int, Array]) -> ElementVector:
+        """Element vectors from derivatives of a density by the kinds of derivative."""
+        count = self.gauss**2
+        powers = jnp.stack([self.powers[k] for k in by_kind])[:, None]
+        scale = (powers * self.areas)[:, :, None]
+        rows = jnp.stack(list(by_kind.values())).reshape(len(by_kind), 3, count, -1)
+        rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
+        values = self.tables.values.reshape(len(KINDS), count, 16)[list(by_kind)]
+        flat = jnp.asarray(values.reshape(-1, 16).T) @ rows
+        return jnp.moveaxis(flat.reshape(4, 4, 3, *self.elements), 2, 0)
+
+
+def _leading(qe: ElementVector, count: int) -> Float[Array, "16 rest"]:
+    """Element coefficients as columns of a matrix."""
+    return jnp.moveaxis(qe.reshape(3, count, -1), 0, 1).reshape(count, -1)
