@@ -59,9 +59,11 @@ def invert(
         typer.Option(min=1, max=4, help="Most to tell apart: up to 3, on a pad 4."),
     ] = 3,
     diameter: Annotated[
-        str,
-        typer.Option(metavar="LENGTH", help="On a pad: of the contacts, or 'free'."),
-    ] = "6 mm",
+        str | None,
+        typer.Option(
+            metavar="LENGTH", help="On a pad: of the contacts, or 'free'; default 6 mm."
+        ),
+    ] = None,
     pressure_noise: Annotated[
         str | None,
         typer.Option(
@@ -135,14 +137,16 @@ def invert(
         _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
 
 
-def _on_pads(diameter: str, pressure_noise: str | None) -> dict[str, float | None]:
+def _on_pads(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
     """What is known of contacts and pressure on a pad, from options to SI units."""
     from suas_jax.config.quantities import parse_quantity
 
     option = "--diameter"
+    settings: dict[str, float | None] = {}
     try:
-        size = None if diameter == "free" else parse_quantity(diameter, "length")
-        settings: dict[str, float | None] = {"diameter": size}
+        if diameter is not None:
+            free = diameter == "free"
+            settings["diameter"] = None if free else parse_quantity(diameter, "length")
         if pressure_noise is not None:
             option = "--pressure-noise"
             settings["pressure_noise"] = parse_quantity(pressure_noise, "pressure")

@@ -146,6 +146,10 @@ class LoadEstimator:
             raise ValueError(f"most_contacts = {self.most_contacts}: 1 to {most} are possible")
         if pad:
             self._check_pad()
+        elif self.diameter != DIAMETER or np.isfinite(self.pressure_noise):
+            raise ValueError(
+                "diameter and pressure_noise: of contacts on a pad; this skin is in plane strain"
+            )
         if self.model_error is None:
             self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
         if not (np.isfinite(self.model_error) and self.model_error >= 0):
