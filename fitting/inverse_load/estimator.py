@@ -148,7 +148,7 @@ class LoadEstimator:
             self._check_pad()
         elif self.diameter != DIAMETER or np.isfinite(self.pressure_noise):
             raise ValueError(
-                "diameter and pressure_noise: of contacts on a pad; this skin is in plane strain"
+                "diameter and pressure_noise are for pads; this skin is in plane strain"
             )
         if self.model_error is None:
             self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
