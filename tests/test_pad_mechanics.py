@@ -370,17 +370,6 @@ def deflection(pad: Pad, q: jax.Array, angle: float, axial: float) -> float:
     return float(at_places(pad, q, *place).mid_displacement[:, 0, 0] @ inward)
 
 
-def test_a_quarter_is_the_whole() -> None:
-    pad, q, pressure = crown(6.0)
-    whole, unfolded = pad.whole(), pad.mirrored(q)
-    assert pad.parts == 4
-    got = assemble(whole, unfolded, pressure, ONE)
-    scale = np.max(np.abs(got.load))
-    assert np.max(np.abs(got.residual)) < 1e-9 * scale
-    np.testing.assert_allclose(whole.work(unfolded), 4 * pad.work(q), rtol=1e-12)
-    np.testing.assert_allclose(whole.film_volume, SKIN.film_area * SKIN.width, rtol=1e-14)
-
-
 def test_a_finer_mesh_holds_the_same_deformation() -> None:
     pad, q, _ = crown(6.0)
     plan = plan_pad(
@@ -417,7 +406,7 @@ def test_displacements_converge_with_the_order_of_the_splines() -> None:
         moved = solve(at_rest.tangent, at_rest.load[:, None])
         return float(jnp.sum(moved[:, 0] * at_rest.load))
 
-    coarse, fine, best = compliance(12), compliance(18), compliance(36)
+    coarse, fine, best = compliance(12), compliance(18), compliance(30)
     # The patch ends inside elements, which costs half an order.
     assert abs(fine / best - 1) < abs(coarse / best - 1) / 1.5**3.5
     assert abs(fine / best - 1) < 2e-2
