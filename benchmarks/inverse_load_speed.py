@@ -24,7 +24,6 @@ from inverse_load import SKIN, measured, skin_of_40
 from scipy.optimize import least_squares
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live.stream import warm_up
 from suas_jax import configure, jit
 from suas_jax.scene.forward import Loads, forward
 
@@ -157,7 +156,7 @@ def main() -> None:
     spec = skin_of_40()
     batch, live = LoadEstimator(spec), LoadEstimator(spec, live=True)
     counts = slide(batch)
-    warm_up(live)
+    live.warm_up()
     shown("one frame, one contact", *timed(live, counts[:2000]))
     batch.estimate(counts)
     begin, work = time.perf_counter(), time.process_time()

@@ -16,8 +16,9 @@ import scipy.optimize
 
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.fit import NoFit, fit_material
+from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
+from fitting.material.fit.search import NoFit
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
 from fitting.statistics.least_squares import minimise

@@ -111,7 +111,8 @@ def experiment(
     states, state = np.unique(np.nan_to_num(known, nan=1e9), axis=1, return_inverse=True)
     states[states == 1e9] = np.nan
     zero = np.zeros((1, states.shape[1]))
-    loads = KnownLoads(zero + ANGLE, zero, states[:1], states[1:2], np.zeros(1, bool))
+    inner = np.zeros(1, bool)
+    loads = KnownLoads(zero + ANGLE, zero, states[:1], states[1:2], inner, zero, zero)
     counts = np.rint(so + noise * random.standard_normal(so.shape))
     return SensorData(
         spec,

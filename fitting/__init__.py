@@ -9,7 +9,7 @@ _HOMES = {
     "LoadFilter": "fitting.inverse_load.live.filter",
     "MaterialFit": "fitting.material.fit.result",
     "NoCalibration": "fitting.sensor.logs.data",
-    "NoFit": "fitting.material.fit.fit",
+    "NoFit": "fitting.material.fit.search",
     "SensorFit": "fitting.sensor.fit.result",
     "calibrated_skin": "fitting.sensor.report.skin_file",
     "compare_laws": "fitting.material.fit.comparison",

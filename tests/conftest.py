@@ -1,9 +1,14 @@
 """Settings shared by every test: float64, quick compilation, programs kept between runs."""
 
+import gc
 import os
 import pathlib
+from collections.abc import Iterator
 
 import jax
+import pytest
+
+from suas_jax.runtime.compiled import COMPILED
 
 # As in suas_jax.runtime.compiled: half the compile time for the same programs. Read when
 # the first program is compiled.
@@ -15,3 +20,12 @@ jax.config.update(
     "jax_compilation_cache_dir", str(pathlib.Path(__file__).parent.parent / ".jax_cache")
 )
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def programs_of_one_file() -> Iterator[None]:
+    """Free what a file's programs take: those of the whole suite would need gigabytes."""
+    yield
+    COMPILED.forget()
+    jax.clear_caches()
+    gc.collect()

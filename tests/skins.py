@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
-from suas_jax.equilibrium.balance import Problem, verify
+from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.scene.build import build_problem, plan_for
@@ -35,7 +35,12 @@ def quick(function: Callable, jit: Callable = eqx.filter_jit) -> Callable:
 
 
 find = quick(equilibrium)
-check = quick(verify)
+
+
+@quick
+def check(problem: Problem, state: State) -> Verification:
+    """Stability of a state, and its next Newton correction."""
+    return verify(problem, state)[0]
 
 
 def line(angle: float, force: float, **more: Any) -> dict[str, Any]:

@@ -183,7 +183,7 @@ def material(
 
             configure()
             from fitting.material.calibration import calibrate
-            from fitting.material.fit.fit import NoFit
+            from fitting.material.fit.search import NoFit
 
             report: dict[str, Any]
             fit: MaterialFit | None = None

@@ -1,6 +1,5 @@
 """`suas invert`. JAX is imported inside the command."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -8,7 +7,7 @@ import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.progress import bar
+from fitting.cli.progress import bar, spinner
 from fitting.json_text import json_text
 from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
@@ -55,7 +54,24 @@ def invert(
     false_alarm: Annotated[
         float, typer.Option(metavar="RATE", help="Of a contact where there is none.")
     ] = 0.01,
-    contacts: Annotated[int, typer.Option(min=1, max=3, help="Most to tell apart.")] = 3,
+    contacts: Annotated[
+        int,
+        typer.Option(min=1, max=4, help="Most to tell apart: up to 3, on a pad 4."),
+    ] = 3,
+    diameter: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH", help="On a pad: of the contacts, or 'free'; default 6 mm."
+        ),
+    ] = None,
+    pressure_noise: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PRESSURE",
+            help="On a pad: standard deviation of the log's oil_pressure_Pa, which is then "
+            "used, such as '5 Pa'.",
+        ),
+    ] = None,
     noise: Annotated[
         float | None,
         typer.Option(metavar="COUNTS", help="Standard deviation; default: the skin file's."),
@@ -94,17 +110,19 @@ def invert(
         from suas_jax.runtime.settings import configure
 
         configure()
-        estimator = _estimator(
-            skin,
-            baseline,
-            progress=_say if sys.stderr.isatty() else lambda text: None,
-            direction=direction,
-            false_alarm=false_alarm,
-            most_contacts=contacts,
-            noise=noise,
-            live=live is not None,
-            **({} if model_error is None else {"model_error": model_error}),
-        )
+        with spinner("preparing the estimate") as show:
+            estimator = _estimator(
+                skin,
+                baseline,
+                progress=show,
+                direction=direction,
+                false_alarm=false_alarm,
+                most_contacts=contacts,
+                noise=noise,
+                live=live is not None,
+                model_error=model_error,
+                **_on_pads(diameter, pressure_noise),
+            )
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
@@ -117,6 +135,24 @@ def invert(
             return
         assert log is not None
         _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
+
+
+def _on_pads(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
+    """What is known of contacts and pressure on a pad, from options to SI units."""
+    from suas_jax.config.quantities import parse_quantity
+
+    option = "--diameter"
+    settings: dict[str, float | None] = {}
+    try:
+        if diameter is not None:
+            free = diameter == "free"
+            settings["diameter"] = None if free else parse_quantity(diameter, "length")
+        if pressure_noise is not None:
+            option = "--pressure-noise"
+            settings["pressure_noise"] = parse_quantity(pressure_noise, "pressure")
+    except ValueError as error:
+        raise ValueError(f"{option}: {error}") from None
+    return settings
 
 
 def _say(text: str) -> None:
@@ -169,9 +205,22 @@ def _offline(
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
         _say(f"{log}: {note}")
+    if posterior is not None and estimator.spec.geometry.dimension == 3:
+        raise ValueError("--posterior: not available on a pad; see the covariances")
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
-        estimates = estimator.estimate(readings.so, readings.stuck, advance)
+        estimates = estimator.estimate(
+            readings.so, readings.stuck, advance, pressure=readings.pressure
+        )
+    if estimator.spec.geometry.dimension == 3:
+        from fitting.inverse_load.check.skin_file import model_verdict
+
+        with spinner("comparing the log with the skin file"):
+            verdict = model_verdict(
+                estimator, readings.so, readings.stuck, readings.pressure, estimates
+            )
+        if verdict is not None and not (verdict.right and as_json):
+            _say(f"{log}: {verdict.text}")
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter

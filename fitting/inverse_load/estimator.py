@@ -16,25 +16,19 @@ lumped shell is within MODEL_ERROR of the continuum, in terms of the change from
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.estimate.assessment import POOR, LoadAssessment
+from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
-from fitting.inverse_load.fit.detection import Detector, threshold
-from fitting.inverse_load.fit.explanation import LoadFitter
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.selection import Alternative, Selection
-from fitting.inverse_load.search.nearest import NodeSearch
-from fitting.inverse_load.search.table import LoadTable, table_of
+from fitting.inverse_load.section import section_parts
 from suas_jax.config import SkinSpec
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Skin, skin_of
-
-if TYPE_CHECKING:
-    from fitting.inverse_load.fit.calibration import CalibrationUncertainty
 
 __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "LoadEstimator"]
 
@@ -42,6 +36,11 @@ MODEL_ERROR = 2.5e-3
 """Error of the shell's change of readings, relative (`benchmarks/inverse_load.py`)."""
 FULL_SCALE = 65535
 MOST_CONTACTS = 3
+MOST_ON_PADS = 4
+PAD_MODEL_ERROR = 1e-2
+"""The same of a pad's table, taxel by taxel; what all taxels share is `PadDiscrepancy`'s."""
+DIAMETER = 6e-3
+"""Of contacts on a pad where nothing else is said [m]: a fingertip's."""
 
 _FEWEST_TAXELS = 4
 _BLOCK = 2048  # frames whose explanations are sought together
@@ -56,14 +55,17 @@ class LoadEstimator:
         direction: free the contacts' directions; radial otherwise.
         false_alarm: rate at which noise alone may be called a contact.
         noise: standard deviation of a reading [counts]; the skin file's if None.
-        model_error: relative error of the model's change of readings.
+        model_error: relative error of the model's change of readings; by default
+            MODEL_ERROR, on a pad PAD_MODEL_ERROR.
         rest: readings at rest [taxel, counts], as a baseline has them: readings count from
             there. None: readings are absolute, less the offsets that a calibration wrote
             into the skin file. NaN: the taxel is not used.
         rest_variance: variance of `rest` [taxel, counts^2].
-        most_contacts: contacts to tell apart at most, 1 to 3.
+        most_contacts: contacts to tell apart at most, 1 to 3; on a pad to 4.
         live: compile for single frames instead of batches.
         progress: called with what is being done.
+        diameter: of the contacts on a pad [m]; None estimates it.
+        pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
 
     Raises:
         ValueError: an argument or the skin's electrodes can't be used.
@@ -73,73 +75,109 @@ class LoadEstimator:
     direction: bool = False
     false_alarm: float = 0.01
     noise: float | None = None
-    model_error: float = MODEL_ERROR
+    model_error: float | None = None
     rest: NDArray[np.float64] | None = None
     rest_variance: NDArray[np.float64] | float = 0.0
     most_contacts: int = MOST_CONTACTS
     live: bool = False
     progress: Callable[[str], None] = lambda text: None
-    skin: Skin = field(init=False)
-    table: LoadTable = field(init=False)
+    diameter: float | None = DIAMETER
+    pressure_noise: float = float("inf")
+    skin: Any = field(init=False)
+    table: Any = field(init=False)
 
     def __post_init__(self) -> None:
         self._check()
-        self.skin = skin_of(self.spec, contact=False)
         assert self.spec.electrodes is not None
         noise = self.spec.electrodes.noise if self.noise is None else self.noise
         if not (np.isfinite(noise) and noise >= 0):
             raise ValueError(f"noise = {noise}: zero or more counts are needed")
         self.reading_noise = float(noise)
-        self.table = table_of(self.spec, self.skin, self.progress)
+        parts = self._make_parts()
+        self._parts = parts
         # A converter's rounding is noise, too.
         self._zero, uncertain = self._zero_of_readings()
         self._variance = noise**2 + 1 / 12 + uncertain
-        self.calibration = self._calibration()
+        self.calibration = parts.systematic
         if self.calibration is not None:
             self._variance = self._variance + self.calibration.rest_variance
-        self._detector = Detector(self.table.signatures)
-        self._fitter = LoadFitter(
-            self.skin,
-            self.table,
+        # What a further contact must gain: as rare as a tenth of a false alarm, and never
+        # less than Schwarz's criterion asks for its place and force.
+        penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
+        asked = (parts.fitter.parameters.places + 1) * np.log(self.taxels)
+        self.selection = Selection(
+            parts.fitter, parts.nodes, max(penalty, asked), self.most_contacts
+        )
+
+    def _make_parts(self) -> EstimationParts:
+        if self.spec.geometry.dimension == 3:
+            from fitting.inverse_load.pad.parts import pad_parts
+
+            parts, self.skin, self.table = pad_parts(
+                self.spec,
+                diameter=self.diameter,
+                live=self.live,
+                most_contacts=self.most_contacts,
+                progress=self.progress,
+            )
+            return parts
+        parts, self.skin, self.table = section_parts(
+            self.spec,
             direction=self.direction,
             live=self.live,
             most_contacts=self.most_contacts,
+            from_rest=self.rest is not None,
+            progress=self.progress,
         )
-        # What a further contact must gain: as rare as a tenth of a false alarm, and never
-        # less than Schwarz's criterion asks for two parameters.
-        one = np.ones((1, self.taxels))
-        everywhere = float(self._detector.test(0 * one, one).length[0])
-        penalty = threshold(self.false_alarm / 10, everywhere) ** 2
-        self.selection = Selection(
-            self._fitter,
-            NodeSearch(self.table),
-            max(penalty, 2 * np.log(self.taxels)),
-            self.most_contacts,
-        )
-        self._report = LoadAssessment(
-            np.asarray(self.skin.electrodes.taxels.angle)[:, 0],
-            float(self.skin.geometry.outer_radius[0]),
-            self._fitter.edge,
-            self.table,
-            direction=self.direction,
-        )
+        return parts
 
     def _check(self) -> None:
         if not 0 < self.false_alarm < 0.5:
             raise ValueError(
                 f"false_alarm = {self.false_alarm:g}: a rate above 0 and below 0.5 is needed"
             )
-        if not 1 <= self.most_contacts <= MOST_CONTACTS:
+        if self.spec.electrodes is None:
             raise ValueError(
-                f"most_contacts = {self.most_contacts}: 1 to {MOST_CONTACTS} are possible"
+                "the skin has no [electrodes], so there is nothing to estimate loads from"
             )
+        pad = self.spec.geometry.dimension == 3
+        most = MOST_ON_PADS if pad else MOST_CONTACTS
+        if not 1 <= self.most_contacts <= most:
+            raise ValueError(f"most_contacts = {self.most_contacts}: 1 to {most} are possible")
+        if pad:
+            self._check_pad()
+        elif self.diameter != DIAMETER or np.isfinite(self.pressure_noise):
+            raise ValueError(
+                "diameter and pressure_noise are for pads; this skin is in plane strain"
+            )
+        if self.model_error is None:
+            self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
         if not (np.isfinite(self.model_error) and self.model_error >= 0):
             raise ValueError(f"model_error = {self.model_error:g}: zero or more is needed")
+
+    def _check_pad(self) -> None:
+        if self.direction:
+            raise ValueError("directions of contacts on a pad can't be freed: they are radial")
+        if self.diameter is not None and not 0 < self.diameter < self.spec.geometry.width / 4:
+            raise ValueError(
+                f"diameter = {self.diameter:g} m: a length above zero and below a quarter of "
+                "the pad's width is needed"
+            )
+        if not self.pressure_noise > 0:
+            raise ValueError(
+                f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"
+            )
+        record = self.spec.calibration
+        if record is not None and record.covariance:
+            raise ValueError(
+                "[calibration] covariance: errors of a calibration are not carried into loads "
+                "on a pad; take the table out of the skin file to estimate without them"
+            )
 
     def _zero_of_readings(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """What is taken off readings to compare them with the model, and its variance."""
         if self.rest is not None:
-            return self.rest - self.table.rest, np.asarray(self.rest_variance, float)
+            return self.rest - self.model_rest, np.asarray(self.rest_variance, float)
         record = self.spec.calibration
         if record is None or not record.offsets:
             return np.zeros(self.taxels), np.zeros(self.taxels)
@@ -151,47 +189,57 @@ class LoadEstimator:
         errors = record.offset_errors or np.zeros(self.taxels)
         return np.array(record.offsets, float), np.nan_to_num(np.square(errors))
 
-    def _calibration(self) -> "CalibrationUncertainty | None":
-        record = self.spec.calibration
-        if record is None or not record.covariance:
-            return None
-        from fitting.inverse_load.fit.calibration import CalibrationUncertainty
-
-        return CalibrationUncertainty(
-            self.spec, self.skin, from_rest=self.rest is not None, live=self.live
-        )
-
     @property
     def taxels(self) -> int:
         """Number of taxels in the layout."""
-        return len(self.table.rest)
+        return len(self.model_rest)
+
+    @property
+    def model_rest(self) -> NDArray[np.float64]:
+        """The model's readings at rest [taxel] [counts]."""
+        return self._parts.rest
 
     def weigh(
-        self, so: NDArray[np.float64], faulty: NDArray[np.bool_] | None = None
+        self,
+        so: NDArray[np.float64],
+        faulty: NDArray[np.bool_] | None = None,
+        pressure: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Readings as the model has them, and their inverse variances.
 
         Args:
             so: readings [frame, taxel] [counts]; NaN where missing.
             faulty: taxels known to be faulty [frame, taxel].
+            pressure: measured of the oil [frame] [Pa]; NaN where missing.
 
         Returns:
             Readings [counts] and inverse variances [1/counts^2], both zero where a taxel is
-            missing, saturated (0 or full scale) or faulty.
+            missing, saturated (0 or full scale) or faulty. On a pad the last column is the
+            oil's pressure [Pa], [1/Pa^2].
         """
         y = so - self._zero
         used = np.isfinite(y) & (so < FULL_SCALE) & (so > 0)
         if faulty is not None:
             used &= ~faulty
         y = np.where(used, y, 0.0)
-        change = np.where(used, y - self.table.rest, 0.0)
-        return y, used / (self._variance + (self.model_error * change) ** 2)
+        change = np.where(used, y - self.model_rest, 0.0)
+        weight = used / (self._variance + (self.model_error * change) ** 2)
+        if self.spec.geometry.dimension == 2:
+            return y, weight
+        p = np.full(len(so), np.nan) if pressure is None else np.asarray(pressure, float)
+        known = np.isfinite(p) & np.isfinite(self.pressure_noise)
+        p = np.where(known, p, 0.0)
+        sigma = self.pressure_noise if np.isfinite(self.pressure_noise) else 1.0
+        own = known / (sigma**2 + (self.model_error * p) ** 2)
+        return np.column_stack([y, p]), np.column_stack([weight, own])
 
     def estimate(
         self,
         so: NDArray[np.float64],
         faulty: NDArray[np.bool_] | None = None,
         done: Callable[[int], None] = lambda frames: None,
+        *,
+        pressure: NDArray[np.float64] | None = None,
     ) -> list[LoadEstimate]:
         """Estimate the loads of frames.
 
@@ -200,6 +248,7 @@ class LoadEstimator:
                 full scale are saturated and left out.
             faulty: taxels known to be faulty [frame, taxel].
             done: called with the number of frames estimated so far.
+            pressure: measured of the oil [frame] [Pa]; NaN where missing.
 
         Raises:
             ValueError: the readings don't have a column for every taxel.
@@ -216,7 +265,8 @@ class LoadEstimator:
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
             part = slice(begin, begin + size)
-            found += self._batch(so[part], faulty[part])
+            measured = None if pressure is None else pressure[part]
+            found += self._batch(so[part], faulty[part], measured)
             done(len(found))
         return found
 
@@ -224,20 +274,34 @@ class LoadEstimator:
         """Live: start the next frame from the table instead of from the last frame."""
         self.selection.last = None
 
-    def _batch(self, so: NDArray[np.float64], faulty: NDArray[np.bool_]) -> list[LoadEstimate]:
+    def warm_up(self) -> None:
+        """Compile, or load, what a stream needs before the first frame comes."""
+        shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
+        for trial in self._parts.trials[: self.most_contacts]:
+            self.estimate((trial + shift)[None])
+        self.forget()
+
+    def _batch(
+        self,
+        so: NDArray[np.float64],
+        faulty: NDArray[np.bool_],
+        pressure: NDArray[np.float64] | None,
+    ) -> list[LoadEstimate]:
         begin, compiling = time.perf_counter(), COMPILED.seconds
-        y, weight = self.weigh(so, faulty)
-        change = np.where(weight > 0, y - self.table.rest, 0.0)
-        count = (weight > 0).sum(1)
-        enough = count >= max(_FEWEST_TAXELS, (3 if self.direction else 2) + 1)
-        test = self._detector.test(change, weight)
+        y, weight = self.weigh(so, faulty, pressure)
+        taxels = slice(self.taxels)
+        change = np.where(weight > 0, y - self._parts.nodes.rest, 0.0)
+        count = (weight[:, taxels] > 0).sum(1)
+        enough = count >= max(_FEWEST_TAXELS, self._parts.fitter.per_contact + 1)
+        test = self._parts.detector.test(change, weight)
         touched = enough & (test.p_value < self.false_alarm)
         results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
         chi2_rest = (weight * change**2).sum(1)
         at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
-            results[i] = _untouched(so[i], weight[i] > 0, bool(enough[i]), ratio)
+            used = weight[i, taxels] > 0
+            results[i] = _untouched(so[i], used, bool(enough[i]), ratio)
         full_scale = (so >= FULL_SCALE) & ~faulty
         for index, pulled in (
             (np.flatnonzero(touched), False),
@@ -262,8 +326,8 @@ class LoadEstimator:
             best, others = self.selection.explain(y, weight)
         systematic = None
         if self.calibration is not None:
-            systematic = self.calibration.covariance(best, 3 if self.direction else 2)
-        return self._report.estimates(best, others, full_scale, systematic)
+            systematic = self.calibration.covariance(best, self._parts.fitter.per_contact)
+        return self._parts.assessment.estimates(best, others, full_scale, systematic)
 
 
 def _untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:

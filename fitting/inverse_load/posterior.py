@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
 from fitting.inverse_load.model.evaluation import loads_from
 from fitting.inverse_load.search.nearest import APART
 from fitting.statistics.chain import Posterior
@@ -117,20 +117,20 @@ def likely_modes(
     Raises:
         ValueError: the readings determine no load.
     """
-    selection, fitter = estimator.selection, estimator.selection.fitter
+    selection, fitter = estimator.selection, _section_fitter(estimator)
     per_contact = fitter.per_contact
     best, _ = selection.explain(y, weight)
     nodes = _single_starts(estimator, y, weight)
     ys, weights = (np.repeat(x, len(nodes), 0) for x in (y, weight))
     start = selection.nodes.near(ys, weights, nodes)
-    fits = [best, fitter.fit(ys, weights, start, fitter.table.start(nodes), 1)]
+    fits = [best, fitter.fit(ys, weights, start, estimator.table.start(nodes), 1)]
     if selection.most_contacts > 1 and (weight > 0).sum() > 2 * per_contact:
         pairs = selection.pairs.of_two(y[0], weight[0])
         if pairs:
             ys, weights = (np.repeat(x, len(pairs), 0) for x in (y, weight))
-            state = fitter.table.start(np.array([node for _, node in pairs]))
+            state = estimator.table.start(np.array([node for _, node in pairs]))
             fits.append(fitter.fit(ys, weights, np.array([p for p, _ in pairs]), state, 2))
-    cap = 3 * fitter.table.forces[:, -1].max()
+    cap = 3 * estimator.table.forces[:, -1].max()
     volume = 2 * fitter.edge * cap * (np.pi if per_contact == 3 else 1.0)
     rows: list[tuple[float, Explanations]] = []
     for fit in fits:
@@ -148,6 +148,18 @@ def likely_modes(
     for _, one in rows[1:]:
         whole = whole.joined(one)
     return whole, probability / probability.sum()
+
+
+def _section_fitter(estimator: LoadEstimator) -> LoadFitter:
+    """The fitter of a skin in plane strain.
+
+    Raises:
+        ValueError: the skin is a pad.
+    """
+    fitter = estimator.selection.fitter
+    if not isinstance(fitter, LoadFitter):
+        raise ValueError("posteriors are sampled in plane strain only; see the covariances")
+    return fitter
 
 
 def _single_starts(estimator: LoadEstimator, y: Any, weight: Any) -> NDArray[np.intp]:
@@ -241,7 +253,7 @@ def _log_probability(
 ) -> Callable[[Float[Array, "point p"]], Float[Array, " point"]]:
     """Likelihood of loads under an even prior inside the bounds."""
     count, skin = int(one.contacts[0]), estimator.skin
-    fitter = estimator.selection.fitter
+    fitter = _section_fitter(estimator)
     pull = bool(one.parameters[0, count] < 0)
     low, high = (x[..., 0] for x in fitter.limits(count, 1, pull))
     state, reading, weight = one.state, jnp.asarray(y[0]), jnp.asarray(one.weight[0])

@@ -155,6 +155,7 @@ class LogReadings:
         so: readings [frame, taxel]; NaN where missing.
         stuck: taxels that repeat one count beyond chance [frame, taxel].
         notes: what a person should know.
+        pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
     """
 
     time: NDArray[np.float64]
@@ -162,6 +163,7 @@ class LogReadings:
     so: NDArray[np.float64]
     stuck: NDArray[np.bool_]
     notes: tuple[str, ...]
+    pressure: NDArray[np.float64] | None = None
 
 
 def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
@@ -191,7 +193,9 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
             f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))
         )
         notes.append(f"taxels {names} repeat one count and are left out meanwhile")
-    return LogReadings(time, frames.seq, so, stuck, tuple(notes))
+    measured = log.flags.get("oil_pressure_Pa")
+    pressure = None if measured is None else frames.mean(measured.astype(float))
+    return LogReadings(time, frames.seq, so, stuck, tuple(notes), pressure)
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:

@@ -64,7 +64,7 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
     from fitting.material.calibration import calibrate as calibrate_law
     from fitting.material.experiments.datasets import load_dataset
     from fitting.material.experiments.measurements import mode_named
-    from fitting.material.fit.fit import NoFit
+    from fitting.material.fit.search import NoFit
     from fitting.statistics.posterior import PosteriorError, Settings
 
     try:

@@ -59,6 +59,11 @@ class Compiled:
             self.store.settled()
         return found
 
+    def forget(self) -> None:
+        """Free the memory that programs take; those kept between runs stay on disk."""
+        self._programs.clear()
+        self.loaded.clear()
+
     def _loaded_or_compiled(
         self,
         key: Any,

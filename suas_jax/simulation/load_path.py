@@ -9,8 +9,9 @@ A load path is a CSV file beside the scene whose loads it moves::
 
 The first column is time, the others are loads of the scene by the names that `suas solve
 --json` gives them: `force_N`, `angle_deg`, `direction_deg` (counter-clockwise from the
-inward radial) and `pressure_Pa`. Between rows everything changes linearly; what no column
-names stays as the scene has it.
+inward radial) and `pressure_Pa`; in three dimensions also `axial_m`, `tilt_deg` (towards
++axial) and the `diameter_m` of a round patch. Between rows everything changes linearly; what
+no column names stays as the scene has it.
 """
 
 import re
@@ -21,10 +22,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.config import LineLoadSpec, SceneSpec, load_scene
+from suas_jax.config import LineLoadSpec, LoadSpec, SceneSpec, load_scene
 from suas_jax.config.csv_table import number_in, read_csv_table
 
-_COLUMN = re.compile(r"loads\.(\d+)\.(force_N|angle_deg|direction_deg|pressure_Pa)")
+_COLUMN = re.compile(r"loads\.(\d+)\.([a-z]+_[A-Za-z]+)")
+_LINE = ("force_N", "angle_deg", "direction_deg")
+_ON_PADS = ("axial_m", "tilt_deg")
 
 
 @dataclass(frozen=True)
@@ -85,16 +88,29 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
         raise ValueError(f'{where}: "{",".join(names)[:80]}": expected t_s,loads.0.force_N,...')
     for name in names[1:]:
         found = _COLUMN.fullmatch(name)
-        kinds = {"line": "force_N, angle_deg or direction_deg", "pressure": "pressure_Pa"}
         if found is None or int(found[1]) >= len(scene.loads):
             raise ValueError(
                 f'{where}, column "{name}": expected loads.K.force_N, .angle_deg, '
                 f".direction_deg or .pressure_Pa with K below {len(scene.loads)}, the number "
-                "of the scene's loads"
+                "of the scene's loads; in three dimensions also .axial_m, .tilt_deg and "
+                ".diameter_m"
             )
         load = scene.loads[int(found[1])]
-        allowed = kinds[load.kind]
+        allowed = _allowed(load, scene.geometry.dimension)
         if found[2] not in allowed:
-            raise ValueError(f'{where}, column "{name}": a {load.kind} load has {allowed}')
-        if isinstance(load, LineLoadSpec) and load.spread is not None:
+            raise ValueError(
+                f'{where}, column "{name}": a {load.kind} load has {", ".join(allowed)}'
+            )
+        flat = scene.geometry.dimension == 2
+        if flat and isinstance(load, LineLoadSpec) and load.spread is not None:
             raise ValueError(f'{where}, column "{name}": a spread load can\'t move in a path')
+
+
+def _allowed(load: LoadSpec, dimension: int) -> tuple[str, ...]:
+    """What a path may move of a load."""
+    if load.kind == "pressure":
+        return ("pressure_Pa",)
+    if dimension == 2:
+        return _LINE
+    round_ = load.kind == "patch" and load.diameter is not None
+    return (*_LINE, *_ON_PADS, *(("diameter_m",) if round_ else ()))

@@ -21,15 +21,12 @@ from suas_jax.scene.solve import solve
 from suas_jax.sensing.converter import Converter, Sample
 from suas_jax.sensing.taxels import taxel_names
 from suas_jax.simulation.load_path import LoadPath, load_path
+from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances
 
 # Frames solved in one call, and the shape that is compiled.
 _BLOCK = 256
 _SCENE_SECONDS = 10.0
 _MOST_FRAMES = 1_000_000
-
-
-class NoSolutionError(Exception):
-    """No equilibrium was found for a load; the message says which and why."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +159,8 @@ def capacitances(
     Raises:
         NoSolutionError: some loads have no equilibrium.
     """
+    if path.scene.geometry.dimension == 3:
+        return pad_capacitances(path, time, progress)
     free, held = skin_of(path.scene, contact=False), skin_of(path.scene)
     run = jit(forward)
     loads = _loads(path, time)

@@ -1,5 +1,6 @@
 """From explanations to estimates: covariances, statuses, what can't be said."""
 
+import abc
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import Alternative
+from fitting.inverse_load.model.contact_parameters import ContactParameters
 from fitting.inverse_load.search.nearest import APART
 from fitting.inverse_load.search.table import LoadTable
 
@@ -24,29 +26,39 @@ _NEVER = 1e9  # stands for an infinite force of first contact [N]
 _UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
 
-class LoadAssessment:
+class AbstractLoadAssessment(abc.ABC):
     """Estimates from explanations, for one skin.
 
     Args:
-        taxel_angle: of the taxels [rad].
+        parameters: of a contact.
         outer_radius: of the undeformed skin [m].
-        edge: angle beyond which no contact is sought [rad].
-        table: of solved states, which knows the forces of first contact.
-        direction: whether directions are free.
+        taxels: their number; further columns of explanations are no taxels.
     """
 
-    def __init__(
-        self,
-        taxel_angle: NDArray[np.float64],
-        outer_radius: float,
-        edge: float,
-        table: LoadTable,
-        *,
-        direction: bool,
-    ) -> None:
-        self._table = table
-        self._taxel_angle, self._outer_radius, self._edge = taxel_angle, outer_radius, edge
-        self._per_contact = 3 if direction else 2
+    def __init__(self, parameters: ContactParameters, outer_radius: float, taxels: int) -> None:
+        self._parameters, self._per_contact = parameters, parameters.per_contact
+        self._outer_radius, self._taxels = outer_radius, taxels
+
+    @abc.abstractmethod
+    def first_contact(self, place: NDArray[np.float64]) -> float:
+        """Force of one contact at which the membrane reaches the wall [N].
+
+        Args:
+            place: of the contact [coordinate].
+        """
+
+    @abc.abstractmethod
+    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
+        """Whether a contact lies near one of some taxels.
+
+        Args:
+            place: of the contact [coordinate].
+            taxels: which of them count [taxel].
+        """
+
+    @abc.abstractmethod
+    def at_edge(self, place: NDArray[np.float64]) -> bool:
+        """Whether a contact lies where no farther one is sought."""
 
     def estimates(
         self,
@@ -92,14 +104,15 @@ class LoadAssessment:
         count, chi2 = int(best.contacts[i]), float(best.chi2[i])
         kept = best.weight[i] > 0
         ratio = chi2 / max(int(kept.sum()) - self._per_contact * count, 1)
-        out = tuple(np.flatnonzero(~kept).tolist())
+        out = tuple(np.flatnonzero(~kept[: self._taxels]).tolist())
         if not np.isfinite(chi2):
             return LoadEstimate(None, status="no_convergence", left_out=out)
-        angles = best.parameters[i, :count]
+        places = best.parameters[i, : self._parameters.places * count]
+        places = places.reshape(-1, count).T
         spread = covariance * (max(ratio, 1.0) if poor else 1.0)
         bound, near = self._bound(best.parameters[i], count, spread)
         wall = bool(best.min_gap[i] <= 0) or near
-        wall = wall or self._presses_full_scale(full_scale, angles)
+        wall = wall or any(self.near_taxels(place, full_scale) for place in places)
         if poor and ratio > _BEYOND_MODEL:
             unknown = True if wall else None
             status = "wall_contact" if wall else "model_mismatch"
@@ -128,9 +141,9 @@ class LoadAssessment:
             status = "no_convergence"
         elif poor:
             status = "poor_fit"
-        elif np.abs(angles).max() >= self._edge - 1e-6:
+        elif any(self.at_edge(place) for place in places):
             status = "at_edge"
-        elif best.parameters[i, count] < 0:
+        elif best.parameters[i, self._parameters.rows("force", count)][0] < 0:
             status = "pull"
         elif alternatives:
             status = "ambiguous"
@@ -157,21 +170,15 @@ class LoadAssessment:
         Beyond first contact the oil's pressure, and with it the readings, hardly change:
         the force that explains them is that of first contact, or a little less.
         """
-        forces = slice(count, 2 * count)
+        forces = self._parameters.rows("force", count)
         total = float(np.sum(parameters[forces]))
         variance = float(np.sum(covariance[forces, forces]))
         sigma = np.sqrt(variance) if np.isfinite(variance) and variance > 0 else 0.0
         limit = np.inf
         if count == 1:
-            known = np.minimum(self._table.first_contact, _NEVER)
-            limit = float(np.interp(parameters[0], self._table.angles, known))
+            limit = self.first_contact(parameters[: self._parameters.places])
         near = total + _SURE * sigma >= (1 - _LIMIT_ERROR) * limit
         return max(min(total, limit) - _ONE_SIDED * sigma, 0.0), near
-
-    def _presses_full_scale(self, full_scale: NDArray[np.bool_], angles: Any) -> bool:
-        """Whether a taxel under a contact reads full scale."""
-        reach = np.abs(self._taxel_angle[full_scale][:, None] - angles)
-        return bool((reach < APART).any())
 
     def _contacts(
         self, parameters: Any, count: int, covariance: Any, systematic: Any
@@ -179,17 +186,56 @@ class LoadAssessment:
         contacts = []
         for k in range(count):
             rows = slice(k, self._per_contact * count, count)
-            turn = float(parameters[k + 2 * count]) if self._per_contact == 3 else None
+            names = self._parameters.names
+            values = dict(zip(names, parameters[rows].tolist(), strict=True))
             own = None if systematic is None else systematic[rows, rows]
             total = None if covariance is None else covariance[rows, rows]
             contacts.append(
                 Contact(
-                    float(parameters[k]),
-                    float(parameters[k + count]),
-                    turn,
+                    values["angle"],
+                    values["force"],
+                    values.get("direction"),
                     total if total is None or own is None else total + own,
-                    float(parameters[k] * self._outer_radius),
+                    values["angle"] * self._outer_radius,
                     own,
+                    values.get("axial"),
+                    values.get("diameter"),
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.angle))
+
+
+class SectionAssessment(AbstractLoadAssessment):
+    """Estimates on a skin in plane strain.
+
+    Args:
+        parameters: of a contact.
+        outer_radius: of the undeformed skin [m].
+        taxel_angle: of the taxels [rad].
+        edge: angle beyond which no contact is sought [rad].
+        table: of solved states, which knows the forces of first contact.
+    """
+
+    def __init__(
+        self,
+        parameters: ContactParameters,
+        outer_radius: float,
+        taxel_angle: NDArray[np.float64],
+        edge: float,
+        table: LoadTable,
+    ) -> None:
+        super().__init__(parameters, outer_radius, len(taxel_angle))
+        self._taxel_angle, self._edge, self._table = taxel_angle, edge, table
+
+    def first_contact(self, place: NDArray[np.float64]) -> float:
+        """See the base class."""
+        known = np.minimum(self._table.first_contact, _NEVER)
+        return float(np.interp(place[0], self._table.angles, known))
+
+    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
+        """See the base class."""
+        return bool((np.abs(self._taxel_angle[taxels] - place[0]) < APART).any())
+
+    def at_edge(self, place: NDArray[np.float64]) -> bool:
+        """See the base class."""
+        return bool(abs(place[0]) >= self._edge - 1e-6)

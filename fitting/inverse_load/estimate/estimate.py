@@ -6,9 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Accuracy beyond which an estimate is called imprecise: standard deviations.
-WANTED_ANGLE = np.deg2rad(2.0)
-WANTED_FORCE = 0.2  # of the force
-WANTED_DIRECTION = np.deg2rad(10.0)
+WANTED = {
+    "angle": np.deg2rad(2.0),
+    "axial": 2e-3,
+    "force": 0.2,  # of the force
+    "direction": np.deg2rad(10.0),
+}
 
 STATUS = {
     "ok": "The estimate and its covariance hold.",
@@ -37,13 +40,15 @@ class Contact:
 
     Attributes:
         angle: from the symmetry axis [rad].
-        force: total over the width, inwards [N]; negative where the skin is pulled.
+        force: total, inwards [N]; negative where the skin is pulled.
         direction: counter-clockwise from the inward radial [rad]; None where held radial.
-        covariance: of angle, force and, where free, direction [rad, N, rad]; None where
-            the model doesn't hold, and no error can be stated.
+        covariance: of the parameters that are free, in the order of `names`, SI units and
+            radians; None where the model doesn't hold, and no error can be stated.
         arc_position: along the undeformed outer face, from the symmetry axis [m].
         systematic: the part of the covariance that comes from the skin's calibration, and
             so is the same in every frame; None where the skin file states none.
+        axial: from the middle of a pad [m]; None in plane strain.
+        diameter: of a round contact on a pad [m]; None where it was not estimated.
     """
 
     angle: float
@@ -52,6 +57,21 @@ class Contact:
     covariance: NDArray[np.float64] | None
     arc_position: float | None = None
     systematic: NDArray[np.float64] | None = None
+    axial: float | None = None
+    diameter: float | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What was estimated, in the order of the covariance."""
+        order = ("angle", "axial", "force", "diameter", "direction")
+        return tuple(name for name in order if getattr(self, name) is not None)
+
+    def deviation(self, name: str) -> float:
+        """Standard deviation of what was estimated, by its name; NaN where unknown."""
+        if self.covariance is None:
+            return float("nan")
+        k = self.names.index(name)
+        return float(np.sqrt(max(self.covariance[k, k], 0.0)))
 
     @property
     def imprecise(self) -> bool:
@@ -59,8 +79,9 @@ class Contact:
         if self.covariance is None:
             return True
         sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        wanted = [WANTED_ANGLE, WANTED_FORCE * abs(self.force), WANTED_DIRECTION]
-        return bool((sigma > wanted[: len(sigma)]).any() or (sigma <= 0).any())
+        wanted = WANTED | {"force": WANTED["force"] * abs(self.force), "diameter": np.inf}
+        limits = [wanted[name] for name in self.names]
+        return bool((sigma > limits).any() or (sigma <= 0).any())
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Explanations of frames by loads: how well they fit, and least squares in batches."""
 
+import abc
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
@@ -11,6 +12,11 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from fitting.inverse_load.fit.least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
+from fitting.inverse_load.model.contact_parameters import (
+    SECTION,
+    SECTION_WITH_DIRECTION,
+    ContactParameters,
+)
 from fitting.inverse_load.search.table import LANES, LoadTable, edge_margin
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
@@ -118,8 +124,72 @@ class Explanations:
         return np.asarray(chdtrc(dof, value))
 
 
-class LoadFitter:
+class AbstractLoadFitter(abc.ABC):
     """Least squares for any number of frames, on one skin.
+
+    Attributes:
+        parameters: of a contact.
+        live: whether frames come one by one.
+    """
+
+    parameters: ContactParameters
+    live: bool
+
+    @property
+    def per_contact(self) -> int:
+        """Number of parameters of a contact."""
+        return self.parameters.per_contact
+
+    @abc.abstractmethod
+    def fit(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        start: NDArray[np.float64],
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Explanations:
+        """Fit frames.
+
+        Args:
+            y: readings [frame, taxel] [counts].
+            weight: inverse variances [frame, taxel].
+            start: parameters [frame, parameter]; those after the forces may be left out.
+            state: equilibria near there, a lane a frame.
+            contacts: their number.
+            pull: seek forces that pull outwards instead of those that push.
+        """
+
+    @abc.abstractmethod
+    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+        """Parameters [frame, parameter] with those beyond their bounds on them."""
+
+    def screened(
+        self,
+        frames: NDArray[np.intp],
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        start: NDArray[np.float64],
+        contacts: int,
+        to_beat: NDArray[np.float64],
+    ) -> NDArray[np.intp]:
+        """Starting points of several contacts that are worth a fit, all unless told otherwise.
+
+        Args:
+            frames: of the starting points; a frame may have several [start].
+            y: readings [start, taxel].
+            weight: inverse variances [start, taxel].
+            start: parameters [start, parameter].
+            contacts: their number.
+            to_beat: chi2 of a fit that would be no better than what is known [start].
+        """
+        return np.arange(len(start))
+
+
+class LoadFitter(AbstractLoadFitter):
+    """Least squares on a skin in plane strain.
 
     Args:
         skin: the skin.
@@ -133,7 +203,7 @@ class LoadFitter:
         self, skin: Skin, table: LoadTable, *, direction: bool, live: bool, most_contacts: int
     ) -> None:
         self.skin, self.table, self.live = skin, table, live
-        self.per_contact = 3 if direction else 2
+        self.parameters = SECTION_WITH_DIRECTION if direction else SECTION
         self.edge = float(skin.geometry.half_angle[0]) - edge_margin(skin)
         self._width = self.per_contact * most_contacts
         cap = 3 * table.forces[:, -1].max()
@@ -150,16 +220,7 @@ class LoadFitter:
         *,
         pull: bool = False,
     ) -> Explanations:
-        """Fit frames.
-
-        Args:
-            y: readings [frame, taxel] [counts].
-            weight: inverse variances [frame, taxel].
-            start: parameters [frame, parameter]; turns may be left out.
-            state: equilibria near there, a lane a frame.
-            contacts: their number.
-            pull: seek forces that pull outwards instead of those that push.
-        """
+        """See the base class."""
         missing = self.per_contact * contacts - start.shape[1]
         if missing > 0:
             start = np.concatenate([start, np.zeros((len(y), missing))], 1)
@@ -182,7 +243,7 @@ class LoadFitter:
         return self._gathered(fit, weight, contacts)
 
     def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
-        """Parameters [frame, parameter] with those beyond their bounds on them."""
+        """See the base class."""
         low, high = np.repeat(self._bounds, contacts, 0).T
         return np.clip(parameters, low, high)
 

@@ -8,13 +8,12 @@ contact are only tried where it leaves more than noise.
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
-from fitting.inverse_load.model.evaluation import at_rest
-from fitting.inverse_load.search.nearest import APART, NodeSearch
-from fitting.inverse_load.search.pairs import PairSearch, Start
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 
 SUSPECT = 2e-3
@@ -50,21 +49,21 @@ class Selection:
         most_contacts: to tell apart.
     """
 
-    fitter: LoadFitter
-    nodes: NodeSearch
+    fitter: AbstractLoadFitter
+    nodes: AbstractNodeSearch
     penalty: float
     most_contacts: int
 
     def __post_init__(self) -> None:
-        self._pairs: PairSearch | None = None
+        self._pairs: AbstractSeveralSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
 
     @property
-    def pairs(self) -> PairSearch:
+    def pairs(self) -> AbstractSeveralSearch:
         """The search for several contacts, made when first needed."""
         if self._pairs is None:
-            self._pairs = PairSearch(self.fitter.skin, self.fitter.table, self.nodes)
+            self._pairs = self.nodes.several()
         return self._pairs
 
     def explain(
@@ -97,11 +96,11 @@ class Selection:
         last = self.last
         if last is not None and last.contacts[0] == 1:
             before = (weight * (y - last.so) ** 2).sum()
-            table = (weight * (y - self.fitter.table.nodes[node]) ** 2).sum()
+            table = (weight * (y - self.nodes.readings[node]) ** 2).sum()
             if before < table:
                 return self.fitter.fit(y, weight, self._predicted(y, weight), last.state, 1)
         start = self.nodes.near(y, weight, node)
-        return self.fitter.fit(y, weight, start, self.fitter.table.start(node), 1)
+        return self.fitter.fit(y, weight, start, self.nodes.states(node), 1)
 
     def _predicted(self, y: Any, weight: Any) -> NDArray[np.float64]:
         """Live: parameters from the last frame's by its own derivatives."""
@@ -128,9 +127,9 @@ class Selection:
             return best, others
         node = second[frames]
         start = self.nodes.near(y[frames], weight[frames], node)
-        state = self.fitter.table.start(node)
+        state = self.nodes.states(node)
         found = self.fitter.fit(y[frames], weight[frames], start, state, 1)
-        apart = np.abs(found.parameters[:, 0] - best.parameters[frames, 0]) > APART
+        apart = self.nodes.apart(found.parameters, best.parameters[frames])
         rows = np.flatnonzero(apart & np.isfinite(found.chi2))
         better = found.chi2[rows] < best.chi2[frames[rows]]
         for k, wins in zip(rows, better, strict=True):
@@ -143,7 +142,7 @@ class Selection:
         """Frames whose residuals hold the pattern of one more contact (a score test)."""
         if self.most_contacts < 2:
             return np.zeros(len(y), bool)
-        pattern = self.fitter.table.signatures
+        pattern = self.nodes.signatures
         residual = np.where(best.weight > 0, y - best.so, 0.0)
         along = np.maximum((best.weight * residual) @ pattern.T, 0.0)
         size = best.weight @ (pattern**2).T
@@ -165,7 +164,15 @@ class Selection:
             if not at.size:
                 break
             parameters = np.array([row[0] for s in starts for row in s])
-            state = self.fitter.table.start(np.array([row[1] for s in starts for row in s]))
+            state = self.nodes.states(np.array([row[1] for s in starts for row in s]))
+            suspect = self._p_value(best)[at] < SUSPECT
+            to_beat = best.score[at] - (count - 1) * self.penalty
+            to_beat = np.where(suspect, np.inf, to_beat)
+            kept = self.fitter.screened(at, y[at], weight[at], parameters, count, to_beat)
+            if not kept.size:
+                break
+            at, parameters = at[kept], parameters[kept]
+            state = jax.tree.map(lambda x, rows=kept: x[..., rows], state)
             found = self._fit_several(y[at], weight[at], parameters, state, count)
             best, improved = best.cheapest(at, found)
             frames = improved[self._p_value(best)[improved] < _PLAUSIBLE]
@@ -205,11 +212,13 @@ class Selection:
         """Take contacts out again that the fit leaves without a force to speak of."""
         for count in range(self.most_contacts, 1, -1):
             frames = np.flatnonzero(best.contacts == count)
-            force = best.parameters[frames, count : 2 * count]
+            rows_of_forces = self.fitter.parameters.rows("force", count)
+            force = best.parameters[frames, rows_of_forces]
             curvature = np.diagonal(best.information[frames], axis1=1, axis2=2)
-            weakest = (force**2 * curvature[:, count : 2 * count]).argmin(1)
+            curvature = curvature[:, rows_of_forces]
+            weakest = (force**2 * curvature).argmin(1)
             # Were it alone, it would lower chi2 by about this much.
-            gain = (force**2 * curvature[:, count : 2 * count]).min(1)
+            gain = (force**2 * curvature).min(1)
             rows = np.flatnonzero(gain < self.penalty)
             if not rows.size:
                 continue
@@ -228,15 +237,14 @@ class Selection:
 
     def pulled(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> Explanations:
         """The best explanation of every frame by one force that pulls outwards."""
-        table = self.fitter.table
-        change = np.where(weight > 0, y - table.rest, 0.0)
-        along = -(weight * change) @ table.signatures.T
-        size = np.maximum(weight @ (table.signatures**2).T, 1e-300)
-        angle = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
+        change = np.where(weight > 0, y - self.nodes.rest, 0.0)
+        along = -(weight * change) @ self.nodes.signatures.T
+        size = np.maximum(weight @ (self.nodes.signatures**2).T, 1e-300)
+        place = np.where(along > 0, along**2 / size, -np.inf).argmax(1)
         frame = np.arange(len(y))
-        force = -np.maximum(along[frame, angle] / size[frame, angle], 0.0)
-        start = np.stack([table.angles[angle], force], 1)
-        rest = at_rest(self.fitter.skin, len(y))
+        force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
+        start = np.concatenate([self.nodes.places[place], force[:, None]], 1)
+        rest = self.nodes.rest_states(len(y))
         return self.fitter.fit(y, weight, start, rest, 1, pull=True)
 
     def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> Explanations:
@@ -257,12 +265,12 @@ class Selection:
         y, weight = y[frames], weight[frames]
         most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
         node, trimmed = self._least_trimmed(y, weight, most)
-        start = np.stack([self.nodes.angle[node], self.nodes.force[node]], 1)
-        states = self.fitter.table.start(node)
+        start, states = self.nodes.loads[node], self.nodes.states(node)
         for _ in range(_TRIMMED_FITS):
             found = self.fitter.fit(y, trimmed, start, states, 1)
             trimmed = _inliers(y, weight, found.so)
-            start = np.where(np.isfinite(found.chi2)[:, None], found.parameters[:, :2], start)
+            better = found.parameters[:, : start.shape[1]]
+            start = np.where(np.isfinite(found.chi2)[:, None], better, start)
         best = self._if_cheaper(frames, weight, best, found, most)
         # Then from several contacts, less the taxels that stand out from them.
         for count in range(2, self.most_contacts + 1):
@@ -274,11 +282,8 @@ class Selection:
             for _ in range(2):
                 so = best.so[frames[rows]]
                 start = best.parameters[frames[rows]][:, :width]
-                node = self.nodes.nearest_to(start[:, 0], start[:, count])
-                states, kept = (
-                    self.fitter.table.start(node),
-                    _inliers(y[rows], weight[rows], so),
-                )
+                states = self.nodes.states(self.nodes.nearest_to(start, count))
+                kept = _inliers(y[rows], weight[rows], so)
                 found = self._fit_several(y[rows], kept, start, states, count)
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
         return best
@@ -286,7 +291,7 @@ class Selection:
     def _least_trimmed(self, y: Any, weight: Any, most: Any) -> tuple[Any, Any]:
         """Nodes that explain all but the worst taxels best, and weights without those."""
         trimmed, node = weight.copy(), np.zeros(len(y), int)
-        values = self.fitter.table.nodes
+        values = self.nodes.readings
         for k in range(len(y)):
             squares = weight[k] * (y[k] - values) ** 2
             squares[:, weight[k] <= 0] = np.inf

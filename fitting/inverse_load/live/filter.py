@@ -1,6 +1,7 @@
-"""A constant-velocity Kalman filter on each contact's angle and force.
+"""A constant-velocity Kalman filter on each contact's place and force.
 
-State (angle, force, their rates); white noise of acceleration drives it::
+State (angle, force, on a pad axial position, and their rates); white noise of acceleration
+drives it::
 
     x' = A x + noise,   A = [1 dt; 0 1],   Q = q [dt^3/3 dt^2/2; dt^2/2 dt]
 
@@ -16,11 +17,13 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 
 _GATE = 25.0  # squared distance beyond which an estimate is another contact's
+# What is followed, and the variance of its rate before it is known [rad^2/s^2 ...].
+_FOLLOWED = {"angle": 1.0, "axial": 3.5e-3, "force": 400.0}
 
 
 @dataclass
 class _Track:
-    mean: NDArray[np.float64]  # angle, force, angle rate, force rate
+    mean: NDArray[np.float64]  # what is followed, then the rates
     covariance: NDArray[np.float64]
     time: float
 
@@ -32,10 +35,12 @@ class LoadFilter:
     Args:
         angle_density: spectral density of the angle's acceleration [rad^2/s^3].
         force_density: of the force's [N^2/s^3].
+        axial_density: of the axial position's [m^2/s^3].
     """
 
     angle_density: float = 1.0
     force_density: float = 400.0
+    axial_density: float = 3.5e-3
 
     def __post_init__(self) -> None:
         self._tracks: list[_Track] = []
@@ -53,34 +58,41 @@ class LoadFilter:
         for contact in estimate.contacts:
             if contact.covariance is None or not np.isfinite(contact.covariance).all():
                 continue
-            seen = np.array([contact.angle, contact.force])
-            noise = contact.covariance[:2, :2]
+            names = [n for n in contact.names if n in _FOLLOWED]
+            density = np.array([getattr(self, f"{name}_density") for name in names])
+            seen = np.array([getattr(contact, name) for name in names])
+            rows = np.ix_(*2 * [[contact.names.index(name) for name in names]])
+            noise, size = contact.covariance[rows], len(names)
             # What a calibration leaves open is no noise: no filter makes it smaller.
-            lasting = np.zeros((2, 2))
+            lasting = np.zeros((size, size))
             if contact.systematic is not None:
-                lasting = contact.systematic[:2, :2]
+                lasting = contact.systematic[rows]
                 noise = noise - lasting
-            moved = [self._predict(track, time) for track in free]
+            moved = [self._predict(track, time, density) for track in free]
             distance = [_distance(track, seen, noise) for track in moved]
             if distance and min(distance) < _GATE:
                 best = int(np.argmin(distance))
                 track = _update(moved[best], seen, noise)
                 del free[best]
             else:
-                rates = np.diag([noise[0, 0], noise[1, 1]]) + np.diag([1.0, 400.0])
-                covariance = np.block([[noise, np.zeros((2, 2))], [np.zeros((2, 2)), rates]])
-                track = _Track(np.concatenate([seen, [0.0, 0.0]]), covariance, time)
+                rates = np.diag(np.diag(noise)) + np.diag([_FOLLOWED[n] for n in names])
+                zero = np.zeros((size, size))
+                covariance = np.block([[noise, zero], [zero, rates]])
+                track = _Track(np.concatenate([seen, np.zeros(size)]), covariance, time)
             tracks.append(track)
-            mean, covariance = track.mean, track.covariance[:2, :2] + lasting
-            filtered.append(Contact(float(mean[0]), float(mean[1]), None, covariance))
+            mean = dict(zip(names, track.mean.tolist(), strict=False))
+            covariance = track.covariance[:size, :size] + lasting
+            filtered.append(
+                Contact(mean["angle"], mean["force"], None, covariance, axial=mean.get("axial"))
+            )
         self._tracks = tracks
         return filtered
 
-    def _predict(self, track: _Track, time: float) -> _Track:
+    def _predict(self, track: _Track, time: float, densities: NDArray[np.float64]) -> _Track:
         dt = max(time - track.time, 0.0)
-        move = np.eye(4)
-        move[0, 2] = move[1, 3] = dt
-        density = np.diag([self.angle_density, self.force_density])
+        size, density = len(densities), np.diag(densities)
+        move = np.eye(2 * size)
+        move[:size, size:] = dt * np.eye(size)
         noise = np.block(
             [[density * dt**3 / 3, density * dt**2 / 2], [density * dt**2 / 2, density * dt]]
         )
@@ -88,16 +100,19 @@ class LoadFilter:
 
 
 def _distance(track: _Track, seen: NDArray, noise: NDArray) -> float:
-    innovation = seen - track.mean[:2]
-    return float(innovation @ np.linalg.solve(track.covariance[:2, :2] + noise, innovation))
+    size = len(seen)
+    innovation = seen - track.mean[:size]
+    spread = track.covariance[:size, :size] + noise
+    return float(innovation @ np.linalg.solve(spread, innovation))
 
 
 def _update(track: _Track, seen: NDArray, noise: NDArray) -> _Track:
-    spread = track.covariance[:2, :2] + noise
-    gain = np.linalg.solve(spread, track.covariance[:2]).T
-    mean = track.mean + gain @ (seen - track.mean[:2])
+    size = len(seen)
+    spread = track.covariance[:size, :size] + noise
+    gain = np.linalg.solve(spread, track.covariance[:size]).T
+    mean = track.mean + gain @ (seen - track.mean[:size])
     # Joseph's form stays symmetric and positive.
-    keep = np.eye(4)
-    keep[:, :2] -= gain
+    keep = np.eye(2 * size)
+    keep[:, :size] -= gain
     covariance = keep @ track.covariance @ keep.T + gain @ noise @ gain.T
     return _Track(mean, covariance, track.time)

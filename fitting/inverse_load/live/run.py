@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live.stream import live_frames, warm_up
+from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.live.view import LoadView
 from fitting.inverse_load.report.text import frame_json
 from fitting.json_text import json_text
@@ -53,7 +53,7 @@ class LiveOptions:
 def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration."""
     decode = decoder(options.format_name)
-    warm_up(estimator)
+    estimator.warm_up()
     source = open_source(options.port, options.format_name, options.baud)
     writer: LogWriter | None = None
     try:

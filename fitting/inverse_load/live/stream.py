@@ -141,18 +141,3 @@ def _built(
         reading = judged.reading
         stamp = judged.t_device if np.isfinite(judged.t_device) else reading.t_host
         yield _Frame(reading.seq, float(stamp), reading.t_host), None
-
-
-def warm_up(estimator: LoadEstimator) -> None:
-    """Compile what a stream needs before the first frame comes."""
-    table = estimator.table
-    middle = len(table.angles) // 2
-    single = table.so[middle, table.so.shape[1] // 2]
-    rest = estimator.rest
-    shift = 0.0 if rest is None else np.nan_to_num(rest - table.rest)
-    estimator.estimate((single + shift)[None])
-    if estimator.most_contacts > 1:
-        quarter = len(table.angles) // 4
-        pair = table.so[quarter, -6] + table.so[-quarter, -6] - table.rest
-        estimator.estimate((pair + shift)[None])
-    estimator.forget()

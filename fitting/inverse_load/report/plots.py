@@ -11,6 +11,11 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from suas_jax.figures.style import written
 
 _BAND = 1.96  # standard deviations of the 95 % interval
+_LABELS = {
+    "angle": (180 / np.pi, "angle [°]"),
+    "axial": (1e3, "axial [mm]"),
+    "force": (1.0, "force [N]"),
+}
 
 
 def plot_loads(
@@ -19,7 +24,7 @@ def plot_loads(
     file: Path | None = None,
     filtered: Sequence[Sequence[Contact]] | None = None,
 ) -> Figure:
-    """Angle, force and misfit over time, with 95 % intervals.
+    """Place, force and misfit over time, with 95 % intervals.
 
     Args:
         time: of the frames [s].
@@ -27,17 +32,19 @@ def plot_loads(
         file: where to write the figure; its ending chooses the format.
         filtered: loads filtered over time, drawn as a line.
     """
-    figure = Figure(figsize=(9, 7), layout="constrained")
-    angle, force, misfit = figure.subplots(3, 1, sharex=True)
     rows = [(t, c) for t, e in zip(time, estimates, strict=True) for c in e.contacts]
-    for axes, scale, name, k in (
-        (angle, 180 / np.pi, "angle", 0),
-        (force, 1.0, "force", 1),
-    ):
+    on_pad = any(c.axial is not None for _, c in rows)
+    names = [name for name in _LABELS if name != "axial" or on_pad]
+    figure = Figure(figsize=(9, 7 + 2 * on_pad), layout="constrained")
+    panels = figure.subplots(len(names) + 1, 1, sharex=True)
+    misfit = panels[-1]
+    for axes, name in zip(panels, names, strict=False):
+        scale, label = _LABELS[name]
+        axes.set_ylabel(label)
         values = np.array([scale * getattr(c, name) for _, c in rows])
         errors = np.array(
             [
-                np.nan if c.covariance is None else _BAND * scale * np.sqrt(c.covariance[k, k])
+                np.nan if c.covariance is None else _BAND * scale * c.deviation(name)
                 for _, c in rows
             ]
         )
@@ -55,10 +62,8 @@ def plot_loads(
                 label="filtered",
             )
             axes.legend()
-    angle.set_ylabel("angle [°]")
-    force.set_ylabel("force [N]")
-    names = sorted({e.status for e in estimates})
-    for name in names:
+    statuses = sorted({e.status for e in estimates})
+    for name in statuses:
         chosen = [
             (t, e.chi2_per_dof)
             for t, e in zip(time, estimates, strict=True)
@@ -67,6 +72,6 @@ def plot_loads(
         misfit.plot(*zip(*chosen, strict=True), ".", ms=4, label=name)
     misfit.set_ylabel("χ² per degree of freedom")
     misfit.set_xlabel("time [s]")
-    if names:
+    if statuses:
         misfit.legend(loc="upper right", fontsize="small")
     return written(figure, file)

@@ -10,11 +10,15 @@ from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 
 
 def contact_json(contact: Contact) -> dict[str, Any]:
-    """One contact: degrees and newtons; covariance of (angle, force[, direction]), SI."""
+    """One contact: degrees, metres, newtons; covariance of `Contact.names`, SI, radians."""
     entry: dict[str, Any] = {
         "angle_deg": float(np.rad2deg(contact.angle)),
         "force_N": contact.force,
     }
+    if contact.axial is not None:
+        entry["axial_m"] = contact.axial
+    if contact.diameter is not None:
+        entry["diameter_m"] = contact.diameter
     if contact.direction is not None:
         entry["direction_deg"] = float(np.rad2deg(contact.direction))
     known = contact.covariance is not None
@@ -58,17 +62,20 @@ def frame_json(
 def contact_text(contact: Contact) -> str:
     """A contact with its standard deviations."""
     if contact.covariance is None:
-        return f"{np.rad2deg(contact.angle):.1f}°, {contact.force:.2f} N (no error known)"
-    sigma = np.sqrt(np.diag(contact.covariance))
-    text = (
-        f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma[0]):.2f}°, "
-        f"{contact.force:.3f} ± {sigma[1]:.3f} N"
-    )
+        axial = "" if contact.axial is None else f"{1e3 * contact.axial:.1f} mm, "
+        angle = np.rad2deg(contact.angle)
+        return f"{angle:.1f}°, {axial}{contact.force:.2f} N (no error known)"
+    sigma = dict(zip(contact.names, np.sqrt(np.diag(contact.covariance)), strict=True))
+    parts = [f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma['angle']):.2f}°"]
+    if contact.axial is not None:
+        parts.append(f"{1e3 * contact.axial:.2f} ± {1e3 * sigma['axial']:.2f} mm")
+    parts.append(f"{contact.force:.3f} ± {sigma['force']:.3f} N")
+    if contact.diameter is not None:
+        parts.append(f"⌀ {1e3 * contact.diameter:.1f} ± {1e3 * sigma['diameter']:.1f} mm")
     if contact.direction is not None:
-        text += (
-            f", {np.rad2deg(contact.direction):.1f} ± {np.rad2deg(sigma[2]):.1f}° off radial"
-        )
-    return text
+        turn, error = np.rad2deg(contact.direction), np.rad2deg(sigma["direction"])
+        parts.append(f"{turn:.1f} ± {error:.1f}° off radial")
+    return ", ".join(parts)
 
 
 def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) -> None:

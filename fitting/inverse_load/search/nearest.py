@@ -3,41 +3,64 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.inverse_load.model.evaluation import at_rest
+from fitting.inverse_load.search.base import AbstractNodeSearch
+from fitting.inverse_load.search.pairs import PairSearch
 from fitting.inverse_load.search.table import LoadTable
+from suas_jax.equilibrium.equilibrium import State
+from suas_jax.scene.forward import Skin
 
 APART = np.deg2rad(10.0)
 """Contacts closer than this are one mode of the search."""
 _NEARLY = 40.0  # difference of chi2, on the table, below which a second mode is fitted
 _REFINEMENTS = 3
+_ANGLES, _FORCES = 60, 8  # of the thinned table that pairs are made of
+_CLOSEST = np.deg2rad(4.0)  # contacts of a pair are at least so far apart
+_ONE_START = np.deg2rad(8.0)  # starting points of pairs closer than this are one
 
 
-class NodeSearch:
-    """The coarse search of one skin.
+class NodeSearch(AbstractNodeSearch):
+    """The coarse search of one skin in plane strain.
 
     Args:
+        skin: the skin.
         table: states under one radial contact.
     """
 
-    def __init__(self, table: LoadTable) -> None:
-        self._table = table
-        nodes = table.nodes
-        self.known = np.all(np.isfinite(nodes), 1)
-        """Nodes that have a state [node]."""
-        self.angle = np.repeat(table.angles, table.forces.shape[1])
-        self.force = table.forces.reshape(-1)
-        # Changes from rest, so that single precision leaves no error that matters.
-        change = np.where(self.known[:, None], nodes - table.rest, 0.0)
-        self._change = np.ascontiguousarray(change.T, np.float32)
-        self._squares = self._change**2
-        self._forbidden = np.where(self.known, 0.0, np.inf).astype(np.float32)
+    def __init__(self, skin: Skin, table: LoadTable) -> None:
+        self._skin, self._table = skin, table
+        angle = np.repeat(table.angles, table.forces.shape[1])
+        loads = np.stack([angle, table.forces.reshape(-1)], 1)
+        places = table.angles[:, None]
+        super().__init__(loads, table.nodes, table.rest, places, table.signatures)
 
-    def costs(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Weighted squares of y less every node, but for a constant a frame [frame, node]."""
-        moved = (weight * (y - self._table.rest)).astype(np.float32)
-        cost = weight.astype(np.float32) @ self._squares
-        cost -= 2 * (moved @ self._change)
-        cost += self._forbidden
-        return np.asarray(cost)
+    def states(self, node: NDArray[np.intp]) -> State:
+        """See the base class."""
+        return self._table.start(node)
+
+    def rest_states(self, frames: int) -> State:
+        """See the base class."""
+        return at_rest(self._skin, frames)
+
+    def apart(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """See the base class."""
+        return np.asarray(np.abs(a[:, 0] - b[:, 0]) > APART)
+
+    def several(self) -> PairSearch:
+        """See the base class."""
+        table, electrodes = self._table, self._skin.electrodes
+        stray = np.asarray(electrodes.stray / electrodes.lsb)[..., 0]
+        forces = table.forces.shape[1]
+        j = np.linspace(0, len(table.angles) - 1, _ANGLES).round().astype(int)
+        i = np.linspace(4, forces - 2, _FORCES).round().astype(int)
+        return PairSearch(
+            self,
+            (np.unique(j)[:, None] * forces + i).reshape(-1),
+            np.broadcast_to(stray, table.rest.shape),
+            lambda a, b: np.abs(a[..., 0] - b[..., 0]),
+            closest=_CLOSEST,
+            apart=_ONE_START,
+        )
 
     def nearest(
         self, y: NDArray[np.float64], weight: NDArray[np.float64]
@@ -57,12 +80,11 @@ class NodeSearch:
         other = np.where(close, second * forces + row[frame, second], -1)
         return first * forces + row[frame, first], other
 
-    def nearest_to(
-        self, angle: NDArray[np.float64], force: NDArray[np.float64]
-    ) -> NDArray[np.intp]:
-        """Nodes nearest to some loads; the lightest of an angle where there is no state."""
+    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
+        """See the base class; the lightest of an angle where there is no state."""
         forces = self._table.forces
-        j = np.abs(self._table.angles - np.asarray(angle)[:, None]).argmin(1)
+        angle, force = parameters[:, 0], parameters[:, contacts]
+        j = np.abs(self._table.angles - angle[:, None]).argmin(1)
         i = np.abs(np.log(forces[j] / np.maximum(force, 1e-12)[:, None])).argmin(1)
         lightest = j * forces.shape[1]
         return np.where(self.known[lightest + i], lightest + i, lightest)
@@ -93,5 +115,6 @@ class NodeSearch:
             step = np.nan_to_num(step)[..., None]
             a, f = np.clip(a + step[0], -0.7, 0.7), np.clip(f + step[1], -0.7, 0.7)
         by_angle, by_log_force = self._table.steps
-        angle = self.angle[node] + a[:, 0] * by_angle
-        return np.stack([angle, self.force[node] * np.exp(f[:, 0] * by_log_force)], 1)
+        angle, force = self.loads[node].T
+        angle = angle + a[:, 0] * by_angle
+        return np.stack([angle, force * np.exp(f[:, 0] * by_log_force)], 1)

@@ -5,58 +5,57 @@ reciprocal: so with u = 1 / (SO - stray) the change of several contacts is the s
 of each. All pairs of a thinned table are tried by one matrix product.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.search.nearest import NodeSearch
-from fitting.inverse_load.search.table import LoadTable
-from suas_jax.scene.forward import Skin
+from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 
-_ANGLES, _FORCES = 60, 8  # of the thinned table
-_CLOSEST = np.deg2rad(4.0)  # contacts of a pair are at least so far apart
-_APART = np.deg2rad(8.0)  # starting points closer than this are one
 _STARTS = 3
 _SUPERPOSITION = 0.05  # its relative error
 
-Start = tuple[NDArray[np.float64], int]
-"""Parameters (angles, then forces), and the node of the strongest contact."""
+Distance = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+"""Distance between places [..., coordinate]; coordinates after those of places don't count."""
 
 
-class PairSearch:
+class PairSearch(AbstractSeveralSearch):
     """Starting points of several contacts on one skin.
 
     Args:
-        skin: the skin.
-        table: its states under one contact.
         nodes: the search for one contact.
+        thinned: nodes of which pairs are made.
+        stray: part of the readings that no gap changes [taxel] [counts].
+        distance: between places.
+        closest: distance that contacts of a pair have at least.
+        apart: starting points closer than this are one.
     """
 
-    def __init__(self, skin: Skin, table: LoadTable, nodes: NodeSearch) -> None:
-        self._search = nodes
-        self._stray = np.broadcast_to(
-            np.asarray(skin.electrodes.stray / skin.electrodes.lsb)[..., 0], table.rest.shape
-        )
-        forces = table.forces.shape[1]
-        j = np.linspace(0, len(table.angles) - 1, _ANGLES).round().astype(int)
-        i = np.linspace(4, forces - 2, _FORCES).round().astype(int)
-        node = (np.unique(j)[:, None] * forces + i).reshape(-1)
-        self._node = node[nodes.known[node]]
-        self._rest = self._reciprocal(table.rest)
-        self._change = self._reciprocal(table.nodes[self._node]) - self._rest
-        self._angle, self._force = nodes.angle[self._node], nodes.force[self._node]
+    def __init__(
+        self,
+        nodes: AbstractNodeSearch,
+        thinned: NDArray[np.intp],
+        stray: NDArray[np.float64],
+        distance: Distance,
+        *,
+        closest: float,
+        apart: float,
+    ) -> None:
+        self._search, self._stray, self._taxels = nodes, stray, len(stray)
+        self._node = thinned[nodes.known[thinned]]
+        self._loads = nodes.loads[self._node]
+        readings = nodes.readings[self._node, : self._taxels]
+        self._rest = self._reciprocal(nodes.rest[: self._taxels])
+        self._change = self._reciprocal(readings) - self._rest
+        self._distance = distance(self._loads[:, None], self._loads[None])
+        self._closest, self._apart = closest, apart
 
     def _reciprocal(self, so: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(1 / np.maximum(so - self._stray, 1e-3))
 
     def of_two(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> list[Start]:
-        """Starting points of two contacts in one frame, best first.
-
-        Args:
-            y: its readings [taxel].
-            weight: inverse variances [taxel].
-        """
+        """See the base class."""
         used, u, variance = self._measured(y, weight)
         change = u - self._rest
         # Errors of the superposition grow with the change.
@@ -64,7 +63,7 @@ class PairSearch:
         scaled = self._change * np.sqrt(w)
         own = (scaled**2).sum(1) - 2 * self._change @ (w * change)
         cost = own[:, None] + own + 2 * scaled @ scaled.T
-        cost[np.abs(self._angle[:, None] - self._angle) < _CLOSEST] = np.inf
+        cost[self._distance < self._closest] = np.inf
         cost[np.tril_indices(len(cost))] = np.inf
         chosen: list[Start] = []
         for _ in range(_STARTS):
@@ -72,8 +71,8 @@ class PairSearch:
             if not np.isfinite(cost[a, b]):
                 break
             pair = [a, b]
-            chosen.append(_start(self._angle[pair], self._force[pair], self._node[pair]))
-            near_a, near_b = (np.abs(self._angle - self._angle[k]) < _APART for k in pair)
+            chosen.append(_start(self._loads[pair], self._node[pair]))
+            near_a, near_b = (self._distance[k] < self._apart for k in pair)
             cost[np.ix_(near_a, near_b)] = np.inf
             cost[np.ix_(near_b, near_a)] = np.inf
         return chosen
@@ -86,34 +85,31 @@ class PairSearch:
         so: NDArray[np.float64],
         known: int,
     ) -> list[Start]:
-        """Starting points of one contact beside those that a fit has, best first.
-
-        Args:
-            y: readings of the frame [taxel].
-            weight: inverse variances [taxel].
-            parameters: of the fit: all angles, then all forces.
-            so: readings of the fit [taxel].
-            known: its number of contacts.
-        """
+        """See the base class."""
         used, u, variance = self._measured(y, weight)
-        left = np.where(used, u - self._reciprocal(np.where(used, so, 1.0)), 0.0)
+        fitted = np.where(used, so[: self._taxels], 1.0)
+        left = np.where(used, u - self._reciprocal(fitted), 0.0)
         w = used / variance
         cost = (self._change**2) @ w - 2 * self._change @ (w * left)
+        width = self._loads.shape[1]
+        before = parameters[: known * width].reshape(width, known).T
         chosen: list[Start] = []
         for _ in range(_STARTS):
             a = int(cost.argmin())
-            angle = np.append(parameters[:known], self._angle[a])
-            force = np.append(parameters[known : 2 * known], self._force[a])
-            chosen.append(_start(angle, force, self._search.nearest_to(angle, force)))
-            cost[np.abs(self._angle - self._angle[a]) < _APART] = np.inf
+            loads = np.concatenate([before, self._loads[a : a + 1]])
+            nearest = self._search.nearest_to(loads, 1)
+            chosen.append(_start(loads, nearest))
+            cost[self._distance[a] < self._apart] = np.inf
         return chosen
 
     def _measured(self, y: Any, weight: Any) -> tuple[Any, Any, Any]:
         """Taxels in use, reciprocal readings, and their variances, as |du/dSO| = u^2."""
+        y, weight = y[: self._taxels], weight[: self._taxels]
         used = weight > 0
         u = np.where(used, self._reciprocal(np.where(used, y, 1.0)), self._rest)
         return used, u, u**4 / np.where(used, weight, 1.0)
 
 
-def _start(angle: Any, force: Any, node: Any) -> Start:
-    return np.concatenate([angle, force]), int(node[int(np.argmax(force))])
+def _start(loads: Any, node: Any) -> Start:
+    """Parameters of contacts [contact, parameter], and the node of the strongest."""
+    return loads.T.reshape(-1), int(node[int(np.argmax(loads[:, -1]))])

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.fit import NoFit, fit_material
+from fitting.material.fit.fit import fit_material
 from fitting.material.fit.result import MaterialFit
+from fitting.material.fit.search import NoFit
 from fitting.material.laws.registry import candidates as usual_candidates
 from fitting.material.laws.registry import family
 

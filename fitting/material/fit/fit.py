@@ -18,10 +18,12 @@ from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import Zero, can_be_freed
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.selection import before_break, in_cycle, thinned
+from fitting.material.fit.judgement import judged_residuals, noise_remark
 from fitting.material.fit.noise import Noise, noise_of, with_noise
-from fitting.material.fit.problem import MaterialProblem, pose, settle
+from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.fit.residuals import readings
 from fitting.material.fit.result import MaterialFit
+from fitting.material.fit.search import SKIN_LANES, NoFit, search
 from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
 from fitting.material.fit.suspects import (
     fit_suspects,
@@ -31,19 +33,12 @@ from fitting.material.fit.suspects import (
     zeros_of,
 )
 from fitting.material.laws.registry import family
-from fitting.statistics.diagnostics import Misfit, misfit
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
-from fitting.statistics.noise_model import NoiseModel
+from fitting.statistics.least_squares import Minima, minimise
 from fitting.statistics.parameters import AbstractFamily
-from fitting.statistics.residuals import sensitivity
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
-_SKIN_LANES = 4
-# A reading is wrong by the square of how far its apex stretch still is from settled.
-_BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 3e-3
-_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 8, 40, 3e-2
 _THIN = 500
 # Rounds of weighing by the estimated noise, which the fit itself then changes little.
 _NOISE_ROUNDS = 2
@@ -153,7 +148,7 @@ def _fitted(
             f"or choose another law"
         )
     if any(data.mode == "skin" for data in used):
-        starts = min(starts, _SKIN_LANES)
+        starts = min(starts, SKIN_LANES)
     if problem.model_error and residual != "noise":
         notes.append(
             f"the lumped shell's own error, about {100.0 * problem.model_error:.2g} % of "
@@ -177,7 +172,7 @@ def _fitted(
     noise = noise_of(used, problem, constants)
     judged_misfit = judged_residuals(used, problem, constants, noise, known_noise=known_noise)
     if noise.excluded and not known_noise:
-        notes.append(_noise_remark(used, noise, residual))
+        notes.append(noise_remark(used, noise, residual))
     judged = uncertainty(
         problem.residuals,
         constants,
@@ -275,24 +270,6 @@ def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:
     return any(kind in zero for kind in mends.get(suspect.kind, ()))
 
 
-def _noise_remark(sets: Sequence[Dataset], noise: Noise, residual: str) -> str:
-    parts = [
-        f"{data.file}: {_in_words(model)}"
-        for data, model in zip(sets, noise.models, strict=True)
-        if model is not None and model.excludes_assumed
-    ]
-    return (
-        f"the noise is not {residual}: {'; '.join(parts)}; intervals allow for it, and "
-        f"--residual estimated weighs the readings by it"
-    )
-
-
-def _in_words(model: NoiseModel) -> str:
-    relative, absolute = f"{100.0 * model.relative:.2g} %", f"{model.absolute / 1e6:.2g} MPa"
-    kinds = {"relative": relative, "absolute": absolute, "both": f"{relative} and {absolute}"}
-    return f"{kinds[model.kind]} ({model.kind})"
-
-
 def _several(sets: Sequence[Dataset]) -> bool:
     """Whether a mode has more than one specimen."""
     seen = [
@@ -335,8 +312,8 @@ def _weighed(
 ) -> tuple[MaterialProblem, Minima, list[Dataset]]:
     """The search, with readings weighed by their noise where it is to be estimated."""
     if kind != "estimated":
-        return *_search(sets, chosen, kind, starts, seed, zeros), sets
-    problem, minima = _search(sets, chosen, "relative", starts, seed, zeros)
+        return *search(sets, chosen, kind, starts, seed, zeros), sets
+    problem, minima = search(sets, chosen, "relative", starts, seed, zeros)
     for _ in range(_NOISE_ROUNDS):
         if not np.isfinite(minima.cost[0]):
             break
@@ -350,23 +327,6 @@ def _weighed(
         minima = minimise(posed.residuals, minima.theta)
         problem = dataclasses.replace(posed, kind="estimated")
     return problem, minima, sets
-
-
-def judged_residuals(
-    sets: Sequence[Dataset],
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    noise: Noise,
-    *,
-    known_noise: bool,
-) -> Misfit:
-    """Whether the residuals of a fit are more than noise of the model that fits it."""
-    ratio = noise.ratio if noise.excluded and not known_noise else None
-    shape, smooth = _residual_paths(sets, problem, constants, ratio)
-    typical = float(np.sqrt(np.mean(np.asarray(_weighed_readings(problem)) ** 2)))
-    return misfit(
-        shape, len(constants), known_noise=known_noise, exact=1e-4 * typical, smooth=smooth
-    )
 
 
 def _explaining(
@@ -422,104 +382,9 @@ def _toe(
     return []
 
 
-class NoFit(ArithmeticError):  # noqa: N818
-    """No constants can be returned: every start failed."""
-
-
-def _search(
-    sets: Sequence[Dataset],
-    chosen: AbstractFamily,
-    kind: str,
-    starts: int,
-    seed: int,
-    zeros: Sequence[Zero] = (),
-) -> tuple[MaterialProblem, Minima]:
-    points = chosen.random(np.random.default_rng(seed), starts)
-    problem = pose(sets, chosen, kind, zeros=zeros)
-    if any(data.mode == "skin" for data in sets):
-        # Every residual is an equilibrium, and the modulus is known from the start.
-        return problem, minimise(problem.residuals, points[:_SKIN_LANES], lanes=_SKIN_LANES)
-    if not any(data.mode == "bulge" for data in sets):
-        return problem, minimise(problem.residuals, points)
-    # Membranes are expensive: explore with spherical caps, then fit the best with
-    # membranes, whose apex stretches follow the constants.
-    found = minimise(pose(sets, chosen, kind, estimate=True).residuals, points)
-    for _ in range(_BULGE_ROUNDS):
-        if not np.isfinite(found.cost[0]):
-            break
-        best = chosen.constants(jnp.asarray(found.theta[0]), problem.residuals.scales)
-        problem, change = settle(problem, np.asarray(best))
-        if change < _SETTLED:
-            break
-        # States follow the constants, so there is no need to go on before they do.
-        steps = _BULGE_STEPS if change > _NEARLY else _BULGE_STEPS_AT_LAST
-        nearer = minimise_one_by_one(problem.residuals, found.theta[:_BULGE_LANES], steps)
-        if not np.isfinite(nearer.cost[0]):
-            break
-        found = nearer
-    return problem, found
-
-
 def _on_branch(data: Dataset, branch: str) -> Dataset:
     if branch == "all":
         return data
     if branch != "loading":
         raise ValueError(f"--branch {branch}: unknown; allowed: all, loading")
     return data.select(~branches(data).unloading)
-
-
-def _residual_paths(
-    sets: Sequence[Dataset],
-    problem: MaterialProblem,
-    constants: np.ndarray,
-    ratio: np.ndarray | None = None,
-) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-    """Residuals of each test in the order in which it deforms.
-
-    Returns:
-        Them, and of tests that are one curve also residuals and derivatives on a scale that
-        changes smoothly along it: where the scale is a share of the reading, noise and all,
-        the same share of the prediction. Where the noise is not what the fit assumed, both
-        are those of a step that weighs by the noise as it is.
-    """
-    residuals = problem.residuals
-    r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
-    if ratio is not None:
-        return _paths_under_noise(sets, problem, r / ratio, J / ratio[:, None])
-    size = np.abs(np.asarray(residuals.value))
-    predicted = np.abs(np.asarray(residuals.value + residuals.misfit(jnp.asarray(r))))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factor = np.nan_to_num(np.clip(size / predicted, 0.5, 2.0), nan=1.0)
-    share = size * np.asarray(residuals.inverse_scale)
-    paths, smooth = [], []
-    for data, place in zip(sets, problem.places, strict=True):
-        for path in data.paths():
-            order = place[path]
-            paths.append(r[order])
-            if data.is_curve:
-                alike = np.isclose(share[order], np.median(share[order]), rtol=1e-6)
-                w = np.where(alike & (alike.mean() > 0.5), factor[order], 1.0)
-                smooth.append((w * r[order], w[:, None] * J[order]))
-    return paths, smooth
-
-
-def _paths_under_noise(
-    sets: Sequence[Dataset], problem: MaterialProblem, r: np.ndarray, J: np.ndarray
-) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-    sizes = np.linalg.norm(J, axis=0)
-    columns = J[:, sizes > 0.0] / sizes[sizes > 0.0]
-    u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    u = u[:, s > 1e-10 * s[0]]
-    r = r - u @ (u.T @ r)
-    paths, smooth = [], []
-    for data, place in zip(sets, problem.places, strict=True):
-        for path in data.paths():
-            paths.append(r[place[path]])
-            if data.is_curve:
-                smooth.append((r[place[path]], J[place[path]]))
-    return paths, smooth
-
-
-def _weighed_readings(problem: MaterialProblem) -> np.ndarray:
-    residuals = problem.residuals
-    return np.asarray(residuals.value * residuals.inverse_scale)[residuals.used]

@@ -95,6 +95,11 @@ def fit_sensor(
     parts, gap_of = single_gaps(data.spec, parts, gaps)
     family = SensorFamily(parts)
     given = _given(data, family, priors or {})
+    pad = data.spec.geometry.dimension == 3
+    if pad and (field or model == "solid"):
+        raise ValueError("--field and --model solid: in plane strain only; leave them out")
+    if not pad and (data.loads.axial.any() or data.loads.diameter.any()):
+        raise ValueError("axial positions and diameters of known loads need a pad")
     if field and (gap_of is not None or any(map(is_material, family.names))):
         raise ValueError("--field: with one gap for all taxels, and without the material")
     readings, loads, permittivity = gathered(data, baseline, offsets)

@@ -129,19 +129,23 @@ def load_sensor_data(
     return _joined(spec, parts, joint)
 
 
+_PLACES = {"angle": 0, "direction": 1, "axial": 4, "diameter": 5}
+"""Rows of the table of known loads that every state has; force and displacement are 2, 3."""
+
+
 def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorData:
     count = max([1, *(1 + load for p in parts for load, _ in p.known.values)])
     frames = [len(p.time) for p in parts]
-    table = np.zeros((4, count, sum(frames)))
-    table[2:] = np.nan
+    table = np.zeros((6, count, sum(frames)))
+    table[2:4] = np.nan
     inner = np.zeros(count, bool)
     begin = 0
     warnings = [w for p in parts for w in p.warnings]
     for p, n in zip(parts, frames, strict=True):
         for (load, quantity), values in p.known.values.items():
             here = slice(begin, begin + n)
-            if quantity in ("angle", "direction"):
-                table[0 if quantity == "angle" else 1, load, here] = np.nan_to_num(values)
+            if quantity in _PLACES:
+                table[_PLACES[quantity], load, here] = np.nan_to_num(values)
             elif quantity == "force":
                 table[2, load, here] = values
             else:
@@ -178,12 +182,12 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
                 "mixed; give one kind in all logs"
             )
     permittivity = np.concatenate([p.permittivity for p in parts])
-    rows = np.concatenate([table.reshape(4 * count, -1), permittivity[None]]).T
+    rows = np.concatenate([table.reshape(len(table) * count, -1), permittivity[None]]).T
     # NaN is no value that rows could be told apart by; it stands for "not this kind".
     _, first, state = np.unique(
         np.nan_to_num(rows, nan=1e300), axis=0, return_index=True, return_inverse=True
     )
-    angle, turn, force, displacement = table[..., first]
+    angle, turn, force, displacement, axial, diameter = table[..., first]
     masked = [m for p in parts for m in p.masked]
     log = np.repeat(np.arange(len(parts)), frames)
     files = tuple(
@@ -202,7 +206,7 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
         np.concatenate([p.time for p in parts]),
         log,
         state.reshape(-1),
-        KnownLoads(angle, turn, force, displacement, inner),
+        KnownLoads(angle, turn, force, displacement, inner, axial, diameter),
         permittivity[first],
         files,
         tuple(masked),

@@ -2,7 +2,8 @@
 
 A column is a quantity of a load with its unit, such as `load_0_force_N`,
 `load_0_angle_deg`, `load_0_direction_deg`, `load_0_displacement_mm` (mid-surface) or
-`load_0_inner_displacement_mm` (inner face). `loads.0.force_N`, as in load paths, and
+`load_0_inner_displacement_mm` (inner face); on a pad also `load_0_axial_mm` and
+`load_0_diameter_mm`. `loads.0.force_N`, as in load paths, and
 `force_N`, where there is one load, mean the same. A column `fluid` names what fills the gap.
 They stand beside the counts of the log, in its header (`# load_0_angle_deg: 30`) where they
 are constant, or in a second file with a time column.
@@ -30,10 +31,12 @@ _UNITS: dict[str, tuple[str, tuple[str, ...]]] = {
     "direction": ("angle", _ANGLES),
     "displacement": ("length", _LENGTHS),
     "inner_displacement": ("length", _LENGTHS),
+    "axial": ("length", _LENGTHS),
+    "diameter": ("length", _LENGTHS),
 }
 _COLUMN = re.compile(
     r"(?:loads?[._]?(?P<load>\d*)[._])?(?:mid_)?"
-    r"(?P<quantity>inner_displacement|displacement|force|angle|direction)"
+    r"(?P<quantity>inner_displacement|displacement|force|angle|direction|axial|diameter)"
     r"(?:[._ ]?[\[(]?(?P<unit>[A-Za-zµ]+)[\])]?)?",
     re.IGNORECASE,
 )

@@ -16,6 +16,8 @@ class KnownLoads:
         displacement: of the material point under the load, along the load's direction
             [load, state, m]; NaN where the force is known.
         inner: whether the displacement is the inner face's; else the mid-surface's [load].
+        axial: where they act, from the middle of a pad [load, state, m].
+        diameter: of round contacts on a pad [load, state, m]; zero where it is not known.
     """
 
     angle: np.ndarray
@@ -23,6 +25,8 @@ class KnownLoads:
     force: np.ndarray
     displacement: np.ndarray
     inner: np.ndarray
+    axial: np.ndarray
+    diameter: np.ndarray
 
     @property
     def states(self) -> int:
@@ -37,6 +41,8 @@ class KnownLoads:
             self.force[:, index],
             self.displacement[:, index],
             self.inner,
+            self.axial[:, index],
+            self.diameter[:, index],
         )
 
     def with_rest(self) -> "KnownLoads":
@@ -48,4 +54,6 @@ class KnownLoads:
             np.concatenate([self.force, zero], 1),
             np.concatenate([self.displacement, np.nan * zero], 1),
             self.inner,
+            np.concatenate([self.axial, zero], 1),
+            np.concatenate([self.diameter, zero], 1),
         )

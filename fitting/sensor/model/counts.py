@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
 from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.section_face import PolarFace
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
@@ -65,7 +66,7 @@ class SensorModel(eqx.Module):
     """
 
     inputs: dict[str, Array]
-    face: PolarFace
+    face: AbstractFace
     slope: tuple[Array, Array] | None
     at: Float[Array, " p"]
     permittivity: Float[Array, " state"]
@@ -122,9 +123,10 @@ class SensorModel(eqx.Module):
             if not name.startswith(f"{GAP}.")
         }
 
-    def _face(self, constants: Array) -> PolarFace:
+    def _face(self, constants: Array) -> AbstractFace:
         if self.slope is None:
             return self.face
+        assert isinstance(self.face, PolarFace)
         change = (constants - self.at)[jnp.array(self.moving)]
         edges, radius = (jnp.tensordot(change, slope, 1) for slope in self.slope)
         return PolarFace(self.face.edges + edges, self.face.radius + radius, self.face.folded)

@@ -1,8 +1,9 @@
 """The model of a calibration's counts: shapes of the membrane in all known states."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -12,6 +13,7 @@ from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, is_material
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
+from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
 from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
@@ -21,7 +23,7 @@ from fitting.sensor.shapes.solid_correction import (
 )
 from suas_jax.config import continuous_inputs
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.mechanics.section_face import PolarFace
+from suas_jax.mechanics.face import AbstractFace
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.oils.compressible import CompressibleOil
@@ -89,6 +91,12 @@ class ShapeSolver:
             for i, name in enumerate(family.names)
             if is_material(name) or (name == GAP and yields)
         )
+        if self.moving and data.spec.geometry.dimension == 3:
+            moved = ", ".join(family.names[i] for i in self.moving)
+            raise ValueError(
+                f"--fit: {moved} would move the pad; on a pad constants that don't are fitted: "
+                "permittivity, scale, stray, layers, and the gap where oil is incompressible"
+            )
 
     def stated(self, name: str) -> float | None:
         """What the skin file says of a constant, SI; None where it says nothing."""
@@ -111,16 +119,14 @@ class ShapeSolver:
         moving = {paths[i]: float(constants[i]) for i in self.moving}
         parts = [self._part(*group, inputs, moving) for group in self._fluids()]
         order = np.argsort(np.concatenate([part.index for part in parts]))
+        counts = [len(part.index) for part in parts]
 
         def joined(pick: Callable[["_Part"], Array | np.ndarray]) -> Array:
-            found = [(jnp.asarray(pick(part)), len(part.index)) for part in parts]
-            wide = [jnp.broadcast_to(x, (*x.shape[:-1], n)) for x, n in found]
-            return jnp.concatenate(wide, -1)[..., order]
+            return _in_order([pick(part) for part in parts], counts, order)
 
-        face = PolarFace(
-            joined(lambda p: p.shape.face.edges),
-            joined(lambda p: p.shape.face.radius),
-            joined(lambda p: p.shape.face.folded),
+        # All parts have faces of one kind.
+        face: AbstractFace = jax.tree.map(
+            lambda *x: _in_order(x, counts, order), *(part.shape.face for part in parts)
         )
         slope = (joined(lambda p: p.slopes[0]), joined(lambda p: p.slopes[1]))
         model = SensorModel(
@@ -148,7 +154,7 @@ class ShapeSolver:
             ValueError: its states are others, or it moved the membrane.
         """
         old, new, model = loads, self._loads, shapes.model
-        names = ("angle", "turn", "force", "displacement")
+        names = ("angle", "turn", "force", "displacement", "axial", "diameter")
         pairs = [(getattr(old, n), getattr(new, n)) for n in names]
         pairs.append((np.asarray(model.permittivity), self._permittivity))
         same = model.spec == self._data.spec and not model.moving and not self.moving
@@ -202,14 +208,20 @@ class ShapeSolver:
         moving: Mapping[str, float],
     ) -> "_Part":
         loads = self._loads.take(index)
-        geometry, law, answer, _ = parts_of(self._data.spec, inputs, oil)
+        geometry, law, answer, electrodes = parts_of(self._data.spec, inputs, oil)
+        slopes = (jnp.zeros(1), jnp.zeros(1))
+        if self._data.spec.geometry.dimension == 3:
+            try:
+                found = deform_pad(loads, geometry, law, answer, electrodes)
+            except NoDeformation as error:
+                raise NoCalibration(f"{self._data.paths}: {error}") from None
+            return _Part(index, found, slopes)
         try:
             shape = deform(loads, geometry, law, answer)
             if oil is None and not self._shell:
                 shape = self._as_solid(shape, loads, geometry, law, answer)
         except NoDeformation as error:
             raise NoCalibration(f"{self._data.paths}: {error}") from None
-        slopes = (jnp.zeros(1), jnp.zeros(1))
         if moving:
             wanted = np.isfinite(loads.displacement)
             slopes = shape_slopes(shape, wanted, self._data.spec, inputs, moving, oil)
@@ -241,10 +253,19 @@ class ShapeSolver:
         return corrected(shape, loads, self._corrections, geometry, law, oil)
 
 
+def _in_order(
+    parts: Sequence[Array | np.ndarray], counts: Sequence[int], order: np.ndarray
+) -> Array:
+    """Arrays of some states side by side, each as wide as its part has states."""
+    arrays = zip(map(jnp.asarray, parts), counts, strict=True)
+    wide = [jnp.broadcast_to(x, (*x.shape[:-1], n)) for x, n in arrays]
+    return jnp.concatenate(wide, -1)[..., order]
+
+
 @dataclasses.dataclass(frozen=True)
 class _Part:
     """States that share a fluid's answer."""
 
     index: np.ndarray
-    shape: Deformed
+    shape: Deformed | PadDeformed
     slopes: tuple[Array, Array]

@@ -125,7 +125,15 @@ def _correction(
     column = np.ones((1, count))
     try:
         shell = deform(
-            KnownLoads(angle * column, turn * column, at[None], np.nan * column, loads.inner),
+            KnownLoads(
+                angle * column,
+                turn * column,
+                at[None],
+                np.nan * column,
+                loads.inner,
+                0 * column,
+                0 * column,
+            ),
             geometry,
             law,
             oil,

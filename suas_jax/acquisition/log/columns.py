@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.data import SoLog
-from suas_jax.acquisition.log.format import KEY_COLUMNS, MAX_COUNT, LogFileError
+from suas_jax.acquisition.log.format import KEY_COLUMNS, MAX_COUNT, MEASURED, LogFileError
 
 LARGEST_INTEGER = 2**53
 """Whole numbers up to here are exact in float64."""
@@ -55,7 +55,11 @@ def from_columns(path: Path, header: Any, table: Mapping[str, Any]) -> SoLog:
         _integers(path, "seq", arrays["seq"]),
         _integers(path, "module", arrays["module"]),
         np.stack(counts, 1),
-        {name: _flag(path, name, x) for name, x in arrays.items() if name not in known},
+        {
+            name: (_numbers if name in MEASURED else _flag)(path, name, x)
+            for name, x in arrays.items()
+            if name not in known
+        },
     )
 
 

@@ -26,7 +26,8 @@ class SoLog:
         seq: frame number [row].
         module: module (triangle) number [row].
         so: raw counts [row, taxel]; NaN where missing.
-        flags: columns after the counts, by name [row]; integers where they all are.
+        flags: columns after the counts, by name [row]; integers where they all are, numbers
+            where something was measured (`oil_pressure_Pa`).
         notes: what the reader left out, in words.
     """
 
@@ -58,6 +59,7 @@ class Frames:
         counts: raw counts [row, taxel]; NaN where missing.
         frame: which frame a row is of [row].
         slot: index of a row's module in `modules` [row].
+        row: number of a row in the log, from zero [row].
     """
 
     t_host: NDArray[np.float64]
@@ -67,6 +69,7 @@ class Frames:
     counts: NDArray[np.float64]
     frame: NDArray[np.int64]
     slot: NDArray[np.int64]
+    row: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.seq)
@@ -77,6 +80,18 @@ class Frames:
         rows = self._rows[index]
         so[self.frame[rows]] = self.counts[rows]
         return so
+
+    def mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Mean over a frame's rows of a column of the log [frame]; NaN where all is missing.
+
+        Args:
+            values: of the column [row of the log].
+        """
+        own = np.asarray(values, float)[self.row]
+        known = np.isfinite(own)
+        total = np.bincount(self.frame[known], own[known], len(self))
+        count = np.bincount(self.frame[known], minlength=len(self))
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
     @functools.cached_property
     def _rows(self) -> list[NDArray[np.int64]]:
@@ -131,6 +146,7 @@ def group_frames(log: SoLog) -> Frames:
         log.so[kept],
         frame_of[kept],
         slot[kept].astype(np.int64),
+        np.flatnonzero(kept),
     )
 
 

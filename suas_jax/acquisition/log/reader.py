@@ -10,7 +10,13 @@ from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.columns import LARGEST_INTEGER
 from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
-from suas_jax.acquisition.log.format import CONTINUED, KEY_COLUMNS, MAX_COUNT, LogFileError
+from suas_jax.acquisition.log.format import (
+    CONTINUED,
+    KEY_COLUMNS,
+    MAX_COUNT,
+    MEASURED,
+    LogFileError,
+)
 from suas_jax.files.reading import MEGABYTE, opened, read_bytes
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.
@@ -133,7 +139,13 @@ class _Parser:
             self._integers(numbers, "seq", by_name["seq"]),
             self._integers(numbers, "module", by_name["module"]),
             np.stack(counts, axis=1),
-            {name: _flag(by_name[name]) for name in names if name not in known},
+            {
+                name: self._floats(numbers, name, by_name[name])
+                if name in MEASURED
+                else _flag(by_name[name])
+                for name in names
+                if name not in known
+            },
             tuple(self.notes),
         )
 

@@ -1,0 +1,39 @@
+"""What describes a contact, and where it stands in a vector of parameters."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+
+@dataclass(frozen=True)
+class ContactParameters:
+    """Parameters of a contact, in the order of covariances.
+
+    In a vector of several contacts all of one name stand together: all angles come first.
+
+    Attributes:
+        names: among "angle" [rad], "axial" [m], "force" [N], "diameter" [m] and "direction"
+            [rad].
+    """
+
+    names: tuple[str, ...]
+
+    @property
+    def per_contact(self) -> int:
+        """Number of parameters of a contact."""
+        return len(self.names)
+
+    @cached_property
+    def places(self) -> int:
+        """How many of them, the first ones, say where the contact is."""
+        return self.names.index("force")
+
+    def rows(self, name: str, contacts: int) -> slice:
+        """Where the values of one name stand in a vector of some contacts."""
+        k = self.names.index(name)
+        return slice(k * contacts, (k + 1) * contacts)
+
+
+SECTION = ContactParameters(("angle", "force"))
+SECTION_WITH_DIRECTION = ContactParameters(("angle", "force", "direction"))
+PAD = ContactParameters(("angle", "axial", "force"))
+PAD_WITH_DIAMETER = ContactParameters(("angle", "axial", "force", "diameter"))

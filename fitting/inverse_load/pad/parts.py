@@ -1,0 +1,155 @@
+"""What estimates contacts on a pad: the parts that `LoadEstimator` needs."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.parts import EstimationParts
+from fitting.inverse_load.fit.detection import PadDetector
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.pad.fitter import PadFitter
+from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.search import APART, PadNodeSearch
+from fitting.inverse_load.pad.table import PadTable, pad_table_of
+from suas_jax.config import SkinSpec
+from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
+
+FREE_DIAMETERS = (2e-3, 7e-3, 12e-3)
+"""Diameters that are tabulated where it is estimated [m]."""
+_FALLBACK = 6e-3
+_PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
+
+
+class PadAssessment(AbstractLoadAssessment):
+    """Estimates on a pad.
+
+    Args:
+        fitter: which knows edges and forces of first contact.
+        nodes: which know distances.
+        radius: of the outer face [m].
+        taxels: angle and axial position [taxel, 2].
+    """
+
+    def __init__(
+        self,
+        fitter: PadFitter,
+        nodes: PadNodeSearch,
+        radius: float,
+        taxels: NDArray[np.float64],
+    ) -> None:
+        super().__init__(fitter.parameters, radius, len(taxels))
+        self._fitter, self._nodes, self._places = fitter, nodes, taxels
+
+    def first_contact(self, place: NDArray[np.float64]) -> float:
+        """See the base class."""
+        return float(self._fitter.first_contact(place[:1], place[1:2])[0])
+
+    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
+        """See the base class."""
+        return bool((self._nodes.distance(self._places[taxels], place) < APART).any())
+
+    def at_edge(self, place: NDArray[np.float64]) -> bool:
+        """See the base class."""
+        return bool((np.abs(place[:2]) >= np.array(self._fitter.edge) * (1 - 1e-6)).any())
+
+
+class PadDiscrepancy:
+    """What the pad's model and mesh leave open, the same for all taxels and frames.
+
+    Against continuum and finer meshes the force is within half a per cent and the place
+    within a twentieth of a millimetre: taken as standard deviations.
+
+    Args:
+        radius: of the outer face [m].
+        taxels: their number.
+    """
+
+    def __init__(self, radius: float, taxels: int) -> None:
+        self._angle, self._taxels = _PLACE_ERROR / radius, taxels
+
+    @property
+    def rest_variance(self) -> NDArray[np.float64]:
+        """Zero: the model is exact at rest [taxel, counts^2]."""
+        return np.zeros(self._taxels)
+
+    def covariance(self, best: Explanations, per_contact: int) -> NDArray[np.float64]:
+        """Covariances of the parameters, padded as the information is."""
+        total = np.full(best.information.shape, np.nan)
+        for i, count in enumerate(best.contacts.tolist()):
+            width = per_contact * count
+            own = best.parameters[i, :width].reshape(per_contact, count)
+            sigma = np.zeros_like(own)
+            sigma[0], sigma[1] = self._angle, _PLACE_ERROR
+            sigma[2] = _FORCE_ERROR * own[2]
+            total[i, :width, :width] = np.diag(sigma.reshape(-1) ** 2)
+        return total
+
+
+def pad_parts(
+    spec: SkinSpec,
+    *,
+    diameter: float | None,
+    live: bool,
+    most_contacts: int,
+    progress: Callable[[str], None],
+    tables: tuple[PadTable, ...] | None = None,
+    elements: tuple[int, int] | None = None,
+) -> tuple[EstimationParts, PadSkin, PadTable]:
+    """The parts for a pad, its model and its table of solved states.
+
+    Args:
+        spec: the pad.
+        diameter: of the contacts [m]; None estimates it.
+        live: whether frames come one by one.
+        most_contacts: to tell apart.
+        progress: called with what is being done.
+        tables: of solved states, where they have been made.
+        elements: of the meshes, the model's default where not given.
+    """
+    skin = pad_skin_of(spec) if elements is None else pad_skin_of(spec, elements=elements)
+    diameters = FREE_DIAMETERS if diameter is None else (diameter,)
+    if tables is None:
+        tables = tuple(_table(spec, d, progress) for d in diameters)
+    interpolant = PadInterpolant(tables)
+    fitter = PadFitter(
+        skin,
+        interpolant,
+        live=live,
+        most_contacts=most_contacts,
+        diameter=_FALLBACK if diameter is None else diameter,
+    )
+    middle = tables[len(tables) // 2]
+    radius = float(skin.geometry.outer_radius[0])
+    nodes = PadNodeSearch(middle, radius)
+    own = skin.electrodes.taxels
+    places = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+    detector = PadDetector(nodes.signatures, (len(middle.angle), len(middle.axial)))
+    a, z = 0.3 * fitter.edge[0], 0.3 * fitter.edge[1]
+    force = 0.3 * float(middle.cap.min())
+    extra = [] if diameter is not None else [_FALLBACK]
+    single = interpolant(np.array([[a, z, force, *extra]]), 1).readings[0, :-1]
+    pair = np.array([[a, -a, z, -z, force, force, *(2 * extra)]])
+    several = interpolant(pair, 2).readings[0, :-1]
+    parts = EstimationParts(
+        middle.rest,
+        detector,
+        nodes,
+        fitter,
+        PadAssessment(fitter, nodes, radius, places),
+        (single, several),
+        PadDiscrepancy(radius, len(places)),
+    )
+    return parts, skin, middle
+
+
+def _table(spec: SkinSpec, diameter: float, progress: Callable[[str], None]) -> PadTable:
+    def shown(done: int, total: int) -> None:
+        if done == 1 or done % 10 == 0 or done == total:
+            progress(
+                f"table of solved states, contacts of {1e3 * diameter:g} mm: "
+                f"{done} of {total} columns"
+            )
+
+    return pad_table_of(spec, diameter, progress=shown)

@@ -1,0 +1,65 @@
+"""What estimates loads on a skin in plane strain: the parts that `LoadEstimator` needs."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fitting.inverse_load.estimate.assessment import SectionAssessment
+from fitting.inverse_load.estimate.parts import EstimationParts, SystematicErrors
+from fitting.inverse_load.fit.detection import ArcDetector
+from fitting.inverse_load.fit.explanation import LoadFitter
+from fitting.inverse_load.search.nearest import NodeSearch
+from fitting.inverse_load.search.table import LoadTable, table_of
+from suas_jax.config import SkinSpec
+from suas_jax.scene.forward import Skin, skin_of
+
+
+def section_parts(
+    spec: SkinSpec,
+    *,
+    direction: bool,
+    live: bool,
+    most_contacts: int,
+    from_rest: bool,
+    progress: Callable[[str], None],
+) -> tuple[EstimationParts, Skin, LoadTable]:
+    """The parts for a skin in plane strain, its model and its table of solved states.
+
+    Args:
+        spec: the skin.
+        direction: whether directions are free.
+        live: whether frames come one by one.
+        most_contacts: to tell apart.
+        from_rest: whether readings count from a baseline.
+        progress: called with what is being done.
+    """
+    skin = skin_of(spec, contact=False)
+    table = table_of(spec, skin, progress)
+    fitter = LoadFitter(
+        skin, table, direction=direction, live=live, most_contacts=most_contacts
+    )
+    assessment = SectionAssessment(
+        fitter.parameters,
+        float(skin.geometry.outer_radius[0]),
+        np.asarray(skin.electrodes.taxels.angle)[:, 0],
+        fitter.edge,
+        table,
+    )
+    middle, quarter = len(table.angles) // 2, len(table.angles) // 4
+    single = table.so[middle, table.so.shape[1] // 2]
+    pair = table.so[quarter, -6] + table.so[-quarter, -6] - table.rest
+    calibration: SystematicErrors | None = None
+    if spec.calibration is not None and spec.calibration.covariance:
+        from fitting.inverse_load.fit.calibration import CalibrationUncertainty
+
+        calibration = CalibrationUncertainty(spec, skin, from_rest=from_rest, live=live)
+    parts = EstimationParts(
+        table.rest,
+        ArcDetector(table.signatures),
+        NodeSearch(skin, table),
+        fitter,
+        assessment,
+        (single, pair),
+        calibration,
+    )
+    return parts, skin, table

@@ -1,0 +1,66 @@
+"""The search for the constants with the least sum of squares."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.material.experiments.free_zero import Zero
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.fit.problem import MaterialProblem, pose, settle
+from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
+from fitting.statistics.parameters import AbstractFamily
+
+SKIN_LANES = 4
+"""Most starts for data of a skin, where every residual is an equilibrium."""
+# A reading is wrong by the square of how far its apex stretch still is from settled.
+_BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 3e-3
+_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 8, 40, 3e-2
+
+
+class NoFit(ArithmeticError):  # noqa: N818
+    """No constants can be returned: every start failed."""
+
+
+def search(
+    sets: Sequence[Dataset],
+    chosen: AbstractFamily,
+    kind: str,
+    starts: int,
+    seed: int,
+    zeros: Sequence[Zero] = (),
+) -> tuple[MaterialProblem, Minima]:
+    """Minima from many starts, the best one first.
+
+    Args:
+        sets: the data.
+        chosen: parameters of the law.
+        kind: of the residuals.
+        starts: number of them.
+        seed: of their draw.
+        zeros: of tests that are found with the law.
+    """
+    points = chosen.random(np.random.default_rng(seed), starts)
+    problem = pose(sets, chosen, kind, zeros=zeros)
+    if any(data.mode == "skin" for data in sets):
+        # Every residual is an equilibrium, and the modulus is known from the start.
+        return problem, minimise(problem.residuals, points[:SKIN_LANES], lanes=SKIN_LANES)
+    if not any(data.mode == "bulge" for data in sets):
+        return problem, minimise(problem.residuals, points)
+    # Membranes are expensive: explore with spherical caps, then fit the best with
+    # membranes, whose apex stretches follow the constants.
+    found = minimise(pose(sets, chosen, kind, estimate=True).residuals, points)
+    for _ in range(_BULGE_ROUNDS):
+        if not np.isfinite(found.cost[0]):
+            break
+        best = chosen.constants(jnp.asarray(found.theta[0]), problem.residuals.scales)
+        problem, change = settle(problem, np.asarray(best))
+        if change < _SETTLED:
+            break
+        # States follow the constants, so there is no need to go on before they do.
+        steps = _BULGE_STEPS if change > _NEARLY else _BULGE_STEPS_AT_LAST
+        nearer = minimise_one_by_one(problem.residuals, found.theta[:_BULGE_LANES], steps)
+        if not np.isfinite(nearer.cost[0]):
+            break
+        found = nearer
+    return problem, found

@@ -1,0 +1,167 @@
+"""Frames of a load path on a pad: each continues the equilibrium of the frame before.
+
+Every frame has a mesh graded around its loads. Places of loads count in steps of a
+millimetre or two there, so most frames share the mesh of the one before and start from its
+state; a frame with another mesh starts from rest.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from numpy.typing import NDArray
+
+from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.correction import corrected
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.mechanics.model import Counts
+from suas_jax.mechanics.pad.model import PAD, PadMesh
+from suas_jax.mechanics.pad.net import NetTopology
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.solve import Inputs, Structure
+from suas_jax.simulation.load_path import LoadPath
+
+# Frames below which a program isn't worth the compiler's own optimisation.
+_FEW = 10
+_FIELDS = {
+    "force_N": ("force", 1.0),
+    "angle_deg": ("angle", math.pi / 180),
+    "direction_deg": ("direction", math.pi / 180),
+    "axial_m": ("axial", 1.0),
+    "tilt_deg": ("tilt", math.pi / 180),
+    "diameter_m": ("diameter", 1.0),
+    "pressure_Pa": ("pressure", 1.0),
+}
+
+
+class NoSolutionError(Exception):
+    """No equilibrium was found for a load; the message says which and why."""
+
+
+def pad_capacitances(
+    path: LoadPath,
+    time: NDArray[np.float64],
+    progress: Callable[[int], None] = lambda done: None,
+) -> NDArray[np.float64]:
+    """Capacitance of every taxel along a load path [frame, taxel] [F].
+
+    NaN where the membrane touches a taxel that no further dielectric covers.
+
+    Args:
+        path: loads over time, of a scene in three dimensions with electrodes.
+        time: of the frames [s].
+        progress: called with the number of frames done.
+
+    Raises:
+        ConfigError: a load leaves the pad.
+        NoSolutionError: some loads have no equilibrium.
+    """
+    scene, moved = _moving(path, time)
+    scenes = [
+        with_inputs(_bare(scene), {k: float(v[i]) for k, v in moved.items()})
+        for i in range(len(time))
+    ]
+    counts = _counts(scenes, scene)
+    plans = _alike([_plan(each, counts) for each in scenes])
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
+    free, held = Structure(pattern), Structure(pattern, wall=True)
+    rows: list[NDArray[np.float64]] = []
+    state, last = None, None
+    for i, plan in enumerate(plans):
+        if state is None or not _same(plan, last):
+            state = _at_rest(plan)
+        here = inputs | {k: jnp.asarray(float(v[i])) for k, v in moved.items()}
+        start, once = state, len(time) < _FEW
+        found = COMPILED.run(_frame, free, plan, here, start, once=once)
+        if scene.wall.contact and float(found[3][0]) < 0:
+            # The program that knows contact is compiled where the membrane reaches the wall.
+            found = COMPILED.run(_frame, held, plan, here, start, once=once)
+        capacitance, state, result, _ = found
+        if int(result[0]):
+            name = NAMES[int(result[0])]
+            raise NoSolutionError(f"t = {time[i]:g} s: {name}. {advice(name)}")
+        last = plan
+        rows.append(np.asarray(capacitance)[:, 0])
+        progress(i + 1)
+    return np.stack(rows)
+
+
+@eqx.filter_jit
+def _frame(
+    scene: Structure, plan: PadMesh, inputs: Inputs, start: State
+) -> tuple[Array, State, Lanes, Lanes]:
+    """Capacitances, the state to start the next frame from, its result and smallest gap."""
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan, wall=scene.wall)
+    found = equilibrium(problem, start)
+    shown = corrected(problem, found.state)[1]
+    assert parts.skin.electrodes is not None
+    readings = parts.skin.electrodes.read(problem.mechanics, shown.q)
+    gap = problem.mechanics.shape(shown.q).smallest_gap(parts.skin.geometry).value
+    return readings.capacitance, found.state, found.result, gap
+
+
+def _moving(
+    path: LoadPath, time: NDArray[np.float64]
+) -> tuple[SceneSpec, dict[str, NDArray[np.float64]]]:
+    """The scene with what the path moves stated in it, and those inputs over time."""
+    moved, loads = {}, list(path.scene.loads)
+    for name, values in path.at(time).items():
+        _, index, column = name.split(".")
+        field, scale = _FIELDS[column]
+        moved[f"load.{index}.{field}"] = scale * values
+        k = int(index)
+        loads[k] = loads[k].model_copy(update={field: float(scale * values[0])})
+    return path.scene.model_copy(update={"loads": tuple(loads)}), moved
+
+
+def _bare(scene: SceneSpec) -> SceneSpec:
+    """Without electrodes, which no mesh depends on and which take long to check."""
+    return scene.model_copy(update={"electrodes": None})
+
+
+def _counts(scenes: list[SceneSpec], scene: SceneSpec) -> Counts:
+    given = PAD.given(scene)
+    if given is not None:
+        return given
+    few = scenes[:: max(1, len(scenes) // 50)]
+    arc, axial = zip(*(PAD.first(each) for each in few), strict=True)
+    return max(arc), max(axial)
+
+
+def _plan(scene: SceneSpec, counts: Counts) -> PadMesh:
+    plan = plan_for(with_solve(scene, symmetry=False), PAD.name, counts)
+    assert isinstance(plan, PadMesh)
+    return plan
+
+
+def _alike(plans: list[PadMesh]) -> list[PadMesh]:
+    """Plans with as many load points as any of them needs: one program serves them all."""
+    most = tuple(
+        (max(a for a, _ in spreads), max(b for _, b in spreads))
+        for spreads in zip(*(plan.plan.spread for plan in plans), strict=True)
+    )
+    return [PadMesh(dataclasses.replace(plan.plan, spread=most)) for plan in plans]
+
+
+def _same(plan: PadMesh, other: PadMesh | None) -> bool:
+    return (
+        other is not None
+        and np.array_equal(plan.plan.arc, other.plan.arc)
+        and np.array_equal(plan.plan.axial, other.plan.axial)
+    )
+
+
+def _at_rest(plan: PadMesh) -> State:
+    zero = jnp.zeros(1)
+    return State(jnp.zeros((*NetTopology(*plan.plan.axes).free.shape, 1)), zero, zero)

@@ -1,0 +1,419 @@
+"""Contacts on a pad from readings: table and spline, bounds, pairs, faults, oil pressure."""
+
+import dataclasses
+import functools
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import binom
+from typer.testing import CliRunner
+
+from fitting.cli.app import app
+from fitting.inverse_load.check.skin_file import model_verdict
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.detection import PadDetector
+from fitting.inverse_load.live.filter import LoadFilter
+from fitting.inverse_load.pad import parts as pad_parts
+from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.solved import READ
+from fitting.inverse_load.pad.spline import TensorSpline
+from fitting.inverse_load.pad.table import (
+    LEVELS,
+    Columns,
+    PadTable,
+    build_pad_table,
+    mirror_images,
+)
+from fitting.sensor.fit.calibrate import fit_sensor
+from fitting.sensor.logs.data import load_sensor_data
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.shapes import pad_deformations
+from suas_jax.config import SkinSpec, continuous_inputs, load_skin
+from suas_jax.runtime import compiled
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
+from suas_jax.simulation.load_path import load_path
+from suas_jax.simulation.pad_frames import pad_capacitances
+
+DIAMETER = 12e-3
+ELEMENTS = (8, 8)
+MANY = 100  # columns, so that they share the table's compiled program
+# A thick, small pad: fields so smooth that few elements and places resolve them. Its taxels
+# lie in no symmetric order.
+SKIN = """
+[geometry]
+inner_radius = "57.5 mm"
+thickness = "5 mm"
+half_angle = "60 deg"
+width = "100 mm"
+oil_gap = "5 mm"
+ends = "clamped"
+[material]
+law = "neo-hookean"
+mu = "2 MPa"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.2
+[electrodes]
+lsb = "0.1 fF"
+noise = 2.0
+taxels = [
+TAXELS
+]
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pad")
+    rows = [
+        f'{{ angle = "{a + 1.7 * k - 3:.3f} deg", axial = "{z + a / 30:.3f} mm" }},'
+        for a in np.linspace(-45, 45, 7)
+        for k, z in enumerate(np.linspace(-38, 36, 5))
+    ]
+    (folder / "skin.toml").write_text(SKIN.replace("TAXELS", "\n".join(rows)))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def spec(folder: Path) -> SkinSpec:
+    return load_skin(folder / "skin.toml")
+
+
+@pytest.fixture(scope="module")
+def patch() -> Iterator[pytest.MonkeyPatch]:
+    with pytest.MonkeyPatch.context() as patch:
+        yield patch
+
+
+@pytest.fixture(scope="module")
+def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> PadSkin:
+    return pad_skin_of(spec, elements=ELEMENTS)
+
+
+@pytest.fixture(scope="module")
+def table(skin: PadSkin) -> PadTable:
+    return build_pad_table(skin, DIAMETER, spacing=14e-3, probes_at=(3, 3))
+
+
+@pytest.fixture(scope="module")
+def estimator(
+    spec: SkinSpec, skin: PadSkin, table: PadTable, patch: pytest.MonkeyPatch
+) -> LoadEstimator:
+    # What follows runs a few times: compiled quickly.
+    quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
+    patch.setattr(compiled, "OPTIONS", quick)
+    patch.setattr(pad_parts, "_table", lambda *_: table)
+    patch.setattr(pad_parts, "pad_skin_of", lambda _: skin)
+    return LoadEstimator(spec, diameter=DIAMETER, most_contacts=1, pressure_noise=20.0)
+
+
+Solve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@pytest.fixture(scope="module")
+def solved(skin: PadSkin, table: PadTable) -> Solve:
+    """Readings and pressures under contacts [contact, (angle, axial, force)], solved each."""
+    images, where = mirror_images(skin)
+    columns = Columns(images, DIAMETER, lambda *_: None, MANY)
+
+    def of(contacts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found = columns.solve(contacts[:, :2], contacts[:, 2], LEVELS[LEVELS != 0])
+        assert found.found.all()
+        return found.so[:, -1, where[0]], found.pressure[:, -1]
+
+    return of
+
+
+@pytest.fixture(scope="module")
+def contacts() -> np.ndarray:
+    """Places and forces of single contacts [contact, (angle, axial, force)]."""
+    random = np.random.default_rng(4)
+    low, high = [-0.6, -0.03, 2.0], [0.6, 0.03, 12.0]
+    return random.uniform(low, high, (16, 3))
+
+
+@pytest.fixture(scope="module")
+def singles(contacts: np.ndarray, solved: Solve) -> tuple[np.ndarray, np.ndarray]:
+    return solved(contacts)
+
+
+def noisy(so: np.ndarray, seed: int) -> np.ndarray:
+    return np.round(so + np.random.default_rng(seed).normal(0, 2, so.shape))
+
+
+def test_the_spline_is_exact_for_cubics_and_so_are_its_derivatives() -> None:
+    def cubic(x: Any, y: Any) -> np.ndarray:
+        return np.stack([x**3 * y + y**3 - 2 * x, 1 + x * y**2], -1)
+
+    x, y = np.linspace(0, 1, 6) ** 1.4, np.linspace(-2, 1, 5)
+    spline = TensorSpline.through((x, y), cubic(x[:, None], y[None]))
+    at = np.array([0.03, 0.4, 1.1]), np.array([-1.9, 0.2, 1.05])
+    value, slope = spline(*at)
+    np.testing.assert_allclose(value, cubic(*at), rtol=1e-12)
+    by_x = np.stack([3 * at[0] ** 2 * at[1] - 2, at[1] ** 2], -1)
+    by_y = np.stack([at[0] ** 3 + 3 * at[1] ** 2, 2 * at[0] * at[1]], -1)
+    np.testing.assert_allclose(slope, np.stack([by_x, by_y], 1), rtol=1e-11, atol=1e-12)
+
+
+def test_mirrored_quarters_are_what_a_solve_says(table: PadTable, solved: Solve) -> None:
+    interpolant = PadInterpolant((table,))
+    place = np.array([table.angle[-2], table.axial[-3]])
+    signs = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
+    share = LEVELS[4]
+    force = share * interpolant.largest(*(signs * place).T)
+    loads = np.concatenate([signs * place, force[:, None]], 1)
+    so, pressure = solved(loads)
+    found = interpolant(loads, 1).readings
+    change = np.abs(so - table.rest).max()
+    np.testing.assert_allclose(found[:, :-1], so, atol=2e-4 * change)
+    np.testing.assert_allclose(found[:, -1], pressure, rtol=2e-4)
+
+
+def test_slopes_of_the_interpolant_are_its_own(table: PadTable) -> None:
+    wider = dataclasses.replace(table, diameter=2 * DIAMETER, u=1.01 * table.u)
+    between = dataclasses.replace(table, diameter=1.5 * DIAMETER, u=1.004 * table.u)
+    interpolant = PadInterpolant((table, between, wider))
+    x = np.array([[0.3, -0.2, 0.01, 0.02, 4.0, 6.0, 14e-3, 16e-3]])
+    step = 1e-6 * np.array([1, 1, 0.05, 0.05, 5, 5, 0.01, 0.01])
+    exact = interpolant(x, 2).jacobian[0]
+    for k, h in enumerate(step):
+        d = h * np.eye(8)[k]
+        ahead, behind = (interpolant(x + s * d, 2).readings[0] for s in (1, -1))
+        slope = (ahead - behind) / (2 * h)
+        np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=1e-6 * abs(slope).max())
+
+
+def test_single_contacts_reach_their_bound(
+    estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    so = np.tile(singles[0], (8, 1))
+    found = estimator.estimate(noisy(so, 0))
+    assert {len(e.contacts) for e in found} == {1}
+    wrong = []
+    for estimate, true in zip(found, np.tile(contacts, (8, 1)), strict=True):
+        (c,) = estimate.contacts
+        assert c.covariance is not None
+        assert c.names == ("angle", "axial", "force")
+        spread = np.sqrt(np.diag(c.covariance))
+        wrong.append((np.array([c.angle, c.axial, c.force]) - true) / spread)
+    scaled = np.array(wrong)
+    assert (np.sqrt((scaled**2).mean(0)) < 1.2).all()
+    assert 0.90 <= (np.abs(scaled) < 1.96).mean() <= 0.99
+    assert 0.85 < np.mean([e.chi2_per_dof for e in found]) < 1.15
+
+
+def test_measured_pressure_adds_to_the_force(
+    estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    so, pressure = singles
+    measured = pressure + np.random.default_rng(2).normal(0, 20, len(pressure))
+    without = estimator.estimate(noisy(so, 5))
+    found = estimator.estimate(noisy(so, 5), pressure=measured)
+    for a, b, true in zip(without, found, contacts, strict=True):
+        spread = b.contacts[0].deviation("force")
+        assert spread < a.contacts[0].deviation("force")
+        assert abs(b.contacts[0].force - true[2]) < 4 * spread
+
+
+def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: PadSkin) -> None:
+    true = np.array([(-0.35, -0.012, 6.0), (0.3, 0.015, 5.0)])
+    patches = Patches(*(jnp.asarray(x) for x in true.T), jnp.full(2, DIAMETER))
+    plan = skin.plan(patches)
+    found = COMPILED.run(READ, skin, patches, plan)  # the estimator's own program
+    assert bool(found.found)
+    several = LoadEstimator(
+        estimator.spec, diameter=DIAMETER, most_contacts=2, pressure_noise=20.0
+    )
+    for estimate in several.estimate(noisy(np.asarray(found.so)[None], 3)):
+        assert estimate.status == "ok"
+        assert len(estimate.contacts) == 2
+        for contact, place in zip(estimate.contacts, true, strict=True):
+            assert contact.covariance is not None
+            off = np.array([contact.angle, contact.axial, contact.force]) - place
+            assert off @ np.linalg.solve(contact.covariance, off) < 25
+
+
+def test_faulty_taxels_are_left_out(
+    estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    so = noisy(singles[0], 6)
+    so[:, [3, 11, 17]] = np.nan
+    faulty = np.zeros(so.shape, bool)
+    so[:, 20] = 900.0
+    faulty[:, 20] = True
+    for estimate, true in zip(estimator.estimate(so, faulty), contacts, strict=True):
+        assert estimate.left_out == (3, 11, 17, 20)
+        (c,) = estimate.contacts
+        assert abs(c.force - true[2]) < 5 * c.deviation("force")
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [("geometry.oil_gap", "geometry.oil gap"), ("material.mu", "stiffness of the material")],
+)
+def test_a_wrong_skin_file_is_noticed(
+    estimator: LoadEstimator, spec: SkinSpec, contacts: np.ndarray, path: str, name: str
+) -> None:
+    true = pad_skin_of(spec, {path: 1.06 * continuous_inputs(spec)[path]}, elements=ELEMENTS)
+    columns = Columns(mirror_images(true)[0], DIAMETER, lambda *_: None, MANY)
+    where = mirror_images(true)[1][0]
+    found = columns.solve(contacts[:, :2], contacts[:, 2], LEVELS[LEVELS != 0])
+    so, pressure = noisy(found.so[:, -1, where], 11), found.pressure[:, -1]
+    faulty = np.zeros(so.shape, bool)
+    estimates = estimator.estimate(so, faulty, pressure=pressure)
+    verdict = model_verdict(estimator, so, faulty, pressure, estimates)
+    assert verdict is not None
+    assert not verdict.right
+    assert verdict.name == name
+    assert verdict.change == pytest.approx(0.06, abs=0.015)
+    assert verdict.explained < verdict.chi2_per_dof
+
+
+def test_a_right_skin_file_is_not_suspected(
+    estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    so, faulty = noisy(singles[0], 12), np.zeros(singles[0].shape, bool)
+    estimates = estimator.estimate(so, faulty, pressure=singles[1])
+    verdict = model_verdict(estimator, so, faulty, singles[1], estimates)
+    assert verdict is not None
+    assert verdict.right
+
+
+def test_a_pull_is_named(estimator: LoadEstimator, solved: Solve) -> None:
+    so, _ = solved(np.array([[0.2, 0.01, -2.0]]))
+    (found,) = estimator.estimate(noisy(so, 8))
+    assert found.status == "pull"
+    assert found.contacts[0].force == pytest.approx(-2.0, abs=0.5)
+
+
+def test_noise_alone_is_called_a_contact_at_the_stated_rate(estimator: LoadEstimator) -> None:
+    frames = 3000
+    rest = np.tile(estimator.model_rest, (frames, 1))
+    change = noisy(rest, 1) - rest
+    detector = estimator._parts.detector
+    assert isinstance(detector, PadDetector)
+    weight = np.full((frames, estimator.taxels + 1), 1 / (4 + 1 / 12))
+    weight[:, -1] = 0.0
+    test = detector.test(np.column_stack([change, np.zeros(frames)]), weight)
+    for rate in (0.01, 0.05):
+        alarms = int((test.p_value < rate).sum())
+        # The tube formula is an upper bound, close where it is small.
+        assert binom.ppf(1e-3, frames, 0.6 * rate) <= alarms
+        assert alarms <= binom.ppf(0.999, frames, rate)
+
+
+def test_the_filter_follows_the_axial_position(
+    estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray], contacts: np.ndarray
+) -> None:
+    track = LoadFilter(angle_density=1e-4, force_density=1e-2, axial_density=1e-8)
+    found = estimator.estimate(noisy(np.tile(singles[0][:1], (60, 1)), 7))
+    for k, estimate in enumerate(found):
+        (smooth,) = track.feed(0.01 * k, estimate)
+    assert smooth.axial is not None
+    assert smooth.deviation("axial") < 0.5 * estimate.contacts[0].deviation("axial")
+    assert abs(smooth.axial - contacts[0, 1]) < 4 * smooth.deviation("axial")
+
+
+def test_json_of_a_log(
+    folder: Path, estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    rows = noisy(singles[0][:2], 9).astype(int)
+    names = [f"so_{k + 1}" for k in range(rows.shape[1])]
+    lines = [",".join(["t_host_s,t_device_s,seq,module", *names, "oil_pressure_Pa"])]
+    for k, row in enumerate(rows):
+        lines.append(",".join(map(str, [k, k, k, 0, *row, f"{singles[1][k]:.1f}"])))
+    (folder / "log.csv").write_text("\n".join(lines) + "\n")
+    options = ["--json", "--diameter", "12 mm", "--pressure-noise", "20 Pa", "--contacts", "1"]
+    arguments = ["invert", str(folder / "skin.toml"), str(folder / "log.csv"), *options]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    frames = [json.loads(line) for line in result.stdout.splitlines()]
+    assert len(frames) == 2
+    (load,) = frames[0]["loads"]
+    assert {"angle_deg", "axial_m", "force_N", "covariance"} <= load.keys()
+    assert np.array(load["covariance"]).shape == (3, 3)
+    assert frames[0]["oil_pressure_Pa"] == pytest.approx(singles[1][0], abs=80)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--direction"], "directions"),
+        (["--diameter", "6"], "--diameter"),
+        (["--diameter", "90 mm"], "diameter"),
+        (["--pressure-noise", "0 Pa"], "pressure_noise"),
+    ],
+)
+def test_what_a_pad_does_not_take_is_refused(
+    folder: Path, estimator: LoadEstimator, options: list[str], words: str
+) -> None:
+    (folder / "empty.csv").write_text("t_host_s,t_device_s,seq,module,so_1\n")
+    arguments = ["invert", str(folder / "skin.toml"), str(folder / "empty.csv"), *options]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2
+    assert words in result.output
+
+
+def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) -> None:
+    (folder / "path.toml").write_text(
+        'skin = "skin.toml"\n[solve]\nelements = [8, 8]\n[[load]]\nkind = "patch"\n'
+        'angle = "0 deg"\ndiameter = "12 mm"\nforce = "6 N"\n'
+    )
+    (folder / "path.csv").write_text(
+        "# scene: path.toml\nt_s,loads.0.axial_m,loads.0.angle_deg,loads.0.force_N\n"
+        "0,-0.009,10,6\n1,-0.009,10,4\n2,0.012,-8,6\n"
+    )
+    time = np.array([0.0, 0.5, 1.0, 2.0])
+    found = pad_capacitances(load_path(folder / "path.csv"), time)
+    angle = np.deg2rad([10, 10, 10, -8])
+    contacts = np.stack([angle, [-0.009, -0.009, -0.009, 0.012], [6, 5, 4, 6]], 1)
+    so, _ = solved(contacts)
+    np.testing.assert_allclose(found, 0.1e-15 * so, rtol=2e-4)
+
+
+def test_known_pokes_calibrate_the_electrodes_of_a_pad(
+    folder: Path, spec: SkinSpec, contacts: np.ndarray, solved: Solve, patch: pytest.MonkeyPatch
+) -> None:
+    patch.setattr(pad_deformations, "PadSkin", functools.partial(PadSkin, elements=ELEMENTS))
+    pokes = contacts[:4]
+    so, _ = solved(pokes)
+    stray, scale = 40.0, 1.07
+    counts = noisy(stray + scale * np.repeat(so, 8, 0), 3)
+    names = [f"so_{k + 1}" for k in range(so.shape[1])]
+    known = ["load_0_angle_rad", "load_0_axial_mm", "load_0_force_N", "load_0_diameter_mm"]
+    lines = [",".join(["t_host_s,t_device_s,seq,module", *names, *known])]
+    for k, row in enumerate(counts.astype(int)):
+        angle, axial, force = pokes[k // 8]
+        lines.append(",".join(map(str, [k, k, k, 0, *row, angle, 1e3 * axial, force, 12])))
+    (folder / "pokes.csv").write_text("\n".join(lines) + "\n")
+    data = load_sensor_data(spec, [folder / "pokes.csv"])
+    found = fit_sensor(data, fit=("permittivity", "stray"))
+    named = dict(zip(found.problem.family.names, found.constants, strict=True))
+    assert named["relative_permittivity"] == pytest.approx(2.2 * scale, rel=2e-3)
+    assert named["stray"] == pytest.approx(stray * 0.1e-15, rel=0.05)
+
+
+def test_a_known_displacement_is_met(
+    skin: PadSkin, solved: Solve, patch: pytest.MonkeyPatch
+) -> None:
+    patch.setattr(pad_deformations, "PadSkin", functools.partial(PadSkin, elements=ELEMENTS))
+    one = np.ones((1, 1))
+    unknown = np.nan * one
+    place = (0.3 * one, 0 * one)
+
+    def deformed(force: np.ndarray, displacement: np.ndarray) -> pad_deformations.PadDeformed:
+        inner, axial = np.array([True]), -0.01 * one
+        loads = KnownLoads(*place, force, displacement, inner, axial, DIAMETER * one)
+        parts = (skin.geometry, skin.law, skin.oil, skin.electrodes)
+        return pad_deformations.deform_pad(loads, *parts)
+
+    given = deformed(5.0 * one, unknown)
+    again = deformed(unknown, given.displacement)
+    assert again.force[0, 0] == pytest.approx(5.0, rel=1e-3)
+    np.testing.assert_allclose(again.face.radius, given.face.radius, atol=1e-6)
