@@ -152,9 +152,7 @@ def test_a_changed_byte_is_always_refused(at, change):
     assert decode.tally.bad_crc + decode.tally.malformed >= 1
 
 
-@pytest.mark.parametrize(
-    ("taxels", "counts"), [(0, 0), (2, 3), (3, 2), (65, 65)], ids=str
-)
+@pytest.mark.parametrize(("taxels", "counts"), [(0, 0), (2, 3), (3, 2), (65, 65)], ids=str)
 def test_a_cobs_frame_of_impossible_size_is_refused(taxels, counts):
     """The checksum is right: what is wrong is the number of taxels, or of bytes behind it."""
     body = bytes((1, taxels, 3, 0)) + bytes(8) + counts * b"\x34\x12"
@@ -252,7 +250,9 @@ def test_a_module_that_really_changed_is_believed_again():
 
 def test_a_module_has_changed_when_twenty_lines_in_a_row_say_so():
     def lines(first: int, last: int, *counts: int) -> bytes:
-        return b"".join(ENCODERS["text"](Reading(i, 0.0, 0, counts)) for i in range(first, last))
+        return b"".join(
+            ENCODERS["text"](Reading(i, 0.0, 0, counts)) for i in range(first, last)
+        )
 
     stream = lines(0, 5, 1, 2) + lines(5, 24, 1, 2, 3) + lines(24, 25, 1, 2)
     stream += lines(25, 45, 1, 2, 3)  # only the last of these is the twentieth in a row
