@@ -3,7 +3,7 @@
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check notebooks lock clean
+.PHONY: demo test check notebooks audit lock clean
 
 demo: $(READY)
 	$(BIN)/python benchmarks/demo.py
@@ -36,6 +36,20 @@ $(READY): pyproject.toml requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --no-deps --no-build-isolation --editable .
 	@touch $@
+
+# Licences of what the lock installs, by pip-licenses in an environment of its own. A licence
+# that is written otherwise than here, or unknown, stops it: read it before it is added.
+AUDIT := .venv/.audit
+LICENCES := MIT;MIT License;MIT-CMU;BSD;BSD License;BSD-2-Clause;BSD-3-Clause;\
+BSD-3-Clause AND 0BSD AND MIT AND Zlib AND CC0-1.0;Apache 2.0;Apache-2.0;\
+Apache-2.0 OR BSD-2-Clause;Apache Software License;ISC License (ISCL);PSF-2.0;\
+Python Software Foundation License;MPL-2.0;Mozilla Public License 2.0 (MPL 2.0);LGPL-3.0-only
+audit: $(READY)
+	test -x $(AUDIT)/bin/pip-licenses || $(BIN)/python -m venv $(AUDIT)
+	$(AUDIT)/bin/python -m pip install --quiet --disable-pip-version-check pip-licenses==5.5.5
+	$(AUDIT)/bin/pip-licenses --python $(BIN)/python --with-system --order=license \
+	  --allow-only="$$(printf '%s' '$(LICENCES)' | sed 's/; */;/g')" \
+	  --packages $$(sed -n 's/==.*//p' requirements.lock)
 
 # Pin what is installed now, the benchmarks' peers aside; needs an environment in which the
 # tests pass.

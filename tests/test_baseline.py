@@ -85,6 +85,19 @@ def test_a_skin_that_is_not_at_rest_is_refused(rest, change, words):
     take_baseline(log_of(rest), tolerance=100.0)
 
 
+@pytest.mark.parametrize(("step", "refused"), [(4.0, False), (5.0, True)])
+def test_a_tenth_of_the_log_may_differ_by_six_standard_errors(step, refused):
+    """Noise of 4 counts without correlation between neighbours: 6 x 4 / sqrt(40) = 3.8."""
+    noise = np.tile([4.0, 4.0, -4.0, -4.0], FRAMES // 4)
+    so = 5000 + noise + step * ((np.arange(FRAMES) >= 200) & (np.arange(FRAMES) < 240))
+    log = log_of(so[:, None, None])
+    if not refused:  # a tenth differs from the mean of all by nine tenths of the step
+        take_baseline(log)
+        return
+    with pytest.raises(NotAtRestError, match=r"3\.8 from its mean are allowed"):
+        take_baseline(log)
+
+
 def test_too_short(rest):
     with pytest.raises(ValueError, match="19 frames; a baseline needs at least 20"):
         take_baseline(log_of(rest[:19]))
@@ -105,6 +118,15 @@ def test_a_pattern_up_to_a_factor(rest):
     refuse_loaded(baseline, pattern, tolerance=1e-3, source="model", common_factor=True)
     pattern[2, 2] *= 1.1
     with pytest.raises(NotAtRestError, match=r"module 2, so_3 reads -9\.1 %"):
+        refuse_loaded(baseline, pattern, tolerance=0.05, source="model", common_factor=True)
+
+
+def test_the_factor_of_a_pattern_is_that_of_the_taxels_without_load(rest):
+    """One load in sixteen taxels' reach doesn't make the other 304 look loaded."""
+    baseline = take_baseline(log_of(rest))
+    pattern = 0.8 * baseline.so
+    pattern[:2, :8] /= 3.0
+    with pytest.raises(NotAtRestError, match=r"reads \+200\.0 % .*\(16 taxels deviate\)"):
         refuse_loaded(baseline, pattern, tolerance=0.05, source="model", common_factor=True)
 
 

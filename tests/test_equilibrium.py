@@ -271,7 +271,9 @@ def finite(found: Any) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("force", "pressure"), [(1.0, -5e3), (-1.0, -1e9)], ids=["wrong sign", "out of reach"]
+    ("force", "pressure"),
+    [(1.0, -5e3), (1.0, -1.0), (-1.0, -1e9)],
+    ids=["wrong sign", "met by a pull only", "out of reach"],
 )
 def test_unreachable_pressure_is_named(force: float, pressure: float) -> None:
     found = find(problem_of(scene(line(0, force), oil_pressure=pressure), ELEMENTS))

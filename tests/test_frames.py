@@ -152,6 +152,16 @@ def test_a_changed_byte_is_always_refused(at, change):
     assert decode.tally.bad_crc + decode.tally.malformed >= 1
 
 
+@pytest.mark.parametrize(("taxels", "counts"), [(0, 0), (2, 3), (3, 2), (65, 65)], ids=str)
+def test_a_cobs_frame_of_impossible_size_is_refused(taxels, counts):
+    """The checksum is right: what is wrong is the number of taxels, or of bytes behind it."""
+    body = bytes((1, taxels, 3, 0)) + bytes(8) + counts * b"\x34\x12"
+    wire = b"\0" + stuffed(body + crc16(body).to_bytes(2, "little")) + b"\0"
+    decode = decoder("cobs")
+    assert len(decode.feed(COBS_EXAMPLE + wire + COBS_EXAMPLE, 0.0)) == 2
+    assert decode.tally.malformed == 1
+
+
 def text_lines(first: int, last: int) -> bytes:
     return b"".join(
         ENCODERS["text"](Reading(i, i / 100, m, (13000 + i, 13500 + m)))
@@ -236,6 +246,17 @@ def test_a_module_that_really_changed_is_believed_again():
     back = decoded("text", narrow + wide)
     assert len(back[-1].counts) == 3
     assert back[-1].seq == 39
+
+
+def test_a_module_has_changed_when_twenty_lines_in_a_row_say_so():
+    def lines(first: int, last: int, *counts: int) -> bytes:
+        return b"".join(
+            ENCODERS["text"](Reading(i, 0.0, 0, counts)) for i in range(first, last)
+        )
+
+    stream = lines(0, 5, 1, 2) + lines(5, 24, 1, 2, 3) + lines(24, 25, 1, 2)
+    stream += lines(25, 45, 1, 2, 3)  # only the last of these is the twentieth in a row
+    assert [r.seq for r in decoded("text", stream)] == [0, 1, 2, 3, 4, 24, 44]
 
 
 def corpus(name: str, rng: random.Random, size: int) -> bytes:

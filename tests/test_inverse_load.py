@@ -163,6 +163,32 @@ def test_frames_without_a_contact_have_statuses_of_their_own(
     assert not any(e.contacts for e in found)
 
 
+def test_a_stuck_taxel_is_left_out_and_none_of_its_sound_neighbours(
+    truth: dict[str, Any], estimator: LoadEstimator
+) -> None:
+    """Two contacts are cheaper with one taxel left out than with five."""
+    rows, stuck = np.array([2, 7, 13, 27]), np.array([18, 34, 4, 8])
+    counts = np.round(truth["two"].so[rows])
+    counts[range(4), stuck] = np.round(estimator.table.rest[stuck])
+    found = estimator.estimate(counts)
+    assert [e.left_out for e in found] == [(taxel,) for taxel in stuck]
+    assert [len(e.contacts) for e in found] == [2] * 4
+
+
+def test_a_contact_without_a_force_to_speak_of_is_taken_out_again(
+    estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    selection = estimator.selection
+    y, weight = estimator.weigh(np.round(readings(0.3, 12.0)))
+    node, _ = selection.nodes.nearest(y, weight)
+    state = selection.fitter.table.start(node)
+    two = selection._fit_several(y, weight, np.array([[0.3, 0.9, 11.8, 0.05]]), state, 2)
+    one = selection._fewer_contacts(y, weight, two)
+    assert (two.contacts[0], one.contacts[0]) == (2, 1)
+    np.testing.assert_allclose(one.parameters[0, :2], [0.3, 12.0], rtol=3e-3)
+    assert one.score[0] == pytest.approx(two.score[0] - selection.penalty, abs=1.0)
+
+
 def test_a_pull_is_a_negative_force(
     estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:

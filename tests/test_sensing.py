@@ -328,3 +328,13 @@ def test_polled_faster_than_it_refreshes_a_converter_repeats() -> None:
     found = converter.sample(ramp, time, np.random.default_rng(0))
     np.testing.assert_array_equal(found.counts[:, 0], [0, 0, 0, 30, 30, 30, 60, 60, 60, 90])
     np.testing.assert_array_equal(found.repeated, [k % 3 > 0 for k in range(10)])
+
+
+def test_a_repeated_result_is_as_saturated_as_when_it_was_converted() -> None:
+    # Results are made at frames 0 and 3; what the input does between, nobody sees.
+    converter = Converter(refresh=0.03)
+    counts = np.array([100.0, 1e6, 1e6, 1e6, 100.0, 100.0])
+    farads = converter.capacitance(counts)[:, None]
+    found = converter.sample(farads, np.arange(6) * 0.01, np.random.default_rng(0))
+    assert found.counts[:, 0].tolist() == [100, 100, 100, 65535, 65535, 65535]
+    assert found.saturated[:, 0].tolist() == [False, False, False, True, True, True]
