@@ -136,7 +136,7 @@ def free_zeros(
     which = []
     for test, number in zip(tests, numbers, strict=True):
         # Of a stretch whose logarithm is one.
-        _, along, first, second = mode_factors(PATHS[test.mode], np.array([np.e]))
+        _, along, first, second = mode_factors(PATHS[test.mode], np.exp(np.ones(1)))
         count = test.size
         power = _POWERS[test.measure]
         side = 1.0 if np.sum(np.log(test.stretch_1)) >= 0.0 else -1.0
