@@ -331,7 +331,7 @@ def test_scene_of_a_solid_reports_like_the_shell() -> None:
         "solve": {"model": "solid", "mesh": [32, 2]},
     }
     found = solve(scene_from_dict(table))
-    table["solve"] = {"model": "shell"}
+    table["solve"] = {"model": "shell", "elements": 16}
     shell = solve(scene_from_dict(table))
     assert found.report["model"] == "solid"
     assert found.report.keys() == shell.report.keys()
