@@ -18,8 +18,6 @@ def configure() -> None:
     # few hundred allocations takes a sixth of a command's time.
     gc.set_threshold(100_000)
     jax.config.update("jax_enable_x64", True)
-    # Programs run in the thread that calls them: several threads keep several cores busy.
-    jax.config.update("jax_cpu_enable_async_dispatch", False)
     cache = platformdirs.user_cache_path("suas_jax")
     # Where an operation stands in the source code is of no use in a program that is kept.
     jax.config.update("jax_traceback_in_locations_limit", 0)
