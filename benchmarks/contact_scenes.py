@@ -22,8 +22,7 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.random_scenes import ALL_PATTERNS, ELEMENTS, pattern, sample
-from suas_jax.config import continuous_inputs
+from benchmarks.random_scenes import ALL_PATTERNS, draw, pattern
 from suas_jax.equilibrium.balance import Problem, residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import differentiable, equilibrium, smallest_gap
@@ -34,7 +33,7 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.report import plain
@@ -152,12 +151,8 @@ def study(
     outcomes = []
     for law, oil, loads in patterns:
         structure = pattern(law, oil, loads)
-        scenes = [sample(rng, structure) for _ in range(count)]
-        plans = [plan_for(scene, "shell", (ELEMENTS,)) for scene in scenes]
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *plans)
-        inputs = [continuous_inputs(scene) for scene in scenes]
-        lanes = {key: jnp.array([values[key] for values in inputs]) for key in inputs[0]}
-        solved = _press(Structure(structure), stacked, lanes)
+        plans, inputs, lanes = draw(rng, structure, count)
+        solved = _press(Structure(structure), plans, lanes)
         for i, values in enumerate(inputs):
             one = plain(solved, i)
             result, way = NAMES[one.pop("result")], one.pop("way")

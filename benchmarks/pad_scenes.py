@@ -33,6 +33,7 @@ from suas_jax.scene.solve import Structure
 ELEMENTS = (16, 14)
 BEYOND = 1.1  # times the load of first contact
 _PATCHES = 3
+_NO_CONTACT = 1e3  # factor on forces of 1 N at which the way to the wall is given up
 
 
 def sample(rng: np.random.Generator, law: str, oil: str) -> SceneSpec:
@@ -80,6 +81,13 @@ def _press(structure: Structure, plan: AbstractPlan, inputs: dict[str, Array]) -
     return press(scene_parts(structure.scene, inputs), plan, BEYOND)
 
 
+def _outcome(found: dict[str, Any]) -> str:
+    """Name of how the way to the wall ended, or of the state beyond it."""
+    if found["way"]:
+        return f"{NAMES[found['way']]} before contact"
+    return NAMES[found["result"]] if found["touch"] < _NO_CONTACT else "no contact"
+
+
 def study(count: int, seed: int = 0) -> list[tuple[SceneSpec, dict[str, Any]]]:
     """Press random pads, laws and oils in turn."""
     rng = np.random.default_rng(seed)
@@ -94,7 +102,7 @@ def study(count: int, seed: int = 0) -> list[tuple[SceneSpec, dict[str, Any]]]:
                 # One program for all pads of a law and an oil: as many points for each disc.
                 plan = plan_for(scene, "shell", ELEMENTS)
                 found = plain(_press(Structure(scene), plan, numbers))
-                found["result"] = NAMES[found["result"]] if found["way"] == 0 else "no contact"
+                found["result"] = _outcome(found)
                 outcomes.append((scene, found))
     return outcomes
 

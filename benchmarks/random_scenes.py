@@ -157,6 +157,18 @@ def _solve(
 ALL_PATTERNS = tuple((law, oil, n) for law in LAWS for oil in OILS for n in (1, 2))
 
 
+def draw(
+    rng: np.random.Generator, structure: SceneSpec, count: int
+) -> tuple[AbstractPlan, list[dict[str, float]], dict[str, Array]]:
+    """Random scenes of one structure: meshes stacked, inputs one by one and stacked."""
+    scenes = [sample(rng, structure) for _ in range(count)]
+    plans = [plan_for(scene, "shell", (ELEMENTS,)) for scene in scenes]
+    stacked = jax.tree.map(lambda *x: np.stack(x), *plans)
+    inputs = [continuous_inputs(scene) for scene in scenes]
+    lanes = {key: jnp.array([values[key] for values in inputs]) for key in inputs[0]}
+    return stacked, inputs, lanes
+
+
 def study(
     count: int, seed: int = 0, patterns: Sequence[tuple[str, str, int]] = ALL_PATTERNS
 ) -> list[Outcome]:
@@ -165,12 +177,8 @@ def study(
     outcomes = []
     for law, oil, loads in patterns:
         structure = pattern(law, oil, loads)
-        scenes = [sample(rng, structure) for _ in range(count)]
-        plans = [plan_for(scene, "shell", (ELEMENTS,)) for scene in scenes]
-        stacked = jax.tree.map(lambda *x: np.stack(x), *plans)
-        inputs = [continuous_inputs(scene) for scene in scenes]
-        lanes = {key: jnp.array([values[key] for values in inputs]) for key in inputs[0]}
-        solved = _solve(Structure(structure), stacked, lanes)
+        plans, inputs, lanes = draw(rng, structure, count)
+        solved = _solve(Structure(structure), plans, lanes)
         for i, values in enumerate(inputs):
             one = plain(solved, i)
             result = NAMES[one.pop("result")]

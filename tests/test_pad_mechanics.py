@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import pathlib
 
 import equinox as eqx
 import jax
@@ -28,7 +27,6 @@ from suas_jax.skin.oils.incompressible import IncompressibleOil
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.wall import RigidLimit, Wall
 
-DATA = pathlib.Path(__file__).parent / "data"
 ONE = jnp.ones(1)
 SKIN = SkinGeometry(57.5e-3 * ONE, 1.5e-3 * ONE, np.pi / 2 * ONE, 0.123 * ONE, 5e-3 * ONE)
 EPDM = MooneyRivlin(20.7e6 * ONE, -4.4e6 * ONE, 77e3 * ONE)
@@ -361,13 +359,6 @@ def crown(force: float) -> tuple[Pad, jax.Array, jax.Array]:
 
 
 at_places = quick(lambda pad, q, angle, axial: pad.faces(q, angle, axial))
-
-
-def deflection(pad: Pad, q: jax.Array, angle: float, axial: float) -> float:
-    """Inward displacement of the mid-surface at a place [m]."""
-    place = np.full((1, 1), angle), np.full((1, 1), axial)
-    inward = -np.array([np.sin(angle), np.cos(angle), 0.0])
-    return float(at_places(pad, q, *place).mid_displacement[:, 0, 0] @ inward)
 
 
 def test_a_finer_mesh_holds_the_same_deformation() -> None:

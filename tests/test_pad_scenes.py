@@ -1,10 +1,12 @@
 """The pad in three dimensions through a scene: references, symmetry, derivatives.
 
-Reference: a continuum of hexahedra (27 nodes, linear pressure, exactly incompressible,
-follower oil pressure), errors about 0.02 %; the paper's membrane, a 6 x 6 mm patch.
+Reference (tests/data/pad3d.csv): a continuum of hexahedra (27 nodes, linear pressure, exactly
+incompressible, follower oil pressure), errors about 0.02 %; the paper's membrane, a 6 x 6 mm
+patch.
 """
 
 import functools
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -21,7 +23,10 @@ from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.parts import scene_parts
 
 # Force [N], oil pressure [Pa], displacement of the inner face under the patch [m].
-CROWN = [(1.0, 67.57, 0.27057e-3), (6.0, 1557.5, 2.1197e-3), (15.0, 6145.9, 4.6354e-3)]
+REFERENCE = np.loadtxt(
+    Path(__file__).parent / "data" / "pad3d.csv", delimiter=",", skiprows=8, usecols=range(5)
+)
+*CROWN, SIDE = [(row[2], row[3], 1e-3 * row[4]) for row in REFERENCE]
 QUICK = {**OPTIONS, "xla_backend_optimization_level": 0}
 
 
@@ -94,6 +99,18 @@ def test_shear_is_what_the_shell_leaves_out(row: int, crown: list[Any]) -> None:
     _, pressure, displacement = CROWN[row]
     assert sheared[0] == pytest.approx(pressure, rel=9e-3)
     assert sheared[2] == pytest.approx(displacement, rel=5e-3)
+
+
+def test_a_poke_beside_the_crown_is_the_continuum_s() -> None:
+    angle, axial = REFERENCE[-1, :2]
+    scene = pad({"angle": f"{angle} deg", "axial": f"{axial} mm"})
+    plan = plan_for(scene, "shell", (24, 20))
+    program = jax.jit(lambda i: answer(scene, plan, i), compiler_options=QUICK)
+    result, shell, sheared = program(numbers(scene))
+    assert int(result[0]) == 0
+    assert shell[0] == pytest.approx(SIDE[1], rel=0.018)
+    assert sheared[0] == pytest.approx(SIDE[1], rel=5e-3)
+    assert sheared[2] == pytest.approx(SIDE[2], rel=5e-3)
 
 
 def test_beyond_first_contact_the_wall_takes_the_load() -> None:

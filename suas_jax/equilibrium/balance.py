@@ -58,6 +58,11 @@ def controls(
     return jnp.where(given, level, y.border), jnp.where(given, y.border, level)
 
 
+def _defect(problem: Problem, pressure: Lanes, volume_change: Lanes) -> Lanes:
+    """Volume that the oil takes up less the one that the membrane encloses."""
+    return problem.oil.expansion(pressure, problem.mechanics.film_volume) - volume_change
+
+
 def imbalance(
     problem: Problem,
     y: BorderedVector,
@@ -65,13 +70,13 @@ def imbalance(
     pressure_given: Bool[Array, ""] | None = None,
 ) -> BorderedVector:
     """The residual alone, for derivatives: no tangent is assembled; see `residual`."""
-    mechanics, oil = problem.mechanics, problem.oil
+    mechanics = problem.mechanics
     pressure, factor = controls(y, level, pressure_given)
     net = pressure - factor * problem.external_pressure
     force, volume_change = mechanics.imbalance(y.stations, net, factor)
     if y.border is None:
         return BorderedVector(force, None)
-    return BorderedVector(force, oil.expansion(pressure, mechanics.film_volume) - volume_change)
+    return BorderedVector(force, _defect(problem, pressure, volume_change))
 
 
 def residual(
@@ -94,8 +99,7 @@ def residual(
     Returns:
         The residual and the operator that is its derivative by y.
     """
-    mechanics, oil = problem.mechanics, problem.oil
-    external = problem.external_pressure
+    mechanics, external = problem.mechanics, problem.external_pressure
     pressure, factor = controls(y, level, pressure_given)
     if tangent_level is None:
         a = mechanics.assemble(y.stations, pressure - factor * external, factor)
@@ -109,7 +113,7 @@ def residual(
     operator = operator_of(problem, a, None if y.border is None else pressure, pressure_given)
     if y.border is None:
         return BorderedVector(force, None), operator
-    defect = oil.expansion(pressure, mechanics.film_volume) - a.volume_change
+    defect = _defect(problem, pressure, a.volume_change)
     return BorderedVector(force, defect), operator
 
 
@@ -195,10 +199,7 @@ def verify(
     trapped = problem.oil.trapped
     net = state.pressure - state.factor * problem.external_pressure
     a = mechanics.assemble(state.q, net, state.factor)
-    defect = None
-    if trapped:
-        film = mechanics.film_volume
-        defect = problem.oil.expansion(state.pressure, film) - a.volume_change
+    defect = _defect(problem, state.pressure, a.volume_change) if trapped else None
     operator = operator_of(problem, a, state.pressure if trapped else None)
     right = BorderedVector(a.residual, defect)
     pull = mechanics.omitted_gradient(state.q) if omitted else None
@@ -247,6 +248,5 @@ def volume_residual(problem: Problem, state: State) -> Lanes:
     """Volume that the oil's law leaves unexplained, relative to the film's volume."""
     if not problem.oil.trapped:
         return jnp.zeros_like(state.pressure)
-    film = problem.mechanics.film_volume
-    expansion = problem.oil.expansion(state.pressure, film)
-    return (problem.mechanics.volume_change(state.q) - expansion) / film
+    change = problem.mechanics.volume_change(state.q)
+    return -_defect(problem, state.pressure, change) / problem.mechanics.film_volume

@@ -62,9 +62,10 @@ class Meshes(NamedTuple):
     Attributes:
         whole: of the whole membrane.
         solved: of the part that is solved, or of the whole.
-        error: where errors are estimated, and stability is tested.
-        stability: of the whole, for the test of stability where `error` is a part that can't
-            sway; else None.
+        error: where the error of the mesh is judged.
+        stability: of the whole, where its state is assembled to tell whether it is stable
+            and what the mechanics leaves out; None where the mesh for the error is of the
+            whole and answers both.
     """
 
     whole: AbstractPlan

@@ -241,13 +241,8 @@ def skin_of(
         if path not in known:
             raise ValueError(f'"{path}" is no continuous input of this skin')
     parts = skin_parts(spec, {**known, **(inputs or {})})
-    if parts.electrodes is None:
-        raise ValueError(
-            "the skin has no [electrodes], so there is nothing to sense: add them to the "
-            "skin file"
-        )
     wall = parts.wall if contact else None
-    return Skin(parts.geometry, parts.law, parts.oil, parts.electrodes, wall, elements)
+    return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:

@@ -150,12 +150,7 @@ def pad_skin_of(
     if spec.geometry.dimension != 3:
         raise ValueError('a pad needs geometry.ends = "clamped"; this skin is in plane strain')
     parts = skin_parts(spec, {**continuous_inputs(spec), **(inputs or {})})
-    if parts.electrodes is None:
-        raise ValueError(
-            "the skin has no [electrodes], so there is nothing to sense: add them to the "
-            "skin file"
-        )
-    return PadSkin(parts.geometry, parts.law, parts.oil, parts.electrodes, elements)
+    return PadSkin(parts.geometry, parts.law, parts.oil, parts.sensing(), elements)
 
 
 def with_shear(

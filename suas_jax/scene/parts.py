@@ -40,6 +40,19 @@ class SkinParts(NamedTuple):
     electrodes: Electrodes | None
     wall: Wall | None
 
+    def sensing(self) -> Electrodes:
+        """The electrodes of a skin that has to have them.
+
+        Raises:
+            ValueError: it has none.
+        """
+        if self.electrodes is None:
+            raise ValueError(
+                "the skin has no [electrodes], so there is nothing to sense: add them to the "
+                "skin file"
+            )
+        return self.electrodes
+
 
 class SceneParts(NamedTuple):
     """A scene's objects; arrays have a lane axis.

@@ -124,6 +124,18 @@ class Explanations:
         return np.asarray(chdtrc(dof, value))
 
 
+def widened(values: NDArray[np.float64], *sizes: int) -> NDArray[np.float64]:
+    """Arrays by frame with NaN for the parameters that a fit doesn't have.
+
+    Args:
+        values: a frame first, then one axis or more over parameters.
+        sizes: that these axes should have.
+    """
+    whole = np.full((len(values), *sizes, *values.shape[1 + len(sizes) :]), np.nan)
+    whole[tuple(slice(n) for n in values.shape)] = values
+    return whole
+
+
 class AbstractLoadFitter(abc.ABC):
     """Least squares for any number of frames, on one skin.
 
@@ -304,20 +316,16 @@ class LoadFitter(AbstractLoadFitter):
         return found
 
     def _gathered(self, fit: Fit, weight: Any, contacts: int) -> Explanations:
-        frames, width = len(fit.chi2), self.per_contact * contacts
-        parameters = np.full((frames, self._width), np.nan)
-        parameters[:, :width] = fit.parameters.T
-        jacobian = np.full((frames, self._width, weight.shape[1]), np.nan)
-        jacobian[:, :width] = np.asarray(fit.evaluation.jacobian).transpose(2, 0, 1)
-        information = np.full((frames, self._width, self._width), np.nan)
-        information[:, :width, :width] = np.asarray(fit.information).transpose(2, 0, 1)
+        wide = self._width
+        jacobian = np.asarray(fit.evaluation.jacobian).transpose(2, 0, 1)
+        information = np.asarray(fit.information).transpose(2, 0, 1)
         return Explanations(
             score=np.array(fit.chi2),
             chi2=np.array(fit.chi2),
-            contacts=np.full(frames, contacts),
-            parameters=parameters,
-            jacobian=jacobian,
-            information=information,
+            contacts=np.full(len(fit.chi2), contacts),
+            parameters=widened(np.asarray(fit.parameters).T, wide),
+            jacobian=widened(jacobian, wide),
+            information=widened(information, wide, wide),
             predicted_decrease=np.array(fit.predicted_decrease),
             pressure=np.array(fit.evaluation.pressure),
             min_gap=np.array(fit.evaluation.min_gap),

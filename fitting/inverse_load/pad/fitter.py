@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.model.contact_parameters import PAD, PAD_WITH_DIAMETER
 from fitting.inverse_load.pad.interpolant import LEAST, MOST, PadInterpolant
 from fitting.inverse_load.pad.solved import Correction, SolvedContacts
@@ -26,7 +26,6 @@ _CHUNK = 64  # frames whose coefficients are gathered together
 _DAMPING, _GIVEN_UP = 1e-3, 1e8
 _ROUNDS = 4  # of solving several contacts and fitting again
 _MOVED = 0.1  # standard deviations below which a round is the last
-_SLACK = 0.0  # chi2 by which the interpolant may be worse than what is known
 
 
 class _Fit(NamedTuple):
@@ -127,7 +126,7 @@ class PadFitter(AbstractLoadFitter):
             for rows in (np.flatnonzero(frames == i) for i in np.unique(frames))
         ]
         chosen = np.array(best, np.intp)
-        return chosen[fit.chi2[chosen] < to_beat[chosen] + _SLACK]
+        return chosen[fit.chi2[chosen] < to_beat[chosen]]
 
     def _completed(self, start: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
         if start.shape[1] < self.per_contact * contacts:
@@ -267,14 +266,7 @@ class PadFitter(AbstractLoadFitter):
     def _gathered(
         self, fit: _Fit, weight: Any, contacts: int, gaps: NDArray[np.float64]
     ) -> Explanations:
-        frames, width = len(fit.chi2), self.per_contact * contacts
-        channels = weight.shape[1]
-        parameters = np.full((frames, self._width), np.nan)
-        parameters[:, :width] = fit.parameters
-        jacobian = np.full((frames, self._width, channels), np.nan)
-        jacobian[:, :width] = fit.jacobian
-        information = np.full((frames, self._width, self._width), np.nan)
-        information[:, :width, :width] = fit.information
+        frames, wide = len(fit.chi2), self._width
         low, high = self._bounds(fit.parameters, contacts, False)
         low = np.where(fit.parameters < low, -np.inf, low)
         _, decrease = _step(fit, low, high, np.zeros(frames))
@@ -282,9 +274,9 @@ class PadFitter(AbstractLoadFitter):
             score=fit.chi2.copy(),
             chi2=fit.chi2.copy(),
             contacts=np.full(frames, contacts),
-            parameters=parameters,
-            jacobian=jacobian,
-            information=information,
+            parameters=widened(fit.parameters, wide),
+            jacobian=widened(fit.jacobian, wide),
+            information=widened(fit.information, wide, wide),
             predicted_decrease=decrease,
             pressure=fit.readings[:, -1].copy(),
             min_gap=gaps,

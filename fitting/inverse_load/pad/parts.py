@@ -94,8 +94,6 @@ def pad_parts(
     live: bool,
     most_contacts: int,
     progress: Callable[[str], None],
-    tables: tuple[PadTable, ...] | None = None,
-    elements: tuple[int, int] | None = None,
 ) -> tuple[EstimationParts, PadSkin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
 
@@ -105,13 +103,10 @@ def pad_parts(
         live: whether frames come one by one.
         most_contacts: to tell apart.
         progress: called with what is being done.
-        tables: of solved states, where they have been made.
-        elements: of the meshes, the model's default where not given.
     """
-    skin = pad_skin_of(spec) if elements is None else pad_skin_of(spec, elements=elements)
+    skin = pad_skin_of(spec)
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
-    if tables is None:
-        tables = tuple(_table(spec, d, progress) for d in diameters)
+    tables = tuple(_table(spec, d, progress) for d in diameters)
     interpolant = PadInterpolant(tables)
     fitter = PadFitter(
         skin,

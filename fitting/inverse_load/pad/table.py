@@ -26,6 +26,7 @@ from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.pad_forward import (
+    ELEMENTS,
     PadSkin,
     Patches,
     extrapolation,
@@ -87,8 +88,7 @@ class PadTable:
     @functools.cached_property
     def places(self) -> NDArray[np.float64]:
         """Angle and axial position of every place [place, 2]."""
-        grid = np.meshgrid(self.angle, self.axial, indexing="ij")
-        return np.stack([x.reshape(-1) for x in grid], 1)
+        return _grid(self.angle, self.axial)
 
     @functools.cached_property
     def signatures(self) -> NDArray[np.float64]:
@@ -138,7 +138,7 @@ def pad_table_of(
     diameter: float,
     *,
     spacing: float = _SPACING,
-    elements: tuple[int, int] | None = None,
+    elements: tuple[int, int] = ELEMENTS,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> PadTable:
     """The table of a pad, from the cache where it is there.
@@ -147,10 +147,10 @@ def pad_table_of(
         spec: the pad, with electrodes.
         diameter: of the contacts [m].
         spacing: of the table's places [m].
-        elements: of the meshes; the model's default where not given.
+        elements: of the meshes.
         progress: called with the number of columns solved and their total.
     """
-    skin = pad_skin_of(spec) if elements is None else pad_skin_of(spec, elements=elements)
+    skin = pad_skin_of(spec, elements=elements)
     folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
     name = content_key(
         {
@@ -391,13 +391,18 @@ def _grid(*axes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([x.reshape(-1) for x in np.meshgrid(*axes, indexing="ij")], 1)
 
 
+def _mirrored(x: NDArray) -> NDArray:
+    """Values of a quarter [angle, axial, ...] on the whole pad, the same on all quarters."""
+    x = np.concatenate([x[:, :0:-1], x], 1)
+    return np.concatenate([x[:0:-1], x], 0)
+
+
 def _over(
     axes: tuple[NDArray[np.float64], ...], values: NDArray, places: NDArray
 ) -> NDArray[np.float64]:
     """Values of the probes between them, even in both directions."""
     whole = [np.concatenate([-x[:0:-1], x]) for x in axes]
-    both = np.concatenate([values[:0:-1], values])
-    both = np.concatenate([both[:, :0:-1], both], 1)
+    both = _mirrored(values)
     spline = TensorSpline.through((whole[0], whole[1]), both[..., None])
     return spline(*places.T)[0][:, 0]
 
@@ -431,18 +436,16 @@ def _unfolded(
     lower = np.concatenate([both[:, :0:-1], crown], 1)
     whole = np.concatenate([lower[:0:-1], upper], 0)
 
-    def even(x: NDArray) -> NDArray:
-        x = x.reshape(*shape, *x.shape[1:])
-        x = np.concatenate([x[:, :0:-1], x], 1)
-        return np.concatenate([x[:0:-1], x], 0)
+    def on_whole_pad(x: NDArray) -> NDArray:
+        return _mirrored(x.reshape(*shape, *x.shape[1:]))
 
     return PadTable(
         np.concatenate([-angle[:0:-1], angle]),
         np.concatenate([-axial[:0:-1], axial]),
-        even(force),
-        even(touch),
+        on_whole_pad(force),
+        on_whole_pad(touch),
         whole,
-        even(pressure),
+        on_whole_pad(pressure),
         *of_taxels,
         diameter,
     )

@@ -171,9 +171,7 @@ def _zero_of_series(
     idle = _idle(x, y, largest)
     if idle is not None:
         stretch = float(np.exp(idle) - 1.0)
-        size, unit = stretch, "of the length"
-        if np.isfinite(data.origin.length):
-            size, unit = 1e3 * stretch * data.origin.length, "mm"
+        size, unit = _travel(data, stretch)
         return [
             Suspect(
                 "slack",
@@ -223,9 +221,7 @@ def _zero_of_series(
     below = np.min(y) < -max(_CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
     if at_rest < 0.0 and not below:
         lag = -at_rest / slope
-        size, unit = float(lag), "of the length"
-        if np.isfinite(data.origin.length):
-            size, unit = 1e3 * size * data.origin.length, "mm"
+        size, unit = _travel(data, float(lag))
         return [
             Suspect(
                 "slack",
@@ -252,6 +248,13 @@ def _zero_of_series(
             unit,
         )
     ]
+
+
+def _travel(data: StressTest, strain: float) -> tuple[float, str]:
+    """A strain as travel of the machine where the specimen's length is known, and its unit."""
+    if np.isfinite(data.origin.length):
+        return 1e3 * strain * data.origin.length, "mm"
+    return strain, "of the length"
 
 
 def _toe_end(x: np.ndarray, y: np.ndarray) -> float | None:

@@ -25,7 +25,8 @@ from suas_jax.mechanics.pad.faces import face_displacement
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.points import KINDS, surface
 from suas_jax.mechanics.pad.stiffness import (
-    SLOTS,
+    COLUMNS,
+    ROWS,
     Blocks,
     Upper,
     add_blocks,
@@ -41,7 +42,6 @@ _CHUNK = 4  # elements whose terms are made together
 _XI = np.linspace(0, 1, _INTERVALS + 1)
 _WEIGHTS = np.where((_XI == 0) | (_XI == 1), 0.5, 1.0) / _INTERVALS
 _COUNT = len(_XI)
-_ROWS, _COLUMNS = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
 
 
 @functools.cache
@@ -163,7 +163,7 @@ class InnerFace:
         k = jnp.einsum("lxe,cibdxye->cibdlye", along, k)
         k = jnp.einsum("cjbe,cibdlye->cijdlye", across, k)
         k = jnp.einsum("dmye,cijdlye->cijdlme", across, k)
-        pairs = k[:, _ROWS, :, :, _COLUMNS]  # [slot, component, across, component, across, .]
+        pairs = k[:, ROWS, :, :, COLUMNS]  # [slot, component, across, component, across, .]
         return jnp.transpose(pairs, (0, 5, 2, 4, 1, 3))
 
     def state(self) -> ContactState:

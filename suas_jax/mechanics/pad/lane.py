@@ -117,7 +117,7 @@ class PadLane:
         s = self.surface(qe)
         density = energy_density(self.law, s, self.fibres, self.mid_radius)
         more = swept(s, self.mid_radius)[0]
-        points, spots = self._points()
+        points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
         work = pad_loads.load_work(points, spots, moved, self.thickness)
         return jnp.sum(areas * density), jnp.sum(areas * more), work
@@ -126,11 +126,10 @@ class PadLane:
         """The inner face against a wall."""
         return InnerFace(self.net, wall, self.thickness, self.mid_radius, self.net.gather(q))
 
-    def _points(self) -> tuple[PadLoadPoints, pad_loads.Spots]:
-        points = self.points
-        at = (points.angle, points.axial)
-        spots = pad_loads.spots(self.net, self.mid_radius, at)
-        return points, spots
+    def _spots(self) -> pad_loads.Spots:
+        """Where the loads act."""
+        at = (self.points.angle, self.points.axial)
+        return pad_loads.spots(self.net, self.mid_radius, at)
 
     def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
         """See `Pad.faces`."""
@@ -206,7 +205,7 @@ class PadLane:
         more, pulls = swept(s, radius)
         internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
         gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
-        points, spots = self._points()
+        points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
         vectors, hessian = pad_loads.load_terms(points, spots, moved, self.thickness)
         load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)

@@ -9,12 +9,18 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.points import cross
-from suas_jax.mechanics.pad.stiffness import SLOTS, Upper, add_blocks, no_blocks, upper_of
+from suas_jax.mechanics.pad.stiffness import (
+    COLUMNS,
+    ROWS,
+    Upper,
+    add_blocks,
+    no_blocks,
+    upper_of,
+)
 from suas_jax.numerics.bspline import bernstein
 from suas_jax.skin.pad_loads import PadLoadPoints
 
@@ -137,6 +143,5 @@ def load_bands(net: Net, spots: Spots, hessian: Float[Array, "2 3 2 3 point"]) -
     shapes = jnp.einsum("iap,kabp->kibp", along[:, :, long], shapes)
     shapes = jnp.einsum("cjbp,kibp->kcijp", across[:, :, :, side], shapes)
     half = jnp.einsum("kcijp,kcldp->cijldp", shapes, hessian)
-    rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
-    blocks = jnp.einsum("cgjldp,ldgmp->gpjmcd", half[:, rows], shapes[:, :, columns])
+    blocks = jnp.einsum("cgjldp,ldgmp->gpjmcd", half[:, ROWS], shapes[:, :, COLUMNS])
     return upper_of(add_blocks(net, no_blocks(net), (long, side), blocks))

@@ -53,7 +53,7 @@ class PadMesh(AbstractPlan):
         return PadMesh(self.plan.refined())
 
     def meshes(self) -> Meshes:
-        """Errors are estimated on the part that is solved; it can't sway, the whole can."""
+        """The error is judged on the part that is solved, stability and shear on the whole."""
         part = self.reduced()
         return Meshes(self, part, part.comparison(), self)
 

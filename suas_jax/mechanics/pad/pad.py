@@ -340,7 +340,7 @@ class Pad(AbstractMechanics):
 
     @property
     def omitted_margin(self) -> float:
-        """See the base class: of four references one kept two fifths, the others less."""
+        """See the base class; with the mesh's share it covers the error against a continuum."""
         return 0.35
 
     @property

@@ -28,6 +28,7 @@ Blocks = Float[Array, "4 control across 7 3 3"]
 
 # Pairs of an element's control values, row first, by offset.
 SLOTS = [(i, i + o) for o in range(4) for i in range(4 - o)]
+ROWS, COLUMNS = np.array(SLOTS).T
 _ACROSS = range(-REACH, REACH + 1)
 
 
@@ -58,8 +59,7 @@ def upper_bands(
     powers = jnp.stack([lengths**-order for order in range(3)])
     splines = splines * powers[:, None, None]
     left, right = (np.array([orders[pair[side]] for pair in every]) for side in (0, 1))
-    rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
-    table = splines[left][:, :, rows] * splines[right][:, :, columns]
+    table = splines[left][:, :, ROWS] * splines[right][:, :, COLUMNS]
     table = table * (tables.weights[:, None, None] * lengths)
     table = jnp.transpose(table, (3, 2, 0, 1))  # [element, slots, pair, gauss]
     bernstein = jnp.asarray(np.transpose(tables.across, (2, 0, 1)))  # [16, pair, gauss]
@@ -121,14 +121,13 @@ def add_blocks(
         blocks: by `SLOTS` along the stations, row and column across, components.
     """
     topology = net.topology
-    rows, columns = (np.array([pair[side] for pair in SLOTS]) for side in (0, 1))
-    control = jnp.asarray(topology.long.first)[element[0]] + rows[:, None]
+    control = jnp.asarray(topology.long.first)[element[0]] + ROWS[:, None]
     station = jnp.asarray(topology.across.station_of)[element[1]]
     # Places of what is no station are beyond the end, and dropped.
     place = jnp.where(station < 0, topology.across.stations, station)
     diagonal = REACH + np.arange(4) - np.arange(4)[:, None]
     index = (
-        (columns - rows)[:, None, None, None],
+        (COLUMNS - ROWS)[:, None, None, None],
         control[:, :, None, None],
         place[None, :, :, None],
         diagonal[None, None],
