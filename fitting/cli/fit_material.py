@@ -90,6 +90,19 @@ def material(
             min=0, help="Most readings of a curve; of more, half as many means. 0 keeps all."
         ),
     ] = 500,
+    prony: Annotated[
+        str,
+        typer.Option(
+            help="Relaxation of the stress from tests with times: number of Prony terms, or "
+            "auto for as many as the data determine."
+        ),
+    ] = "0",
+    mullins: Annotated[
+        bool,
+        typer.Option(
+            "--mullins", help="Softening below the largest load before, from loading cycles."
+        ),
+    ] = False,
     bound: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=LOW:HIGH", help="Hard bound, SI units: alpha.0=1:3."),
@@ -202,6 +215,8 @@ def material(
                     thin=thin,
                     zero=tuple(zero or ()),
                     bounds=bounds,
+                    prony=int(prony) if prony.isdigit() else prony,
+                    mullins=mullins,
                     scene=None if _on_skin(sets) else scene,
                 )
             except NoFit as error:
