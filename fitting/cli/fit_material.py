@@ -12,8 +12,8 @@ from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
+    from fitting.material.cards.settings import CardSettings
     from fitting.material.fit.result import MaterialFit
-    from fitting.material.report.cards import CardSettings
 
 
 def register(app: typer.Typer) -> None:
@@ -135,8 +135,8 @@ def material(
         list[str] | None,
         typer.Option(
             metavar="FORMAT=FILE",
-            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna or "
-            "toml. May be repeated.",
+            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna, "
+            "felupe or toml. May be repeated.",
         ),
     ] = None,
     card_units: Annotated[
@@ -169,9 +169,10 @@ def material(
         named = named_values(columns, "--columns", "force=3,extension=5")
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
+        from fitting.material.cards.card import PROGRAMS
+        from fitting.material.cards.settings import CardError, CardSettings
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
-        from fitting.material.report.cards import PROGRAMS, CardError, CardSettings
 
         settings = CardSettings(card_units, card_name, density)
         for name, _ in cards:
@@ -267,13 +268,16 @@ def _written(
     fit: "MaterialFit", cards: list[tuple[str, str]], settings: "CardSettings"
 ) -> list[dict[str, str]]:
     """Write the cards; one that a program can't have is reported, and stops nothing."""
-    from fitting.material.report.cards import CardError, write_card
+    from fitting.material.cards.card import left_out, write_card
+    from fitting.material.cards.settings import CardError
 
     found = []
     for name, file in cards:
         message = ""
         try:
             write_card(fit.material(), name, Path(file), settings)
+            if remark := left_out(fit.material(), name):
+                message = f"{file}: the card is {remark}"
         except CardError as error:
             message = str(error)
         found.append({"program": name, "file": file, "message": message})
