@@ -2,12 +2,12 @@
 
     python benchmarks/material_history.py [REPLICAS]
 
-Relaxation: ramp of 0.1 s to a strain of 50 %, held for 200 s, 71 readings, instantaneous modulus
-0.5 MPa, g = 0.2 and 0.15, tau = 0.5 and 20 s. Cycles: four of them to stretches of 1.3, 1.6, 2.0
-and 2.4, 316 readings, modulus 0.5 MPa, r = 1.8, m = 50 kPa, beta = 0.1. Noise of 1 % of each
-reading: normal, with heavy tails (Student's t with 3 degrees of freedom, same standard deviation),
-or correlated (0.6 from reading to reading). Printed: share of intervals that hold the truth, by
-constant, and how often the number of Prony terms is found.
+Relaxation: ramp of 0.1 s to a strain of 50 %, held for 200 s, 71 readings, instantaneous
+modulus 0.5 MPa, g = 0.2 and 0.15, tau = 0.5 and 20 s. Cycles: four of them to stretches of 1.3,
+1.6, 2.0 and 2.4, 316 readings, modulus 0.5 MPa, r = 1.8, m = 50 kPa, beta = 0.1. Noise of 1 %
+of each reading: normal, with heavy tails (Student's t with 3 degrees of freedom, same standard
+deviation), or correlated (0.6 from reading to reading). Printed: share of intervals that hold
+the truth, by constant, and how often the number of Prony terms is found.
 """
 
 import math
