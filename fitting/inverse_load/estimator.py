@@ -195,6 +195,11 @@ class LoadEstimator:
         return len(self.model_rest)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What is estimated of a contact, in the order of its covariance."""
+        return tuple(self._parts.fitter.parameters.names)
+
+    @property
     def model_rest(self) -> NDArray[np.float64]:
         """The model's readings at rest [taxel] [counts]."""
         return self._parts.rest

@@ -115,6 +115,27 @@ class Layout:
                     f"the skin has {self.describe()}; is this the log's skin file?"
                 )
 
+    def check_sent(self, sent: Mapping[int, int], source: str) -> None:
+        """Refuse modules that send another number of counts than the skin has taxels.
+
+        Fewer counts don't say which taxel is missing, so none of them can be placed.
+
+        Args:
+            sent: number of counts by module.
+            source: where they are from, for the message.
+
+        Raises:
+            LayoutMismatchError: a number differs.
+        """
+        for module, count in sent.items():
+            size = int(np.sum(self.module == module))
+            if size and count != size:
+                raise LayoutMismatchError(
+                    f"{source}: layout_mismatch: module {module} sends {count} counts, but the "
+                    f"skin has {size} taxels there ({self.describe()}); is this the log's skin "
+                    "file?"
+                )
+
     def pick(self, modules: Sequence[int], counts: CountsOf) -> NDArray[np.float64]:
         """Readings [..., taxel] of the whole layout; NaN where a module is absent.
 

@@ -30,8 +30,17 @@ _GATHER = 2e-3
 # Chunks (of at most 64 kB) kept while the consumer is busy; beyond it the operating system
 # and the device's flow control hold the rest.
 _MOST_WAITING = 1024
+# A port's buffer is forgotten at most so often: a fast device fills it again meanwhile.
+_MOST_BUFFERS = 16
 # Bytes kept to guess what an unintelligible stream is.
 _RECENT = 4096
+
+
+def discard_waiting(source: Source) -> None:
+    """Forget the bytes that came while nobody read: they are of an unknown age."""
+    for _ in range(_MOST_BUFFERS):
+        if not source.waiting():
+            return
 
 
 class Judged(NamedTuple):
@@ -88,6 +97,7 @@ class Stream:
         self._recent = b""
         self._pauses = (0.0, 0.0)  # the two longest between chunks, ascending [s]
         self._silent = self._puzzled = False  # reported, and not yet over
+        self._started = False
 
     @property
     def tally(self) -> Tally:
@@ -104,8 +114,15 @@ class Stream:
         """The modules seen, ascending."""
         return self._integrity.modules
 
+    def close(self) -> None:
+        """End the stream and let go of the port, whether its batches were asked for or not."""
+        self.stop.set()
+        if not self._started:
+            self._source.close()
+
     def batches(self) -> Iterator[list[Judged]]:
         """Readings in the order of arrival; an empty list at least ten times a second."""
+        self._started = True
         reader = threading.Thread(target=self._read, name="suas port", daemon=True)
         reader.start()
         try:
