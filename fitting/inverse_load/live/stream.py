@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.filter import LoadFilter
-from fitting.inverse_load.readings import Layout, LayoutMismatchError, StuckWatch
+from fitting.inverse_load.readings import Layout, LayoutMismatchError
 from suas_jax.acquisition.stream import Judged, Stream
+from suas_jax.acquisition.taxel_faults import StuckWatch
 
 
 class LiveFrame(NamedTuple):
