@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
+from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
 from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
 
@@ -120,20 +120,28 @@ def log(
                     started=started,
                     on_progress=lambda: view.update(stream),
                 )
-    if as_json:
-        typer.echo(json.dumps({"path": str(output)} | result, allow_nan=False))
-    elif result["rows"]:
-        typer.echo(f"{output}: {totals_text(result)}", err=True)
-    if result["stopped"]:
-        typer.echo(f"suas: {result['stopped']}", err=True)
-        raise typer.Exit(BAD_INPUT)
-    if not result["rows"]:
-        typer.echo(
-            f"suas: {port}: no frame came in {result['elapsed_s']:.1f} s; {output} is empty",
-            err=True,
+    stopped = result.pop("stopped")
+    silent = not result["rows"] and not stopped
+    status = "disk_full" if stopped else "no_frames" if silent else "recorded"
+    totals = f"{writer.path}: {totals_text(result)}"
+    message = totals
+    if stopped:
+        message = stopped
+    elif silent:
+        message = (
+            f"{port}: no frame came in {result['elapsed_s']:.1f} s; {writer.path} is empty"
         )
-        if duration is not None and result["elapsed_s"] >= duration:
-            raise typer.Exit(BAD_INPUT)
+    if as_json:
+        summary = {"path": str(output), "status": status, "message": message}
+        typer.echo(json.dumps(summary | result, allow_nan=False))
+    if not silent and (stopped or not as_json):
+        typer.echo(totals, err=True)
+    if status != "recorded":
+        typer.echo(f"suas: {message}", err=True)
+    over = duration is not None and result["elapsed_s"] >= duration
+    if stopped or (silent and over):
+        answered(status)
+        raise typer.Exit(BAD_INPUT)
 
 
 def _skin_header(skin: Path | None) -> tuple[dict[str, str], dict[int, int]]:
