@@ -21,7 +21,7 @@ import specification_page  # noqa: E402
 
 project = "suas_jax"
 author = "the authors of suas_jax"
-copyright = f"2026, {author}"  # noqa: A001
+copyright = f"2026, {author}"
 version = release = installed_version("suas-jax")
 
 extensions = [
@@ -103,7 +103,7 @@ def _add_unlisted_pages(app: Sphinx, page: str, source: list[str]) -> None:
     if page != "guides":
         return
     texts = {path.stem: path.read_text(encoding="utf-8") for path in HERE.glob("*.md")}
-    tables = [t for text in texts.values() for t in re.findall(r"{toctree}(.*?)```", text, re.S)]
+    tables = re.findall(r"{toctree}(.*?)```", "\n".join(texts.values()), re.DOTALL)
     rest = sorted(texts.keys() - {"index"} - set(" ".join(tables).split()))
     if rest:
         lines = ["", "## More", "", "```{toctree}", ":maxdepth: 1", "", *rest, "```", ""]
@@ -113,7 +113,7 @@ def _add_unlisted_pages(app: Sphinx, page: str, source: list[str]) -> None:
 _TYPES = {
     r"~?jax.Array \| ~?numpy.ndarray \| ~?numpy.bool \| ~?numpy.number "
     r"\| bool \| int \| float \| complex": "ArrayLike",
-    r"~numpy.ndarray\[tuple\[~typing.Any, ...\], ~numpy.dtype\[~numpy.(\w+)\]\]": r"NDArray[\1]",
+    r"~numpy.ndarray\[tuple\[~typing.Any, ...], ~numpy.dtype\[~numpy.(\w+)]]": r"NDArray[\1]",
     r"~?jaxlib._jax.Array": "Array",
     r"<function .*?<lambda>>": "...",
 }

@@ -10,6 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from suas_jax.scene import report_keys
+from suas_jax.scene.report_keys import REPORT_KEYS
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 CASE_A, CASE_B = str(SCENES / "case_a.toml"), str(SCENES / "case_b.toml")
@@ -55,7 +57,10 @@ def case_b() -> dict[str, Any]:
 
 def test_json_has_the_contract_s_keys(case_b: dict[str, Any]) -> None:
     assert {key: type(case_b[key]) for key in KEYS} == KEYS
+    assert list(case_b) == [key for key in REPORT_KEYS if key in case_b]
     assert set(case_b["loads"][0]) >= LOAD_KEYS
+    assert set(case_b["loads"][0]) <= set(report_keys.LOAD_KEYS)
+    assert set(case_b["taxels"][0]) == set(report_keys.TAXEL_KEYS)
     assert set(case_b["timings_s"]) == {"compile", "solve"}
     assert case_b["status"] == "converged"
     assert case_b["rtol_met"]

@@ -10,11 +10,11 @@ from fitting.cli.examples import EXAMPLES
 
 HEAD = """# Commands
 
-`suas` without a command lists them, `suas COMMAND --help` describes one. `suas
---install-completion` makes the shell complete commands and options. Exit status: 0 done, 2 bad
-input or a machine that can't do it, 3 no solution found, 130 interrupted. With `--json` a failure
-is also an object with `status` and `message` on standard output. No command replaces a file
-unless `--overwrite` is given.
+`suas` without a command lists them, `suas COMMAND --help` describes one, and
+`suas --install-completion` makes the shell complete commands and options. Exit status: 0 done,
+2 bad input or a machine that can't do it, 3 no solution found, 130 interrupted. With `--json` a
+failure is also an object with `status` and `message` on standard output. No command replaces a
+file unless `--overwrite` is given.
 
 The files in the examples are written by `suas examples`; a checkout has them. This page is
 written from the program's own parser.

@@ -7,7 +7,12 @@ import inspect
 def page(package: str) -> str:
     """One package's public names, in MyST Markdown with directives of autodoc."""
     module = importlib.import_module(package)
-    parts = [f"# {package}", "", inspect.cleandoc(module.__doc__ or "").partition(":")[0] + ".", ""]
+    parts = [
+        f"# {package}",
+        "",
+        inspect.cleandoc(module.__doc__ or "").partition(":")[0] + ".",
+        "",
+    ]
     for name in module.__all__:
         found = getattr(module, name)
         if inspect.isclass(found):

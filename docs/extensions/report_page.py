@@ -7,10 +7,10 @@ from suas_jax.scene.report_keys import LOAD_KEYS, REPORT_KEYS, TAXEL_KEYS
 HEAD = """# JSON reports
 
 `suas solve --json` prints one object and nothing else on standard output. Units stand at the
-end of the keys; a number that is not known is `null`, never NaN. Whatever goes wrong is an object
-with `status` and `message`, too. `suas sweep --json` prints `points`, a list of such objects, and
-`first_contact`, `null` or the `force_N`, `oil_pressure_Pa` and `angle_deg` at which the membrane
-reaches the wall.
+end of the keys; a number that is not known is `null`, never NaN. Whatever goes wrong is an
+object with `status` and `message`, too. `suas sweep --json` prints `points`, a list of such
+objects, and `first_contact`: `null`, or the `force_N`, `oil_pressure_Pa` and `angle_deg` at
+which the membrane reaches the wall.
 
 This page is written from `suas_jax.scene.report_keys`. Other reports are described where their
 commands are: [`suas fit material`](../material_calibration.md),

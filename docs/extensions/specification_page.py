@@ -89,7 +89,7 @@ def _body(specification: type[Spec], chooser: str = "") -> str:
             ", ".join(f"`{example}`" for example in field.examples or ()),
         )
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-        nested += [(key, part) for part in _specifications_in(field.annotation)]
+        nested += [(key, part) for part in specifications_in(field.annotation)]
     if len(lines) == 2:
         lines = []
     lines = [_markdown(text), "", *lines, ""]
@@ -98,11 +98,12 @@ def _body(specification: type[Spec], chooser: str = "") -> str:
     return "\n".join(lines)
 
 
-def _specifications_in(annotation: Any) -> Iterator[type[Spec]]:
+def specifications_in(annotation: Any) -> Iterator[type[Spec]]:
+    """Tables that stand inside the value of a key."""
     if isinstance(annotation, type) and issubclass(annotation, Spec):
         yield annotation
     for part in get_args(annotation):
-        yield from _specifications_in(part)
+        yield from specifications_in(part)
 
 
 def _marks(field: FieldInfo) -> Iterator[Any]:
@@ -193,7 +194,9 @@ def _presets() -> str:
     ]
     for name in preset_names():
         table = load_preset(name)
-        constants = ", ".join(f"{key} = {value}" for key, value in table.items() if key != "law")
+        constants = ", ".join(
+            f"{key} = {value}" for key, value in table.items() if key != "law"
+        )
         constants = _markdown(constants.replace("'", ""))
         lines.append(f"| `{name}` | `{table['law']}` | {constants} |")
     return "\n".join([*lines, ""])

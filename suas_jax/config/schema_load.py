@@ -150,7 +150,7 @@ class EnvironmentSpec(Spec):
     Attributes:
         depth: below the surface of the water [m]; None leaves ambient pressure out.
         specific_weight: of the water [N/m^3]; by default the paper's 10.051 kN/m^3.
-        atmospheric_pressure: at the surface of the water [Pa]; by default the paper's 101.3 kPa.
+        atmospheric_pressure: at the water's surface [Pa]; by default the paper's 101.3 kPa.
     """
 
     depth: Annotated[float, quantity("length", at_least=0.0)] | None = Field(

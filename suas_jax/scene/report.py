@@ -12,6 +12,7 @@ from suas_jax.scene.observables import taxel_rows
 from suas_jax.scene.report_keys import REPORT_KEYS
 from suas_jax.sensing.converter import Converter
 
+
 def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
     """Arrays to Python numbers, one row of them where they have many."""
 
