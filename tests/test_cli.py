@@ -111,6 +111,18 @@ def test_table_for_a_person_has_units() -> None:
     assert all(text in shown for text in ("N at 45 deg", "mm", "kPa", "mJ", "stable"))
 
 
+def test_gradient_for_a_person_is_sorted_and_without_zeros() -> None:
+    shown = suas("solve", CASE_B, "--gradient", "min_gap_m").stdout
+    rows = [line.split("│")[1:4] for line in shown.splitlines() if line.startswith("│")]
+    effects = [abs(float(effect)) for _, _, effect in rows]
+    names = [name.strip() for name, _, _ in rows]
+    assert effects == sorted(effects, reverse=True)
+    assert all(effects)
+    assert {"geometry.oil_gap", "material.C1"} <= set(names)
+    assert not [name for name in names if name.startswith("electrodes")]  # act on no gap
+    assert "other inputs have no effect" in shown
+
+
 def test_sweep_writes_what_it_prints(tmp_path: Path) -> None:
     curve, figure = tmp_path / "curve.csv", tmp_path / "curve.svg"
     options = ("--json", "--csv", str(curve), "--plot", str(figure))

@@ -79,6 +79,8 @@ def add_examples(app: typer.Typer) -> None:
             # An empty line parts paragraphs; a single end of line would be taken out.
             command.registered.epilog = "\n\n".join([title, *lines])
     panels = {name: panel for panel, names in PANELS.items() for name in names}
-    for part in (*app.registered_commands, *app.registered_groups):
+    parts: list[typer.models.CommandInfo | typer.models.TyperInfo]
+    parts = [*app.registered_commands, *app.registered_groups]
+    for part in parts:
         if part.name in panels:
             part.rich_help_panel = panels[part.name]
