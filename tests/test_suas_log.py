@@ -185,11 +185,9 @@ def test_what_changes_is_flagged_counted_and_said(fault, totals, sentence, tmp_p
 def test_a_full_disk_is_named_with_the_totals(tmp_path):
     path = tmp_path / "log.csv"
     with Device("cobs", link=tmp_path / "port") as device:
-        process = suas(
-            "log", device.port, "--format", "cobs", "-o", path, "--json",
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
-        )  # fmt: skip
+        process = suas("log", device.port, "--format", "cobs", "-o", path, "--json")
         device.wait_for_host()
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
         device.play(device_frames(150), stopped=lambda: process.poll() is not None)
         out, err = process.communicate(timeout=20)
     assert process.returncode == 2
