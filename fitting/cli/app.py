@@ -13,6 +13,7 @@ from fitting.cli import (
     fit_materials,
     fit_sensor,
     force_range,
+    health,
     invert,
     log,
     simulate,
@@ -29,6 +30,7 @@ solve.register(app)
 simulate.register(app)
 log.register(app)
 data.register(app)
+health.register(app)
 
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
