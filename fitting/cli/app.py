@@ -16,6 +16,7 @@ from fitting.cli import (
     health,
     invert,
     log,
+    new,
     simulate,
     solve,
 )
@@ -26,6 +27,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+new.register(app)
 solve.register(app)
 simulate.register(app)
 log.register(app)
