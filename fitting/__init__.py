@@ -25,7 +25,7 @@ _HOMES = {
     "sample_material": "fitting.material.fit.posterior",
     "sample_sensor": "fitting.sensor.fit.posterior",
     "sensor_report": "fitting.sensor.report.summary",
-    "write_card": "fitting.material.report.cards",
+    "write_card": "fitting.material.cards.card",
 }
 
 __all__ = sorted(_HOMES)

@@ -158,7 +158,7 @@ class LayerSpec(Spec):
     """A dielectric layer between electrode and oil, or between oil and membrane.
 
     Attributes:
-        thickness: [m].
+        thickness: of the layer [m].
         relative_permittivity: of the layer.
     """
 
