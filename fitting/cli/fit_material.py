@@ -146,7 +146,7 @@ def material(
         str, typer.Option(help="Name of the material in the cards.")
     ] = "membrane",
     density: Annotated[
-        float | None, typer.Option(help="Density in the cards [kg/m3]; lsdyna needs it.")
+        float | None, typer.Option(help="Density in the cards, kg/m3; lsdyna needs it.")
     ] = None,
     scene: Annotated[
         Path | None,

@@ -4,6 +4,7 @@ JAX is imported inside the commands, so that the help and commands that don't co
 start at once.
 """
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -103,10 +104,17 @@ def solve(
             from suas_jax.runtime.settings import configure
 
             configure()
+            from suas_jax.config import input_errors
             from suas_jax.scene.solve import solve as run
 
             solution = run(spec, repeat=repeat)
             report = solution.report
+            errors = input_errors(spec)
+            report["uncertainty"] = None
+            if solution.converged:
+                from suas_jax.scene.uncertainty import uncertainty
+
+                report["uncertainty"] = uncertainty(solution, errors)
             if gradient is not None:
                 from suas_jax.scene.gradient import gradient as differentiate
 
@@ -124,10 +132,16 @@ def solve(
                 from suas_jax.figures.vtu import write_vtu
 
                 write_vtu(solution, vtu)
+    if errors.text:
+        typer.echo(f"suas: {errors.text}", err=True)
     if as_json:
         typer.echo(json_text(report))
     else:
         _print_report(report)
+        if report.get("gradient"):
+            from suas_jax.config import continuous_inputs
+
+            _print_gradient(report["gradient"], continuous_inputs(spec))
     if not solution.converged:
         raise typer.Exit(NO_SOLUTION)
 
@@ -217,20 +231,29 @@ def _print_report(report: dict[str, Any]) -> None:
     message = escape(report["message"])
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
+    band = report.get("uncertainty") or {}
+
+    def spread(path: str, factor: float) -> str:
+        """The standard deviation of a quantity, after its number."""
+        sigma = band.get(path)
+        return "" if not sigma else f" ± {factor * sigma:.2g}"
+
     for i, load in enumerate(report["loads"]):
         if load["kind"] != "pressure":
             place = f"{load['angle_deg']:.4g} deg"
             if "axial_m" in load:
                 place += f", {1e3 * load['axial_m']:.4g} mm"
+            own = f"loads.{i}."
             text = (
-                f"{load['force_N']:.5g} N at {place} moves "
-                f"{1e3 * load['displacement_m']:.4g} mm (inner face "
-                f"{1e3 * load['inner_displacement_m']:.4g} mm)"
+                f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place} moves "
+                f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)} mm "
+                f"(inner face {1e3 * load['inner_displacement_m']:.4g} mm)"
             )
         else:
             text = f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
         table.add_row(f"load {i}", text)
-    table.add_row("oil pressure", f"{1e-3 * report['oil_pressure_Pa']:.5g} kPa")
+    pressure = f"{1e-3 * report['oil_pressure_Pa']:.5g}{spread('oil_pressure_Pa', 1e-3)} kPa"
+    table.add_row("oil pressure", pressure)
     if "absolute_oil_pressure_Pa" in report:
         absolute = 1e-3 * report["absolute_oil_pressure_Pa"]
         table.add_row("", f"{absolute:.5g} kPa absolute")
@@ -239,7 +262,8 @@ def _print_report(report: dict[str, Any]) -> None:
         ("largest displacement", "max_displacement"),
         ("largest bulge", "bulge"),
     ):
-        text = f"{1e3 * report[key + '_m']:.4g} mm at {report[key + '_angle_deg']:.3g} deg"
+        size = f"{1e3 * report[key + '_m']:.4g}{spread(key + '_m', 1e3)}"
+        text = f"{size} mm at {report[key + '_angle_deg']:.3g} deg"
         if key + "_axial_m" in report:
             text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
         table.add_row(name, text)
@@ -248,12 +272,17 @@ def _print_report(report: dict[str, Any]) -> None:
         table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
-        table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")
+        text = f"{min(so):.5g} to {max(so):.5g} counts"
+        sigma = max((v for k, v in band.items() if k.endswith(".so")), default=0.0)
+        table.add_row(
+            "sensor output", text + (f", each ± {sigma:.2g} or less" if sigma else "")
+        )
     table.add_row("strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ")
     table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
     stable = "stable" if report["stable"] else "[red]unstable[/]"
     material = "stable" if report["material_stable"] else "[red]outside its window[/]"
-    table.add_row("equilibrium / material", f"{stable} / {material}")
+    table.add_row("equilibrium", stable)
+    table.add_row("material", material)
     mesh, model = report["discretisation_error"], report["model_error"]
     error = "unknown" if mesh is None else f"{mesh:.1e} by the mesh, {model:.1e} by the model"
     table.add_row("estimated error", error)
@@ -262,11 +291,32 @@ def _print_report(report: dict[str, Any]) -> None:
         "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
     )
     console.print(table)
-    if report.get("gradient"):
-        gradients = Table("input (SI)", "derivative")
-        for name, value in report["gradient"].items():
-            gradients.add_row(name, f"{value:.6g}")
-        console.print(gradients)
+
+
+def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
+    """Derivatives by what a per cent of each input does, the largest first."""
+    from rich.console import Console
+    from rich.table import Table
+
+    effects = {name: 0.01 * slope * inputs[name] for name, slope in slopes.items()}
+    table = Table("input (SI)", "derivative", "1 % of the input")
+    rounding = 1e-12 * max(filter(math.isfinite, map(abs, effects.values())), default=0.0)
+
+    def acts(name: str) -> bool:
+        # An input that is zero has no per cent; its derivative may be large all the same.
+        if inputs[name] == 0.0:
+            return slopes[name] != 0.0
+        return not abs(effects[name]) <= rounding
+
+    felt = list(filter(acts, slopes))
+    for name in sorted(felt, key=lambda name: (-abs(effects[name]), -abs(slopes[name]))):
+        effect = f"{effects[name]:+.4g}" if inputs[name] != 0.0 else "input is zero"
+        table.add_row(name, f"{slopes[name]:+.6g}", effect)
+    console = Console(highlight=False)
+    console.print(table)
+    if len(felt) < len(slopes):
+        count = len(slopes) - len(felt)
+        console.print(f"{count} other inputs have no effect (--json lists them).")
 
 
 def _print_curve(curve: "Sweep") -> None:

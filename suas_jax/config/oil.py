@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import Field, PlainValidator, ValidationInfo
 
 from suas_jax.config.fields import Spec, quantity
 
@@ -35,7 +35,8 @@ def _fluid(value: object, info: ValidationInfo) -> float:
         names = ", ".join(f'"{name}"' for name in FLUIDS)
         raise ValueError(f"unknown fluid; give its relative permittivity, or one of {names}")
     at_least_one: Any = quantity("number", at_least=1.0)
-    return float(at_least_one.func(value, info))
+    number: float = at_least_one.func(value, info)
+    return number
 
 
 class OilSpec(Spec):
@@ -43,14 +44,14 @@ class OilSpec(Spec):
 
     Attributes:
         model: name of the model.
-        relative_permittivity: of the oil, or the name of a fluid (see `FLUIDS`); None where
+        relative_permittivity: of the oil, or the name of a fluid; None where
             nothing is sensed.
         trapped: whether the oil's pressure is unknown (else it is zero).
         yields: whether its volume changes with the pressure.
     """
 
     model: str
-    relative_permittivity: Annotated[float, BeforeValidator(_fluid)] | None = Field(
+    relative_permittivity: Annotated[float, PlainValidator(_fluid)] | None = Field(
         default=None, examples=["2.2"]
     )
 

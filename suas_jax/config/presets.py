@@ -13,15 +13,20 @@ from suas_jax.config.toml_file import read_toml
 
 
 @functools.cache
-def preset_folder() -> Path:
-    """Find the folder of the material presets.
+def shipped_folder() -> Path:
+    """Find the folder of the materials, skins, scenes and test data that ship with the project.
 
     Returns:
-        The folder beside this module in an installed package, or ``configs/materials`` of the
-        checkout that this module lies in.
+        The folder beside this module in an installed package, or ``configs`` of the checkout
+        that this module lies in.
     """
-    installed = Path(__file__).parent / "materials"
-    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs/materials"
+    installed = Path(__file__).parent / "shipped"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs"
+
+
+def preset_folder() -> Path:
+    """The folder of the material presets."""
+    return shipped_folder() / "materials"
 
 
 def preset_names() -> list[str]:

@@ -123,11 +123,9 @@ class Taxels(eqx.Module):
 
 def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Module (from 0) and number in it (from 1) of every taxel, in their order."""
-    sizes = [len(electrodes.taxels)]
-    if electrodes.layout == "roboskin":
-        sizes = [MODULE_TAXELS] * len(electrodes.modules)
-    modules = tuple(m for m, size in enumerate(sizes) for _ in range(size))
-    return modules, tuple(k for size in sizes for k in range(1, size + 1))
+    sizes = electrodes.taxels_by_module
+    modules = tuple(m for m, size in sizes.items() for _ in range(size))
+    return modules, tuple(k for size in sizes.values() for k in range(1, size + 1))
 
 
 def taxels_of(
@@ -169,6 +167,32 @@ def taxels_of(
         return x.reshape(-1, x.shape[-1])
 
     return Taxels(flat(angle), flat(axial), flat(diameter), *names)
+
+
+def taxel_places(
+    electrodes: ElectrodesSpec, wall_radius: float
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """Places of the taxels' centres on the unrolled wall, along arc and axis [m].
+
+    Args:
+        electrodes: the layout.
+        wall_radius: of the wall [m].
+
+    Returns:
+        Places by module (from 0) and number in it (from 1).
+    """
+    names = zip(*taxel_names(electrodes), strict=True)
+    if electrodes.layout == "list":
+        places = [(wall_radius * taxel.angle, taxel.axial) for taxel in electrodes.taxels]
+        return dict(zip(names, places, strict=True))
+    places = []
+    for module in electrodes.modules:
+        x, y = (module.pitch * module_places()[_places_by_number(module.numbering)]).T
+        cos, sin = np.cos(module.rotation), np.sin(module.rotation)
+        arc = wall_radius * module.angle + x * cos - y * sin
+        axial = module.axial + x * sin + y * cos
+        places += list(zip(arc.tolist(), axial.tolist(), strict=True))
+    return dict(zip(names, places, strict=True))
 
 
 def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:

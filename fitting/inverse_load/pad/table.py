@@ -25,14 +25,8 @@ from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.pad_forward import (
-    ELEMENTS,
-    PadSkin,
-    Patches,
-    extrapolation,
-    pad_skin_of,
-    readings_along,
-)
+from suas_jax.scene.pad_forward import ELEMENTS, PadSkin, Patches, pad_skin_of
+from suas_jax.scene.pad_levels import extrapolation, readings_along
 from suas_jax.sensing.taxels import Taxels
 
 LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
@@ -150,7 +144,7 @@ def pad_table_of(
         elements: of the meshes.
         progress: called with the number of columns solved and their total.
     """
-    skin = pad_skin_of(spec, elements=elements)
+    skin = pad_skin_of(spec, elements=elements, contact=False)
     folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
     name = content_key(
         {
@@ -203,7 +197,7 @@ def build_pad_table(
     cap, touch = largest_forces(columns, probes)
     force = np.exp(_over(probes, np.log(cap), places))
     found = columns.solve(places, force, LEVELS[LEVELS != 0])
-    stray = _in_counts(skin, skin.electrodes.stray)
+    stray = stray_counts(skin)
     rest = rest_readings(images)
     return _unfolded(
         found,
@@ -211,7 +205,7 @@ def build_pad_table(
         (angle, axial),
         force,
         _inverse(_over(probes, _inverse(touch), places)),
-        (rest, _in_counts(images, images.electrodes.stray)),
+        (rest, stray_counts(images)),
         (rest[where[0]], stray),
         diameter,
     )
@@ -381,9 +375,10 @@ def _inverse(force: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def _in_counts(skin: PadSkin, capacitance: Any) -> NDArray[np.float64]:
+def stray_counts(skin: PadSkin) -> NDArray[np.float64]:
+    """Part of the readings that no gap changes [taxel] [counts]."""
     taxels = len(skin.electrodes.taxels.angle)
-    counts = np.asarray(capacitance / skin.electrodes.lsb, float).reshape(-1)
+    counts = np.asarray(skin.electrodes.stray / skin.electrodes.lsb, float).reshape(-1)
     return np.broadcast_to(counts, (taxels,)).copy()
 
 
