@@ -9,6 +9,7 @@ import typer
 from fitting.cli import (
     contract,
     data,
+    export,
     fit_material,
     fit_materials,
     fit_sensor,
@@ -37,6 +38,9 @@ fit_sensor.register(fit)
 fit_materials.register(fit)
 app.add_typer(fit, name="fit")
 invert.register(app)
+exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
+export.register(exports)
+app.add_typer(exports, name="export")
 force_range.register(app)
 
 
