@@ -32,7 +32,7 @@ def counts_under(gap: float) -> int:
     return round(EPSILON * AREA / gap / LSB)
 
 
-COVARIANCE = np.array([[1e-4, 2e-5], [2e-5, 0.04]])
+COVARIANCE = np.array([[1e-4, 2e-5, 0.0], [2e-5, 0.04, 0.0], [0.0, 0.0, 1e-3]])
 ESTIMATES = [
     LoadEstimate(False, status="no_contact", oil_pressure=0.0, wall_contact=False),
     LoadEstimate(

@@ -18,6 +18,7 @@ from fitting.cli import (
     log,
     simulate,
     solve,
+    view,
 )
 
 app = typer.Typer(
@@ -42,6 +43,7 @@ exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=Tru
 export.register(exports)
 app.add_typer(exports, name="export")
 force_range.register(app)
+view.register(app)
 
 
 def _print_version(wanted: bool) -> None:

@@ -52,11 +52,15 @@ class TaxelFilm:
         )
         radius = geometry.wall_radius + parts.electrodes.height
         self.positions = np.asarray(taxels.positions(radius))
-        own = np.asarray(parts.electrodes.read_even_film(geometry.oil_gap))[:, 0]
-        self._model_rest = np.broadcast_to(own, self.angle.shape)
+        self._model_rest = self.rest_under(float(geometry.oil_gap[0]))
         given = np.full(self.angle.shape, np.nan) if rest is None else rest
         self.rest = np.where(np.isfinite(given), given, self._model_rest)
         self.gap(self.rest)  # compiled here, not while the first frame of a stream waits
+
+    def rest_under(self, gap: float) -> NDArray[np.float64]:
+        """The model's readings at rest under another oil gap [taxel] [counts]."""
+        so = np.asarray(self._electrodes.read_even_film(jnp.full(1, gap)))[:, 0]
+        return np.broadcast_to(so, self.angle.shape)
 
     def gap(self, so: Float[np.ndarray, "*frame taxel"]) -> Float[np.ndarray, "*frame taxel"]:
         """Gap of the even film over each taxel that gives its counts [m].
