@@ -28,6 +28,7 @@ from suas_jax.config import load_skin
 SKIN = Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
 TAXELS = 8
 FRAMES, RATE = 60, 50.0
+_PREPARED = 0.5  # after this long a run listens [s]
 COUNTS = [tuple(150 + (seq + 3 * k) % 17 for k in range(TAXELS)) for seq in range(FRAMES)]
 
 
@@ -60,19 +61,23 @@ def played(folder: Path, faults: Faults | None, watchers: list[Any]) -> Any:
     """Run live while a device plays all frames; the log that was recorded."""
     log, told = folder / "run.csv", []
     with Device("cobs", faults, folder / "port") as device:
-        player = threading.Thread(
-            target=lambda: (device.wait_for_host(), told.append(device.play(device_frames())))
-        )
+
+        def play() -> None:
+            device.wait_for_host()
+            time.sleep(_PREPARED)  # what comes before is of unknown age, and forgotten
+            told.append(device.play(device_frames()))
+
+        player = threading.Thread(target=play)
         player.start()
         options = LiveOptions(
             device.port,
             "cobs",
-            duration=FRAMES / RATE + 1.5,
+            duration=FRAMES / RATE + _PREPARED + 1.5,
             latency=5.0,
             log=log,
             as_json=True,
         )
-        run_live(KnownLoads(), options, watchers)  # type: ignore[arg-type]
+        run_live(KnownLoads, options, lambda *_: watchers)  # type: ignore[arg-type]
         player.join()
     return read_log(log), told[0]
 

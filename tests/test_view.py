@@ -248,7 +248,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k in range(5):
             row: list[int | None] = [REST] * 8
             if k:
-                row = [REST - 8, REST - 8, None, REST - 8, 65535, counts_under(2e-3)] + 2 * [
+                row = [REST - 50, REST - 50, None, REST - 50, 65535, counts_under(2e-3)] + 2 * [
                     REST
                 ]
             writer.write(0.5 * k, 0.5 * k, 100 + k, 0, row, ())
@@ -393,7 +393,7 @@ def _run_unsignalled(options: LiveOptions, source: LiveSource) -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(live, "ended_by_signal", unsignalled)
-        run_live(KnownLoads(), options, [source])  # type: ignore[arg-type]
+        run_live(KnownLoads, options, lambda *_: [source])  # type: ignore[arg-type]
 
 
 def test_a_picture_of_320_taxels_is_small_and_the_last_one_stays() -> None:

@@ -9,6 +9,7 @@ import typer
 from fitting.cli import (
     contract,
     data,
+    example_files,
     export,
     fit_material,
     fit_materials,
@@ -20,13 +21,15 @@ from fitting.cli import (
     solve,
     view,
 )
+from fitting.cli.examples import add_examples
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
+    epilog="Start with: suas examples, then: suas solve configs/scenes/case_b.toml",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
+example_files.register(app)
 solve.register(app)
 simulate.register(app)
 log.register(app)
@@ -44,6 +47,7 @@ export.register(exports)
 app.add_typer(exports, name="export")
 force_range.register(app)
 view.register(app)
+add_examples(app)
 
 
 def _print_version(wanted: bool) -> None:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.invert import estimator_of, rest_of
 from fitting.cli.log import skin_of_log
 from fitting.cli.progress import bar, spinner
 from suas_jax.files.writing import check_output
@@ -62,11 +61,13 @@ def mcap(
         skin = skin_of_log(read) if skin is None else skin
         if skin is None:
             raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
+        from fitting.inverse_load.skin_estimator import estimator_of, rest_of
         from suas_jax.runtime.settings import configure
         from suas_jax.simulation.load_path import skin_behind
 
         configure()
         spec = skin_behind(skin)
+        rest, _ = rest_of(spec, baseline)
         estimator, estimates = None, None
         if loads is None and not taxels_only:
             with spinner("preparing the estimate") as show:
@@ -86,7 +87,6 @@ def mcap(
         from fitting.robotics.log_recording import write_readings
         from fitting.robotics.recording import Recording
 
-        rest, _ = rest_of(spec, baseline)
         with (
             bar("writing", len(readings.so)) as advance,
             Recording(

@@ -2,7 +2,7 @@
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,15 +14,12 @@ from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from fitting.inverse_load.estimate.estimate import LoadEstimate
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.watcher import LiveWatcher
     from fitting.inverse_load.posterior import LoadMode
     from fitting.inverse_load.readings import LogReadings
     from fitting.robotics.recording import Recording
-    from suas_jax.config import SkinSpec
 
 
 def register(app: typer.Typer) -> None:
@@ -130,23 +127,27 @@ def invert(
             require_mcap()
         if live is None and log is not None:  # before the estimator is made, which takes long
             check_readable(log, MOST_BYTES)
-        from suas_jax.config import load_skin
         from suas_jax.runtime.settings import configure
 
         configure()
-        with spinner("preparing the estimate") as show:
-            estimator = estimator_of(
-                load_skin(skin),
-                baseline,
-                progress=show,
-                direction=direction,
-                false_alarm=false_alarm,
-                most_contacts=contacts,
-                noise=noise,
-                live=live is not None,
-                model_error=model_error,
-                **_on_pads(diameter, pressure_noise),
-            )
+
+        def prepare() -> "LoadEstimator":
+            from fitting.inverse_load.skin_estimator import skin_estimator
+
+            with spinner("preparing the estimate") as show:
+                return skin_estimator(
+                    skin,
+                    baseline,
+                    progress=show,
+                    direction=direction,
+                    false_alarm=false_alarm,
+                    most_contacts=contacts,
+                    noise=noise,
+                    live=live is not None,
+                    model_error=model_error,
+                    **_on_pads(diameter, pressure_noise),
+                )
+
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
@@ -155,21 +156,15 @@ def invert(
             options = LiveOptions(
                 live, format_name, baud, duration, latency, log, as_json, smooth, overwrite
             )
-            with contextlib.ExitStack() as stack:
-                watchers: list[LiveWatcher] = []
-                if mcap is not None:
-                    from fitting.robotics.live_recording import LiveRecording
 
-                    recording = stack.enter_context(recording_of(estimator, skin, mcap))
-                    watchers.append(LiveRecording(recording))
-                if serve is not None:
-                    from fitting.inverse_load.live.serve import LineServer
+            def watchers(
+                estimator: "LoadEstimator", stack: contextlib.ExitStack
+            ) -> "list[LiveWatcher]":
+                return _watchers(estimator, stack, skin, mcap, serve)
 
-                    server = stack.enter_context(LineServer(serve))
-                    _say("JSON lines at {}:{}".format(*server.address))
-                    watchers.append(server)
-                run_live(estimator, options, watchers)
+            run_live(prepare, options, watchers)
             return
+        estimator = prepare()
         assert log is not None
         readings, estimates = _offline(
             estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
@@ -177,7 +172,7 @@ def invert(
         if mcap is not None:
             from fitting.robotics.log_recording import write_readings
 
-            with recording_of(estimator, skin, mcap) as recording:
+            with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
 
 
@@ -203,32 +198,33 @@ def _say(text: str) -> None:
     typer.echo(f"suas: {text}", err=True)
 
 
-def estimator_of(spec: "SkinSpec", baseline: Path | None, **settings: Any) -> "LoadEstimator":
-    """An estimator of loads on a skin, with a baseline where one is given."""
-    from fitting.inverse_load.estimator import LoadEstimator
-
-    rest, variance = rest_of(spec, baseline)
-    if rest is not None:
-        settings |= {"rest": rest, "rest_variance": variance}
-    return LoadEstimator(spec, **settings)
-
-
-def rest_of(spec: "SkinSpec", baseline: Path | None) -> "tuple[NDArray | None, NDArray | None]":
-    """Readings at rest and their variance from a baseline's file; None without one."""
-    if baseline is None:
-        return None, None
-    from fitting.inverse_load.readings import Layout
-    from suas_jax.acquisition.baseline import read_baseline
-
-    return Layout(spec).baseline(read_baseline(baseline), str(baseline))
-
-
-def recording_of(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":
-    """A recording of what an estimator finds."""
+def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":
     from fitting.robotics.recording import Recording
 
     rest = estimator.rest
     return Recording(mcap, estimator.spec, rest=rest, estimator=estimator, skin_file=skin)
+
+
+def _watchers(
+    estimator: "LoadEstimator",
+    stack: contextlib.ExitStack,
+    skin: Path,
+    mcap: Path | None,
+    serve: str | None,
+) -> "list[LiveWatcher]":
+    """What records a live run and sends it on."""
+    found: list[LiveWatcher] = []
+    if mcap is not None:
+        from fitting.robotics.live_recording import LiveRecording
+
+        found.append(LiveRecording(stack.enter_context(_recording(estimator, skin, mcap))))
+    if serve is not None:
+        from fitting.inverse_load.live.serve import LineServer
+
+        server = stack.enter_context(LineServer(serve))
+        _say("JSON lines at {}:{}".format(*server.address))
+        found.append(server)
+    return found
 
 
 def _offline(

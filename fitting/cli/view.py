@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.invert import estimator_of, rest_of
 from fitting.cli.log import FORMAT_NAMES, skin_of_log
 from fitting.cli.progress import spinner
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
+    from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.live.watcher import LiveWatcher
     from fitting.view.hub import Hub
     from fitting.view.log_source import LogSource
 
@@ -134,20 +135,27 @@ def _live(
     served: Callable[["Hub"], contextlib.AbstractContextManager[None]],
 ) -> None:
     from fitting.inverse_load.live.run import LiveOptions, run_live
+    from fitting.inverse_load.skin_estimator import skin_estimator
     from fitting.view.live_source import LiveSource
     from fitting.view.readings_picture import ReadingsPictures
-    from suas_jax.config import load_skin
 
     live = LiveOptions(**options)
-    with spinner("preparing the estimate") as show:
-        spec = load_skin(skin)
-        estimator = estimator_of(
-            spec, baseline, progress=show, live=True, most_contacts=contacts
-        )
-        pictures = ReadingsPictures(spec, estimator.rest)
-    source = LiveSource(pictures, live.port)
-    with served(source.hub):
-        run_live(estimator, live, [source])
+
+    def prepare() -> "LoadEstimator":
+        with spinner("preparing the estimate") as show:
+            return skin_estimator(
+                skin, baseline, progress=show, live=True, most_contacts=contacts
+            )
+
+    def watchers(
+        estimator: "LoadEstimator", stack: contextlib.ExitStack
+    ) -> "list[LiveWatcher]":
+        pictures = ReadingsPictures(estimator.spec, estimator.rest)
+        source = LiveSource(pictures, live.port)
+        stack.enter_context(served(source.hub))
+        return [source]
+
+    run_live(prepare, live, watchers)
 
 
 def _log_source(
@@ -160,6 +168,7 @@ def _log_source(
     taxels_only: bool,
 ) -> "LogSource":
     from fitting.inverse_load.readings import readings_of
+    from fitting.inverse_load.skin_estimator import estimator_of, rest_of
     from fitting.view.log_source import LogSource
     from fitting.view.readings_picture import ReadingsPictures
     from suas_jax.acquisition.log.log_file import read_log

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -34,6 +35,19 @@ class Spec(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
+@dataclasses.dataclass(frozen=True)
+class Quantity(BeforeValidator):
+    """Validator of a quantity, as `quantity` builds it.
+
+    Attributes:
+        dimension: the kind of quantity.
+        rules: what is allowed, in words, such as ``"must be greater than zero"``.
+    """
+
+    dimension: DimensionName = "number"
+    rules: tuple[str, ...] = ()
+
+
 def quantity(
     dimension: DimensionName,
     *,
@@ -41,7 +55,7 @@ def quantity(
     at_least: float | None = None,
     below: float | None = None,
     nonzero: bool = False,
-) -> BeforeValidator:
+) -> Quantity:
     """Build the validator of a quantity.
 
     Args:
@@ -78,7 +92,8 @@ def quantity(
                 raise ValueError(rule)
         return number
 
-    return BeforeValidator(check)
+    rules = tuple(rule for _, rule in bounds)
+    return Quantity(check, dimension=dimension, rules=rules)
 
 
 def whole_number(value: object) -> int:

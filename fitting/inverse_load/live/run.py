@@ -2,7 +2,7 @@
 
 import contextlib
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +17,7 @@ from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
 from suas_jax.acquisition.signals import ended_by_signal
-from suas_jax.acquisition.stream import Judged, Stream
+from suas_jax.acquisition.stream import Judged, Stream, discard_waiting
 
 
 @dataclass(frozen=True)
@@ -59,25 +59,36 @@ class JsonLines(LiveWatcher):
         typer.echo(json_line(frame))
 
 
+def _nobody(estimator: LoadEstimator, stack: contextlib.ExitStack) -> Sequence[LiveWatcher]:
+    return ()
+
+
 def run_live(
-    estimator: LoadEstimator, options: LiveOptions, watchers: Sequence[LiveWatcher] = ()
+    prepare: Callable[[], LoadEstimator],
+    options: LiveOptions,
+    watchers: Callable[[LoadEstimator, contextlib.ExitStack], Sequence[LiveWatcher]] = _nobody,
 ) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration.
 
     Args:
-        estimator: made with `live=True`.
+        prepare: makes the estimator, which takes long: a port that can't be opened is refused
+            before.
         options: how to run.
-        watchers: take part, in this order.
+        watchers: makes what takes part; what it enters into the stack is left at the end.
     """
     decode = decoder(options.format_name)
-    estimator.warm_up()
     source = open_source(options.port, options.format_name, options.baud)
     with contextlib.ExitStack() as stack:
+        stack.callback(source.close)
+        estimator = prepare()
+        estimator.warm_up()
+        present = [*watchers(estimator, stack)]
+        discard_waiting(source)
         writer: LogWriter | None = None
         if options.log is not None:  # not before the port is known to be there
             writer = stack.enter_context(_log_writer(estimator, options, decode.extra_columns))
         view = stack.enter_context(LoadView(estimator, options.port, show=not options.as_json))
-        present: list[LiveWatcher] = [view, *watchers]
+        present.insert(0, view)
         if options.as_json:
             present.append(JsonLines())
 
