@@ -263,9 +263,12 @@ def _print_report(report: dict[str, Any]) -> None:
         ("largest bulge", "bulge"),
     ):
         size = f"{1e3 * report[key + '_m']:.4g}{spread(key + '_m', 1e3)}"
-        text = f"{size} mm at {report[key + '_angle_deg']:.3g} deg"
+        # A place in the middle is known to rounding errors, which nobody wants to read.
+        angle = round(report[key + "_angle_deg"], 6) + 0.0
+        text = f"{size} mm at {angle:.3g} deg"
         if key + "_axial_m" in report:
-            text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
+            axial = round(1e3 * report[key + "_axial_m"], 6) + 0.0
+            text += f", {axial:.3g} mm along the axis"
         table.add_row(name, text)
     if report["wall"] is not None:
         force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
