@@ -28,6 +28,12 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "suas invert configs/skins/suas.toml press.csv --plot loads.png",
         "suas invert configs/skins/suas.toml --live /dev/ttyUSB0 --json",
     ),
+    "export mcap": ("suas export mcap press.csv --skin configs/skins/suas.toml",),
+    "view": (
+        "suas view configs/scenes/pad_crown.toml --open",
+        "suas view press.csv --skin configs/skins/suas.toml --open",
+        "suas view configs/skins/suas.toml --live /dev/ttyUSB0 --open",
+    ),
     "fit material": (
         "suas fit material --law ogden --terms 3 "
         "--data uniaxial=configs/data/treloar1944_uniaxial.csv --plot fit.png",
@@ -40,8 +46,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 PANELS = {
     "Start": ("examples",),
-    "The model": ("solve", "sweep", "range", "simulate"),
-    "Measurements": ("log", "baseline", "data", "convert"),
+    "The model": ("solve", "sweep", "range", "simulate", "view"),
+    "Measurements": ("log", "baseline", "data", "convert", "export"),
     "Fits": ("fit", "invert"),
 }
 """Headings of the overview, and the commands below each; others stand under `Commands`."""
