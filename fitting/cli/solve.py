@@ -304,9 +304,9 @@ def _print_curve(curve: "Sweep") -> None:
     names = (
         "force [N]",
         "oil [kPa]",
-        "largest displacement [mm]",
-        "smallest gap [mm]",
-        "on the wall [N]",
+        "displacement [mm]",
+        "gap [mm]",
+        "wall [N]",
     )
     table = Table(*names, "status")
     for row in curve.rows():
