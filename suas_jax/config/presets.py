@@ -74,14 +74,15 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
     table = load_preset(name)
     law = table["law"]
     constants = list(LAWS[law].declared())
-    fixed = LAWS[law].model_fields.keys() - set(constants)
+    free = ["response", *constants]
+    fixed = LAWS[law].model_fields.keys() - set(free)
     wrong: list[tuple[str, str]] = []
     for key, value in material.items():
-        if key in constants:
+        if key in free:
             table[key] = value
         elif key in fixed:
             wrong.append((key, f"preset = {show(name)} already sets it; leave one of them out"))
         elif key != "preset":
-            advice = unknown(key, constants, "key")
+            advice = unknown(key, free, "key")
             wrong.append((key, f"{advice} (beside preset = {show(name)}, law {show(law)})"))
     return table, wrong

@@ -206,6 +206,13 @@ class ElectrodesSpec(Spec):
         default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
     )
 
+    @property
+    def taxels_by_module(self) -> dict[int, int]:
+        """Number of taxels of each module, by its number."""
+        if self.layout == "list":
+            return {0: len(self.taxels)}
+        return dict.fromkeys(range(len(self.modules)), MODULE_TAXELS)
+
     @field_validator("taxels")
     @classmethod
     def _taxels_of_a_list(

@@ -104,7 +104,7 @@ def pad_parts(
         most_contacts: to tell apart.
         progress: called with what is being done.
     """
-    skin = pad_skin_of(spec)
+    skin = pad_skin_of(spec, contact=False)
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
     tables = tuple(_table(spec, d, progress) for d in diameters)
     interpolant = PadInterpolant(tables)
