@@ -167,7 +167,7 @@ def sweep(
     """
     with bad_input():
         if (force is None) == (oil_pressure is None):
-            _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
+            _refuse("--force, --oil-pressure", "give one of them, as FROM:TO:COUNT")
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
         check_outputs([csv_file, plot], overwrite=overwrite)
@@ -244,7 +244,8 @@ def _print_report(report: dict[str, Any]) -> None:
         ("largest displacement", "max_displacement"),
         ("largest bulge", "bulge"),
     ):
-        text = f"{1e3 * report[key + '_m']:.4g} mm at {report[key + '_angle_deg']:.3g} deg"
+        size = round(1e3 * report[key + "_m"], 6)  # to the nanometre
+        text = f"{size:.4g} mm at {report[key + '_angle_deg']:.3g} deg"
         if key + "_axial_m" in report:
             text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
         table.add_row(name, text)
