@@ -153,7 +153,12 @@ def test_what_changes_is_flagged_counted_and_said(fault, totals, sentence, tmp_p
         stream = Stream(
             SerialSource(device.port, 115200), decoder("cobs"), "cobs", report=said.append
         )
-        played = threading.Thread(target=lambda: device.play(device_frames(150), speed=3.0))
+
+        def play() -> None:
+            device.play(device_frames(150), speed=3.0)
+            time.sleep(0.5)  # for the last bytes to be read
+
+        played = threading.Thread(target=play)
         played.start()
         found = record_stream(
             stream,

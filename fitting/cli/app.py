@@ -14,8 +14,10 @@ from fitting.cli import (
     fit_materials,
     fit_sensor,
     force_range,
+    health,
     invert,
     log,
+    new,
     simulate,
     solve,
 )
@@ -27,11 +29,13 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+new.register(app)
 example_files.register(app)
 solve.register(app)
 simulate.register(app)
 log.register(app)
 data.register(app)
+health.register(app)
 
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)

@@ -44,6 +44,8 @@ class Explanations:
         so: the model's readings [counts].
         q: unknowns of the equilibrium [frame, dof, station].
         weight: inverse variances, zero where a taxel is left out [1/counts^2].
+        absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
+            part of `so` and `chi2`.
     """
 
     score: NDArray[np.float64]
@@ -58,6 +60,7 @@ class Explanations:
     so: NDArray[np.float64]
     q: NDArray[np.float64]
     weight: NDArray[np.float64]
+    absorbed: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.chi2)
@@ -332,4 +335,5 @@ class LoadFitter(AbstractLoadFitter):
             so=np.array(fit.evaluation.so.T),
             q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
             weight=weight.copy(),
+            absorbed=np.zeros(len(fit.chi2), bool),
         )

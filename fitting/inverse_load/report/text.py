@@ -25,6 +25,8 @@ def contact_json(contact: Contact) -> dict[str, Any]:
     entry["covariance"] = contact.covariance.tolist() if known else None  # type: ignore[union-attr]
     if contact.systematic is not None:
         entry["systematic_covariance"] = contact.systematic.tolist()
+        noise = contact.noise_covariance
+        entry["covariance_noise"] = None if noise is None else noise.tolist()
     if contact.arc_position is not None:
         entry["arc_position_m"] = contact.arc_position
     return entry
