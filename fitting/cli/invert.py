@@ -123,6 +123,8 @@ def invert(
                 model_error=model_error,
                 **_on_pads(diameter, pressure_noise),
             )
+        if estimator.input_errors.text:
+            _say(estimator.input_errors.text)
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
