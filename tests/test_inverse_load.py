@@ -280,6 +280,23 @@ def test_a_skin_within_its_tolerances_gives_no_wrong_answer(
     assert name == "gain +1 %" or beyond.mean() > 0.6
 
 
+def test_a_wide_contact_is_one_contact_with_its_width(estimator: LoadEstimator) -> None:
+    case = next(case for case in field_errors.CASES if case.width and case.baseline)
+    random = np.random.default_rng(8)
+    loads = field_errors.drawn(8, random)
+    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=2)
+    found = own.estimate(so)
+    assert not any(map(field_errors.is_wrong, found, loads))
+    strong = [e for e, load in zip(found, loads, strict=True) if load[1] > 8]
+    assert strong
+    for estimate in strong:
+        (contact,) = estimate.contacts
+        assert contact.spread is not None
+        length, error = contact.spread
+        assert abs(length - case.width) < 4 * error
+        assert error < 0.2 * case.width
+
+
 def test_a_wrong_gap_raises_no_alarm_at_rest(estimator: LoadEstimator) -> None:
     case = field_errors.Case("", {"geometry.oil_gap": 0.03}, baseline=False)
     random = np.random.default_rng(6)
