@@ -21,6 +21,17 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "convert": ("suas convert press.csv press.parquet",),
     "log": ("suas log /dev/ttyUSB0 --format cobs --duration 60 -o press.csv",),
+    "health": (
+        "suas health press.csv --skin configs/skins/suas.toml --plot health.png",
+        "suas health /dev/ttyUSB0 --format cobs --duration 10",
+    ),
+    "calibrate": (
+        "suas calibrate /dev/ttyUSB0 configs/skins/suas.toml --format cobs --force '500 gf'",
+        "suas calibrate /dev/ttyUSB0 configs/skins/suas.toml --press '-30 deg, 5 N' "
+        "--press '40 deg, 8 N' --verify '10 deg, 5 N'",
+    ),
+    "new skin": ("suas new skin", "suas new skin pad.toml --pad 4x8"),
+    "new scene": ("suas new scene --skin configs/skins/suas-pad.toml",),
     "baseline": ("suas baseline rest.csv -o rest.json",),
     "data": ("suas data configs/data/treloar1944_uniaxial.csv",),
     "examples": ("suas examples", "suas examples elsewhere/configs"),
@@ -39,10 +50,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 """Command lines by the words that follow `suas`."""
 
 PANELS = {
-    "Start": ("examples",),
+    "Start": ("examples", "new"),
     "The model": ("solve", "sweep", "range", "simulate"),
-    "Measurements": ("log", "baseline", "data", "convert"),
-    "Fits": ("fit", "invert"),
+    "Measurements": ("log", "health", "baseline", "data", "convert"),
+    "Fits": ("calibrate", "fit", "invert"),
 }
 """Headings of the overview, and the commands below each; others stand under `Commands`."""
 
