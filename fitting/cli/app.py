@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli import (
+    calibrate,
     contract,
     data,
     example_files,
@@ -38,6 +39,7 @@ simulate.register(app)
 log.register(app)
 data.register(app)
 health.register(app)
+calibrate.register(app)
 
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
