@@ -39,8 +39,8 @@ REPORT_KEYS = {
     "timings_s": "`compile` and `solve` in seconds",
     "gradient": "with `--gradient`: derivative by every continuous input, in SI units and "
     "radians, by its path in the file",
-    "uncertainty": "standard deviation of every quantity by the errors that inputs state, by the "
-    "quantity's path in this report; `null` without a solution",
+    "uncertainty": "standard deviation of every quantity by the errors that inputs state, by "
+    "the path of the quantity in this report; `null` without a solution",
 }
 """Keys of `suas solve --json`."""
 
