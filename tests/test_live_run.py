@@ -17,18 +17,19 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.live.serve import LineServer, host_and_port
 from fitting.inverse_load.live.stream import LiveFrame
+from fitting.inverse_load.live.watcher import LiveWatcher
 from fitting.robotics.live_recording import LiveRecording
 from fitting.robotics.recording import Recording
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.device.faults import Faults
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.acquisition.stream import Stream
 from suas_jax.config import load_skin
 
 SKIN = Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
 TAXELS = 8
 FRAMES, RATE = 60, 50.0
-_PREPARED = 0.5  # after this long a run listens [s]
 COUNTS = [tuple(150 + (seq + 3 * k) % 17 for k in range(TAXELS)) for seq in range(FRAMES)]
 
 
@@ -57,14 +58,25 @@ class KnownLoads:
         return [LoadEstimate(True, (contact,), 500.0, False, 1.0, "ok")]
 
 
+class Listening(LiveWatcher):
+    """Tells when a run has begun to listen."""
+
+    def __init__(self) -> None:
+        self.begun = threading.Event()
+
+    def waited(self, stream: Stream) -> None:
+        """It listens."""
+        self.begun.set()
+
+
 def played(folder: Path, faults: Faults | None, watchers: list[Any]) -> Any:
     """Run live while a device plays all frames; the log that was recorded."""
-    log, told = folder / "run.csv", []
+    log, told, listening = folder / "run.csv", [], Listening()
     with Device("cobs", faults, folder / "port") as device:
 
         def play() -> None:
             device.wait_for_host()
-            time.sleep(_PREPARED)  # what comes before is of unknown age, and forgotten
+            listening.begun.wait()  # what comes before is of unknown age, and forgotten
             told.append(device.play(device_frames()))
 
         player = threading.Thread(target=play)
@@ -72,12 +84,12 @@ def played(folder: Path, faults: Faults | None, watchers: list[Any]) -> Any:
         options = LiveOptions(
             device.port,
             "cobs",
-            duration=FRAMES / RATE + _PREPARED + 1.5,
+            duration=FRAMES / RATE + 2.0,
             latency=5.0,
             log=log,
             as_json=True,
         )
-        run_live(KnownLoads, options, lambda *_: watchers)  # type: ignore[arg-type]
+        run_live(KnownLoads, options, lambda *_: [*watchers, listening])  # type: ignore[arg-type]
         player.join()
     return read_log(log), told[0]
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli import (
+    calibrate,
     contract,
     data,
     example_files,
@@ -15,8 +16,10 @@ from fitting.cli import (
     fit_materials,
     fit_sensor,
     force_range,
+    health,
     invert,
     log,
+    new,
     simulate,
     solve,
     view,
@@ -29,11 +32,14 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+new.register(app)
 example_files.register(app)
 solve.register(app)
 simulate.register(app)
 log.register(app)
 data.register(app)
+health.register(app)
+calibrate.register(app)
 
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)

@@ -135,7 +135,7 @@ def invert(
             from fitting.inverse_load.skin_estimator import skin_estimator
 
             with spinner("preparing the estimate") as show:
-                return skin_estimator(
+                estimator = skin_estimator(
                     skin,
                     baseline,
                     progress=show,
@@ -147,6 +147,9 @@ def invert(
                     model_error=model_error,
                     **_on_pads(diameter, pressure_noise),
                 )
+            if estimator.input_errors.text:
+                _say(estimator.input_errors.text)
+            return estimator
 
         if live is not None:
             if posterior is not None or plot is not None:

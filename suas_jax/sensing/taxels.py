@@ -178,6 +178,32 @@ def taxels_of(
     return Taxels(flat(angle), flat(axial), flat(diameter), *names)
 
 
+def taxel_places(
+    electrodes: ElectrodesSpec, wall_radius: float
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """Places of the taxels' centres on the unrolled wall, along arc and axis [m].
+
+    Args:
+        electrodes: the layout.
+        wall_radius: of the wall [m].
+
+    Returns:
+        Places by module (from 0) and number in it (from 1).
+    """
+    names = zip(*taxel_names(electrodes), strict=True)
+    if electrodes.layout == "list":
+        places = [(wall_radius * taxel.angle, taxel.axial) for taxel in electrodes.taxels]
+        return dict(zip(names, places, strict=True))
+    places = []
+    for module in electrodes.modules:
+        x, y = (module.pitch * module_places()[_places_by_number(module.numbering)]).T
+        cos, sin = np.cos(module.rotation), np.sin(module.rotation)
+        arc = wall_radius * module.angle + x * cos - y * sin
+        axial = module.axial + x * sin + y * cos
+        places += list(zip(arc.tolist(), axial.tolist(), strict=True))
+    return dict(zip(names, places, strict=True))
+
+
 def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
     """Heights of the electrodes above the wall [taxel, 1] [m]; 0 where all lie on it."""
     if electrodes.layout == "list":

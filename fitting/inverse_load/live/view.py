@@ -68,12 +68,21 @@ class LoadView(LiveTerminal, LiveWatcher):
         return table
 
 
-def picture(angles: list[float], edge: float) -> str:
-    """The pad from edge to edge as a line of characters, a mark at each contact."""
+def picture(
+    angles: list[float], edge: float, *, unit: str = "°", scale: float = 180 / np.pi
+) -> str:
+    """The pad from edge to edge as a line of characters, a mark at each contact.
+
+    Args:
+        angles: of the contacts, or their places along the axis.
+        edge: the largest angle, or place.
+        unit: of what is written at the edges.
+        scale: size of one, in that unit.
+    """
     line = ["─"] * _WIDTH
     line[0], line[-1], line[_WIDTH // 2] = "├", "┤", "┼"
     for angle in angles:
         place = round((angle / edge + 1) / 2 * (_WIDTH - 1))
         line[min(max(place, 0), _WIDTH - 1)] = "▼"
-    degrees = f"{np.rad2deg(edge):.0f}°"
-    return f"-{degrees} {''.join(line)} +{degrees}"
+    limit = f"{scale * edge:.0f}{unit}"
+    return f"-{limit} {''.join(line)} +{limit}"
