@@ -153,7 +153,12 @@ def test_what_changes_is_flagged_counted_and_said(fault, totals, sentence, tmp_p
         stream = Stream(
             SerialSource(device.port, 115200), decoder("cobs"), "cobs", report=said.append
         )
-        played = threading.Thread(target=lambda: device.play(device_frames(150), speed=3.0))
+
+        def play() -> None:
+            device.play(device_frames(150), speed=3.0)
+            time.sleep(0.5)  # for the last bytes to be read
+
+        played = threading.Thread(target=play)
         played.start()
         found = record_stream(
             stream,
@@ -185,11 +190,9 @@ def test_what_changes_is_flagged_counted_and_said(fault, totals, sentence, tmp_p
 def test_a_full_disk_is_named_with_the_totals(tmp_path):
     path = tmp_path / "log.csv"
     with Device("cobs", link=tmp_path / "port") as device:
-        process = suas(
-            "log", device.port, "--format", "cobs", "-o", path, "--json",
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
-        )  # fmt: skip
+        process = suas("log", device.port, "--format", "cobs", "-o", path, "--json")
         device.wait_for_host()
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
         device.play(device_frames(150), stopped=lambda: process.poll() is not None)
         out, err = process.communicate(timeout=20)
     assert process.returncode == 2

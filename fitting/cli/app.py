@@ -11,6 +11,7 @@ from fitting.cli import (
     contract,
     data,
     example_files,
+    export,
     fit_material,
     fit_materials,
     fit_sensor,
@@ -21,6 +22,7 @@ from fitting.cli import (
     new,
     simulate,
     solve,
+    view,
 )
 from fitting.cli.examples import add_examples
 
@@ -46,7 +48,11 @@ fit_sensor.register(fit)
 fit_materials.register(fit)
 app.add_typer(fit, name="fit")
 invert.register(app)
+exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
+export.register(exports)
+app.add_typer(exports, name="export")
 force_range.register(app)
+view.register(app)
 add_examples(app)
 
 

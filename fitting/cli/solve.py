@@ -104,10 +104,17 @@ def solve(
             from suas_jax.runtime.settings import configure
 
             configure()
+            from suas_jax.config import input_errors
             from suas_jax.scene.solve import solve as run
 
             solution = run(spec, repeat=repeat)
             report = solution.report
+            errors = input_errors(spec)
+            report["uncertainty"] = None
+            if solution.converged:
+                from suas_jax.scene.uncertainty import uncertainty
+
+                report["uncertainty"] = uncertainty(solution, errors)
             if gradient is not None:
                 from suas_jax.scene.gradient import gradient as differentiate
 
@@ -125,6 +132,8 @@ def solve(
                 from suas_jax.figures.vtu import write_vtu
 
                 write_vtu(solution, vtu)
+    if errors.text:
+        typer.echo(f"suas: {errors.text}", err=True)
     if as_json:
         typer.echo(json_text(report))
     else:
@@ -167,7 +176,7 @@ def sweep(
     """
     with bad_input():
         if (force is None) == (oil_pressure is None):
-            _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
+            _refuse("--force, --oil-pressure", "give one of them, as FROM:TO:COUNT")
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
         check_outputs([csv_file, plot], overwrite=overwrite)
@@ -222,20 +231,29 @@ def _print_report(report: dict[str, Any]) -> None:
     message = escape(report["message"])
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
     table = Table(show_header=False, box=None)
+    band = report.get("uncertainty") or {}
+
+    def spread(path: str, factor: float) -> str:
+        """The standard deviation of a quantity, after its number."""
+        sigma = band.get(path)
+        return "" if not sigma else f" ± {factor * sigma:.2g}"
+
     for i, load in enumerate(report["loads"]):
         if load["kind"] != "pressure":
             place = f"{load['angle_deg']:.4g} deg"
             if "axial_m" in load:
                 place += f", {1e3 * load['axial_m']:.4g} mm"
+            own = f"loads.{i}."
             text = (
-                f"{load['force_N']:.5g} N at {place} moves "
-                f"{1e3 * load['displacement_m']:.4g} mm (inner face "
-                f"{1e3 * load['inner_displacement_m']:.4g} mm)"
+                f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place} moves "
+                f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)} mm "
+                f"(inner face {1e3 * load['inner_displacement_m']:.4g} mm)"
             )
         else:
             text = f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
         table.add_row(f"load {i}", text)
-    table.add_row("oil pressure", f"{1e-3 * report['oil_pressure_Pa']:.5g} kPa")
+    pressure = f"{1e-3 * report['oil_pressure_Pa']:.5g}{spread('oil_pressure_Pa', 1e-3)} kPa"
+    table.add_row("oil pressure", pressure)
     if "absolute_oil_pressure_Pa" in report:
         absolute = 1e-3 * report["absolute_oil_pressure_Pa"]
         table.add_row("", f"{absolute:.5g} kPa absolute")
@@ -244,16 +262,25 @@ def _print_report(report: dict[str, Any]) -> None:
         ("largest displacement", "max_displacement"),
         ("largest bulge", "bulge"),
     ):
-        text = f"{1e3 * report[key + '_m']:.4g} mm at {report[key + '_angle_deg']:.3g} deg"
+        size = f"{round(1e3 * report[key + '_m'], 6):.4g}"  # to the nanometre
+        size += spread(key + "_m", 1e3)
+        # A place in the middle is known to rounding errors, which nobody wants to read.
+        angle = round(report[key + "_angle_deg"], 6) + 0.0
+        text = f"{size} mm at {angle:.3g} deg"
         if key + "_axial_m" in report:
-            text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
+            axial = round(1e3 * report[key + "_axial_m"], 6) + 0.0
+            text += f", {axial:.3g} mm along the axis"
         table.add_row(name, text)
     if report["wall"] is not None:
         force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
         table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
-        table.add_row("sensor output", f"{min(so):.5g} to {max(so):.5g} counts")
+        text = f"{min(so):.5g} to {max(so):.5g} counts"
+        sigma = max((v for k, v in band.items() if k.endswith(".so")), default=0.0)
+        table.add_row(
+            "sensor output", text + (f", each ± {sigma:.2g} or less" if sigma else "")
+        )
     table.add_row("strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ")
     table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
     stable = "stable" if report["stable"] else "[red]unstable[/]"
@@ -304,9 +331,9 @@ def _print_curve(curve: "Sweep") -> None:
     names = (
         "force [N]",
         "oil [kPa]",
-        "largest displacement [mm]",
-        "smallest gap [mm]",
-        "on the wall [N]",
+        "displacement [mm]",
+        "gap [mm]",
+        "wall [N]",
     )
     table = Table(*names, "status")
     for row in curve.rows():

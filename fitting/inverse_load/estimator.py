@@ -6,11 +6,12 @@
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
              -> number of contacts, faulty taxels           `pairs`, `selection`
-             -> covariances, statuses                       `calibration`, `report`
+             -> covariances, statuses                       `systematic`, `assessment`
 
 Readings are compared with the skin's own model in counts. A reading's variance is the
 converter's noise, its rounding (1/12), a baseline's own error, and the model's error: the
-lumped shell is within MODEL_ERROR of the continuum, in terms of the change from rest.
+lumped shell is within MODEL_ERROR of the continuum, in terms of the change from rest. What the
+skin file's own numbers leave open (`suas_jax.config.input_errors`) is the same in all frames.
 """
 
 import time
@@ -25,11 +26,12 @@ from scipy.special import chdtrc
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
+from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.section import section_parts
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
-from suas_jax.config import SkinSpec
+from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.runtime.compiled import COMPILED
 
 __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "LoadEstimator"]
@@ -85,6 +87,7 @@ class LoadEstimator:
     progress: Callable[[str], None] = lambda text: None
     diameter: float | None = DIAMETER
     pressure_noise: float = float("inf")
+    input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
 
@@ -95,20 +98,24 @@ class LoadEstimator:
         if not (np.isfinite(noise) and noise >= 0):
             raise ValueError(f"noise = {noise}: zero or more counts are needed")
         self.reading_noise = float(noise)
+        self.input_errors = input_errors(self.spec)
         parts = self._make_parts()
         self._parts = parts
         # A converter's rounding is noise, too.
         self._zero, uncertain = self._zero_of_readings()
         self._variance = noise**2 + 1 / 12 + uncertain
-        self.calibration = parts.systematic
-        if self.calibration is not None:
-            self._variance = self._variance + self.calibration.rest_variance
+        self._systematic = parts.systematic
         # What a further contact must gain: as rare as a tenth of a false alarm, and never
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
         asked = (parts.fitter.parameters.places + 1) * np.log(self.taxels)
         self.selection = Selection(
-            parts.fitter, parts.nodes, max(penalty, asked), self.most_contacts
+            parts.fitter,
+            parts.nodes,
+            max(penalty, asked),
+            self.most_contacts,
+            self._systematic,
+            parts.wide_fitter,
         )
 
     def _make_parts(self) -> EstimationParts:
@@ -117,14 +124,17 @@ class LoadEstimator:
 
             parts, self.skin, self.table = pad_parts(
                 self.spec,
+                self.input_errors,
                 diameter=self.diameter,
                 live=self.live,
                 most_contacts=self.most_contacts,
+                from_rest=self.rest is not None,
                 progress=self.progress,
             )
             return parts
         parts, self.skin, self.table = section_parts(
             self.spec,
+            self.input_errors,
             direction=self.direction,
             live=self.live,
             most_contacts=self.most_contacts,
@@ -168,12 +178,6 @@ class LoadEstimator:
         if not self.pressure_noise > 0:
             raise ValueError(
                 f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"
-            )
-        record = self.spec.calibration
-        if record is not None and record.covariance:
-            raise ValueError(
-                "[calibration] covariance: errors of a calibration are not carried into loads "
-                "on a pad; take the table out of the skin file to estimate without them"
             )
 
     def _zero_of_readings(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -300,10 +304,11 @@ class LoadEstimator:
         change = np.where(weight > 0, y - self._parts.nodes.rest, 0.0)
         count = (weight[:, taxels] > 0).sum(1)
         enough = count >= max(_FEWEST_TAXELS, self._parts.fitter.per_contact + 1)
-        test = self._parts.detector.test(change, weight)
+        errors = None if self._systematic is None else self._systematic.rest
+        test = self._parts.detector.test(change, weight, errors)
         touched = enough & (test.p_value < self.false_alarm)
         results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
-        chi2_rest = (weight * change**2).sum(1)
+        chi2_rest = self._chi2_at_rest(change, weight)
         at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
@@ -322,6 +327,13 @@ class LoadEstimator:
         spent /= len(so)
         return [replace(result, latency=spent) for result in results]
 
+    def _chi2_at_rest(self, change: Any, weight: Any) -> NDArray[np.float64]:
+        """Weighted squares of the change from rest that no error of the inputs explains."""
+        left = change
+        if self._systematic is not None and self._systematic.rest.any():
+            left, _ = without_errors(change, weight, self._systematic.rest)
+        return np.asarray((weight * left * change).sum(1))
+
     def _explained(
         self, y: Any, weight: Any, full_scale: Any, pulled: bool
     ) -> list[LoadEstimate]:
@@ -332,8 +344,9 @@ class LoadEstimator:
         else:
             best, others = self.selection.explain(y, weight)
         systematic = None
-        if self.calibration is not None:
-            systematic = self.calibration.covariance(best, self._parts.fitter.per_contact)
+        if self._systematic is not None:
+            per_contact = self._parts.fitter.per_contact
+            systematic = self._systematic.covariance(best, y, per_contact)
         return self._parts.assessment.estimates(best, others, full_scale, systematic)
 
 

@@ -173,6 +173,9 @@ class LogReadings:
         so: readings [frame, taxel]; NaN where missing.
         stuck: taxels that repeat one count beyond chance [frame, taxel].
         notes: what a person should know.
+        host_time: when the host read the frames, from the log's start [frame, s]; their
+            `time` where the log does not say.
+        header: of the log.
         pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
     """
 
@@ -181,6 +184,8 @@ class LogReadings:
     so: NDArray[np.float64]
     stuck: NDArray[np.bool_]
     notes: tuple[str, ...]
+    host_time: NDArray[np.float64]
+    header: Mapping[str, str]
     pressure: NDArray[np.float64] | None = None
 
 
@@ -213,7 +218,10 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
         notes.append(f"taxels {names} repeat one count and are left out meanwhile")
     measured = log.flags.get("oil_pressure_Pa")
     pressure = None if measured is None else frames.mean(measured.astype(float))
-    return LogReadings(time, frames.seq, so, stuck, tuple(notes), pressure)
+    host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)
+    return LogReadings(
+        time, frames.seq, so, stuck, tuple(notes), host_time, log.header, pressure
+    )
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:

@@ -5,17 +5,20 @@ from collections.abc import Callable
 import numpy as np
 
 from fitting.inverse_load.estimate.assessment import SectionAssessment
-from fitting.inverse_load.estimate.parts import EstimationParts, SystematicErrors
+from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.explanation import LoadFitter
+from fitting.inverse_load.fit.section_errors import SectionErrors
+from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
-from suas_jax.config import SkinSpec
+from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.scene.forward import Skin, skin_of
 
 
 def section_parts(
     spec: SkinSpec,
+    errors: InputErrors,
     *,
     direction: bool,
     live: bool,
@@ -27,6 +30,7 @@ def section_parts(
 
     Args:
         spec: the skin.
+        errors: of its inputs.
         direction: whether directions are free.
         live: whether frames come one by one.
         most_contacts: to tell apart.
@@ -48,11 +52,10 @@ def section_parts(
     middle, quarter = len(table.angles) // 2, len(table.angles) // 4
     single = table.so[middle, table.so.shape[1] // 2]
     pair = table.so[quarter, -6] + table.so[-quarter, -6] - table.rest
-    calibration: SystematicErrors | None = None
-    if spec.calibration is not None and spec.calibration.covariance:
-        from fitting.inverse_load.fit.calibration import CalibrationUncertainty
-
-        calibration = CalibrationUncertainty(spec, skin, from_rest=from_rest, live=live)
+    systematic: SectionErrors | None = None
+    if len(errors):
+        progress("building the table of the inputs' errors")
+        systematic = SectionErrors(spec, errors, skin, table, from_rest=from_rest, live=live)
     parts = EstimationParts(
         table.rest,
         ArcDetector(table.signatures),
@@ -60,6 +63,9 @@ def section_parts(
         fitter,
         assessment,
         (single, pair),
-        calibration,
+        systematic,
+        None
+        if direction
+        else WideContactFitter(skin, table, live=live, most_contacts=most_contacts),
     )
     return parts, skin, table

@@ -7,6 +7,7 @@ oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
 from typing import Any
 
 from suas_jax.config.errors import ConfigError, Problem
+from suas_jax.config.input_errors import InputErrors, input_errors
 from suas_jax.config.inputs import continuous_inputs, structure, with_inputs, with_solve
 from suas_jax.config.law import LawSpec
 from suas_jax.config.load import load_scene, load_skin, scene_from_dict
@@ -32,6 +33,7 @@ from suas_jax.config.schema_skin import (
 )
 from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.config.schema_wall import SoftLayerSpec, WallSpec
+from suas_jax.config.tolerance import UncertainQuantity
 
 __all__ = [
     "LAWS",
@@ -40,6 +42,7 @@ __all__ = [
     "ElectrodesSpec",
     "EnvironmentSpec",
     "GeometrySpec",
+    "InputErrors",
     "LawSpec",
     "LayerSpec",
     "LineLoadSpec",
@@ -55,9 +58,11 @@ __all__ = [
     "SoftLayerSpec",
     "SolveSpec",
     "TaxelSpec",
+    "UncertainQuantity",
     "WallSpec",
     "continuous_inputs",
     "format_quantity",
+    "input_errors",
     "load_preset",
     "load_scene",
     "load_skin",

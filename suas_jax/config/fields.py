@@ -6,9 +6,10 @@ import dataclasses
 from collections.abc import Callable
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationInfo
+from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationInfo
 
 from suas_jax.config.quantities import DimensionName, format_quantity, to_si
+from suas_jax.config.tolerance import UncertainQuantity, is_uncertain_text, parse_uncertain
 
 FILE_RULES = {"units_required": True}
 """Validation context of values that come from a file: every number states its unit."""
@@ -36,8 +37,10 @@ class Spec(BaseModel):
 
 
 @dataclasses.dataclass(frozen=True)
-class Quantity(BeforeValidator):
+class Quantity(PlainValidator):
     """Validator of a quantity, as `quantity` builds it.
+
+    It is a plain one: the library's own validation of a float would drop the deviation.
 
     Attributes:
         dimension: the kind of quantity.
@@ -56,7 +59,7 @@ def quantity(
     below: float | None = None,
     nonzero: bool = False,
 ) -> Quantity:
-    """Build the validator of a quantity.
+    """Build the validator of a quantity, which may carry its uncertainty.
 
     Args:
         dimension: the kind of quantity.
@@ -66,7 +69,8 @@ def quantity(
         nonzero: the value must not be zero.
 
     Returns:
-        A validator that yields the SI value, or raises ValueError with what is allowed.
+        A validator that yields the SI value, an `UncertainQuantity` where a deviation is
+        stated, or raises ValueError with what is allowed.
     """
 
     def limit(value: float) -> str:
@@ -86,7 +90,7 @@ def quantity(
 
     def check(value: object, info: ValidationInfo) -> float:
         strict = bool(info.context and info.context.get("units_required"))
-        number = to_si(value, dimension, bare_numbers=not strict)
+        number = quantity_of(value, dimension, bare_numbers=not strict)
         for holds, rule in bounds:
             if not holds(number):
                 raise ValueError(rule)
@@ -94,6 +98,26 @@ def quantity(
 
     rules = tuple(rule for _, rule in bounds)
     return Quantity(check, dimension=dimension, rules=rules)
+
+
+def quantity_of(
+    value: object, dimension: DimensionName, *, bare_numbers: bool = False
+) -> float:
+    """Read a value of a specification; see `suas_jax.config.quantities.to_si`.
+
+    Args:
+        value: text with a unit, with or without ``+-`` and a standard deviation, or a number.
+        dimension: the kind of quantity that is expected.
+        bare_numbers: accept a number without a unit as a value in SI units.
+
+    Raises:
+        ValueError: if the value is no finite quantity of that kind, with what is expected.
+    """
+    if isinstance(value, UncertainQuantity):  # of a specification that is built anew
+        return value
+    if isinstance(value, str) and is_uncertain_text(value):
+        return parse_uncertain(value, dimension)
+    return to_si(value, dimension, bare_numbers=bare_numbers)
 
 
 def whole_number(value: object) -> int:

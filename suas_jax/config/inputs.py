@@ -31,6 +31,15 @@ def continuous_inputs(scene: SkinSpec) -> dict[str, float]:
         ``material.mu.1``, ``load.0.force``. What the files don't give is not listed, so that
         defaults stay constants.
     """
+    return {path: float(value) for path, value in given_inputs(scene).items()}
+
+
+def given_inputs(scene: SkinSpec) -> dict[str, float]:
+    """The same, each with the standard deviation that the files state.
+
+    Returns:
+        Values by path, an `UncertainQuantity` where a deviation is stated.
+    """
     return {
         path: value
         for path, value, given in _leaves(scene)

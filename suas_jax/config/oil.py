@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import Field, PlainValidator, ValidationInfo
 
 from suas_jax.config.fields import Spec, quantity
 
@@ -35,7 +35,8 @@ def _fluid(value: object, info: ValidationInfo) -> float:
         names = ", ".join(f'"{name}"' for name in FLUIDS)
         raise ValueError(f"unknown fluid; give its relative permittivity, or one of {names}")
     at_least_one: Any = quantity("number", at_least=1.0)
-    return float(at_least_one.func(value, info))
+    number: float = at_least_one.func(value, info)
+    return number
 
 
 class OilSpec(Spec):
@@ -50,7 +51,7 @@ class OilSpec(Spec):
     """
 
     model: str
-    relative_permittivity: Annotated[float, BeforeValidator(_fluid)] | None = Field(
+    relative_permittivity: Annotated[float, PlainValidator(_fluid)] | None = Field(
         default=None, examples=["2.2"]
     )
 

@@ -24,8 +24,8 @@ from suas_jax.config.fields import (
     Quantity,
     Spec,
     quantity,
+    quantity_of,
 )
-from suas_jax.config.quantities import to_si
 
 DIRECTIONS = ("radial", "vertical")
 Tilt = Annotated[float, quantity("angle", above=-math.pi / 2, below=math.pi / 2)]
@@ -38,7 +38,7 @@ def _word_or_angle(value: Any, info: ValidationInfo) -> Any:
         advice = unknown(value, DIRECTIONS, "direction", quoted=True)
         raise ValueError(f'{advice}, or an angle such as "10 deg"')
     strict = bool(info.context and info.context.get("units_required"))
-    return to_si(value, "angle", bare_numbers=not strict)
+    return quantity_of(value, "angle", bare_numbers=not strict)
 
 
 Direction = Annotated[

@@ -111,6 +111,7 @@ class Solution:
         plan: its mesh.
         scene: what was solved.
         wall: whether the wall was there.
+        once: whether its program was compiled to run once.
     """
 
     report: dict[str, Any]
@@ -119,6 +120,7 @@ class Solution:
     plan: AbstractPlan
     scene: SceneSpec
     wall: bool = False
+    once: bool = True
 
     @property
     def converged(self) -> bool:
@@ -258,7 +260,36 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": float(np.median(seconds)),
     }
-    return Solution(report, found.state, found.shown, found.plan, scene, found.wall)
+    return Solution(
+        report, found.state, found.shown, found.plan, scene, found.wall, repeat == 1
+    )
+
+
+def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, Any] | None:
+    """What a solution's own program and mesh report for other numbers of the scene.
+
+    Args:
+        solution: of the scene; nothing is compiled anew.
+        inputs: SI values by TOML path that replace the scene's own.
+
+    Returns:
+        The observed quantities; None where no solution was found.
+    """
+    scene, plan = solution.scene, solution.plan
+    values = {**continuous_inputs(scene), **inputs}
+    arrays = {k: jnp.asarray(v, float) for k, v in values.items()}
+    static = Structure(_pattern(scene), wall=solution.wall)
+    if unloaded(scene):
+        report, _ = COMPILED.run(_rest_program, static, plan, arrays, once=solution.once)
+        return plain(report)
+    arguments = (static, plan.meshes(), arrays)
+    report, _, _, outcome = COMPILED.run(_program, *arguments, once=solution.once)
+    return plain(report) if int(np.ravel(outcome["result"])[0]) == 0 else None
+
+
+def _pattern(scene: SceneSpec) -> SceneSpec:
+    """The scene without what decides which programs run, not what they are."""
+    return with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
 
 
 def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
@@ -309,8 +340,7 @@ def _attempt(
     """
     model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    # Tolerance, model and mesh decide which programs run, not what they are.
-    pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
+    pattern = _pattern(scene)
     counts = given or model.first(scene)
     while True:
         plan, static = plan_for(scene, name, counts), Structure(pattern, wall=wall)

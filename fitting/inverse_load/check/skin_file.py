@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
@@ -22,11 +21,10 @@ from scipy.special import chdtrc
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.fitter import PadFitter
-from fitting.inverse_load.pad.solved import READ
+from fitting.inverse_load.pad.input_errors import solved_channels
 from fitting.inverse_load.pad.table import rest_readings
 from suas_jax.config import continuous_inputs
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
+from suas_jax.scene.pad_forward import pad_skin_of
 
 _FEWEST = 8  # single contacts that a verdict needs
 _MOST = 12  # frames that are solved again
@@ -154,7 +152,7 @@ def _slopes(
     skin, diameter = estimator.skin, estimator.diameter or float("nan")
     slots = max(estimator.most_contacts, 2)  # as the estimator's own program has
     known = continuous_inputs(estimator.spec)
-    base = _solved(skin, parameters, diameter, slots)
+    base = solved_channels(skin, parameters, diameter, slots)
     rest = rest_readings(skin)
     slopes = {}
     for path in _PATHS:
@@ -164,28 +162,11 @@ def _slopes(
             elements=skin.elements,
             contact=False,
         )
-        by = (_solved(changed, parameters, diameter, slots) - base) / _STEP
+        by = (solved_channels(changed, parameters, diameter, slots) - base) / _STEP
         if estimator.rest is not None:  # readings count from rest
             by[:, :-1] -= (rest_readings(changed) - rest) / _STEP
         slopes[path.replace("_", " ")] = by
     if estimator.diameter is not None:
-        wider = _solved(skin, parameters, (1 + 10 * _STEP) * diameter, slots)
+        wider = solved_channels(skin, parameters, (1 + 10 * _STEP) * diameter, slots)
         slopes[DIAMETER] = (wider - base) / (10 * _STEP)
     return slopes
-
-
-def _solved(
-    skin: PadSkin, parameters: NDArray[np.float64], diameter: float, slots: int
-) -> NDArray[np.float64]:
-    """Channels under single contacts, solved [frame, channel]; NaN where not found."""
-    rows = []
-    for x in parameters:
-        size = x[3] if len(x) > 3 else diameter
-        unused = [[*x[:2], 0.0, size]] * (slots - 1)
-        columns = np.array([[*x[:3], size], *unused]).T
-        patches = Patches(*(jnp.asarray(row) for row in columns))
-        used = Patches(*(jnp.asarray(row[:1]) for row in columns))
-        found = COMPILED.run(READ, skin, patches, skin.plan(used, slots=slots))
-        row = np.append(np.asarray(found.so), float(found.pressure))
-        rows.append(row if bool(found.found) else np.full_like(row, np.nan))
-    return np.array(rows)

@@ -73,7 +73,7 @@ class AbstractLoadAssessment(abc.ABC):
             best: their explanations.
             others: their second modes.
             full_scale: taxels that read full scale [frame, taxel].
-            systematic: covariance from the skin's calibration, as wide as `best`'s
+            systematic: covariance from the errors that all frames share, as wide as `best`'s
                 information [frame, parameter, parameter].
         """
         poor = best.p_value(self._per_contact) < POOR
@@ -110,7 +110,7 @@ class AbstractLoadAssessment(abc.ABC):
         places = best.parameters[i, : self._parameters.places * count]
         places = places.reshape(-1, count).T
         spread = covariance * (max(ratio, 1.0) if poor else 1.0)
-        bound, near = self._bound(best.parameters[i], count, spread)
+        bound, near = self._bound(best.parameters[i], count, spread, systematic)
         wall = bool(best.min_gap[i] <= 0) or near
         wall = wall or any(self.near_taxels(place, full_scale) for place in places)
         if poor and ratio > _BEYOND_MODEL:
@@ -129,6 +129,7 @@ class AbstractLoadAssessment(abc.ABC):
             count,
             None if wall else spread,
             None if wall else systematic,
+            best.spread[i],
         )
         alternatives: tuple[Contact, ...] = ()
         if count == 1 and other is not None and other.chi2 < chi2 + _AMBIGUOUS:
@@ -164,24 +165,36 @@ class AbstractLoadAssessment(abc.ABC):
             at_least=bound if wall else None,
         )
 
-    def _bound(self, parameters: Any, count: int, covariance: Any) -> tuple[float, bool]:
+    def _bound(
+        self, parameters: Any, count: int, covariance: Any, systematic: Any
+    ) -> tuple[float, bool]:
         """Force that acts at least [N], and whether the wall may take more.
 
         Beyond first contact the oil's pressure, and with it the readings, hardly change:
-        the force that explains them is that of first contact, or a little less.
+        the force that explains them is that of first contact, or a little less. Errors that
+        all frames share move both alike.
         """
         forces = self._parameters.rows("force", count)
         total = float(np.sum(parameters[forces]))
         variance = float(np.sum(covariance[forces, forces]))
-        sigma = np.sqrt(variance) if np.isfinite(variance) and variance > 0 else 0.0
+        shared = 0.0 if systematic is None else float(np.sum(systematic[forces, forces]))
+        sigma, whole = (
+            np.sqrt(x) if np.isfinite(x) and x > 0 else 0.0
+            for x in (variance, variance + shared)
+        )
         limit = np.inf
         if count == 1:
             limit = self.first_contact(parameters[: self._parameters.places])
         near = total + _SURE * sigma >= (1 - _LIMIT_ERROR) * limit
-        return max(min(total, limit) - _ONE_SIDED * sigma, 0.0), near
+        return max(min(total, limit) - _ONE_SIDED * whole, 0.0), near
 
     def _contacts(
-        self, parameters: Any, count: int, covariance: Any, systematic: Any
+        self,
+        parameters: Any,
+        count: int,
+        covariance: Any,
+        systematic: Any,
+        spread: Any = (np.nan, np.nan),
     ) -> tuple[Contact, ...]:
         contacts = []
         for k in range(count):
@@ -200,6 +213,7 @@ class AbstractLoadAssessment(abc.ABC):
                     own,
                     values.get("axial"),
                     values.get("diameter"),
+                    None if np.isnan(spread[0]) else (float(spread[0]), float(spread[1])),
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.angle))

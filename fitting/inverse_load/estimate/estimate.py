@@ -45,10 +45,12 @@ class Contact:
         covariance: of the parameters that are free, in the order of `names`, SI units and
             radians; None where the model doesn't hold, and no error can be stated.
         arc_position: along the undeformed outer face, from the symmetry axis [m].
-        systematic: the part of the covariance that comes from the skin's calibration, and
-            so is the same in every frame; None where the skin file states none.
+        systematic: the part of the covariance that comes from the skin file's tolerances and
+            calibration, and so is shared by all frames; None where there is none.
         axial: from the middle of a pad [m]; None in plane strain.
         diameter: of a round contact on a pad [m]; None where it was not estimated.
+        spread: arc of the outer face that a wide contact presses, and its standard deviation
+            [m]; None where a line explains the readings.
     """
 
     angle: float
@@ -59,12 +61,20 @@ class Contact:
     systematic: NDArray[np.float64] | None = None
     axial: float | None = None
     diameter: float | None = None
+    spread: tuple[float, float] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """What was estimated, in the order of the covariance."""
         order = ("angle", "axial", "force", "diameter", "direction")
         return tuple(name for name in order if getattr(self, name) is not None)
+
+    @property
+    def noise_covariance(self) -> NDArray[np.float64] | None:
+        """The part of the covariance that comes from the readings' noise."""
+        if self.covariance is None or self.systematic is None:
+            return self.covariance
+        return self.covariance - self.systematic
 
     def deviation(self, name: str) -> float:
         """Standard deviation of what was estimated, by its name; NaN where unknown."""

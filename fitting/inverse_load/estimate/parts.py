@@ -1,26 +1,15 @@
 """The parts of an estimator, whatever the dimension."""
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch
-
-
-class SystematicErrors(Protocol):
-    """Errors of estimates that are the same in every frame."""
-
-    @property
-    def rest_variance(self) -> NDArray[np.float64]:
-        """Variance of the model's readings at rest [taxel, counts^2]."""
-
-    def covariance(self, best: Explanations, per_contact: int) -> NDArray[np.float64]:
-        """Covariances of the parameters, padded as the information is."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +23,9 @@ class EstimationParts:
         fitter: fits loads to readings.
         assessment: turns fits into estimates.
         trials: readings of one and of two contacts, to compile or load what they need.
-        systematic: errors that all frames share, such as what the skin file's calibration
-            leaves open; None where nothing is known of them.
+        systematic: errors that all frames share: those of the skin file's numbers, and the
+            model's own; None where there are none.
+        wide_fitter: fits one contact of unknown width; None where there is no such model.
     """
 
     rest: NDArray[np.float64]
@@ -44,4 +34,5 @@ class EstimationParts:
     fitter: AbstractLoadFitter
     assessment: AbstractLoadAssessment
     trials: tuple[NDArray[np.float64], NDArray[np.float64]]
-    systematic: "SystematicErrors | None" = None
+    systematic: AbstractSystematicErrors | None = None
+    wide_fitter: AbstractLoadFitter | None = None

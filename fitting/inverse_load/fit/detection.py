@@ -10,6 +10,10 @@ z = max_t s(t).e. Under noise alone (Hotelling's and Weyl's tube formula, one-si
 Along an arc the patterns are a curve: L is its length and A = 0. On a pad they are a surface:
 A is its area and L half the length of its edge. Both follow from the taxels in use: missing
 ones change them, and the rate still holds.
+
+Where readings are absolute, errors of the skin's inputs move them at rest: with S their
+effects and W the weights, the noise's inverse covariance becomes
+W - W S^T (1 + S W S^T)^-1 S W, in patterns and readings alike.
 """
 
 import abc
@@ -46,27 +50,45 @@ class AbstractDetector(abc.ABC):
 
     @abc.abstractmethod
     def extent(
-        self, weight: NDArray[np.float64], size: NDArray[np.float64]
+        self,
+        weight: NDArray[np.float64],
+        size: NDArray[np.float64],
+        shared: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Length and area of the patterns, L and A above [frame].
 
         Args:
             weight: inverse variance [frame, taxel].
             size: of the patterns, scaled by the noise [frame, place].
+            shared: what errors of the inputs take from the patterns' products: the sum of
+                products of its rows [frame, row, place]; None without errors.
         """
 
-    def test(self, change: NDArray[np.float64], weight: NDArray[np.float64]) -> Detection:
+    def test(
+        self,
+        change: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        errors: NDArray[np.float64] | None = None,
+    ) -> Detection:
         """Test frames.
 
         Args:
             change: readings less those at rest [frame, taxel]; anything where not used.
             weight: inverse variance, zero where not used [frame, taxel].
+            errors: change of the readings at rest by errors of the inputs, one standard
+                deviation each [error, taxel].
         """
-        along = (weight * np.where(weight > 0, change, 0.0)) @ self._patterns.T
-        size = np.sqrt(weight @ self._squares.T)
+        change = np.where(weight > 0, change, 0.0)
+        squares, shared = weight @ self._squares.T, None
+        if errors is not None and errors.any():
+            change, root = without_errors(change, weight, errors)
+            shared = root @ self._patterns.T
+            squares = np.maximum(squares - (shared**2).sum(1), 0.0)
+        along = (weight * change) @ self._patterns.T
+        size = np.sqrt(squares)
         safe = np.where(size > 0, size, 1.0)
         z = np.where(size > 0, along / safe, -np.inf).max(1)
-        return Detection(z, false_alarm_rate(z, *self.extent(weight, safe)))
+        return Detection(z, false_alarm_rate(z, *self.extent(weight, safe, shared)))
 
     def threshold(self, rate: float) -> float:
         """The z that noise alone reaches at a given rate, all taxels weighing alike."""
@@ -88,10 +110,16 @@ class ArcDetector(AbstractDetector):
         self._products = signatures[1:] * signatures[:-1]
 
     def extent(
-        self, weight: NDArray[np.float64], size: NDArray[np.float64]
+        self,
+        weight: NDArray[np.float64],
+        size: NDArray[np.float64],
+        shared: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """See the base class."""
-        cosine = (weight @ self._products.T) / (size[:, 1:] * size[:, :-1])
+        products = weight @ self._products.T
+        if shared is not None:
+            products = products - (shared[..., 1:] * shared[..., :-1]).sum(1)
+        cosine = products / (size[:, 1:] * size[:, :-1])
         length = np.arccos(np.clip(cosine, -1, 1)).sum(1)
         return length, np.zeros_like(length)
 
@@ -114,20 +142,30 @@ class PadDetector(AbstractDetector):
         self._steps = [x.reshape(-1, taxels) for x in (*steps, *diagonals)]
 
     def extent(
-        self, weight: NDArray[np.float64], size: NDArray[np.float64]
+        self,
+        weight: NDArray[np.float64],
+        size: NDArray[np.float64],
+        shared: NDArray[np.float64] | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """See the base class: the surface as triangles between the grid's patterns."""
         a, b = self._shape
         size = size.reshape(-1, a, b)
+        common = None if shared is None else shared.reshape(*shared.shape[:2], a, b)
+        every, first, last = slice(None), slice(None, -1), slice(1, None)
         ends = (
-            (size[:, 1:], size[:, :-1]),
-            (size[:, :, 1:], size[:, :, :-1]),
-            (size[:, 1:, 1:], size[:, :-1, :-1]),
-            (size[:, 1:, :-1], size[:, :-1, 1:]),
+            ((last, every), (first, every)),
+            ((every, last), (every, first)),
+            ((last, last), (first, first)),
+            ((last, first), (first, last)),
         )
         squares = []  # of chords between unit patterns
-        for products, (p, q) in zip(self._steps, ends, strict=True):
-            cosine = (weight @ products.T).reshape(p.shape) / (p * q)
+        for products, (one, other) in zip(self._steps, ends, strict=True):
+            p, q = size[(every, *one)], size[(every, *other)]
+            product = (weight @ products.T).reshape(p.shape)
+            if common is not None:
+                both = common[(every, every, *one)] * common[(every, every, *other)]
+                product = product - both.sum(1)
+            cosine = product / (p * q)
             squares.append(2 - 2 * np.clip(cosine, -1, 1))
         down, along, falling, rising = squares
         # Either diagonal cuts a cell in two triangles: the mean of both.
@@ -142,6 +180,30 @@ class PadDetector(AbstractDetector):
             for x in (down[:, :, 0], down[:, :, -1], along[:, 0], along[:, -1])
         )
         return np.asarray(edge / 2), np.asarray(area)
+
+
+def without_errors(
+    change: NDArray[np.float64], weight: NDArray[np.float64], errors: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Take what errors of the inputs explain best off the readings at rest.
+
+    Args:
+        change: readings less those at rest, zero where not used [frame, taxel].
+        weight: inverse variance [frame, taxel].
+        errors: change of the readings by each error [error, taxel].
+
+    Returns:
+        The rest of the change [frame, taxel], and R with R^T R = W S^T (1 + S W S^T)^-1 S W
+        [frame, error, taxel].
+    """
+    weighted = errors * weight[:, None]
+    matrix = np.eye(len(errors)) + weighted @ errors.T
+    root = np.linalg.solve(np.linalg.cholesky(matrix), weighted)
+    along = (root @ change[..., None])[..., 0]
+    # W times this is (W - R^T R) times the change.
+    taken = np.einsum("fe,fet->ft", along, root)
+    safe = np.where(weight > 0, weight, 1.0)
+    return np.where(weight > 0, change - taken / safe, 0.0), root
 
 
 def _triangle(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:

@@ -3,9 +3,13 @@
 Every contact beyond the first adds a penalty to chi2, and so does every taxel that is left
 out. The explanation of lowest score wins, as with an information criterion; others than one
 contact are only tried where it leaves more than noise.
+
+Every explanation that leaves more than noise is fitted with the errors of the skin's inputs as
+well, each of which adds its square, in standard deviations, to chi2: what they explain is no
+further contact, and no faulty taxel.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import jax
@@ -13,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 
@@ -22,6 +27,9 @@ _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 _OUTLIER = 4.5  # residual in standard deviations of a taxel that is left out
 _MOST_OUTLIERS = 0.2  # share of the taxels
 _TRIMMED_FITS = 3
+_ERROR_FITS = 4  # of errors and loads in turn
+_WORTH = 0.5  # share of chi2 that errors must explain, or nearly all, to be fitted
+_ENDED = 0.1  # decrease of chi2 below which errors and loads have settled
 
 
 class Alternative(NamedTuple):
@@ -47,12 +55,17 @@ class Selection:
         nodes: coarse search for one contact.
         penalty: chi2 that a further contact must gain.
         most_contacts: to tell apart.
+        errors: of the skin's inputs; None where they are known exactly.
+        wide_fitter: least squares for one contact of unknown width; None where contacts have
+            no width to find.
     """
 
     fitter: AbstractLoadFitter
     nodes: AbstractNodeSearch
     penalty: float
     most_contacts: int
+    errors: AbstractSystematicErrors | None = None
+    wide_fitter: AbstractLoadFitter | None = None
 
     def __post_init__(self) -> None:
         self._pairs: AbstractSeveralSearch | None = None
@@ -78,10 +91,12 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        doubtful = self._p_value(best) < SUSPECT
-        frames = np.flatnonzero(doubtful | self._hinted(y, best))
+        doubtful = (self._p_value(best) < SUSPECT) | self._hinted(y, best)
+        # What errors of the inputs explain may be a width as well.
+        frames = np.flatnonzero(doubtful | best.absorbed)
         if frames.size:
-            best = self._more_contacts(y, weight, frames, best)
+            best, narrow = self._or_wide(y, weight, frames, best)
+            best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
             best = self._fewer_contacts(y, weight, best)
             best = self._or_pulled(y, weight, frames, best)
             bad = frames[self._p_value(best)[frames] < SUSPECT / 10]
@@ -98,9 +113,9 @@ class Selection:
             before = (weight * (y - last.so) ** 2).sum()
             table = (weight * (y - self.nodes.readings[node]) ** 2).sum()
             if before < table:
-                return self.fitter.fit(y, weight, self._predicted(y, weight), last.state, 1)
+                return self._fit(y, weight, self._predicted(y, weight), last.state, 1)
         start = self.nodes.near(y, weight, node)
-        return self.fitter.fit(y, weight, start, self.nodes.states(node), 1)
+        return self._fit(y, weight, start, self.nodes.states(node), 1)
 
     def _predicted(self, y: Any, weight: Any) -> NDArray[np.float64]:
         """Live: parameters from the last frame's by its own derivatives."""
@@ -128,7 +143,7 @@ class Selection:
         node = second[frames]
         start = self.nodes.near(y[frames], weight[frames], node)
         state = self.nodes.states(node)
-        found = self.fitter.fit(y[frames], weight[frames], start, state, 1)
+        found = self._fit(y[frames], weight[frames], start, state, 1)
         apart = self.nodes.apart(found.parameters, best.parameters[frames])
         rows = np.flatnonzero(apart & np.isfinite(found.chi2))
         better = found.chi2[rows] < best.chi2[frames[rows]]
@@ -148,6 +163,114 @@ class Selection:
         size = best.weight @ (pattern**2).T
         gain = (along**2 / np.maximum(size, 1e-300)).max(1)
         return np.asarray(gain > self.penalty / 2)
+
+    # --- errors of the skin's inputs ------------------------------------------------
+
+    def _fit(
+        self,
+        y: Any,
+        weight: Any,
+        start: NDArray[np.float64],
+        state: State,
+        count: int,
+        *,
+        pull: bool = False,
+        fitter: AbstractLoadFitter | None = None,
+    ) -> Explanations:
+        """Fit loads, and errors of the inputs where loads alone leave more than noise."""
+        fitter = fitter or self.fitter
+        found = fitter.fit(y, weight, start, state, count, pull=pull)
+        if self.errors is None or not self.errors.names:
+            return found
+        poor = np.isfinite(found.chi2) & (self._p_value(found) < SUSPECT)
+        rows = np.flatnonzero(poor)
+        if not rows.size:
+            return found
+        per_contact, own = self.fitter.per_contact, found.rows(rows)
+        told = self.errors.of(own, y[rows] - own.so, per_contact)
+        # Where errors leave most of it, another explanation is sought instead.
+        left = own.chi2 - told.decrease
+        explained = replace(own, chi2=left)
+        worth = (left < _WORTH * own.chi2) | (explained.p_value(per_contact) >= SUSPECT)
+        kept = np.flatnonzero(worth)
+        if kept.size:
+            rows, begin, errors = rows[kept], own.rows(kept), told.likely[kept]
+            better = self._with_errors(fitter, y[rows], weight[rows], begin, errors, pull=pull)
+            found = found.cheapest(rows, better)[0]
+        return found
+
+    def _with_errors(
+        self,
+        fitter: AbstractLoadFitter,
+        y: Any,
+        weight: Any,
+        begin: Explanations,
+        errors: Any,
+        *,
+        pull: bool,
+    ) -> Explanations:
+        """Loads and errors of the inputs in turn, from explanations by loads alone.
+
+        Args:
+            fitter: of the loads.
+            y: readings [frame, taxel].
+            weight: inverse variances.
+            begin: by loads alone.
+            errors: most likely there, in standard deviations [frame, error].
+            pull: whether forces pull outwards.
+        """
+        assert self.errors is not None
+        per_contact, count = self.fitter.per_contact, int(begin.contacts[0])
+        width = per_contact * count
+        best, size = begin, len(self.errors.names)
+        known, now = np.zeros_like(errors), begin
+        slopes = self.errors.of(begin, y - begin.so, per_contact).slopes
+        for _ in range(_ERROR_FITS):
+            shift = np.einsum("fe,fet->ft", errors, slopes)
+            fit = fitter.fit(
+                y - shift, weight, now.parameters[:, :width], now.state, count, pull=pull
+            )
+            cost = fit.chi2 + (errors**2).sum(1)
+            fit = replace(
+                fit,
+                score=cost,
+                chi2=cost,
+                so=fit.so + shift,
+                absorbed=np.ones(len(y), bool),
+            )
+            gained = best.score - cost
+            best, _ = best.cheapest(np.arange(len(y)), fit)
+            if not (gained > _ENDED).any():
+                break
+            known, now = errors, fit
+            told = self.errors.of(fit, y - fit.so, per_contact)
+            slopes = told.slopes
+            step = told.spread @ (told.pull - known)[..., None]
+            errors = known + step.reshape(-1, size)
+        return best
+
+    # --- wide contacts ------------------------------------------------------------------
+
+    def _or_wide(
+        self, y: Any, weight: Any, frames: NDArray[np.intp], best: Explanations
+    ) -> tuple[Explanations, NDArray[np.intp]]:
+        """One wide contact where it is cheaper; and the frames that ask for more than that.
+
+        A width is one more parameter, and costs Schwarz's criterion.
+        """
+        if self.wide_fitter is None:
+            return best, frames
+        own = best.rows(frames)
+        start = own.parameters[:, : self.fitter.per_contact]
+        found = self._fit(
+            y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
+        )
+        found = found.penalised(np.log(np.maximum((weight[frames] > 0).sum(1), 2)))
+        best, wide = best.cheapest(frames, found)
+        explained = np.zeros(len(y), bool)
+        explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
+        explained &= ~self._hinted(y, best)
+        return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------
 
@@ -182,7 +305,7 @@ class Selection:
         self, y: Any, weight: Any, start: Any, state: State, count: int
     ) -> Explanations:
         """Fits by several contacts, each beyond the first with its penalty."""
-        found = self.fitter.fit(y, weight, start, state, count)
+        found = self._fit(y, weight, start, state, count)
         return found.penalised((count - 1) * self.penalty)
 
     def _starts(
@@ -245,7 +368,7 @@ class Selection:
         force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
         start = np.concatenate([self.nodes.places[place], force[:, None]], 1)
         rest = self.nodes.rest_states(len(y))
-        return self.fitter.fit(y, weight, start, rest, 1, pull=True)
+        return self._fit(y, weight, start, rest, 1, pull=True)
 
     def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> Explanations:
         """A pull may look like several contacts around it; its penalty is that of two."""
@@ -267,7 +390,7 @@ class Selection:
         node, trimmed = self._least_trimmed(y, weight, most)
         start, states = self.nodes.loads[node], self.nodes.states(node)
         for _ in range(_TRIMMED_FITS):
-            found = self.fitter.fit(y, trimmed, start, states, 1)
+            found = self._fit(y, trimmed, start, states, 1)
             trimmed = _inliers(y, weight, found.so)
             better = found.parameters[:, : start.shape[1]]
             start = np.where(np.isfinite(found.chi2)[:, None], better, start)

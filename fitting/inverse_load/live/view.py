@@ -9,6 +9,7 @@ import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame
+from fitting.inverse_load.live.watcher import LiveWatcher
 from fitting.inverse_load.report.text import contact_text
 from suas_jax.acquisition.terminal import LiveTerminal
 
@@ -21,7 +22,7 @@ _WINDOW = 2.0  # rates are means over this time [s]
 _REFRESH = 0.1  # between two pictures [s]
 
 
-class LoadView(LiveTerminal):
+class LoadView(LiveTerminal, LiveWatcher):
     """Messages on stderr; on a terminal also a picture that moves.
 
     Args:
@@ -36,7 +37,11 @@ class LoadView(LiveTerminal):
         self._title = title
         self._times: deque[float] = deque()
 
-    def update(self, frame: LiveFrame) -> None:
+    def said(self, sentence: str) -> None:
+        """Print a sentence."""
+        self.say(sentence)
+
+    def estimated(self, frame: LiveFrame) -> None:
         """Show a frame, a few times a second."""
         now = time.monotonic()
         self._times.append(now)

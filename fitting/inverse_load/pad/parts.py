@@ -8,18 +8,17 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import PadDetector
-from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.pad.fitter import PadFitter
+from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.search import APART, PadNodeSearch
 from fitting.inverse_load.pad.table import PadTable, pad_table_of
-from suas_jax.config import SkinSpec
+from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
 
 FREE_DIAMETERS = (2e-3, 7e-3, 12e-3)
 """Diameters that are tabulated where it is estimated [m]."""
 _FALLBACK = 6e-3
-_PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
 
 
 class PadAssessment(AbstractLoadAssessment):
@@ -55,53 +54,25 @@ class PadAssessment(AbstractLoadAssessment):
         return bool((np.abs(place[:2]) >= np.array(self._fitter.edge) * (1 - 1e-6)).any())
 
 
-class PadDiscrepancy:
-    """What the pad's model and mesh leave open, the same for all taxels and frames.
-
-    Against continuum and finer meshes the force is within half a per cent and the place
-    within a twentieth of a millimetre: taken as standard deviations.
-
-    Args:
-        radius: of the outer face [m].
-        taxels: their number.
-    """
-
-    def __init__(self, radius: float, taxels: int) -> None:
-        self._angle, self._taxels = _PLACE_ERROR / radius, taxels
-
-    @property
-    def rest_variance(self) -> NDArray[np.float64]:
-        """Zero: the model is exact at rest [taxel, counts^2]."""
-        return np.zeros(self._taxels)
-
-    def covariance(self, best: Explanations, per_contact: int) -> NDArray[np.float64]:
-        """Covariances of the parameters, padded as the information is."""
-        total = np.full(best.information.shape, np.nan)
-        for i, count in enumerate(best.contacts.tolist()):
-            width = per_contact * count
-            own = best.parameters[i, :width].reshape(per_contact, count)
-            sigma = np.zeros_like(own)
-            sigma[0], sigma[1] = self._angle, _PLACE_ERROR
-            sigma[2] = _FORCE_ERROR * own[2]
-            total[i, :width, :width] = np.diag(sigma.reshape(-1) ** 2)
-        return total
-
-
 def pad_parts(
     spec: SkinSpec,
+    errors: InputErrors,
     *,
     diameter: float | None,
     live: bool,
     most_contacts: int,
+    from_rest: bool,
     progress: Callable[[str], None],
 ) -> tuple[EstimationParts, PadSkin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
 
     Args:
         spec: the pad.
+        errors: of its inputs.
         diameter: of the contacts [m]; None estimates it.
         live: whether frames come one by one.
         most_contacts: to tell apart.
+        from_rest: whether readings count from a baseline.
         progress: called with what is being done.
     """
     skin = pad_skin_of(spec, contact=False)
@@ -134,7 +105,7 @@ def pad_parts(
         fitter,
         PadAssessment(fitter, nodes, radius, places),
         (single, several),
-        PadDiscrepancy(radius, len(places)),
+        PadErrors(spec, errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
     )
     return parts, skin, middle
 

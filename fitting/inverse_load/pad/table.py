@@ -197,7 +197,7 @@ def build_pad_table(
     cap, touch = largest_forces(columns, probes)
     force = np.exp(_over(probes, np.log(cap), places))
     found = columns.solve(places, force, LEVELS[LEVELS != 0])
-    stray = _in_counts(skin, skin.electrodes.stray)
+    stray = stray_counts(skin)
     rest = rest_readings(images)
     return _unfolded(
         found,
@@ -205,7 +205,7 @@ def build_pad_table(
         (angle, axial),
         force,
         _inverse(_over(probes, _inverse(touch), places)),
-        (rest, _in_counts(images, images.electrodes.stray)),
+        (rest, stray_counts(images)),
         (rest[where[0]], stray),
         diameter,
     )
@@ -360,11 +360,8 @@ def _reach(
 
 def rest_readings(skin: PadSkin) -> NDArray[np.float64]:
     """Readings of the undeformed pad [taxel] [counts]."""
-    e = skin.electrodes
-    gap = skin.geometry.oil_gap - e.height
-    density = e.formula.per_area(gap, skin.geometry.wall_radius, e.permittivity, e.layers)
-    so = (e.stray + e.taxels.area * density) / e.lsb
-    return np.broadcast_to(np.asarray(so)[:, 0], (len(e.taxels.angle),)).copy()
+    so = skin.electrodes.read_even_film(skin.geometry.oil_gap)
+    return np.broadcast_to(np.asarray(so)[:, 0], (len(skin.electrodes.taxels.angle),)).copy()
 
 
 def _inverse(force: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -375,9 +372,10 @@ def _inverse(force: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def _in_counts(skin: PadSkin, capacitance: Any) -> NDArray[np.float64]:
+def stray_counts(skin: PadSkin) -> NDArray[np.float64]:
+    """Part of the readings that no gap changes [taxel] [counts]."""
     taxels = len(skin.electrodes.taxels.angle)
-    counts = np.asarray(capacitance / skin.electrodes.lsb, float).reshape(-1)
+    counts = np.asarray(skin.electrodes.stray / skin.electrodes.lsb, float).reshape(-1)
     return np.broadcast_to(counts, (taxels,)).copy()
 
 

@@ -113,15 +113,7 @@ def table_of(
     A cache that can't be read or written costs time, never a result.
     """
     folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
-    name = content_key(
-        {
-            "elements": skin.elements,
-            "structure": structure(spec),
-            "inputs": continuous_inputs(spec),
-            "electrodes": repr(spec.electrodes),
-            "source": source_digest(),
-        }
-    )
+    name = table_key(spec, skin)
     content = folder.get(name)
     if content is not None:
         with np.load(io.BytesIO(content)) as data:
@@ -132,6 +124,19 @@ def table_of(
     np.savez(stream, **{key: getattr(table, key) for key in table.__dataclass_fields__})
     folder.put(name, stream.getvalue())
     return table
+
+
+def table_key(spec: SkinSpec, skin: Skin) -> str:
+    """Digest of all that the table of a skin depends on."""
+    return content_key(
+        {
+            "elements": skin.elements,
+            "structure": structure(spec),
+            "inputs": continuous_inputs(spec),
+            "electrodes": repr(spec.electrodes),
+            "source": source_digest(),
+        }
+    )
 
 
 def build_table(skin: Skin) -> LoadTable:

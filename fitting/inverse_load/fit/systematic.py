@@ -1,0 +1,133 @@
+"""Errors of the skin file's numbers, carried into the loads of every frame.
+
+The inputs of a skin are known to within independent errors c, each of one standard deviation
+(`suas_jax.config.input_errors`). With J and S the derivatives of the readings by loads and
+errors, W the weights and r the residuals of a frame, to first order::
+
+    S' = S - J (J^T W J)^-1 J^T W S        what no load explains
+    P = (1 + S'^T W S')^-1,  c = P S'^T W r      errors given the frame: spread, most likely
+    dx = -G c,  G = (J^T W J)^-1 J^T W S         what they do to the loads
+    chi2 falls by (S'^T W r)^T P (S'^T W r)      less what the errors themselves count
+
+A stiffness hardly shows in the residuals (S' is small, P is 1) and moves every frame's force
+alike; a gap without a baseline shows in every taxel. Loads are fitted with the inputs as
+written; their covariance is that of noise, plus G (P + c c^T) G^T. Only where noise alone
+doesn't explain a frame are errors fitted with its loads (`Selection`).
+
+Readings that count from a baseline are moved by S less its value at rest.
+"""
+
+import abc
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.covariance import inverse
+from fitting.inverse_load.fit.explanation import Explanations
+
+
+class ErrorsOfFrames(NamedTuple):
+    """What frames say about the errors of the inputs; frames of one number of contacts.
+
+    Attributes:
+        slopes: of the readings by the errors, S [frame, error, channel].
+        gain: of the loads, G [frame, parameter, error].
+        left: the information that loads leave, S'^T W S' [frame, error, error].
+        pull: S'^T W r [frame, error].
+        spread: covariance of the errors given the frame, P [frame, error, error].
+        likely: the most likely errors, in standard deviations [frame, error].
+        decrease: of chi2, less the squares of the errors [frame].
+    """
+
+    slopes: NDArray[np.float64]
+    gain: NDArray[np.float64]
+    left: NDArray[np.float64]
+    pull: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    likely: NDArray[np.float64]
+    decrease: NDArray[np.float64]
+
+
+class AbstractSystematicErrors(abc.ABC):
+    """Errors that all frames share, on one skin.
+
+    Attributes:
+        names: of the errors.
+        rest: change of the readings at rest by each error [error, channel]; zero where
+            readings count from a baseline.
+    """
+
+    names: tuple[str, ...]
+    rest: NDArray[np.float64]
+
+    @abc.abstractmethod
+    def slopes(
+        self, best: Explanations, per_contact: int, contacts: int
+    ) -> NDArray[np.float64]:
+        """Change of readings by one standard deviation of each error [frame, error, channel].
+
+        Args:
+            best: explanations of frames.
+            per_contact: parameters of a contact.
+            contacts: their number, the same in all frames.
+        """
+
+    def unexplained(self, best: Explanations, per_contact: int) -> NDArray[np.float64] | None:
+        """Covariances of the parameters that come from the model itself, if there are any."""
+        return None
+
+    def of(
+        self, best: Explanations, residual: NDArray[np.float64], per_contact: int
+    ) -> ErrorsOfFrames:
+        """What frames of one number of contacts say about the errors.
+
+        Args:
+            best: their explanations.
+            residual: readings less the model's [frame, channel]; anything where not used.
+            per_contact: parameters of a contact.
+        """
+        count = int(best.contacts[0])
+        width = per_contact * count
+        used = best.weight > 0
+        slopes = np.where(
+            used[:, None], np.nan_to_num(self.slopes(best, per_contact, count)), 0
+        )
+        jacobian = np.where(used[:, None], np.nan_to_num(best.jacobian[:, :width]), 0.0)
+        moved = jacobian * best.weight[:, None]
+        across = np.swapaxes(slopes, 1, 2)
+        # What a frame doesn't determine at all is no less known for the errors.
+        covariance = inverse(best.information[:, :width, :width])
+        covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+        gain = covariance @ (moved @ across)
+        free = slopes - np.swapaxes(gain, 1, 2) @ jacobian
+        weighted = free * best.weight[:, None]
+        left = weighted @ np.swapaxes(free, 1, 2)
+        pull = (weighted @ np.where(used, np.nan_to_num(residual), 0.0)[..., None])[..., 0]
+        spread = np.asarray(np.linalg.inv(np.eye(len(self.names)) + left), float)
+        likely = (spread @ pull[..., None])[..., 0]
+        return ErrorsOfFrames(slopes, gain, left, pull, spread, likely, (pull * likely).sum(1))
+
+    def covariance(
+        self, best: Explanations, y: NDArray[np.float64], per_contact: int
+    ) -> NDArray[np.float64]:
+        """Covariances of the parameters by the errors, padded as the information is.
+
+        Args:
+            best: explanations of frames.
+            y: their readings [frame, channel].
+            per_contact: parameters of a contact.
+        """
+        total = np.full(best.information.shape, np.nan)
+        for count in np.unique(best.contacts):
+            frames = np.flatnonzero(best.contacts == count)
+            width = per_contact * int(count)
+            own = best.rows(frames)
+            found = self.of(own, y[frames] - own.so, per_contact)
+            # Where errors were fitted with the loads, none is left to shift them.
+            shift = np.where(own.absorbed[:, None], 0.0, found.likely)
+            second = found.spread + shift[:, :, None] * shift[:, None]
+            part = found.gain @ second @ np.swapaxes(found.gain, 1, 2)
+            total[frames, :width, :width] = part
+        own_error = self.unexplained(best, per_contact)
+        return total if own_error is None else total + own_error

@@ -1,0 +1,125 @@
+"""Quantities with their uncertainty: text such as ``"20.7 MPa +- 10 %"``.
+
+The number after ``+-`` (or ``±``) is one standard deviation: of the value's own unit, or a
+share of the value in per cent. ``+- 0`` says that the value is known exactly.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import SupportsFloat
+
+from suas_jax.config.errors import show
+from suas_jax.config.quantities import (
+    DIMENSIONS,
+    DimensionName,
+    format_quantity,
+    parse_quantity,
+)
+
+_PLUS_MINUS = re.compile(r"\+\s?/?\s?[-\N{MINUS SIGN}]|\N{PLUS-MINUS SIGN}")
+_SHARED_UNIT = re.compile(r"\(([^()]*)\)\s*(\S.*)?")
+_LAST_UNIT = re.compile(r"[\d.]\s*([A-Za-zµμ°%].*)$")
+_NUMBER_ALONE = re.compile(r"\s*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*")
+
+
+class UncertainQuantity(float):
+    """A value in SI units that carries its standard deviation.
+
+    It is the value wherever a float is expected; what is computed from it is a plain float,
+    and two that differ in their deviations only are equal.
+
+    Attributes:
+        deviation: one standard deviation, in the value's SI unit.
+    """
+
+    __slots__ = ("deviation",)
+    deviation: float
+
+    def __new__(cls, value: SupportsFloat, deviation: float) -> UncertainQuantity:
+        """Join a value and its standard deviation."""
+        self = super().__new__(cls, value)
+        self.deviation = deviation
+        return self
+
+    def __getnewargs__(self) -> tuple[float, float]:  # type: ignore[override]
+        """What copies and pickles are made from."""
+        return float(self), self.deviation
+
+
+def is_uncertain_text(text: str) -> bool:
+    """Whether a text states an uncertainty."""
+    return _PLUS_MINUS.search(text) is not None
+
+
+def parse_uncertain(text: str, dimension: DimensionName) -> UncertainQuantity:
+    """Read a quantity with its unit and one standard deviation.
+
+    Args:
+        text: such as ``"20.7 MPa +- 10 %"``, ``"1.50 mm +- 0.03 mm"``, ``"1.50 +- 0.03 mm"``,
+            ``"(1.50 +- 0.03) mm"``, ``"2.2 +- 0.1"`` or ``"5 mm +- 0"``.
+        dimension: the kind of quantity that is expected.
+
+    Returns:
+        The value in SI units with its standard deviation.
+
+    Raises:
+        ValueError: if either part can't be read, or the deviation is negative, or a share of
+            zero. The message says what is expected.
+    """
+    whole = text.strip()
+    shared = _SHARED_UNIT.fullmatch(whole)
+    inside, outside = shared.groups() if shared else (whole, None)
+    parts = _PLUS_MINUS.split(inside)
+    if len(parts) != 2:
+        raise ValueError(
+            'write a value and one standard deviation, such as "1.50 mm +- 0.03 mm" or '
+            '"20.7 MPa +- 10 %"'
+        )
+    value_text, deviation_text = (part.strip() for part in parts)
+    if outside:
+        value_text, deviation_text = f"{value_text} {outside}", f"{deviation_text} {outside}"
+    has_unit = bool(DIMENSIONS[dimension].si)
+    unit = _LAST_UNIT.search(deviation_text)
+    if has_unit and _NUMBER_ALONE.fullmatch(value_text) and unit and unit.group(1) != "%":
+        value_text = f"{value_text} {unit.group(1)}"  # one unit for both
+    value = parse_quantity(value_text, dimension)
+    try:
+        deviation = _deviation(deviation_text, value, dimension)
+    except ValueError as error:
+        raise ValueError(f"after +-: {error}") from None
+    return UncertainQuantity(value, deviation)
+
+
+def _deviation(text: str, value: float, dimension: DimensionName) -> float:
+    """One standard deviation in SI units."""
+    if text.endswith("%"):
+        share = parse_quantity(text, "number")
+        if share > 0 and value == 0:
+            usual = DIMENSIONS[dimension].usual
+            raise ValueError(
+                f"{show(text)} is a share of zero; write {DIMENSIONS[dimension].article}, "
+                f"such as {f'0.1 {usual}'.strip()}"
+            )
+        deviation = share * abs(value)
+    elif _NUMBER_ALONE.fullmatch(text) and float(text) == 0.0:
+        deviation = 0.0
+    else:
+        deviation = parse_quantity(text, dimension)
+    if deviation < 0.0:
+        raise ValueError(f"{show(text)} is negative; a standard deviation is zero or more")
+    return deviation
+
+
+def deviation_of(value: object) -> float | None:
+    """The standard deviation that a value carries; None where none is stated."""
+    return value.deviation if isinstance(value, UncertainQuantity) else None
+
+
+def format_uncertain(value: float, dimension: DimensionName) -> str:
+    """Write an SI value with a readable unit, and its deviation where it carries one."""
+    deviation = deviation_of(value)
+    text = format_quantity(value, dimension)
+    if deviation is None:
+        return text
+    return f"{text} +- {format_quantity(deviation, dimension)}"

@@ -1,0 +1,105 @@
+"""Standard deviations of reported quantities, from those of a scene's inputs.
+
+To first order, with D the change of the inputs by independent errors, one standard deviation
+each (`suas_jax.config.input_errors`), and J the derivatives of a report by the inputs::
+
+    sigma^2 = diag(J^T D^T D J)
+
+The derivatives along D are central differences of the solution's own compiled program: a few
+more solves cost less than a program of derivatives takes to compile. On a pad, whose solves
+take longest, they are one-sided.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from suas_jax.config import InputErrors, continuous_inputs
+from suas_jax.scene.solve import Solution, report_with
+
+_STEP = 0.01  # of a standard deviation
+# What tells how well the solve went, or is no smooth quantity.
+_NO_OUTPUT = frozenset(
+    {"volume_residual", "error_estimate", "discretisation_error", "model_error"}
+)
+_SCALE = "electrodes.lsb"
+_PLACES = (".angle_deg", ".axial_m")  # inputs themselves, left out where they are exact
+
+
+def uncertainty(solution: Solution, errors: InputErrors) -> dict[str, float]:
+    """Standard deviations of what a solution reports.
+
+    Args:
+        solution: a converged solution.
+        errors: of the scene's inputs.
+
+    Returns:
+        Standard deviations in the units of the keys, by path of the quantity in the report,
+        such as ``oil_pressure_Pa`` or ``taxels.3.so``; NaN where a changed skin has no
+        solution.
+    """
+    known = continuous_inputs(solution.scene)
+    own = dict(_quantities(report_with(solution, {}) or {}))
+    variance = dict.fromkeys(own, 0.0)
+    one_sided = solution.scene.geometry.dimension == 3
+    for direction in errors.directions:
+        change = dict(zip(errors.paths, direction.tolist(), strict=True))
+        sides = (0.0, 1.0) if one_sided else (-1.0, 1.0)
+        low, high = (_moved(solution, known, change, own, side * _STEP) for side in sides)
+        for path in own:
+            slope = (high.get(path, math.nan) - low.get(path, math.nan)) / (
+                (sides[1] - sides[0]) * _STEP
+            )
+            variance[path] += slope**2 + _by_scale(solution, known, change, own, path) ** 2
+    return {
+        path: math.sqrt(value)
+        for path, value in variance.items()
+        if value or not path.endswith(_PLACES)
+    }
+
+
+def _moved(
+    solution: Solution,
+    known: Mapping[str, float],
+    change: Mapping[str, float],
+    own: dict[str, float],
+    size: float,
+) -> dict[str, float]:
+    """Quantities with the inputs moved along an error."""
+    inputs = {path: known[path] + size * by for path, by in change.items() if path in known}
+    if not any(inputs[path] != known[path] for path in inputs):
+        return own
+    return dict(_quantities(report_with(solution, inputs) or {}))
+
+
+def _by_scale(
+    solution: Solution,
+    known: Mapping[str, float],
+    change: Mapping[str, float],
+    own: Mapping[str, float],
+    path: str,
+) -> float:
+    """Change of a reading by the converter's scale, where the file doesn't give it."""
+    electrodes = solution.scene.electrodes
+    if _SCALE in known or electrodes is None or not path.endswith(".so"):
+        return 0.0
+    return own[path] * change.get(_SCALE, 0.0) / electrodes.lsb
+
+
+def _quantities(report: Any, prefix: str = "") -> Iterator[tuple[str, float]]:
+    """Paths and values of the numbers of a report; columns over the taxels taxel by taxel."""
+    if isinstance(report, Mapping):
+        for key, value in report.items():
+            if key == "taxels" and not prefix:
+                for name, column in value.items():
+                    for i, number in enumerate(column):
+                        yield f"taxels.{i}.{name}", float(number)
+            elif key not in _NO_OUTPUT:
+                yield from _quantities(value, f"{prefix}{key}.")
+    elif isinstance(report, list | tuple):
+        for i, value in enumerate(report):
+            yield from _quantities(value, f"{prefix}{i}.")
+    elif isinstance(report, float | np.floating) and not isinstance(report, bool):
+        yield prefix.removesuffix("."), float(report)

@@ -1,0 +1,194 @@
+"""Tolerances of a skin file: how they are written, what a solve makes of them."""
+
+import copy
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from suas_jax.config import (
+    ConfigError,
+    SkinSpec,
+    UncertainQuantity,
+    continuous_inputs,
+    input_errors,
+    load_skin,
+    scene_from_dict,
+    with_inputs,
+)
+from suas_jax.config.input_errors import DEFAULTS, STIFFNESS
+from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.config.tolerance import format_uncertain, parse_uncertain
+from suas_jax.scene.gradient import gradient
+from suas_jax.scene.solve import Solution, solve
+from suas_jax.scene.uncertainty import uncertainty
+
+SKIN: dict[str, Any] = {
+    "geometry": {
+        "inner_radius": "57.5 mm",
+        "thickness": "1.5 mm",
+        "half_angle": "90 deg",
+        "width": "123 mm",
+        "oil_gap": "5 mm",
+    },
+    "material": {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"},
+    "oil": {"model": "incompressible", "relative_permittivity": 2.2},
+    "electrodes": {"taxels": [{"angle": "-20 deg"}, {"angle": "10 deg"}]},
+}
+LOAD = {"kind": "line", "angle": "0 deg", "force": "12 N"}
+
+
+def scene(**changes: dict[str, Any]) -> Any:
+    """The scene of one load at the crown, with keys of its tables changed."""
+    tables = copy.deepcopy(SKIN)
+    for name, table in changes.items():
+        tables[name] |= table
+    return scene_from_dict({**tables, "load": [LOAD], "solve": {"elements": 16}})
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "value", "deviation"),
+    [
+        ("20.7 MPa +- 10 %", "stress", 20.7e6, 2.07e6),
+        ("-4.4 MPa +- 10 %", "stress", -4.4e6, 0.44e6),
+        ("1.50 mm +- 0.03 mm", "length", 1.5e-3, 3e-5),
+        ("1.50 +- 0.03 mm", "length", 1.5e-3, 3e-5),
+        ("(1.50 +- 0.03) mm", "length", 1.5e-3, 3e-5),
+        ("1.5 mm ± 30 um", "length", 1.5e-3, 3e-5),
+        ("1.5 mm +/- 0", "length", 1.5e-3, 0.0),
+        ("-30 deg +- 0.1 deg", "angle", -math.pi / 6, math.pi / 1800),
+        ("2.2 +- 0.1", "number", 2.2, 0.1),
+        ("2.2 +- 5%", "number", 2.2, 0.11),
+        ("0 mm +- 0.1 mm", "length", 0.0, 1e-4),
+    ],
+)
+def test_a_quantity_carries_one_standard_deviation(
+    text: str, dimension: Any, value: float, deviation: float
+) -> None:
+    found = parse_uncertain(text, dimension)
+    assert float(found) == pytest.approx(value, rel=1e-12)
+    assert found.deviation == pytest.approx(deviation, rel=1e-12)
+    for same in (pickle.loads(pickle.dumps(found)), copy.deepcopy(found)):
+        assert (same, same.deviation) == (found, found.deviation)
+    again = parse_uncertain(format_uncertain(found, dimension), dimension)
+    assert (again, again.deviation) == pytest.approx((found, found.deviation), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1.5 mm +- -0.1 mm", "negative"),
+        ("1.5 mm +- 0.1", "after +-: the unit is missing"),
+        ("1.5 mm +- 0.1 MPa", '"MPa" is a unit of'),
+        ("1.5 mm +- lots", "after +-"),
+        ("1.5 mm +- 0.1 mm +- 0.2 mm", "one standard deviation"),
+        ("0 mm +- 10 %", "share of zero"),
+        ("1.5 mm +-", "after +-"),
+        ("+- 0.1 mm", "is empty"),
+    ],
+)
+def test_what_is_no_tolerance_is_refused_with_its_reason(text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        scene(geometry={"thickness": text})
+    assert message in str(error.value)
+    assert "geometry.thickness" in str(error.value)
+
+
+def test_specifications_keep_deviations_and_compare_by_value() -> None:
+    plain, stated = scene(), scene(geometry={"oil_gap": "5 mm +- 2 %"})
+    assert plain == stated
+    gap = stated.skin.geometry.oil_gap
+    assert isinstance(gap, UncertainQuantity)
+    assert gap.deviation == pytest.approx(1e-4)
+    inputs = continuous_inputs(stated)
+    assert inputs == continuous_inputs(plain)
+    assert type(inputs["geometry.oil_gap"]) is float
+    # A value that is replaced has no deviation, the others keep theirs.
+    other = with_inputs(stated, {"geometry.thickness": 1.6e-3})
+    assert input_errors(other).paths == ("geometry.oil_gap",)
+
+
+def test_a_skin_that_states_nothing_has_the_defaults_and_says_so() -> None:
+    errors = input_errors(scene())
+    assert errors.source == "default"
+    assert errors.names == tuple(DEFAULTS)
+    assert "no tolerances" in errors.text
+    own = continuous_inputs(scene())
+    row = errors.directions[errors.names.index(STIFFNESS)]
+    stiffness = dict(zip(errors.paths, row, strict=True))
+    for name in ("C1", "C2", "C3"):  # all constants together: C2 is negative
+        expected = DEFAULTS[STIFFNESS] * own[f"material.{name}"]
+        assert stiffness[f"material.{name}"] == pytest.approx(expected)
+
+
+def test_a_skin_that_states_one_tolerance_has_no_other() -> None:
+    errors = input_errors(scene(oil={"relative_permittivity": "2.2 +- 0.1"}))
+    assert (errors.names, errors.source, errors.text) == (
+        ("oil.relative_permittivity",),
+        "stated",
+        "",
+    )
+    assert len(input_errors(scene(geometry={"thickness": "1.5 mm +- 0"}))) == 0
+
+
+def test_a_calibration_joins_what_is_stated() -> None:
+    covariance = np.array([[4e-10, 3e-8], [3e-8, 9e-4]])
+    record = CalibrationSpec(
+        parameters=("oil_gap", "relative_permittivity"),
+        values=(5e-3, 2.2),
+        covariance=tuple(map(tuple, covariance.tolist())),
+    )
+    given = scene(material={"C1": "20.7 MPa +- 10 %"}).skin
+    errors = input_errors(given.model_copy(update={"calibration": record}))
+    assert errors.source == "stated"
+    total = errors.directions.T @ errors.directions
+    order = [errors.paths.index(p) for p in ("geometry.oil_gap", "oil.relative_permittivity")]
+    np.testing.assert_allclose(total[np.ix_(order, order)], covariance, rtol=1e-9)
+    assert "material.C1" in errors.names
+    # What is written counts where a quantity is both calibrated and written with +-.
+    written = scene(geometry={"oil_gap": "5 mm +- 1 %"}).skin
+    errors = input_errors(written.model_copy(update={"calibration": record}))
+    total = errors.directions.T @ errors.directions
+    order = [errors.paths.index(p) for p in ("geometry.oil_gap", "oil.relative_permittivity")]
+    expected = np.diag([5e-5**2, covariance[1, 1]])
+    np.testing.assert_allclose(total[np.ix_(order, order)], expected, rtol=1e-9, atol=1e-20)
+
+
+@pytest.fixture(scope="module")
+def solution() -> Solution:
+    return solve(
+        scene(
+            geometry={"thickness": "1.5 mm +- 3 %", "oil_gap": "5 mm +- 2 %"},
+            material={"C1": "20.7 MPa +- 10 %"},
+            oil={"relative_permittivity": "2.2 +- 4 %"},
+        )
+    )
+
+
+def test_the_band_of_an_output_is_that_of_the_exact_derivatives(solution: Solution) -> None:
+    path = "taxels.1.so"
+    errors = input_errors(solution.scene)
+    slopes = gradient(solution, path)
+    by_input = np.array([slopes[p] for p in errors.paths])
+    expected = np.linalg.norm(errors.directions @ by_input)
+    assert uncertainty(solution, errors)[path] == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_soft_batch_of_rubber_moves_outputs_within_their_band(solution: Solution) -> None:
+    band = uncertainty(solution, input_errors(solution.scene))
+    softer = with_inputs(solution.scene, {"material.C1": 20.7e6 - 2.07e6})
+    moved = solve(softer).report["loads"][0]["displacement_m"]
+    change = abs(moved - solution.report["loads"][0]["displacement_m"])
+    assert 0.5 * change < band["loads.0.displacement_m"] < 2 * change
+
+
+def test_presets_and_skins_of_the_project_can_be_loaded_with_tolerances(tmp_path: Path) -> None:
+    text = (Path(__file__).parent.parent / "configs/skins/suas.toml").read_text()
+    text = text.replace('{ angle = "-70 deg",', '{ angle = "-70 deg +- 0.2 deg",')
+    file = tmp_path / "skin.toml"
+    file.write_text(text)
+    skin: SkinSpec = load_skin(file)
+    assert input_errors(skin).names == ("electrodes.taxels.0.angle",)
