@@ -21,20 +21,20 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "convert": ("suas convert press.csv press.parquet",),
     "log": ("suas log /dev/ttyUSB0 --format cobs --duration 60 -o press.csv",),
-    "baseline": ("suas baseline rest.csv -o rest.json",),
-    "data": ("suas data configs/data/treloar1944_uniaxial.csv",),
     "health": (
         "suas health press.csv --skin configs/skins/suas.toml --plot health.png",
-        "suas health /dev/ttyUSB0 --duration 20",
+        "suas health /dev/ttyUSB0 --format cobs --duration 10",
     ),
     "calibrate": (
         "suas calibrate /dev/ttyUSB0 configs/skins/suas.toml --format cobs --force '500 gf'",
         "suas calibrate /dev/ttyUSB0 configs/skins/suas.toml --press '-30 deg, 5 N' "
         "--press '40 deg, 8 N' --verify '10 deg, 5 N'",
     ),
-    "examples": ("suas examples", "suas examples elsewhere/configs"),
     "new skin": ("suas new skin", "suas new skin pad.toml --pad 4x8"),
-    "new scene": ("suas new scene press.toml --skin configs/skins/suas.toml",),
+    "new scene": ("suas new scene --skin configs/skins/suas-pad.toml",),
+    "baseline": ("suas baseline rest.csv -o rest.json",),
+    "data": ("suas data configs/data/treloar1944_uniaxial.csv",),
+    "examples": ("suas examples", "suas examples elsewhere/configs"),
     "invert": (
         "suas invert configs/skins/suas.toml press.csv --plot loads.png",
         "suas invert configs/skins/suas.toml --live /dev/ttyUSB0 --json",
