@@ -141,9 +141,15 @@ def _shorten_types(*event: Any) -> tuple[str | None, ...]:
     return tuple(map(shortened, event[-2:]))
 
 
+def _always_read(*event: Any) -> list[str]:
+    """Pages that depend on more than their own file."""
+    return ["architecture", "guides"]
+
+
 def setup(app: Sphinx) -> None:
     """Connect what this file adds to the build."""
     app.connect("builder-inited", _generate)
     app.connect("autodoc-process-signature", _shorten_types)
+    app.connect("env-get-outdated", _always_read)
     app.connect("source-read", _add_unlisted_pages)
     app.connect("source-read", _draw_folders)
