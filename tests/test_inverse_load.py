@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 
 import benchmarks.inverse_load
 from benchmarks import field_errors
+from fitting.calibration.plan import Press
+from fitting.calibration.verification import verify
 from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.load_array import load_array
@@ -26,10 +28,13 @@ from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.posterior import frame_posterior, likely_modes
+from fitting.inverse_load.readings import readings_of
 from fitting.statistics.posterior import Settings
+from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags
+from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -280,6 +285,23 @@ def test_a_skin_within_its_tolerances_gives_no_wrong_answer(
     assert name == "gain +1 %" or beyond.mean() > 0.6
 
 
+def test_a_wide_contact_is_one_contact_with_its_width(estimator: LoadEstimator) -> None:
+    case = next(case for case in field_errors.CASES if case.width and case.baseline)
+    random = np.random.default_rng(8)
+    loads = field_errors.drawn(8, random)
+    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=2)
+    found = own.estimate(so)
+    assert not any(map(field_errors.is_wrong, found, loads))
+    strong = [e for e, load in zip(found, loads, strict=True) if load[1] > 8]
+    assert strong
+    for estimate in strong:
+        (contact,) = estimate.contacts
+        assert contact.spread is not None
+        length, error = contact.spread
+        assert abs(length - case.width) < 4 * error
+        assert error < 0.2 * case.width
+
+
 def test_a_wrong_gap_raises_no_alarm_at_rest(estimator: LoadEstimator) -> None:
     case = field_errors.Case("", {"geometry.oil_gap": 0.03}, baseline=False)
     random = np.random.default_rng(6)
@@ -446,6 +468,23 @@ def test_silence_ends_a_control_loop(estimator: LoadEstimator) -> None:
         next(LiveLoads(stream, estimator, **settings))
 
 
+def test_known_loads_verify_a_calibration(
+    folder: Path, estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    """Of a guided calibration: what agrees passes; another force, and another place, don't."""
+    random = np.random.default_rng(2)
+    so = readings(0.2, 8.0)[0] + 3.0  # every taxel is off by as much as at rest
+    log = write_log(folder / "known.csv", np.rint(so + random.normal(0, 2, (60, TAXELS))))
+    rest = Baseline(
+        np.array([0]), (estimator.model_rest + 3.0)[None], np.full((1, TAXELS), 2.0), 100, {}
+    )
+    known = [Press(0.2, 8.0), Press(0.2, 9.5), Press(0.3, 8.0)]
+    checks = verify(estimator.spec, rest, [(press, log) for press in known])
+    assert [check.passed for check in checks] == [True, False, False]
+    assert checks[0].force == pytest.approx(8.0, rel=0.02)
+    assert checks[0].angle == pytest.approx(0.2, abs=0.01)
+
+
 def test_loads_as_an_array_with_what_is_not_known() -> None:
     names = ("angle", "axial", "force", "diameter")
     known = Contact(0.1, 5.0, None, np.diag([1.0, 2.0, 3.0]), axial=1e-3)
@@ -456,6 +495,14 @@ def test_loads_as_an_array_with_what_is_not_known() -> None:
     np.testing.assert_equal(np.diag(loads["covariance"][0]), [1.0, 2.0, 3.0, np.nan])
     assert np.isnan(loads["covariance"][1]).all()
     assert load_array([], names).shape == (0,)
+
+
+def test_taxels_that_never_speak_are_named(folder: Path, estimator: LoadEstimator) -> None:
+    so = np.tile(np.rint(estimator.model_rest), (3, 1))
+    so[:, -1] = np.nan
+    log = read_log(write_log(folder / "silent.csv", so))
+    (note,) = readings_of(log, estimator.spec, 2.0).notes
+    assert "taxels 0.40 have no count in any frame" in note
 
 
 def test_posterior_agrees_with_the_covariance(

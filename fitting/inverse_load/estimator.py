@@ -115,6 +115,7 @@ class LoadEstimator:
             max(penalty, asked),
             self.most_contacts,
             self._systematic,
+            parts.wide_fitter,
         )
 
     def _make_parts(self) -> EstimationParts:

@@ -9,6 +9,7 @@ from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.explanation import LoadFitter
 from fitting.inverse_load.fit.section_errors import SectionErrors
+from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import InputErrors, SkinSpec
@@ -63,5 +64,8 @@ def section_parts(
         assessment,
         (single, pair),
         systematic,
+        None
+        if direction
+        else WideContactFitter(skin, table, live=live, most_contacts=most_contacts),
     )
     return parts, skin, table

@@ -107,6 +107,15 @@ class Taxels(eqx.Module):
         """Of the electrodes [m^2]."""
         return jnp.pi / 4 * self.diameter**2
 
+    def positions(self, radius: Lanes) -> Float[Array, "taxel 3"]:
+        """The centres in space: x towards growing angles, y to the crown, z along the axis [m].
+
+        Args:
+            radius: of the cylinder that the taxels lie on [m].
+        """
+        x, y = radius * jnp.sin(self.angle), radius * jnp.cos(self.angle)
+        return jnp.stack(jnp.broadcast_arrays(x, y, self.axial), 1)[..., 0]
+
     def rays(self, footprint: Footprint, wall_radius: Lanes) -> list[tuple[Array, Array]]:
         """Polar angle [rad] and axial position [m] of the taxels' rays, [taxel, lane] each.
 

@@ -129,6 +129,7 @@ class AbstractLoadAssessment(abc.ABC):
             count,
             None if wall else spread,
             None if wall else systematic,
+            best.spread[i],
         )
         alternatives: tuple[Contact, ...] = ()
         if count == 1 and other is not None and other.chi2 < chi2 + _AMBIGUOUS:
@@ -188,7 +189,12 @@ class AbstractLoadAssessment(abc.ABC):
         return max(min(total, limit) - _ONE_SIDED * whole, 0.0), near
 
     def _contacts(
-        self, parameters: Any, count: int, covariance: Any, systematic: Any
+        self,
+        parameters: Any,
+        count: int,
+        covariance: Any,
+        systematic: Any,
+        spread: Any = (np.nan, np.nan),
     ) -> tuple[Contact, ...]:
         contacts = []
         for k in range(count):
@@ -207,6 +213,7 @@ class AbstractLoadAssessment(abc.ABC):
                     own,
                     values.get("axial"),
                     values.get("diameter"),
+                    None if np.isnan(spread[0]) else (float(spread[0]), float(spread[1])),
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.angle))

@@ -49,6 +49,8 @@ class Contact:
             calibration, and so is shared by all frames; None where there is none.
         axial: from the middle of a pad [m]; None in plane strain.
         diameter: of a round contact on a pad [m]; None where it was not estimated.
+        spread: arc of the outer face that a wide contact presses, and its standard deviation
+            [m]; None where a line explains the readings.
     """
 
     angle: float
@@ -59,6 +61,7 @@ class Contact:
     systematic: NDArray[np.float64] | None = None
     axial: float | None = None
     diameter: float | None = None
+    spread: tuple[float, float] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ class EstimationParts:
         trials: readings of one and of two contacts, to compile or load what they need.
         systematic: errors that all frames share: those of the skin file's numbers, and the
             model's own; None where there are none.
+        wide_fitter: fits one contact of unknown width; None where there is no such model.
     """
 
     rest: NDArray[np.float64]
@@ -34,3 +35,4 @@ class EstimationParts:
     assessment: AbstractLoadAssessment
     trials: tuple[NDArray[np.float64], NDArray[np.float64]]
     systematic: AbstractSystematicErrors | None = None
+    wide_fitter: AbstractLoadFitter | None = None

@@ -46,6 +46,9 @@ class Explanations:
         weight: inverse variances, zero where a taxel is left out [1/counts^2].
         absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
             part of `so` and `chi2`.
+        spread: length of the arc that a single contact was found to press, and its standard
+            deviation [frame, 2] [m]; NaN where contacts are taken as lines. Jacobian and
+            information are those with the spread fitted along.
     """
 
     score: NDArray[np.float64]
@@ -61,6 +64,7 @@ class Explanations:
     q: NDArray[np.float64]
     weight: NDArray[np.float64]
     absorbed: NDArray[np.bool_]
+    spread: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.chi2)
@@ -214,6 +218,9 @@ class LoadFitter(AbstractLoadFitter):
         most_contacts: widest set of parameters.
     """
 
+    program = staticmethod(FIT_PROGRAMS.__getitem__)
+    """The compiled fit by number of contacts."""
+
     def __init__(
         self, skin: Skin, table: LoadTable, *, direction: bool, live: bool, most_contacts: int
     ) -> None:
@@ -313,7 +320,7 @@ class LoadFitter(AbstractLoadFitter):
         limits: Any,
     ) -> Fit:
         target = Target(y.T, weight.T, *limits)
-        program = FIT_PROGRAMS[contacts]
+        program = self.program(contacts)
         fit = COMPILED.run(program, self.skin, target, start.T, state, np.array(steps))
         found: Fit = jax.tree.map(np.asarray, fit)
         return found
@@ -336,4 +343,5 @@ class LoadFitter(AbstractLoadFitter):
             q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
             weight=weight.copy(),
             absorbed=np.zeros(len(fit.chi2), bool),
+            spread=np.full((len(fit.chi2), 2), np.nan),
         )

@@ -71,6 +71,7 @@ def fit_loads(
     steps: Int[Array, ""],
     *,
     contacts: int,
+    wide: bool = False,
 ) -> Fit:
     """Levenberg-Marquardt in all lanes at once, inside bounds.
 
@@ -84,13 +85,14 @@ def fit_loads(
         start: an equilibrium near there.
         steps: most evaluations.
         contacts: number of loads.
+        wide: whether they are one load over an arc, see `wide_load`.
     """
 
     def body(walk: _Walk) -> _Walk:
         old = walk.fit
         step, _ = _step(old, target, walk.damping)
         there = jnp.clip(old.parameters + step, target.low, target.high)
-        new = _judged(skin, target, there, old.evaluation.state, contacts)
+        new = _judged(skin, target, there, old.evaluation.state, contacts, wide)
         better = walk.live & (new.chi2 <= old.chi2)
         worse = walk.live & ~better
         raised = jnp.maximum(10 * walk.damping, _RAISED_DAMPING)
@@ -116,9 +118,11 @@ def fit_loads(
     return _last_step(jax.lax.while_loop(going, body, walk).fit, target)
 
 
-def _judged(skin: Skin, target: Target, parameters: Array, state: State, contacts: int) -> Fit:
+def _judged(
+    skin: Skin, target: Target, parameters: Array, state: State, contacts: int, wide: bool
+) -> Fit:
     """Evaluate the model and compare it with the readings."""
-    e = evaluate(skin, parameters, state, contacts)
+    e = evaluate(skin, parameters, state, contacts, wide=wide)
     used = target.weight > 0
     residual = jnp.where(used, target.so - e.so, 0.0)
     jacobian = jnp.where(used, e.jacobian, 0.0)
@@ -202,3 +206,5 @@ def _solve_spd(matrix: Float[Array, "n n lane"], right: Float[Array, "n lane"]) 
 
 FIT_PROGRAMS = {k: eqx.filter_jit(partial(fit_loads, contacts=k)) for k in (1, 2, 3)}
 """`fit_loads` by number of contacts, to be run by `suas_jax.runtime.compiled.COMPILED`."""
+WIDE_FIT_PROGRAM = eqx.filter_jit(partial(fit_loads, contacts=1, wide=True))
+"""The same of one contact of free width."""

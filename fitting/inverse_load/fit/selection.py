@@ -56,6 +56,8 @@ class Selection:
         penalty: chi2 that a further contact must gain.
         most_contacts: to tell apart.
         errors: of the skin's inputs; None where they are known exactly.
+        wide_fitter: least squares for one contact of unknown width; None where contacts have
+            no width to find.
     """
 
     fitter: AbstractLoadFitter
@@ -63,6 +65,7 @@ class Selection:
     penalty: float
     most_contacts: int
     errors: AbstractSystematicErrors | None = None
+    wide_fitter: AbstractLoadFitter | None = None
 
     def __post_init__(self) -> None:
         self._pairs: AbstractSeveralSearch | None = None
@@ -88,10 +91,12 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        doubtful = self._p_value(best) < SUSPECT
-        frames = np.flatnonzero(doubtful | self._hinted(y, best))
+        doubtful = (self._p_value(best) < SUSPECT) | self._hinted(y, best)
+        # What errors of the inputs explain may be a width as well.
+        frames = np.flatnonzero(doubtful | best.absorbed)
         if frames.size:
-            best = self._more_contacts(y, weight, frames, best)
+            best, narrow = self._or_wide(y, weight, frames, best)
+            best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
             best = self._fewer_contacts(y, weight, best)
             best = self._or_pulled(y, weight, frames, best)
             bad = frames[self._p_value(best)[frames] < SUSPECT / 10]
@@ -170,9 +175,11 @@ class Selection:
         count: int,
         *,
         pull: bool = False,
+        fitter: AbstractLoadFitter | None = None,
     ) -> Explanations:
         """Fit loads, and errors of the inputs where loads alone leave more than noise."""
-        found = self.fitter.fit(y, weight, start, state, count, pull=pull)
+        fitter = fitter or self.fitter
+        found = fitter.fit(y, weight, start, state, count, pull=pull)
         if self.errors is None or not self.errors.names:
             return found
         poor = np.isfinite(found.chi2) & (self._p_value(found) < SUSPECT)
@@ -188,16 +195,24 @@ class Selection:
         kept = np.flatnonzero(worth)
         if kept.size:
             rows, begin, errors = rows[kept], own.rows(kept), told.likely[kept]
-            better = self._with_errors(y[rows], weight[rows], begin, errors, pull)
+            better = self._with_errors(fitter, y[rows], weight[rows], begin, errors, pull=pull)
             found = found.cheapest(rows, better)[0]
         return found
 
     def _with_errors(
-        self, y: Any, weight: Any, begin: Explanations, errors: Any, pull: bool
+        self,
+        fitter: AbstractLoadFitter,
+        y: Any,
+        weight: Any,
+        begin: Explanations,
+        errors: Any,
+        *,
+        pull: bool,
     ) -> Explanations:
         """Loads and errors of the inputs in turn, from explanations by loads alone.
 
         Args:
+            fitter: of the loads.
             y: readings [frame, taxel].
             weight: inverse variances.
             begin: by loads alone.
@@ -212,7 +227,7 @@ class Selection:
         slopes = self.errors.of(begin, y - begin.so, per_contact).slopes
         for _ in range(_ERROR_FITS):
             shift = np.einsum("fe,fet->ft", errors, slopes)
-            fit = self.fitter.fit(
+            fit = fitter.fit(
                 y - shift, weight, now.parameters[:, :width], now.state, count, pull=pull
             )
             cost = fit.chi2 + (errors**2).sum(1)
@@ -233,6 +248,29 @@ class Selection:
             step = told.spread @ (told.pull - known)[..., None]
             errors = known + step.reshape(-1, size)
         return best
+
+    # --- wide contacts ------------------------------------------------------------------
+
+    def _or_wide(
+        self, y: Any, weight: Any, frames: NDArray[np.intp], best: Explanations
+    ) -> tuple[Explanations, NDArray[np.intp]]:
+        """One wide contact where it is cheaper; and the frames that ask for more than that.
+
+        A width is one more parameter, and costs Schwarz's criterion.
+        """
+        if self.wide_fitter is None:
+            return best, frames
+        own = best.rows(frames)
+        start = own.parameters[:, : self.fitter.per_contact]
+        found = self._fit(
+            y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
+        )
+        found = found.penalised(np.log(np.maximum((weight[frames] > 0).sum(1), 2)))
+        best, wide = best.cheapest(frames, found)
+        explained = np.zeros(len(y), bool)
+        explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
+        explained &= ~self._hinted(y, best)
+        return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------
 

@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.scene.forward import Loads, Skin
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.scene.forward import SPREAD_POINTS, Loads, Skin
 
 
 class Evaluation(NamedTuple):
@@ -45,6 +46,23 @@ def loads_from(parameters: Float[Array, "parameter lane"], contacts: int) -> Loa
     return Loads(angle, force, turn, jnp.zeros_like(angle[0]))
 
 
+def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
+    """One load of one direction, even over an arc of the outer face.
+
+    Args:
+        parameters: angle of its middle [rad], force [N], square of the arc's length [m^2], in
+            which readings are nearly linear.
+        skin: whose outer face it is.
+    """
+    angle, force, square = parameters
+    points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
+    # The force is radial in the middle: elsewhere it is turned back.
+    turn = jnp.asarray(points)[:, None] * jnp.sqrt(square) / (2 * skin.geometry.outer_radius)
+    return Loads(
+        angle + turn, force * jnp.asarray(weights)[:, None] / 2, turn, jnp.zeros_like(angle)
+    )
+
+
 def at_rest(skin: Skin, lanes: int) -> State:
     """The undeformed state, in lanes."""
     zero = jnp.zeros(lanes)
@@ -52,18 +70,28 @@ def at_rest(skin: Skin, lanes: int) -> State:
 
 
 def evaluate(
-    skin: Skin, parameters: Float[Array, "parameter lane"], start: State, contacts: int
+    skin: Skin,
+    parameters: Float[Array, "parameter lane"],
+    start: State,
+    contacts: int,
+    *,
+    wide: bool = False,
 ) -> Evaluation:
     """Readings of some loads and their exact derivatives.
 
     Args:
         skin: the skin.
-        parameters: see `loads_from`.
+        parameters: see `loads_from`, or `wide_load`.
         start: a neighbouring equilibrium, or rest.
         contacts: number of loads.
+        wide: whether they are one load over an arc.
     """
     count, lanes = parameters.shape
-    problem = skin.problem(loads_from(parameters, contacts))
+
+    def loads(parameters: Array) -> Loads:
+        return wide_load(parameters, skin) if wide else loads_from(parameters, contacts)
+
+    problem = skin.problem(loads(parameters))
     found = equilibrium(problem, start)
     state = jax.lax.stop_gradient(found.state)
     min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
@@ -74,7 +102,7 @@ def evaluate(
     tiled = jax.tree.map(beside, state)
 
     def so(parameters: Array) -> Array:
-        problem = skin.problem(loads_from(parameters, contacts))
+        problem = skin.problem(loads(parameters))
         return skin.electrodes.read(problem.mechanics, differentiable(problem, tiled).q).so
 
     # Lane block k carries the derivative by parameter k.

@@ -284,6 +284,7 @@ class PadFitter(AbstractLoadFitter):
             q=np.zeros((frames, 0, 0)),
             weight=weight.copy(),
             absorbed=np.zeros(len(fit.chi2), bool),
+            spread=np.full((len(fit.chi2), 2), np.nan),
         )
 
 

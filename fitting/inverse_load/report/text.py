@@ -19,6 +19,8 @@ def contact_json(contact: Contact) -> dict[str, Any]:
         entry["axial_m"] = contact.axial
     if contact.diameter is not None:
         entry["diameter_m"] = contact.diameter
+    if contact.spread is not None:
+        entry["spread_m"], entry["spread_deviation_m"] = contact.spread
     if contact.direction is not None:
         entry["direction_deg"] = float(np.rad2deg(contact.direction))
     known = contact.covariance is not None
@@ -74,6 +76,9 @@ def contact_text(contact: Contact) -> str:
     parts.append(f"{contact.force:.3f} ± {sigma['force']:.3f} N")
     if contact.diameter is not None:
         parts.append(f"⌀ {1e3 * contact.diameter:.1f} ± {1e3 * sigma['diameter']:.1f} mm")
+    if contact.spread is not None:
+        length, error = contact.spread
+        parts.append(f"over {1e3 * length:.1f} ± {1e3 * error:.1f} mm")
     if contact.direction is not None:
         turn, error = np.rad2deg(contact.direction), np.rad2deg(sigma["direction"])
         parts.append(f"{turn:.1f} ± {error:.1f}° off radial")

@@ -1,0 +1,77 @@
+"""Least squares for one contact that presses an arc of unknown length.
+
+Readings hardly change with a contact's width until it is wider than the film is thick; then
+a contact taken as a line leaves a pattern that two lines side by side explain as well. The
+square of the arc's length is fitted along with angle and force, and eliminated: with I the
+information and s its row::
+
+    I' = I_xx - I_xs I_sx / I_ss,    J' = J_x - (I_xs / I_ss) J_s
+
+whose inverse is the covariance of angle and force, the length unknown.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
+from fitting.inverse_load.fit.least_squares import WIDE_FIT_PROGRAM, Fit
+from fitting.inverse_load.search.table import LoadTable
+from suas_jax.equilibrium.equilibrium import State
+from suas_jax.scene.forward import Skin
+
+_START = 12e-3  # length of the arc where fits begin [m]
+_SHORTEST, _LONGEST = 1e-3, 60e-3  # [m]
+
+
+class WideContactFitter(LoadFitter):
+    """Least squares on a skin in plane strain, for one radial contact over an arc.
+
+    Args:
+        skin: the skin.
+        table: its states, which bound the forces.
+        live: fit single frames, whole at once; otherwise many lanes side by side.
+        most_contacts: widest set of parameters.
+    """
+
+    program = staticmethod(lambda contacts: WIDE_FIT_PROGRAM)
+
+    def __init__(self, skin: Skin, table: LoadTable, *, live: bool, most_contacts: int) -> None:
+        super().__init__(skin, table, direction=False, live=live, most_contacts=most_contacts)
+        self._bounds = np.concatenate([self._bounds, [[_SHORTEST**2, _LONGEST**2]]])
+        self._radius = float(skin.geometry.outer_radius[0])
+
+    def fit(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        start: NDArray[np.float64],
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Explanations:
+        """See the base class; `start` holds angle and force, `contacts` is one."""
+        begin = np.concatenate([start[:, :2], np.full((len(start), 1), _START**2)], 1)
+        return super().fit(y, weight, begin, state, contacts, pull=pull)
+
+    def _gathered(self, fit: Fit, weight: Any, contacts: int) -> Explanations:
+        jacobian, information = fit.evaluation.jacobian, fit.information
+        own = np.where(information[2, 2] > 0, information[2, 2], np.inf)
+        share = information[:2, 2] / own
+        reduced = fit._replace(
+            parameters=fit.parameters[:2],
+            evaluation=fit.evaluation._replace(
+                jacobian=jacobian[:2] - share[:, None] * jacobian[2]
+            ),
+            information=information[:2, :2] - share[:, None] * information[2, :2],
+        )
+        found = super()._gathered(reduced, weight, contacts)
+        length = np.sqrt(np.asarray(fit.parameters[2]))
+        variance = 1 / np.maximum(own - (share * information[2, :2]).sum(0), 1e-300)
+        found.spread[:] = np.stack([length, np.sqrt(variance) / (2 * length)], 1)
+        # An arc that reaches over the clamp is no contact.
+        over = np.abs(found.parameters[:, 0]) + length / 2 / self._radius > self.edge
+        found.score[over] = found.chi2[over] = np.inf
+        return found
