@@ -60,6 +60,8 @@ def minimise(
     starts: Float[np.ndarray, "starts p"],
     lanes: int = LANES,
     passes: int = _PASSES,
+    *,
+    finish: bool = True,
 ) -> Minima:
     """Minimise ½ Σ r² from many starting points.
 
@@ -71,6 +73,7 @@ def minimise(
         starts: unconstrained parameters to start from; fewer than `lanes` are repeated.
         lanes: how many advance together, and how many of the best go on.
         passes: how many more runs the best get at most.
+        finish: follow long valleys to their bottom; a rough minimum needs none.
 
     Returns:
         The starts that went on, best first. Nothing raises: a start that fails has
@@ -110,11 +113,11 @@ def minimise(
             np.where(better, moved[1], cost),
             np.where(better, moved[2], predicted_decrease),
         )
-        if stuck or creeps:
+        if stuck or (finish and creeps):
             break
     order = np.argsort(cost, kind="stable")
     theta, cost, predicted_decrease = theta[order], cost[order], predicted_decrease[order]
-    if np.isfinite(cost[0]) and not _is_minimum(cost, predicted_decrease, used)[0]:
+    if finish and np.isfinite(cost[0]) and not _is_minimum(cost, predicted_decrease, used)[0]:
         return _finished(residuals, theta, cost, predicted_decrease)
     return Minima(theta, cost, _is_minimum(cost, predicted_decrease, used), predicted_decrease)
 
@@ -166,7 +169,11 @@ def minimise_one_by_one(
 
         @functools.lru_cache(maxsize=2)
         def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
-            r, J = by_theta(residuals, np.frombuffer(key))
+            try:
+                r, J = by_theta(residuals, np.frombuffer(key))
+            except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
+                r = np.full(len(residuals.value), np.nan)
+                J = np.zeros((len(r), np.frombuffer(key).size))
             finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
             return np.where(finite, r, _IMPOSSIBLE), np.where(finite[:, None], J, 0.0)
 

@@ -57,7 +57,8 @@ def search(
         return problem, minimise(problem.residuals, points)
     # Membranes are expensive: explore with spherical caps, then fit the best with
     # membranes, whose apex stretches follow the constants.
-    found = minimise(pose(sets, chosen, kind, estimate=True).residuals, points)
+    estimate = pose(sets, chosen, kind, estimate=True).residuals
+    found = minimise(estimate, points, finish=False)
     for _ in range(_BULGE_ROUNDS):
         if not np.isfinite(found.cost[0]):
             break
