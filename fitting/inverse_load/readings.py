@@ -73,6 +73,11 @@ class Layout:
         """Number of taxels."""
         return len(self.module)
 
+    def names(self, which: NDArray[np.bool_]) -> str:
+        """Some taxels [taxel], by module and number, such as "0.3, 1.10"."""
+        rows = np.flatnonzero(which)
+        return ", ".join(f"{self.module[k]}.{self.number[k]}" for k in rows)
+
     def describe(self) -> str:
         """The layout in words."""
         sizes = {int(m): int((self.module == m).sum()) for m in np.unique(self.module)}
@@ -212,10 +217,15 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     stuck = stuck_taxels(so, noise)
     notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if stuck.any():
-        names = ", ".join(
-            f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))
-        )
+        names = layout.names(np.asarray(stuck.any(0)))
         notes.append(f"taxels {names} repeat one count and are left out meanwhile")
+    silent = np.asarray(~np.isfinite(so).any(0))
+    if silent.any():
+        notes.append(
+            f"taxels {layout.names(silent)} have no count in any frame; where a device sends "
+            "fewer counts than a module has taxels, the others may be of other taxels: suas "
+            "log --skin says so"
+        )
     measured = log.flags.get("oil_pressure_Pa")
     pressure = None if measured is None else frames.mean(measured.astype(float))
     host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)

@@ -7,7 +7,6 @@ import numpy as np
 from fitting.inverse_load.live.stream import LiveFrame
 from fitting.inverse_load.live.watcher import LiveWatcher
 from fitting.view.hub import Hub
-from fitting.view.picture import Picture
 from fitting.view.readings_picture import ReadingsPictures
 from suas_jax.acquisition.stream import SILENT_AFTER, Stream
 
@@ -17,6 +16,7 @@ _WORDS = {
     "silent": "The device is silent: is it powered, does it send? The program listens.",
     "layout_mismatch": "The readings are of another layout than the skin's.",
 }
+_SHORTEST = 0.02  # between two pictures [s]
 _REMIND = 0.5  # between two pictures while nothing comes [s]
 
 
@@ -32,7 +32,7 @@ class LiveSource(LiveWatcher):
         self._pictures = pictures
         self.hub = Hub(pictures.description(title, source="live"))
         self._began = time.monotonic()
-        self._last: Picture | None = None
+        self._last: float | None = None
         self._arrived = self._began
         self._frames = 0
         self._told = self._began - _REMIND
@@ -51,6 +51,9 @@ class LiveSource(LiveWatcher):
             return
         self._frames += 1
         self._arrived = now
+        if self._last is not None and now - self._last < _SHORTEST:
+            return  # no page could show both
+        self._last = now
         picture = self._pictures.picture(
             now - self._began,
             readings.so,
@@ -63,7 +66,6 @@ class LiveSource(LiveWatcher):
             link="connected",
         )
         picture.made = readings.arrived
-        self._last = picture
         self.hub.show(picture)
 
     def waited(self, stream: Stream) -> None:

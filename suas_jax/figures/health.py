@@ -8,11 +8,12 @@ from matplotlib.figure import Figure
 from suas_jax.acquisition.health import Health, TaxelHealth
 from suas_jax.figures.style import written
 
+_CORRELATION = "correlation with its neighbours"
 _PANELS = {
     "noise [counts]": lambda t: t.noise,
     "drift [counts/min]": lambda t: t.drift,
     "lost, stuck or saturated [%]": lambda t: 100 * max(t.lost, t.stuck, t.saturated),
-    "follows its neighbours": lambda t: t.follows,
+    _CORRELATION: lambda t: t.follows,
 }
 
 
@@ -31,7 +32,9 @@ def plot_health(health: Health, file: Path | None = None) -> Figure:
         image = np.full((len(modules), widest), np.nan)
         for taxel in health.taxels:
             image[_place(taxel, modules)] = value(taxel)
-        shown = axes.imshow(np.ma.masked_invalid(image), aspect="auto", interpolation="nearest")
+        limits = {"vmin": 0.0, "vmax": 1.0} if label == _CORRELATION else {}
+        values = np.ma.masked_invalid(image)
+        shown = axes.imshow(values, aspect="auto", interpolation="nearest", **limits)
         figure.colorbar(shown, ax=axes)
         places = [_place(taxel, modules) for taxel in health.faulty]
         axes.plot([x for _, x in places], [y for y, _ in places], "x", color="C3", ms=6)

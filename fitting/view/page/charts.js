@@ -64,6 +64,11 @@ export class Charts {
       down = true;
     }
     pen.stroke();
+    const end = rows[rows.length - 1];
+    if (!this.whole && end && end[column] !== null) {
+      pen.fillStyle = "#1f6feb";
+      pen.beginPath(); pen.arc(x(end[0]) - 2, y(scale * end[column]), 2.5, 0, 2 * Math.PI); pen.fill();
+    }
     if (this.whole) {
       pen.strokeStyle = "#c0392b";
       pen.beginPath(); pen.moveTo(x(this.now), 0); pen.lineTo(x(this.now), height); pen.stroke();
