@@ -171,6 +171,7 @@ def bulge(reader: Reader) -> BulgeTest:
         factors=factors,
         companion=np.zeros(len(values)),
         direction=np.ones(len(values), int),
+        time=reader.times(relative),
         thickness=thickness / radius,
     )
     return reader.kept(test, factors)

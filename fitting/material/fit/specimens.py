@@ -109,7 +109,8 @@ def specimens_of(
     predicted = measured + np.asarray(problem.residuals.misfit(r))
     labels, modes, logs, errors = [], [], [], []
     for data, place in zip(sets, problem.places, strict=True):
-        if not isinstance(data, StressTest) or not data.is_curve:
+        # Tests of one rubber at several rates are no further specimens.
+        if not isinstance(data, StressTest) or not data.is_curve or data.follows_history:
             return None
         for label in dict.fromkeys(data.specimen):
             rows = place[data.specimen == label]
