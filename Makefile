@@ -3,7 +3,7 @@
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check notebooks audit lock clean
+.PHONY: demo test check notebooks docs audit lock clean
 
 demo: $(READY)
 	$(BIN)/python benchmarks/demo.py
@@ -37,6 +37,12 @@ $(READY): pyproject.toml requirements.lock
 	  --no-deps --no-build-isolation --editable .
 	@touch $@
 
+# The site, warnings as errors: open docs/_build/html/index.html. It needs no network.
+docs: $(READY)
+	$(BIN)/python -m sphinx --builder html --fail-on-warning --keep-going --quiet \
+	  docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 # Licences of what the lock installs, by pip-licenses in an environment of its own. A licence
 # that is written otherwise than here, or unknown, stops it: read it before it is added.
 AUDIT := .venv/.audit
@@ -59,4 +65,4 @@ lock:
 	  | grep -vE '@|^($(PEERS))==' > requirements.lock
 
 clean:
-	rm -rf .venv .jax_cache demo
+	rm -rf .venv .jax_cache demo docs/_build docs/generated docs/notebooks

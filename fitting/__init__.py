@@ -6,7 +6,9 @@ from typing import Any
 # Public names and where they live, imported when first used, as in suas_jax.
 _HOMES = {
     "LoadEstimator": "fitting.inverse_load.estimator",
+    "LiveLoads": "fitting.inverse_load.live.live_loads",
     "LoadFilter": "fitting.inverse_load.live.filter",
+    "LoadFrame": "fitting.inverse_load.live.live_loads",
     "MaterialFit": "fitting.material.fit.result",
     "NoCalibration": "fitting.sensor.logs.data",
     "NoFit": "fitting.material.fit.search",
@@ -15,6 +17,7 @@ _HOMES = {
     "compare_laws": "fitting.material.fit.comparison",
     "fit_material": "fitting.material.fit.fit",
     "fit_sensor": "fitting.sensor.fit.calibrate",
+    "live_loads": "fitting.inverse_load.live.live_loads",
     "load_dataset": "fitting.material.experiments.datasets",
     "load_sensor_data": "fitting.sensor.logs.data",
     "material_report": "fitting.material.report.summary",
@@ -22,7 +25,7 @@ _HOMES = {
     "sample_material": "fitting.material.fit.posterior",
     "sample_sensor": "fitting.sensor.fit.posterior",
     "sensor_report": "fitting.sensor.report.summary",
-    "write_card": "fitting.material.report.cards",
+    "write_card": "fitting.material.cards.card",
 }
 
 __all__ = sorted(_HOMES)

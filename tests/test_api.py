@@ -15,7 +15,6 @@ import suas_jax
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def code_blocks(page: str) -> str:
@@ -38,12 +37,14 @@ def test_the_page_lists_the_public_names(package: str) -> None:
         module.solv  # noqa: B018
 
 
-@pytest.mark.parametrize("page", [PAGE, README])
+@pytest.mark.parametrize("page", ["docs/api", "README", "docs/start", "docs/design"])
 def test_code_of_the_page_runs(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     # The settings of the tests are kept; the caches of a user are left alone.
     monkeypatch.setattr("suas_jax.runtime.settings.configure", lambda: None)
-    exec(compile(code_blocks(page), "page", "exec"), {})
+    blocks = code_blocks((ROOT / f"{page}.md").read_text(encoding="utf-8"))
+    assert blocks
+    exec(compile(blocks, page, "exec"), {"__name__": "page"})
 
 
 UNCONFIGURED = """
@@ -67,6 +68,9 @@ calls = {
     "Loads.line": lambda: Loads.line(0.1, 1.0),
     "forward": lambda: forward(None, loads),
     "load_jacobian": lambda: load_jacobian(None, loads),
+    "pad_skin_of": lambda: pad_skin_of(scene),
+    "Patches.poke": lambda: Patches.poke(0.1, 0.0, 1.0, 0.01),
+    "pad_forward": lambda: pad_forward(None, None, None),
     "jit": lambda: jit(forward)(None, loads),
     "LoadEstimator": lambda: LoadEstimator(scene.skin),
     "fit_material": lambda: fit_material([]),

@@ -10,6 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from suas_jax.scene import report_keys
+from suas_jax.scene.report_keys import REPORT_KEYS
 
 SCENES = Path(__file__).parent.parent / "configs" / "scenes"
 CASE_A, CASE_B = str(SCENES / "case_a.toml"), str(SCENES / "case_b.toml")
@@ -55,7 +57,10 @@ def case_b() -> dict[str, Any]:
 
 def test_json_has_the_contract_s_keys(case_b: dict[str, Any]) -> None:
     assert {key: type(case_b[key]) for key in KEYS} == KEYS
+    assert list(case_b) == [key for key in REPORT_KEYS if key in case_b]
     assert set(case_b["loads"][0]) >= LOAD_KEYS
+    assert set(case_b["loads"][0]) <= set(report_keys.LOAD_KEYS)
+    assert set(case_b["taxels"][0]) == set(report_keys.TAXEL_KEYS)
     assert set(case_b["timings_s"]) == {"compile", "solve"}
     assert case_b["status"] == "converged"
     assert case_b["rtol_met"]
@@ -104,6 +109,18 @@ def test_symmetric_scene_solves_half_the_arc() -> None:
 def test_table_for_a_person_has_units() -> None:
     shown = suas("solve", CASE_B).stdout
     assert all(text in shown for text in ("N at 45 deg", "mm", "kPa", "mJ", "stable"))
+
+
+def test_gradient_for_a_person_is_sorted_and_without_zeros() -> None:
+    shown = suas("solve", CASE_B, "--gradient", "min_gap_m").stdout
+    rows = [line.split("│")[1:4] for line in shown.splitlines() if line.startswith("│")]
+    effects = [abs(float(effect)) for _, _, effect in rows]
+    names = [name.strip() for name, _, _ in rows]
+    assert effects == sorted(effects, reverse=True)
+    assert all(effects)
+    assert {"geometry.oil_gap", "material.C1"} <= set(names)
+    assert not [name for name in names if name.startswith("electrodes")]  # act on no gap
+    assert "other inputs have no effect" in shown
 
 
 def test_sweep_writes_what_it_prints(tmp_path: Path) -> None:

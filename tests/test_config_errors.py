@@ -158,7 +158,11 @@ VALUES = [
         "80",
         'no meaning with law = "mooney-rivlin"; take it out, or set law = "gent"',
     ),
-    ("material.C4", '"1 kPa"', "unknown key|allowed: law, C1, C2 or C3"),
+    (
+        "material.C4",
+        '"1 kPa"',
+        "unknown key|allowed: law, response, relaxation, softening, C1, C2 or C3",
+    ),
     ("solve.skin", '"a.toml"', "belongs at the top level of the file, before the first"),
     ("solve.oil_gap", '"5 mm"', "belongs in [geometry]"),
     ("load.1.force", '"3 N"', 'has no meaning with kind = "pressure"|set kind = "line"'),

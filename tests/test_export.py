@@ -6,6 +6,7 @@ The readers here are written from the programs' manuals and share nothing with t
 import json
 import pathlib
 import re
+import runpy
 import tomllib
 
 import jax.numpy as jnp
@@ -14,7 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.material.report.cards import CardError, CardSettings, card
+from fitting.material.cards.card import card, left_out
+from fitting.material.cards.settings import CardError, CardSettings
 from suas_jax.config import (
     ArrudaBoyceSpec,
     GentSpec,
@@ -25,7 +27,10 @@ from suas_jax.config import (
     YeohSpec,
     scene_from_dict,
 )
+from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.constitutive import ArrudaBoyce, build_law, uniaxial
+from suas_jax.constitutive.deformation import PrincipalStretches
+from suas_jax.constitutive.softening import OgdenRoxburgh
 
 TABLE_1 = OgdenSpec(mu=(6.3e5, 0.012e5, -0.1e5), alpha=(1.3, 5.0, -2.0), convention="mu/alpha")
 LAWS: dict[str, LawSpec] = {
@@ -234,3 +239,88 @@ def test_a_program_without_the_law_refuses_it_by_name(law: LawSpec, program: str
 def test_unknown_program_is_named() -> None:
     with pytest.raises(CardError, match="allowed: abaqus"):
         card(TABLE_1, "nastran")
+
+
+RELAXING = {
+    "relaxation": RelaxationSpec(g=(0.2, 0.15), tau=(0.5, 20.0)),
+    "softening": SofteningSpec(r=1.8, m=5e4, beta=0.1),
+}
+
+
+@pytest.mark.parametrize("program", ["abaqus", "ansys", "febio", "lsdyna"])
+def test_instantaneous_and_long_term_stress_of_a_card_with_relaxation(program: str) -> None:
+    law = TABLE_1.model_copy(update={"relaxation": RELAXING["relaxation"]})
+    text = card(law, program, CardSettings(density=1100.0))
+    slow = np.asarray(uniaxial(build_law(law), jnp.asarray(STRETCH)).nominal)
+    if program == "abaqus":
+        assert "MODULI=LONG TERM" in text
+        own, _, series = text.partition("*VISCOELASTIC, TIME=PRONY\n")
+        g, _, tau = np.array([numbers(line) for line in series.splitlines()]).T
+        stress = nominal(read_abaqus(own.replace(", MODULI=LONG TERM", "")), STRETCH)
+        long_term = stress
+    elif program == "ansys":
+        own, _, series = text.partition("TB,PRONY")
+        g, tau = np.array(numbers(series.partition("TBDATA,1,")[2])).reshape(-1, 2).T
+        long_term = nominal(read_ansys(own), STRETCH) * (1.0 - g.sum())
+    elif program == "febio":
+        found = dict(re.findall(r"<([gt]\d)>([^<]+)</", text))
+        shares = np.array([float(found["g1"]), float(found["g2"])])
+        g, tau = shares / (1.0 + shares.sum()), [float(found["t1"]), float(found["t2"])]
+        long_term = nominal(
+            read_febio(re.sub(r"<g\d>.*?</g\d>|<t\d>.*?</t\d>", "", text)), STRETCH
+        )
+    else:
+        *lines, first, second = text.splitlines()
+        moduli, rates = np.array([numbers(first), numbers(second)]).T
+        long_term = nominal(read_lsdyna("\n".join(lines)), STRETCH)
+        g, tau = moduli / (0.4225e6 / 0.65), 1.0 / rates
+    np.testing.assert_allclose(long_term, slow, rtol=1e-6)
+    np.testing.assert_allclose(g, [0.2, 0.15], rtol=1e-6)
+    np.testing.assert_allclose(tau, [0.5, 20.0], rtol=1e-6)
+
+
+def test_softening_in_cards_is_in_their_units() -> None:
+    law = TABLE_1.model_copy(update=RELAXING)
+    settings = CardSettings("mm-N-MPa", density=1100.0)
+    for program, mark in (("abaqus", "*MULLINS EFFECT\n"), ("ansys", "PSE2\nTBDATA,1,")):
+        values = numbers(card(law, program, settings).partition(mark)[2])
+        np.testing.assert_allclose(values, [1.8, 0.05, 0.1])
+    read = scene_table(card(law, "toml", settings))
+    assert read.softening == law.softening
+    assert read.relaxation == law.relaxation
+    for program in ("calculix", "felupe", "lsdyna", "febio"):
+        assert left_out(law, program)
+        assert "without" in card(law, program, settings)
+
+
+def scene_table(text: str) -> LawSpec:
+    """The material of a [material] table."""
+    skin = pathlib.Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
+    return scene_from_dict(tomllib.loads(skin.read_text()) | tomllib.loads(text)).material
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_felupe_gives_the_fitted_stress_back(name: str, tmp_path: pathlib.Path) -> None:
+    pytest.importorskip("felupe", reason="FElupe is not installed")
+    pytest.importorskip("tensortrax", reason="tensortrax is not installed")
+    file = tmp_path / "card.py"
+    softening = RELAXING["softening"]
+    for law in (LAWS[name], LAWS[name].model_copy(update={"softening": softening})):
+        file.write_text(card(law, "felupe"))
+        umat = runpy.run_path(str(file))["umat"]
+        expected = np.asarray(uniaxial(build_law(law), jnp.asarray(STRETCH)).nominal)
+        F = np.zeros((3, 3, 1, len(STRETCH)))
+        F[0, 0, 0], F[1, 1, 0], F[2, 2, 0] = STRETCH, STRETCH**-0.5, STRETCH**-0.5
+        state = np.zeros((1, 1, len(STRETCH)))
+        factor = 1.0
+        if law.softening is not None:
+            energy = build_law(law).energy(
+                PrincipalStretches(*(jnp.asarray(F[i, i, 0]) for i in range(3)))
+            )
+            state = state + 2.0 * np.max(np.asarray(energy))
+            factor = OgdenRoxburgh(softening.r, softening.m, softening.beta).factor(
+                energy, jnp.asarray(state[0, 0])
+            )
+        stress = umat.gradient([F, state])[0]
+        free = stress[2, 2, 0] * F[2, 2, 0] / F[0, 0, 0]
+        np.testing.assert_allclose(stress[0, 0, 0] - free, factor * expected, rtol=1e-6)

@@ -1,5 +1,7 @@
 """Losses, duplicates, wraps and stuck taxels are told apart."""
 
+import itertools
+
 import pytest
 
 from suas_jax.acquisition.frames.reading import Reading
@@ -103,3 +105,78 @@ def test_a_stuck_taxel_is_found_when_the_others_move():
     assert flags[-1].stuck == 0b10
     still = [f for _, f in judged(frame(i, first=3) for i in range(STUCK_AFTER + 5))]
     assert not any(f.stuck for f in still)  # a skin at rest without noise
+
+
+def clock(jumps: dict[int, float], frames: int = 40) -> list[Reading]:
+    """Frames whose clock is moved by some seconds from some frames on."""
+    moved = {i: sum(by for at, by in jumps.items() if i >= at) for i in range(frames)}
+    return [Reading(i, 100 + PERIOD * i + moved[i], 0, (i,), PERIOD * i) for i in range(frames)]
+
+
+@pytest.mark.parametrize("modulus", [None, 2**32 * 1e-6])
+@pytest.mark.parametrize("checked", [False, True])
+@pytest.mark.parametrize("by", [10.0, -10.0, 0.4, -0.4, 1.7e9, -90.0])
+def test_a_clock_that_jumps_is_flagged_and_goes_on(by, checked, modulus):
+    out = judged(clock({20: by}), modulus, checked)
+    assert [f.clock_jump for _, f in out] == [0] * 20 + [1] + [0] * 19
+    assert [t for t, _ in out] == pytest.approx([100 + PERIOD * i for i in range(40)], abs=1e-5)
+    assert not any(f.suspect or f.lost or f.restart for _, f in out)
+
+
+@pytest.mark.parametrize("by", [10.0, -10.0])
+def test_a_jump_that_ends_is_taken_back(by):
+    """The second jump goes back to the first scale, though two frames are lost with it."""
+    readings = clock({10: by, 20: -by})
+    del readings[20:22]
+    out = judged(readings, checked=True)
+    assert [i for i, (_, f) in enumerate(out) if f.clock_jump] == [10, 20]
+    assert out[20][1].lost == 2
+    assert out[25][0] == pytest.approx(readings[25].t_device, abs=1e-9)
+    times = [t for t, _ in out]
+    assert all(b > a for a, b in itertools.pairwise(times))
+
+
+def test_a_pause_of_the_device_is_no_jump():
+    readings = [
+        r if r.seq < 20 else r._replace(t_device=r.t_device + 7.0, t_host=r.t_host + 7.03)
+        for r in clock({})
+    ]
+    out = judged(readings, checked=True)
+    assert not any(f.clock_jump for _, f in out)
+    assert out[-1][0] == readings[-1].t_device
+
+
+def test_a_jump_is_told_once_for_all_modules_of_a_frame():
+    integrity = Integrity(None, checked=True)
+    for r in clock({20: 5.0}):
+        for module in range(3):
+            integrity.judge(r._replace(module=module))
+    assert integrity.summary.clock_jumps == 1
+    (sentence,) = integrity.sentences()
+    assert "jumped at frame 20" in sentence
+    assert integrity.sentences() == []
+
+
+def test_another_number_of_taxels_is_flagged_row_by_row():
+    integrity = Integrity(None, checked=True)
+    counts = {True: (1, 2, 3), False: (1, 3)}
+    found = [
+        integrity.judge(Reading(i, PERIOD * i, 4, counts[not 5 <= i < 8], PERIOD * i))[1]
+        for i in range(12)
+    ]
+    assert [f.other_taxels for f in found] == [0] * 5 + [2] * 3 + [0] * 4
+    assert integrity.summary.other_taxels == 3
+    (sentence,) = integrity.sentences()
+    assert "module 4 sends 2 counts instead of 3 from frame 5 on" in sentence
+
+
+def test_the_skin_file_knows_how_many_taxels_there_are():
+    integrity = Integrity(None, checked=True, taxels={0: 3})
+    assert integrity.judge(frame(0))[1].other_taxels == 2
+
+
+def test_a_recording_that_goes_on_is_flagged_at_its_begin():
+    integrity = Integrity(None, checked=True, resumed=True)
+    flags = [integrity.judge(frame(i)._replace(module=m))[1] for i in (7, 8) for m in (0, 1)]
+    assert [f.restart for f in flags] == [1, 1, 0, 0]
+    assert integrity.summary.restarts == 0

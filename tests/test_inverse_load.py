@@ -1,8 +1,11 @@
 """Inverse load estimation against the solid model: bounds, coverage, faults, what can't be."""
 
 import dataclasses
+import itertools
 import json
-from collections.abc import Callable, Iterator
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,11 +20,14 @@ import benchmarks.inverse_load
 from benchmarks import field_errors
 from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.load_array import load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
 from fitting.inverse_load.live.filter import LoadFilter
+from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.posterior import frame_posterior, likely_modes
 from fitting.statistics.posterior import Settings
+from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.stream import Judged
@@ -321,7 +327,7 @@ def test_filter_follows_a_sliding_contact() -> None:
 class _Played:
     """Stands in for a stream: batches of readings, stamped by a clock that the test sets."""
 
-    def __init__(self, batches: list[list[Judged]]) -> None:
+    def __init__(self, batches: Iterable[list[Judged]]) -> None:
         self._batches = batches
 
     def batches(self) -> Iterator[list[Judged]]:
@@ -349,6 +355,124 @@ def test_a_stream_drops_what_has_waited_and_refuses_other_layouts(
     assert found[1].filtered is not None
     assert np.rad2deg(found[1].filtered[0].angle) == pytest.approx(np.rad2deg(0.2), abs=0.3)
     assert found[0].estimate.latency == pytest.approx(0.01)
+
+
+def code_of_page(words: str) -> str:
+    """The code block of docs/inverse_load.md that holds some words."""
+    page = (ROOT / "docs/inverse_load.md").read_text(encoding="utf-8")
+    (block,) = (b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if words in b)
+    return str(block)
+
+
+class _EnoughError(Exception):
+    """Ends a control loop that would go on for ever."""
+
+
+def test_the_control_loop_of_the_page(
+    folder: Path,
+    estimator: LoadEstimator,
+    readings: Callable[..., np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Degrees and radians in the names, loads as an array, a busy port, the port let go."""
+    from fitting import live_loads
+
+    counts = readings(0.2, 10.0)[0]
+    random = np.random.default_rng(5)
+    noisy = (np.rint(counts + random.normal(0, 2, TAXELS)) for _ in itertools.count())
+    frames = (Reading(k, 0.01 * k, 0, tuple(map(int, so))) for k, so in enumerate(noisy))
+    ended = threading.Event()
+    seen: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    space: dict[str, Any] = {}
+
+    def steer(*arguments: np.ndarray) -> None:
+        if not seen:
+            with pytest.raises(OSError, match="busy"):
+                live_loads("skin.toml", "port", frame_format="cobs")
+        seen.append(arguments)
+        if len(seen) == 20:
+            raise _EnoughError
+
+    monkeypatch.chdir(folder)
+    code = code_of_page("live_loads").replace('"suas.toml"', '"skin.toml"')
+    settings = 'frame_format="cobs", smooth=True, most_contacts=1, timeout_s=10.0'
+    code = code.replace('"/dev/ttyACM0", timeout_s=0.5', f'"port", {settings}')
+    with Device("cobs", link=Path("port")) as device:
+
+        def play() -> None:
+            device.wait_for_host(ended.is_set)
+            device.play(frames, stopped=ended.is_set)
+
+        player = threading.Thread(target=play)
+        player.start()
+        try:
+            with pytest.raises(_EnoughError):
+                exec(compile(code, "page", "exec"), space | {"steer": steer}, space)
+        finally:
+            ended.set()
+            player.join()
+    assert next(space["frames"], None) is None
+    degrees, force, error = (np.concatenate(column) for column in zip(*seen, strict=True))
+    assert degrees == pytest.approx(np.full(20, np.degrees(0.2)), abs=0.5)
+    chi2 = (((force - 10.0) / error) ** 2).sum()
+    assert 7 < chi2 < 45  # 20 degrees of freedom
+    last = space["frame"]
+    assert last.loads.dtype.names == ("angle_rad", "force_N", "covariance")
+    assert last.contact
+    assert abs(last.filtered["angle_rad"][0] - 0.2) < 0.01
+    assert last.filtered["covariance"].shape == (1, 2, 2)
+
+
+def test_the_log_of_the_page(
+    folder: Path, estimator: LoadEstimator, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("suas_jax.runtime.settings.configure", lambda: None)
+    monkeypatch.setattr("fitting.inverse_load.estimator.LoadEstimator", lambda spec: estimator)
+    write_log(folder / "press.csv", np.rint(np.tile(estimator.table.rest, (3, 1))))
+    code = code_of_page("readings_of").replace("suas.toml", "skin.toml")
+    exec(compile(code, "page", "exec"), {})
+    assert capsys.readouterr().out.count("no_contact") == 3
+
+
+def test_a_control_loop_refuses_at_once(
+    folder: Path, estimator: LoadEstimator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fitting import live_loads
+
+    def never(*arguments: object, **settings: object) -> None:
+        pytest.fail("the estimator is prepared for a port that isn't there")
+
+    monkeypatch.setattr("fitting.inverse_load.live.live_loads.skin_estimator", never)
+    with pytest.raises(OSError, match="no such port"):
+        live_loads(folder / "skin.toml", "/dev/ttyNOPE")
+    with pytest.raises(ValueError, match="latency_s"):
+        live_loads(folder / "skin.toml", "/dev/ttyNOPE", latency_s=0.0)
+    with pytest.raises(ValueError, match="belong to the estimator"):
+        live_loads(estimator, "/dev/ttyNOPE", most_contacts=1)
+    with pytest.raises(ValueError, match="live=True"):
+        live_loads(estimator, "/dev/ttyNOPE")
+    with pytest.raises(ValueError, match="allowed are"):
+        live_loads(folder / "skin.toml", "/dev/ttyNOPE", frame_format="morse")
+
+
+def test_silence_ends_a_control_loop(estimator: LoadEstimator) -> None:
+    stream: Any = _Played(itertools.repeat([]))
+    settings: dict[str, Any] = {"latency_s": 0.1, "smooth": False, "timeout_s": 0.01}
+    with pytest.raises(TimeoutError, match="no frame"):
+        next(LiveLoads(stream, estimator, **settings))
+
+
+def test_loads_as_an_array_with_what_is_not_known() -> None:
+    names = ("angle", "axial", "force", "diameter")
+    known = Contact(0.1, 5.0, None, np.diag([1.0, 2.0, 3.0]), axial=1e-3)
+    unknown = Contact(0.2, 6.0, None, None, axial=2e-3, diameter=6e-3)
+    loads = load_array([known, unknown], names)
+    assert loads.dtype.names == ("angle_rad", "axial_m", "force_N", "diameter_m", "covariance")
+    np.testing.assert_equal(loads["diameter_m"], [np.nan, 6e-3])
+    np.testing.assert_equal(np.diag(loads["covariance"][0]), [1.0, 2.0, 3.0, np.nan])
+    assert np.isnan(loads["covariance"][1]).all()
+    assert load_array([], names).shape == (0,)
 
 
 def test_posterior_agrees_with_the_covariance(

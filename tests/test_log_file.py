@@ -2,9 +2,11 @@
 
 import math
 import os
+import resource
 import signal
 import subprocess
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 
 from suas_jax.acquisition.log.log_file import (
     LogFileError,
+    LogWriteError,
     LogWriter,
     group_frames,
     log_header,
@@ -232,3 +235,116 @@ def test_a_killed_writer_loses_at_most_the_last_flush(tmp_path):
     assert back.seq.tolist() == list(range(len(back)))
     # 0.05 s at under 1000 rows a second, doubled for a busy machine.
     assert len(back) > last - 100
+
+
+def recorded(path: Path, rows: range, **options) -> LogWriter:
+    """Append rows of two taxels at 100 Hz."""
+    header = log_header(start_time=datetime(2025, 11, 21, tzinfo=UTC), frame_format="cobs")
+    with LogWriter(path, header, flags=("lost",), append=True, **options) as log:
+        for k in rows:
+            log.write(log.elapsed + 0.01 * k, 0.01 * k, k, 0, (k, 2 * k), (0,))
+    return log
+
+
+def test_a_recording_goes_on_in_the_same_file(tmp_path):
+    path = tmp_path / "a.csv"
+    first = recorded(path, range(5))
+    assert not first.resumed
+    before = path.read_bytes()
+    second = recorded(path, range(3))
+    assert second.resumed
+    assert path.read_bytes().startswith(before)
+    log = read_log(path)
+    assert log.seq.tolist() == [0, 1, 2, 3, 4, 0, 1, 2]
+    # Years lie between the header's start and now.
+    assert log.t_host[5] > log.t_host[4] + 1e5
+    assert len(group_frames(log)) == 8
+
+
+def test_a_line_that_was_cut_off_is_taken_out_when_a_recording_goes_on(tmp_path):
+    path = tmp_path / "a.csv"
+    recorded(path, range(5))
+    with path.open("ab") as file:
+        file.write(b"0.07,0.07,7,0,1")
+    log = recorded(path, range(8, 10))
+    assert "0.07,0.07,7,0,1" in log.notes[0]
+    assert read_log(path).seq.tolist() == [0, 1, 2, 3, 4, 8, 9]
+
+
+def test_a_recording_goes_on_behind_the_last_part(tmp_path):
+    path = tmp_path / "a.csv"
+    recorded(path, range(40), rotate_bytes=400, flush_interval=0.0)
+    parts = list(tmp_path.glob("a*.csv"))
+    assert len(parts) > 2
+    second = recorded(path, range(40, 80), rotate_bytes=400, flush_interval=0.0)
+    assert second.path not in parts
+    assert read_log(path).seq.tolist() == list(range(80))
+
+
+def test_a_host_clock_that_was_set_back_does_not_turn_time(tmp_path):
+    path = tmp_path / "a.csv"
+    header = log_header(start_time=datetime(2199, 1, 1, tzinfo=UTC))
+    for _ in range(2):
+        with LogWriter(path, header, append=True) as log:
+            log.write(log.elapsed + 5.0, 0.0, 1, 0, (1,))
+    assert read_log(path).t_host.tolist() == [5.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a,b\n1,2\n", "no SO log"),
+        ("# start_time: now\nt_host_s,t_device_s,seq,module,so_1,lost\n", "start_time"),
+        (
+            "# start_time: 2025-11-21T00:00:00+00:00\nt_host_s,t_device_s,seq,module,so_1\n",
+            "lost",
+        ),
+        (
+            "# start_time: 2025-11-21T00:00:00+00:00\n# scale: 1 fF\n"
+            "t_host_s,t_device_s,seq,module,so_1,lost\n",
+            "scale is 1 fF",
+        ),
+        (
+            "# start_time: 2025-11-21T00:00:00+00:00\n"
+            "t_host_s,t_device_s,seq,module,so_1,lost\n# continued_in: gone.csv\n",
+            "gone.csv",
+        ),
+    ],
+)
+def test_what_can_not_be_appended_to_is_left_alone(text, words, tmp_path):
+    path = write(tmp_path / "a.csv", text)
+    with pytest.raises(LogFileError, match=words):
+        recorded(path, range(3))
+    assert path.read_text() == text
+
+
+def test_two_programs_never_write_one_log(tmp_path):
+    path = tmp_path / "a.csv"
+    header = log_header()
+    with LogWriter(path, header, taxels=1) as log:
+        with pytest.raises(OSError, match="another program is writing"):
+            LogWriter(path, header, append=True)
+        log.write(0.0, 0.0, 1, 0, (1,))
+    assert len(read_log(path)) == 1
+
+
+@pytest.mark.parametrize("limit", [1000, 1005, 1017])
+def test_a_full_disk_ends_with_a_whole_row(limit, tmp_path):
+    """A limit on the file's size stands for a full disk."""
+    path = tmp_path / "a.csv"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    log = LogWriter(path, log_header(), taxels=2, flush_interval=10.0)
+    for k in range(100):
+        log.write(0.01 * k, 0.01 * k, k, 0, (k, 2 * k))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limits[1]))
+    try:
+        with pytest.raises(LogWriteError) as error:
+            log.flush()
+        log.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert error.value.filename == str(path)
+    back = read_log(path)
+    assert not back.notes
+    assert len(back) == 100 - log.unwritten > 10
+    assert path.stat().st_size <= limit

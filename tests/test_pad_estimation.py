@@ -93,7 +93,7 @@ def patch() -> Iterator[pytest.MonkeyPatch]:
 
 @pytest.fixture(scope="module")
 def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> PadSkin:
-    return pad_skin_of(spec, elements=ELEMENTS)
+    return pad_skin_of(spec, elements=ELEMENTS, contact=False)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def estimator(
     quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
     patch.setattr(compiled, "OPTIONS", quick)
     patch.setattr(pad_parts, "_table", lambda *_: table)
-    patch.setattr(pad_parts, "pad_skin_of", lambda _: skin)
+    patch.setattr(pad_parts, "pad_skin_of", lambda *_, **__: skin)
     return LoadEstimator(spec, diameter=DIAMETER, most_contacts=1, pressure_noise=20.0)
 
 
@@ -260,7 +260,9 @@ def test_faulty_taxels_are_left_out(
 def test_a_wrong_skin_file_is_noticed(
     estimator: LoadEstimator, spec: SkinSpec, contacts: np.ndarray, path: str, name: str
 ) -> None:
-    true = pad_skin_of(spec, {path: 1.06 * continuous_inputs(spec)[path]}, elements=ELEMENTS)
+    true = pad_skin_of(
+        spec, {path: 1.06 * continuous_inputs(spec)[path]}, elements=ELEMENTS, contact=False
+    )
     columns = Columns(mirror_images(true)[0], DIAMETER, lambda *_: None, MANY)
     where = mirror_images(true)[1][0]
     found = columns.solve(contacts[:, :2], contacts[:, 2], LEVELS[LEVELS != 0])

@@ -8,10 +8,14 @@ from skins import quick
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.sensor.logs.data import load_sensor_data
 from suas_jax.acquisition.log.convert import convert, to_xarray
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
+from suas_jax.config import load_scene
+from suas_jax.config.schema_load import PatchLoadSpec, PressureLoadSpec
 from suas_jax.scene.forward import Loads, forward, skin_of
 from suas_jax.simulation.load_path import load_path
+from suas_jax.simulation.true_loads import NotKnownInputsError, true_loads
 
 SCENE = """
 [geometry]
@@ -82,6 +86,43 @@ def test_a_path_is_played_as_the_model_has_it(folder: Path, played: SoLog) -> No
     counts = so[::5].reshape(5, 20)
     assert np.all(np.abs(counts - np.asarray(want).T) <= 0.5 + 1e-6)  # rounded, nothing else
     assert played.header["scale"] == "0.02 fF"
+
+
+def test_a_simulated_log_carries_its_true_loads(folder: Path, played: SoLog) -> None:
+    """They are the path's, and what `suas fit sensor` takes for known inputs."""
+    frames = group_frames(played)
+    path = load_path(folder / "path.csv")
+    true = path.at(frames.t_device)
+    first = np.searchsorted(played.seq, frames.seq)
+    for key in ("force_N", "angle_deg"):
+        written = played.flags[f"load_0_{key}"].astype(float)[first]
+        np.testing.assert_allclose(written, true[f"loads.0.{key}"], atol=1e-7)
+    data = load_sensor_data(path.scene.skin, [folder / "played.csv"])
+    np.testing.assert_allclose(data.loads.force[0][data.state], true["loads.0.force_N"])
+    assert not [text for text in data.warnings if "no known loads" in text]
+
+
+def test_true_loads_of_every_kind() -> None:
+    scene = load_scene(Path("configs/scenes/two_contacts.toml"))
+    turned = scene.loads[1].model_copy(update={"direction": "vertical", "angle": 0.5})
+    scene = scene.model_copy(update={"loads": (scene.loads[0], turned)})
+    columns = true_loads(scene, [6.0, 12.0], {"loads.0.force_N": np.array([1.0, 2.0])}, 2)
+    assert columns["load_0_force_N"].tolist() == [1.0, 2.0]
+    assert columns["load_1_force_N"].tolist() == [12.0, 12.0]
+    assert columns["load_1_direction_deg"] == pytest.approx(np.rad2deg([0.5, 0.5]))
+    assert "load_0_direction_deg" not in columns
+    pressed = PressureLoadSpec(pressure=1e3)
+    for load, word in (
+        (pressed, "a pressure"),
+        (turned.model_copy(update={"spread": 5e-3}), "spread"),
+    ):
+        with pytest.raises(NotKnownInputsError, match=word):
+            true_loads(scene.model_copy(update={"loads": (load,)}), [0.0], {}, 2)
+    pad = load_scene(Path("configs/scenes/pad_crown.toml"))
+    disc = PatchLoadSpec(angle=0.1, axial=2e-3, diameter=6e-3, force=5.0)
+    found = true_loads(pad.model_copy(update={"loads": (disc,)}), [5.0], {}, 1)
+    assert found["load_0_axial_mm"].tolist() == [2.0]
+    assert found["load_0_diameter_mm"].tolist() == [6.0]
 
 
 def test_noise_drift_and_faults_are_as_asked(folder: Path, played: SoLog) -> None:

@@ -5,6 +5,7 @@ import fcntl
 import itertools
 import json
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -21,8 +22,20 @@ import pytest
 from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.device.faults import Faults, parse_faults
 from suas_jax.acquisition.frames.reading import Reading
-from suas_jax.acquisition.frames.registry import ENCODERS, FORMATS
-from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
+from suas_jax.acquisition.frames.registry import ENCODERS, FORMATS, decoder
+from suas_jax.acquisition.log.log_file import (
+    LogWriter,
+    SoLog,
+    group_frames,
+    log_header,
+    read_log,
+    sequence_notes,
+)
+from suas_jax.acquisition.log.record import FLAG_COLUMNS
+from suas_jax.acquisition.log.record import record as record_stream
+from suas_jax.acquisition.ports.serial_port import SerialSource
+from suas_jax.acquisition.stream import Stream
+from suas_jax.acquisition.view import totals_text
 
 ROOT = Path(__file__).parent.parent
 SUAS = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
@@ -121,6 +134,107 @@ def test_unplugged_wrapped_and_stuck(tmp_path):
     np.testing.assert_allclose(log.t_device - start, log.seq / 100, atol=1e-6)
     assert totals["stuck_taxels"] == {"2": [3]}
     assert totals["restarts"] == 0
+
+
+SINGLE = [  # fault, what the totals say, what is said meanwhile
+    ("clock-jump=0.5:10", {"clock_jumps": 1}, "clock jumped at frame 50"),
+    ("clock-jump=0.5:-10", {"clock_jumps": 1}, "clock jumped at frame 50"),
+    ("clock-jump=0.5:10:0.4", {"clock_jumps": 2}, "clock jumped at frame 90"),
+    ("restart=0.5", {"restarts": MODULES}, "device restarts"),
+    ("taxels=0.5:7", {"other_taxels_rows": 100 * MODULES}, "sends 7 counts instead of 10"),
+]
+
+
+@pytest.mark.parametrize(("fault", "totals", "sentence"), SINGLE)
+def test_what_changes_is_flagged_counted_and_said(fault, totals, sentence, tmp_path):
+    """The table of docs/acquisition.md, in process: one pseudo-terminal, no program's start."""
+    path, said = tmp_path / "log.csv", []
+    with Device("cobs", parse_faults([fault]), tmp_path / "port") as device:
+        stream = Stream(
+            SerialSource(device.port, 115200), decoder("cobs"), "cobs", report=said.append
+        )
+
+        def play() -> None:
+            device.play(device_frames(150), speed=3.0)
+            time.sleep(0.5)  # for the last bytes to be read
+
+        played = threading.Thread(target=play)
+        played.start()
+        found = record_stream(
+            stream,
+            LogWriter(path, log_header(), flags=FLAG_COLUMNS),
+            on_progress=lambda: played.is_alive() or stream.stop.set(),
+        )
+        played.join()
+    log = read_log(path)
+    assert len(log) == found["rows"] == 150 * MODULES  # nothing is lost
+    assert {key: found[key] for key in totals} == totals
+    assert sentence in " ".join([*said, totals_text(found)])
+    raw = log.flags["t_device_raw_s"].astype(float)
+    frames = group_frames(log)
+    if fault.startswith("clock"):
+        np.testing.assert_allclose(log.t_device, log.seq / 100, atol=2e-6)
+        by = float(fault.split(":")[1])
+        modulus = 2**32 * 1e-6  # at which the frame's clock of 32 bits wraps
+        assert np.ptp(raw - log.t_device) == pytest.approx(by % modulus, abs=1e-5)
+        assert set(log.seq[log.flags["clock_jump"] == 1]) <= {50, 90}
+    elif fault.startswith("taxels"):
+        assert len(frames) == 50  # the others can't be placed, and are not used
+        assert set(log.flags["other_taxels"][log.seq >= 50]) == {7}
+        assert "came with 7 counts" in " ".join(sequence_notes(log))
+    else:
+        assert len(frames) == 150
+        np.testing.assert_array_equal(raw, log.t_device)
+
+
+def test_a_full_disk_is_named_with_the_totals(tmp_path):
+    path = tmp_path / "log.csv"
+    with Device("cobs", link=tmp_path / "port") as device:
+        process = suas("log", device.port, "--format", "cobs", "-o", path, "--json")
+        device.wait_for_host()
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
+        device.play(device_frames(150), stopped=lambda: process.poll() is not None)
+        out, err = process.communicate(timeout=20)
+    assert process.returncode == 2
+    totals = json.loads(out)
+    assert f"{path}: File too large" in err
+    assert totals["status"] == "disk_full"
+    assert "--append" in totals["message"]
+    log = read_log(path)
+    assert not log.notes
+    assert len(log) == totals["rows"] - totals["unwritten_rows"] > 100
+    check(log)
+
+
+def test_a_log_that_goes_on_and_a_second_logger(tmp_path):
+    """Killed, then gone on with: what was recorded stays, the gap is flagged."""
+    path = tmp_path / "log.csv"
+    command = ("log", tmp_path / "port", "--format", "cobs", "-o", path, "--append")
+    with Device("cobs", link=tmp_path / "port") as device:
+        process = suas(*command, "--flush", 0.05)
+        device.wait_for_host()
+        device.play(device_frames(60))
+        busy = suas(*command)
+        assert "busy" in busy.communicate(timeout=20)[1]
+        assert busy.returncode == 2
+        process.kill()
+        process.communicate()
+        kept = len(read_log(path))
+        with path.open("ab") as file:
+            file.write(b"0.9,0.9,99,0,13")  # a row that the kill cut off
+        process = suas(*command, "--json")
+        device.wait_for_host()
+        device.play(r for r in device_frames(120) if r.seq >= 60)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGTERM)
+        _, err = ended(process)
+    assert "cut off" in err
+    log = read_log(path)
+    assert len(log) == kept + 60 * MODULES
+    restarts = np.flatnonzero(log.flags["restart"])
+    assert restarts.tolist() == list(range(kept, kept + MODULES))
+    assert np.all(np.diff(log.t_host) >= 0)
+    check(log)
 
 
 def test_a_plain_program_on_the_other_end(tmp_path):

@@ -9,6 +9,7 @@ import typer
 from fitting.cli import (
     contract,
     data,
+    example_files,
     fit_material,
     fit_materials,
     fit_sensor,
@@ -18,13 +19,15 @@ from fitting.cli import (
     simulate,
     solve,
 )
+from fitting.cli.examples import add_examples
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
+    epilog="Start with: suas examples, then: suas solve configs/scenes/case_b.toml",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
+example_files.register(app)
 solve.register(app)
 simulate.register(app)
 log.register(app)
@@ -38,6 +41,7 @@ fit_materials.register(fit)
 app.add_typer(fit, name="fit")
 invert.register(app)
 force_range.register(app)
+add_examples(app)
 
 
 def _print_version(wanted: bool) -> None:

@@ -86,6 +86,15 @@ def _status_of(program: Callable[[], Any]) -> int:
 _told: list[str] = []
 
 
+def answered(status: str) -> None:
+    """Note that a command has said itself what failed, on both outputs.
+
+    Args:
+        status: as its JSON object has it.
+    """
+    _told.append(status)
+
+
 def _tell(status: str, message: str) -> None:
     """Say what failed, on the terminal and, where JSON was asked for, to programs."""
     typer.echo(f"suas: {message}", err=True)

@@ -12,8 +12,8 @@ from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
+    from fitting.material.cards.settings import CardSettings
     from fitting.material.fit.result import MaterialFit
-    from fitting.material.report.cards import CardSettings
 
 
 def register(app: typer.Typer) -> None:
@@ -90,6 +90,19 @@ def material(
             min=0, help="Most readings of a curve; of more, half as many means. 0 keeps all."
         ),
     ] = 500,
+    prony: Annotated[
+        str,
+        typer.Option(
+            help="Relaxation of the stress from tests with times: number of Prony terms, or "
+            "auto for as many as the data determine."
+        ),
+    ] = "0",
+    mullins: Annotated[
+        bool,
+        typer.Option(
+            "--mullins", help="Softening below the largest load before, from loading cycles."
+        ),
+    ] = False,
     bound: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=LOW:HIGH", help="Hard bound, SI units: alpha.0=1:3."),
@@ -122,8 +135,8 @@ def material(
         list[str] | None,
         typer.Option(
             metavar="FORMAT=FILE",
-            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna or "
-            "toml. May be repeated.",
+            help="Write a material card: abaqus, calculix, ansys, febio, comsol, lsdyna, "
+            "felupe or toml. May be repeated.",
         ),
     ] = None,
     card_units: Annotated[
@@ -133,7 +146,7 @@ def material(
         str, typer.Option(help="Name of the material in the cards.")
     ] = "membrane",
     density: Annotated[
-        float | None, typer.Option(help="Density in the cards [kg/m3]; lsdyna needs it.")
+        float | None, typer.Option(help="Density in the cards, kg/m3; lsdyna needs it.")
     ] = None,
     scene: Annotated[
         Path | None,
@@ -156,9 +169,10 @@ def material(
         named = named_values(columns, "--columns", "force=3,extension=5")
         bounds = dict(_bound(text) for text in bound or [])
         cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
+        from fitting.material.cards.card import PROGRAMS
+        from fitting.material.cards.settings import CardError, CardSettings
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
-        from fitting.material.report.cards import PROGRAMS, CardError, CardSettings
 
         settings = CardSettings(card_units, card_name, density)
         for name, _ in cards:
@@ -202,6 +216,8 @@ def material(
                     thin=thin,
                     zero=tuple(zero or ()),
                     bounds=bounds,
+                    prony=int(prony) if prony.isdigit() else prony,
+                    mullins=mullins,
                     scene=None if _on_skin(sets) else scene,
                 )
             except NoFit as error:
@@ -252,13 +268,16 @@ def _written(
     fit: "MaterialFit", cards: list[tuple[str, str]], settings: "CardSettings"
 ) -> list[dict[str, str]]:
     """Write the cards; one that a program can't have is reported, and stops nothing."""
-    from fitting.material.report.cards import CardError, write_card
+    from fitting.material.cards.card import left_out, write_card
+    from fitting.material.cards.settings import CardError
 
     found = []
     for name, file in cards:
         message = ""
         try:
             write_card(fit.material(), name, Path(file), settings)
+            if remark := left_out(fit.material(), name):
+                message = f"{file}: the card is {remark}"
         except CardError as error:
             message = str(error)
         found.append({"program": name, "file": file, "message": message})

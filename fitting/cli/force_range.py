@@ -25,7 +25,7 @@ def find_range(
     ] = 17,
     noise: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of a reading [counts]; else the skin file's."),
+        typer.Option(help="Standard deviation of a reading, in counts; else the skin file's."),
     ] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,

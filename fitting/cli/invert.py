@@ -1,7 +1,7 @@
 """`suas invert`. JAX is imported inside the command."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -110,21 +110,27 @@ def invert(
         from suas_jax.runtime.settings import configure
 
         configure()
-        with spinner("preparing the estimate") as show:
-            estimator = _estimator(
-                skin,
-                baseline,
-                progress=show,
-                direction=direction,
-                false_alarm=false_alarm,
-                most_contacts=contacts,
-                noise=noise,
-                live=live is not None,
-                model_error=model_error,
-                **_on_pads(diameter, pressure_noise),
-            )
-        if estimator.input_errors.text:
-            _say(estimator.input_errors.text)
+
+        def prepare() -> "LoadEstimator":
+            from fitting.inverse_load.skin_estimator import skin_estimator
+
+            with spinner("preparing the estimate") as show:
+                estimator = skin_estimator(
+                    skin,
+                    baseline,
+                    progress=show,
+                    direction=direction,
+                    false_alarm=false_alarm,
+                    most_contacts=contacts,
+                    noise=noise,
+                    live=live is not None,
+                    model_error=model_error,
+                    **_on_pads(diameter, pressure_noise),
+                )
+            if estimator.input_errors.text:
+                _say(estimator.input_errors.text)
+            return estimator
+
         if live is not None:
             if posterior is not None or plot is not None:
                 raise ValueError("--posterior and --plot need a log; leave --live out")
@@ -133,8 +139,9 @@ def invert(
             options = LiveOptions(
                 live, format_name, baud, duration, latency, log, as_json, smooth, overwrite
             )
-            run_live(estimator, options)
+            run_live(prepare, options)
             return
+        estimator = prepare()
         assert log is not None
         _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
 
@@ -159,21 +166,6 @@ def _on_pads(diameter: str | None, pressure_noise: str | None) -> dict[str, floa
 
 def _say(text: str) -> None:
     typer.echo(f"suas: {text}", err=True)
-
-
-def _estimator(skin: Path, baseline: Path | None, **settings: Any) -> "LoadEstimator":
-    from fitting.inverse_load.estimator import LoadEstimator
-    from fitting.inverse_load.readings import Layout
-    from suas_jax.config import load_skin
-
-    spec = load_skin(skin)
-    layout = Layout(spec)
-    if baseline is not None:
-        from suas_jax.acquisition.baseline import read_baseline
-
-        rest, variance = layout.baseline(read_baseline(baseline), str(baseline))
-        settings |= {"rest": rest, "rest_variance": variance}
-    return LoadEstimator(spec, **settings)
 
 
 def _offline(

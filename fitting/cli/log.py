@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
+from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
 from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
 
@@ -55,12 +55,16 @@ def log(
         float | None, typer.Option(min=0.01, metavar="MB", help="New file at this size [MB].")
     ] = None,
     overwrite: Overwrite = False,
+    append: Annotated[
+        bool, typer.Option("--append", help="Go on in LOG.csv where it is there.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
 ) -> None:
     """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
 
     Lost links are opened again; nothing that was recorded is ever lost.
-    Exit status: 0 recorded, 2 bad input (the port can't be opened, or nothing came).
+    Exit status: 0 recorded, 2 bad input (the port can't be opened, nothing came) or a full
+    disk.
     """
     with bad_input():
         from suas_jax.acquisition.frames.registry import decoder, open_source
@@ -70,9 +74,11 @@ def log(
         from suas_jax.acquisition.stream import Stream
         from suas_jax.acquisition.view import View, totals_text
 
-        check_output(output, overwrite=overwrite)
+        if append and overwrite:
+            raise ValueError("--append and --overwrite: choose one")
+        check_output(output, overwrite=overwrite or append)
         decode = decoder(format_name)
-        header = _skin_header(skin)
+        header, taxels = _skin_header(skin)
         source = open_source(port, format_name, baud)
         started = time.monotonic()
         try:
@@ -89,17 +95,22 @@ def log(
                 flush_interval=flush,
                 rotate_bytes=None if rotate is None else round(1e6 * rotate),
                 overwrite=overwrite,
+                append=append,
             )
         except BaseException:
             source.close()
             raise
-        with View(f"{port} -> {output}") as view:
+        with View(f"{port} -> {writer.path}") as view:
+            for note in writer.notes:
+                view.say(f"{writer.path}: {note}")
             stream = Stream(
                 source,
                 decode,
                 format_name,
                 report=view.say,
-                clock=lambda: time.monotonic() - started,
+                clock=lambda: time.monotonic() - started + writer.elapsed,
+                taxels=taxels,
+                resumed=writer.resumed,
             )
             with ended_by_signal(stream):
                 result = record(
@@ -109,28 +120,41 @@ def log(
                     started=started,
                     on_progress=lambda: view.update(stream),
                 )
-    if as_json:
-        typer.echo(json.dumps({"path": str(output)} | result, allow_nan=False))
-    elif result["rows"]:
-        typer.echo(f"{output}: {totals_text(result)}", err=True)
-    if not result["rows"]:
-        typer.echo(
-            f"suas: {port}: no frame came in {result['elapsed_s']:.1f} s; {output} is empty",
-            err=True,
+    stopped = result.pop("stopped")
+    silent = not result["rows"] and not stopped
+    status = "disk_full" if stopped else "no_frames" if silent else "recorded"
+    totals = f"{writer.path}: {totals_text(result)}"
+    message = totals
+    if stopped:
+        message = stopped
+    elif silent:
+        message = (
+            f"{port}: no frame came in {result['elapsed_s']:.1f} s; {writer.path} is empty"
         )
-        if duration is not None and result["elapsed_s"] >= duration:
-            raise typer.Exit(BAD_INPUT)
+    if as_json:
+        summary = {"path": str(output), "status": status, "message": message}
+        typer.echo(json.dumps(summary | result, allow_nan=False))
+    if not silent and (stopped or not as_json):
+        typer.echo(totals, err=True)
+    if status != "recorded":
+        typer.echo(f"suas: {message}", err=True)
+    over = duration is not None and result["elapsed_s"] >= duration
+    if stopped or (silent and over):
+        answered(status)
+        raise typer.Exit(BAD_INPUT)
 
 
-def _skin_header(skin: Path | None) -> dict[str, str]:
+def _skin_header(skin: Path | None) -> tuple[dict[str, str], dict[int, int]]:
+    """What a skin file adds to the header, and how many taxels its modules have."""
     if skin is None:
-        return {}
+        return {}, {}
     from suas_jax.config import load_skin
 
     electrodes = load_skin(skin).electrodes
     if electrodes is None:
         raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
-    return {"skin": str(skin), "scale": f"{1e15 * electrodes.lsb:.6g} fF"}
+    header = {"skin": str(skin), "scale": f"{1e15 * electrodes.lsb:.6g} fF"}
+    return header, electrodes.taxels_by_module
 
 
 def baseline(

@@ -84,7 +84,7 @@ def simulate(
         typer.Option(
             metavar="NAME=VALUE",
             help="Live: corrupt=P, drop=P, duplicate=P, unplug=AT:FOR, clock-wrap=AT, "
-            "stuck=MODULE/TAXEL, seed=N.",
+            "clock-jump=AT:BY:FOR, restart=AT, taxels=AT:N, stuck=MODULE/TAXEL, seed=N.",
         ),
     ] = None,
     speed: Annotated[
@@ -162,6 +162,8 @@ def simulate(
     touching = int((log.capacitance != log.capacitance).any(1).sum())
     if touching:
         note += f"; {touching} frames touch the wall"
+    if log.untold and output is not None:
+        note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
     typer.echo(note, err=True)
     if on_air is not None:
         with bad_input():

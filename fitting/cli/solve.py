@@ -4,6 +4,7 @@ JAX is imported inside the commands, so that the help and commands that don't co
 start at once.
 """
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,6 +138,10 @@ def solve(
         typer.echo(json_text(report))
     else:
         _print_report(report)
+        if report.get("gradient"):
+            from suas_jax.config import continuous_inputs
+
+            _print_gradient(report["gradient"], continuous_inputs(spec))
     if not solution.converged:
         raise typer.Exit(NO_SOLUTION)
 
@@ -276,7 +281,8 @@ def _print_report(report: dict[str, Any]) -> None:
     table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
     stable = "stable" if report["stable"] else "[red]unstable[/]"
     material = "stable" if report["material_stable"] else "[red]outside its window[/]"
-    table.add_row("equilibrium / material", f"{stable} / {material}")
+    table.add_row("equilibrium", stable)
+    table.add_row("material", material)
     mesh, model = report["discretisation_error"], report["model_error"]
     error = "unknown" if mesh is None else f"{mesh:.1e} by the mesh, {model:.1e} by the model"
     table.add_row("estimated error", error)
@@ -285,11 +291,32 @@ def _print_report(report: dict[str, Any]) -> None:
         "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
     )
     console.print(table)
-    if report.get("gradient"):
-        gradients = Table("input (SI)", "derivative")
-        for name, value in report["gradient"].items():
-            gradients.add_row(name, f"{value:.6g}")
-        console.print(gradients)
+
+
+def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
+    """Derivatives by what a per cent of each input does, the largest first."""
+    from rich.console import Console
+    from rich.table import Table
+
+    effects = {name: 0.01 * slope * inputs[name] for name, slope in slopes.items()}
+    table = Table("input (SI)", "derivative", "1 % of the input")
+    rounding = 1e-12 * max(filter(math.isfinite, map(abs, effects.values())), default=0.0)
+
+    def acts(name: str) -> bool:
+        # An input that is zero has no per cent; its derivative may be large all the same.
+        if inputs[name] == 0.0:
+            return slopes[name] != 0.0
+        return not abs(effects[name]) <= rounding
+
+    felt = list(filter(acts, slopes))
+    for name in sorted(felt, key=lambda name: (-abs(effects[name]), -abs(slopes[name]))):
+        effect = f"{effects[name]:+.4g}" if inputs[name] != 0.0 else "input is zero"
+        table.add_row(name, f"{slopes[name]:+.6g}", effect)
+    console = Console(highlight=False)
+    console.print(table)
+    if len(felt) < len(slopes):
+        count = len(slopes) - len(felt)
+        console.print(f"{count} other inputs have no effect (--json lists them).")
 
 
 def _print_curve(curve: "Sweep") -> None:

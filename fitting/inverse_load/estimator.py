@@ -29,6 +29,8 @@ from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.section import section_parts
+from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.runtime.compiled import COMPILED
 
@@ -36,7 +38,7 @@ __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "Lo
 
 MODEL_ERROR = 2.5e-3
 """Error of the shell's change of readings, relative (`benchmarks/inverse_load.py`)."""
-FULL_SCALE = 65535
+FULL_SCALE = MAX_COUNT
 MOST_CONTACTS = 3
 MOST_ON_PADS = 4
 PAD_MODEL_ERROR = 1e-2
@@ -199,6 +201,11 @@ class LoadEstimator:
         return len(self.model_rest)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """What is estimated of a contact, in the order of its covariance."""
+        return tuple(self._parts.fitter.parameters.names)
+
+    @property
     def model_rest(self) -> NDArray[np.float64]:
         """The model's readings at rest [taxel] [counts]."""
         return self._parts.rest
@@ -222,7 +229,7 @@ class LoadEstimator:
             oil's pressure [Pa], [1/Pa^2].
         """
         y = so - self._zero
-        used = np.isfinite(y) & (so < FULL_SCALE) & (so > 0)
+        used = np.isfinite(y) & ~saturated(so)
         if faulty is not None:
             used &= ~faulty
         y = np.where(used, y, 0.0)
@@ -347,7 +354,7 @@ def _untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:
     missing = tuple(np.flatnonzero(~used).tolist())
     if not enough:
         present = so[np.isfinite(so)]
-        saturated = present.size and ((present >= FULL_SCALE) | (present <= 0)).all()
-        status = "saturated" if saturated else "too_few_taxels"
+        at_limits = present.size and saturated(present).all()
+        status = "saturated" if at_limits else "too_few_taxels"
         return LoadEstimate(None, status=status, left_out=missing)
     return LoadEstimate(False, (), 0.0, False, ratio, "no_contact", missing)

@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.baseline import Baseline
-from suas_jax.acquisition.equal_runs import equal_runs
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
+from suas_jax.acquisition.taxel_faults import stuck_taxels
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.taxels import taxel_names
 
-# Chance that a healthy taxel repeats its count often enough to be called stuck.
-_STUCK = 1e-10
-_LEAST_NOISE = 0.4  # counts: below it a healthy taxel may well repeat itself
 _SCALE_AGREES = 1e-3
 
 
@@ -113,6 +110,27 @@ class Layout:
                 raise LayoutMismatchError(
                     f"{source}: layout_mismatch: module {module} has {has} taxels here, but "
                     f"the skin has {self.describe()}; is this the log's skin file?"
+                )
+
+    def check_sent(self, sent: Mapping[int, int], source: str) -> None:
+        """Refuse modules that send another number of counts than the skin has taxels.
+
+        Fewer counts don't say which taxel is missing, so none of them can be placed.
+
+        Args:
+            sent: number of counts by module.
+            source: where they are from, for the message.
+
+        Raises:
+            LayoutMismatchError: a number differs.
+        """
+        for module, count in sent.items():
+            size = int(np.sum(self.module == module))
+            if size and count != size:
+                raise LayoutMismatchError(
+                    f"{source}: layout_mismatch: module {module} sends {count} counts, but the "
+                    f"skin has {size} taxels there ({self.describe()}); is this the log's skin "
+                    "file?"
                 )
 
     def pick(self, modules: Sequence[int], counts: CountsOf) -> NDArray[np.float64]:
@@ -214,56 +232,3 @@ def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:
         f"the header's scale, {text}, is not the skin's lsb, {1e15 * lsb:.6g} fF; the skin's "
         "is used"
     ]
-
-
-def repeats_needed(noise: float, taxels: int) -> int:
-    """Equal counts in a row that chance alone hardly gives."""
-    # Two readings of Gaussian noise s round to the same count with about this chance.
-    same = min(1 / (2 * np.sqrt(np.pi) * noise), 0.9)
-    return int(np.ceil(np.log(_STUCK / taxels) / np.log(same)))
-
-
-def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
-    """Where taxels repeat one count for longer than their noise allows [frame, taxel].
-
-    Frames in which all taxels repeat (polled before the converter refreshed) don't count.
-    """
-    frames, taxels = so.shape
-    stuck = np.zeros(so.shape, bool)
-    if noise < _LEAST_NOISE or frames < 2:
-        return stuck
-    same = np.diff(so, axis=0) == 0
-    compared = np.isfinite(np.diff(so, axis=0))
-    fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
-    needed = repeats_needed(noise, taxels)
-    for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
-        for begin, end in equal_runs(so[:, k]):
-            if fresh[begin : end - 1].sum() >= needed:
-                stuck[begin:end, k] = True
-    return stuck
-
-
-class StuckWatch:
-    """`stuck_taxels` frame by frame, for a stream.
-
-    Args:
-        noise: standard deviation of a reading [counts].
-        taxels: their number.
-    """
-
-    def __init__(self, noise: float, taxels: int) -> None:
-        self._needed = repeats_needed(noise, taxels) if noise >= _LEAST_NOISE else 0
-        self._last = np.full(taxels, np.nan)
-        self._run = np.zeros(taxels, np.int64)
-
-    def feed(self, so: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Take a frame; return which taxels are stuck by now."""
-        same = so == self._last
-        changed = np.isfinite(so)
-        if same.sum() <= 0.5 * max(int(changed.sum()), 1):
-            self._run[same] += 1
-        self._run[~same] = 0
-        self._last = so.copy()
-        if not self._needed:
-            return np.zeros(len(so), bool)
-        return self._run >= self._needed

@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.comparison import compare_laws
+from fitting.material.fit.comparison import Comparison, compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.in_service import compare_with_scene
+from fitting.material.fit.prony_terms import choose_prony_terms
 from fitting.material.fit.result import MaterialFit
+from fitting.material.laws.with_effects import MOST_PRONY_TERMS
 from fitting.material.report.summary import material_report
 
 COMPARE_ALL = "auto"
@@ -23,6 +25,7 @@ def calibrate(
     *,
     progress: Callable[[str], None] = lambda title: None,
     scene: Path | None = None,
+    prony: int | str = 0,
     **options: Any,
 ) -> tuple[MaterialFit, dict[str, Any]]:
     """Fit a law to data, or compare all laws, and report.
@@ -33,6 +36,7 @@ def calibrate(
         terms: number of terms, if the law has any.
         progress: called with the name of the law that is fitted next.
         scene: of a skin in whose stretches a law that is chosen must be stable.
+        prony: number of Prony terms, or "auto" for as many as the data determine.
         options: as for `fit_material`.
 
     Returns:
@@ -42,6 +46,13 @@ def calibrate(
         ValueError: law, terms or an option are not allowed.
         NoFit: no constants were found.
     """
+    if isinstance(prony, str) or not 0 <= prony <= MOST_PRONY_TERMS:
+        if prony != COMPARE_ALL:
+            raise ValueError(f"--prony {prony}: allowed: auto, or 0 to {MOST_PRONY_TERMS}")
+        if law == COMPARE_ALL:
+            raise ValueError("--prony auto: name the law, or the number of terms")
+        return _recommended(choose_prony_terms(sets, law, terms, progress, **options))
+    options["prony"] = prony
     if law != COMPARE_ALL:
         progress(law)
         fit = fit_material(sets, law, terms, **options)
@@ -61,6 +72,11 @@ def calibrate(
     comparison = compare_laws(
         sets, progress=progress, refuses=None if scene is None else refuses, **options
     )
+    return _recommended(comparison)
+
+
+def _recommended(comparison: Comparison) -> tuple[MaterialFit, dict[str, Any]]:
+    """The best of several fits, and its report with what was rejected and why."""
     best = comparison.best
     reasons = comparison.against(best)
     if reasons:

@@ -18,7 +18,19 @@ from suas_jax.files.reading import MEGABYTE, read_bytes
 
 _MOST_BYTES = 256 * MEGABYTE
 
-KEYS = ("name", "data", "law", "terms", "residual", "noise", "scene", "sample", "steps")
+KEYS = (
+    "name",
+    "data",
+    "law",
+    "terms",
+    "residual",
+    "noise",
+    "scene",
+    "sample",
+    "steps",
+    "prony",
+    "mullins",
+)
 
 
 class JobError(ValueError):
@@ -77,6 +89,8 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             job.get("law", "ogden"),
             job.get("terms"),
             residual=job.get("residual", "relative"),
+            prony=job.get("prony", 0),
+            mullins=job.get("mullins", False),
         )
         if job.get("sample", False):
             from fitting.material.fit.posterior import sample_material

@@ -52,9 +52,18 @@ class AbstractFamily(abc.ABC):
         return len(self.names)
 
     @property
+    def law_size(self) -> int:
+        """Number of the law's own constants, which come first; the rest is beside the law."""
+        return self.size
+
+    @property
     def title(self) -> str:
         """Name for people, with the number of terms."""
         return self.law_name
+
+    def effects(self, constants: np.ndarray) -> dict[str, Any]:
+        """What [material] says beside the law's constants; by default nothing."""
+        return {}
 
     @abc.abstractmethod
     def constants(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " p"]:

@@ -7,7 +7,7 @@ away and stamp them; parsing, computing and a slow disk then can't lose any.
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Mapping
 from typing import NamedTuple
 
 from suas_jax.acquisition.frames.diagnose import not_understood
@@ -30,8 +30,17 @@ _GATHER = 2e-3
 # Chunks (of at most 64 kB) kept while the consumer is busy; beyond it the operating system
 # and the device's flow control hold the rest.
 _MOST_WAITING = 1024
+# A port's buffer is forgotten at most so often: a fast device fills it again meanwhile.
+_MOST_BUFFERS = 16
 # Bytes kept to guess what an unintelligible stream is.
 _RECENT = 4096
+
+
+def discard_waiting(source: Source) -> None:
+    """Forget the bytes that came while nobody read: they are of an unknown age."""
+    for _ in range(_MOST_BUFFERS):
+        if not source.waiting():
+            return
 
 
 class Judged(NamedTuple):
@@ -58,6 +67,8 @@ class Stream:
         format_name: the format's name, for messages.
         report: called with a sentence about anything a person should know.
         clock: host time [s], as it shall stand in the readings.
+        taxels: how many each module has, where a skin file says so.
+        resumed: the readings continue an earlier recording.
 
     Attributes:
         stop: set it to end the stream; what has arrived by then is still delivered.
@@ -73,6 +84,8 @@ class Stream:
         *,
         report: Callable[[str], None],
         clock: Callable[[], float] = time.monotonic,
+        taxels: Mapping[int, int] | None = None,
+        resumed: bool = False,
     ) -> None:
         self.stop = threading.Event()
         self.reconnects = 0
@@ -82,12 +95,15 @@ class Stream:
         self._format = format_name
         self._report = report
         self._clock = clock
-        self._integrity = Integrity(decode.clock_modulus, decode.checked)
+        self._integrity = Integrity(
+            decode.clock_modulus, decode.checked, taxels=taxels, resumed=resumed
+        )
         self._chunks: queue.Queue[_Chunk] = queue.Queue(_MOST_WAITING)
         self._heard = self._understood = self._lost_at = clock()
         self._recent = b""
         self._pauses = (0.0, 0.0)  # the two longest between chunks, ascending [s]
         self._silent = self._puzzled = False  # reported, and not yet over
+        self._started = False
 
     @property
     def tally(self) -> Tally:
@@ -104,8 +120,15 @@ class Stream:
         """The modules seen, ascending."""
         return self._integrity.modules
 
-    def batches(self) -> Iterator[list[Judged]]:
+    def close(self) -> None:
+        """End the stream and let go of the port, whether its batches were asked for or not."""
+        self.stop.set()
+        if not self._started:
+            self._source.close()
+
+    def batches(self) -> Generator[list[Judged], None, None]:
         """Readings in the order of arrival; an empty list at least ten times a second."""
+        self._started = True
         reader = threading.Thread(target=self._read, name="suas port", daemon=True)
         reader.start()
         try:
@@ -160,7 +183,10 @@ class Stream:
     def _judge(self, readings: list[Reading]) -> list[Judged]:
         self._integrity.checked = self._decode.checked
         judge = self._integrity.judge
-        return [Judged(reading, *judge(reading)) for reading in readings]
+        judged = [Judged(reading, *judge(reading)) for reading in readings]
+        for sentence in self._integrity.sentences():
+            self._report(f"{self._source.name}: {sentence}")
+        return judged
 
     def _watch(self) -> None:
         """Report silence, and bytes that make no sense."""

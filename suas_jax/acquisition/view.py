@@ -81,7 +81,10 @@ def totals_text(totals: dict[str, Any]) -> str:
             ("duplicates", "frames sent twice"),
             ("suspect_rows", "suspect rows"),
             ("restarts", "device restarts"),
+            ("clock_jumps", "jumps of the device's clock"),
+            ("other_taxels_rows", "rows with another number of taxels"),
             ("reconnects", "reconnects"),
+            ("unwritten_rows", "rows not written"),
         )
         if totals[key]
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Annotated, Any
 
@@ -35,6 +36,21 @@ class Spec(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
+@dataclasses.dataclass(frozen=True)
+class Quantity(PlainValidator):
+    """Validator of a quantity, as `quantity` builds it.
+
+    A plain one: the library's own validation of a float would drop a value's deviation.
+
+    Attributes:
+        dimension: the kind of quantity.
+        rules: what is allowed, in words, such as ``"must be greater than zero"``.
+    """
+
+    dimension: DimensionName = "number"
+    rules: tuple[str, ...] = ()
+
+
 def quantity(
     dimension: DimensionName,
     *,
@@ -42,7 +58,7 @@ def quantity(
     at_least: float | None = None,
     below: float | None = None,
     nonzero: bool = False,
-) -> PlainValidator:
+) -> Quantity:
     """Build the validator of a quantity, which may carry its uncertainty.
 
     Args:
@@ -80,8 +96,8 @@ def quantity(
                 raise ValueError(rule)
         return number
 
-    # Plain: the library's own validation of a float would drop the deviation.
-    return PlainValidator(check)
+    rules = tuple(rule for _, rule in bounds)
+    return Quantity(check, dimension=dimension, rules=rules)
 
 
 def quantity_of(

@@ -11,10 +11,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any, ClassVar, Literal, Self, get_args
 
-from pydantic import GetCoreSchemaHandler, model_validator
+from pydantic import Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from suas_jax.config.fields import PlacedError, Spec, quantity
+from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.config.quantities import format_quantity
 
 
@@ -61,6 +62,11 @@ class LawSpec(Spec):
 
     Attributes:
         law: the law's name.
+        response: which elastic response the skin is solved with: that of the law's constants,
+            which are the long-term ones, or the instantaneous one, whose stress constants are
+            larger by one over the long-term share of `relaxation`.
+        relaxation: of the stress; None where it is not known.
+        softening: of the stress below the largest load before; None where it is not known.
         half_modulus: keys whose sum is half the shear modulus of small strain, which must be
             positive; empty where the signs of the constants alone see to that.
         usual_terms: number of terms (or degree) of a fit that asks for none; 0 for all.
@@ -70,6 +76,15 @@ class LawSpec(Spec):
     """
 
     law: str
+    response: Literal["long-term", "instantaneous"] = Field(
+        default="long-term", examples=['"long-term"']
+    )
+    relaxation: RelaxationSpec | None = Field(
+        default=None, examples=['{ g = [0.2, 0.1], tau = ["0.1 s", "10 s"] }']
+    )
+    softening: SofteningSpec | None = Field(
+        default=None, examples=['{ r = 1.9, m = "50 kPa", beta = 0.1 }']
+    )
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
     usual_terms: ClassVar[int] = 0
@@ -121,9 +136,23 @@ class LawSpec(Spec):
                 return value
             return f"{value / 1e6:.12g} MPa"
 
-        keys = [key for key in type(self).model_fields if key in self.model_fields_set]
-        table = {key: shown(key, getattr(self, key)) for key in keys if key != "law"}
-        return {"law": self.law, **table}
+        inelastic = {"relaxation": self.relaxation, "softening": self.softening}
+        own = [key for key in type(self).model_fields if key not in LawSpec.model_fields]
+        keys = [key for key in (*own, "response") if key in self.model_fields_set]
+        table = {"law": self.law} | {key: shown(key, getattr(self, key)) for key in keys}
+        return table | {
+            key: part.table() for key, part in inelastic.items() if part is not None
+        }
+
+    @model_validator(mode="after")
+    def _instantaneous_of_what_relaxes(self) -> Self:
+        if self.response == "instantaneous" and self.relaxation is None:
+            raise PlacedError(
+                "response",
+                "the instantaneous response needs the relaxation of the stress: add "
+                'relaxation = { g = [...], tau = [...] }, or take "long-term"',
+            )
+        return self
 
     @model_validator(mode="after")
     def _stiff_at_small_strain(self) -> Self:

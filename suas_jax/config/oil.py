@@ -44,7 +44,7 @@ class OilSpec(Spec):
 
     Attributes:
         model: name of the model.
-        relative_permittivity: of the oil, or the name of a fluid (see `FLUIDS`); None where
+        relative_permittivity: of the oil, or the name of a fluid; None where
             nothing is sensed.
         trapped: whether the oil's pressure is unknown (else it is zero).
         yields: whether its volume changes with the pressure.

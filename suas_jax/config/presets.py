@@ -13,15 +13,20 @@ from suas_jax.config.toml_file import read_toml
 
 
 @functools.cache
-def preset_folder() -> Path:
-    """Find the folder of the material presets.
+def shipped_folder() -> Path:
+    """Find the folder of the materials, skins, scenes and test data that ship with the project.
 
     Returns:
-        The folder beside this module in an installed package, or ``configs/materials`` of the
-        checkout that this module lies in.
+        The folder beside this module in an installed package, or ``configs`` of the checkout
+        that this module lies in.
     """
-    installed = Path(__file__).parent / "materials"
-    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs/materials"
+    installed = Path(__file__).parent / "shipped"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "configs"
+
+
+def preset_folder() -> Path:
+    """The folder of the material presets."""
+    return shipped_folder() / "materials"
 
 
 def preset_names() -> list[str]:
@@ -69,14 +74,15 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
     table = load_preset(name)
     law = table["law"]
     constants = list(LAWS[law].declared())
-    fixed = LAWS[law].model_fields.keys() - set(constants)
+    free = ["response", *constants]
+    fixed = LAWS[law].model_fields.keys() - set(free)
     wrong: list[tuple[str, str]] = []
     for key, value in material.items():
-        if key in constants:
+        if key in free:
             table[key] = value
         elif key in fixed:
             wrong.append((key, f"preset = {show(name)} already sets it; leave one of them out"))
         elif key != "preset":
-            advice = unknown(key, constants, "key")
+            advice = unknown(key, free, "key")
             wrong.append((key, f"{advice} (beside preset = {show(name)}, law {show(law)})"))
     return table, wrong

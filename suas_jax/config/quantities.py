@@ -31,6 +31,7 @@ DimensionName = Literal[
     "capacitance",
     "density",
     "specific weight",
+    "time",
     "number",
 ]
 
@@ -66,6 +67,9 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
         "density": Dimension("a density", "kg/m^3", (("kg/m^3", 1.0),), "kg/m^3"),
         "specific weight": Dimension(
             "a specific weight", "N/m^3", (("N/m^3", 1.0), ("kN/m^3", 1e3)), "kN/m^3"
+        ),
+        "time": Dimension(
+            "a time", "s", (("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0)), "s"
         ),
         "number": Dimension("a number", "", (("", 1.0),), ""),
     }

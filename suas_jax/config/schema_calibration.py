@@ -40,9 +40,9 @@ class CalibrationSpec(Spec):
         versions: of the programs.
         parameters: calibrated keys, in the order of what follows.
         units: SI units.
-        values: SI.
-        standard_errors: SI.
-        covariance: SI, rows.
+        values: of the parameters, SI.
+        standard_errors: of the values, SI.
+        covariance: of the values, SI, in rows.
         priors: what was assumed, in words.
         unidentifiable: what the logs don't determine, in words.
         offsets: counts to be subtracted from a taxel's readings, in the layout's order; nan

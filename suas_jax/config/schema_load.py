@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     Field,
-    PlainValidator,
     ValidationInfo,
     field_validator,
     model_validator,
@@ -22,6 +21,7 @@ from suas_jax.config.fields import (
     PlacedError,
     PositiveLength,
     Pressure,
+    Quantity,
     Spec,
     quantity,
     quantity_of,
@@ -41,7 +41,9 @@ def _word_or_angle(value: Any, info: ValidationInfo) -> Any:
     return quantity_of(value, "angle", bare_numbers=not strict)
 
 
-Direction = Annotated[Literal["radial", "vertical"] | float, PlainValidator(_word_or_angle)]
+Direction = Annotated[
+    Literal["radial", "vertical"] | float, Quantity(_word_or_angle, dimension="angle")
+]
 
 
 class LineLoadSpec(Spec):
@@ -148,7 +150,7 @@ class EnvironmentSpec(Spec):
     Attributes:
         depth: below the surface of the water [m]; None leaves ambient pressure out.
         specific_weight: of the water [N/m^3]; by default the paper's 10.051 kN/m^3.
-        atmospheric_pressure: [Pa]; by default the paper's 101.3 kPa.
+        atmospheric_pressure: at the water's surface [Pa]; by default the paper's 101.3 kPa.
     """
 
     depth: Annotated[float, quantity("length", at_least=0.0)] | None = Field(

@@ -158,7 +158,7 @@ class LayerSpec(Spec):
     """A dielectric layer between electrode and oil, or between oil and membrane.
 
     Attributes:
-        thickness: [m].
+        thickness: of the layer [m].
         relative_permittivity: of the layer.
     """
 
@@ -205,6 +205,13 @@ class ElectrodesSpec(Spec):
     modules: Annotated[tuple[ModuleSpec, ...], at_most(MOST_TAXELS // MODULE_TAXELS)] = Field(
         default=(), validate_default=True, examples=['[ { angle = "0 deg" } ]']
     )
+
+    @property
+    def taxels_by_module(self) -> dict[int, int]:
+        """Number of taxels of each module, by its number."""
+        if self.layout == "list":
+            return {0: len(self.taxels)}
+        return dict.fromkeys(range(len(self.modules)), MODULE_TAXELS)
 
     @field_validator("taxels")
     @classmethod

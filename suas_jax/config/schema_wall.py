@@ -13,7 +13,7 @@ class SoftLayerSpec(Spec):
     """A soft layer on the wall, such as a fabric.
 
     Attributes:
-        thickness: [m].
+        thickness: of the layer [m].
         stiffness: pressure per strain [Pa].
     """
 

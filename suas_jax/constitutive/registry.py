@@ -1,6 +1,7 @@
 """Material laws by name, and from a [material] table to a law."""
 
 from collections.abc import Callable
+from typing import Any
 
 from jaxtyping import Array
 
@@ -24,14 +25,35 @@ def build_law(
         material: says which law.
         value: its constants by their paths in [material], such as ``C1`` or ``mu.0``; None
             takes the table's own.
+
+    Returns:
+        The elastic law; the instantaneous one where the table's `response` says so.
     """
-    return LAWS[material.law].of_material(material, value or _own(material))
+    found = value or _own(material)
+    if material.response == "instantaneous":
+        found = _instantaneous(material, found)
+    return LAWS[material.law].of_material(material, found)
 
 
 def _own(material: LawSpec) -> Callable[[str], float]:
     def value(path: str) -> float:
-        key, _, index = path.partition(".")
-        found = getattr(material, key)
-        return float(found[int(index)] if index else found)
+        found: Any = material
+        for key in path.split("."):
+            found = found[int(key)] if isinstance(found, tuple) else getattr(found, key)
+        return float(found)
 
     return value
+
+
+def _instantaneous(
+    material: LawSpec, value: Callable[[str], Array | float]
+) -> Callable[[str], Array | float]:
+    """Stress constants over the long-term share: the energy of every law is linear in them."""
+    assert material.relaxation is not None
+    terms = range(len(material.relaxation.g))
+    share = 1.0 - sum(value(f"relaxation.g.{i}") for i in terms)
+
+    def scaled(path: str) -> Array | float:
+        return value(path) / share if material.unit(path) == "Pa" else value(path)
+
+    return scaled

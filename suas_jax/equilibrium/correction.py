@@ -30,6 +30,7 @@ from suas_jax.equilibrium.balance import (
     unknowns_of,
 )
 from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.mechanics.base import AbstractMechanics, ContactState
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
 
@@ -91,3 +92,25 @@ def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
     value, right = eqx.filter_jvp(unexplained, (problem, y, level), tangents[:3])
     right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else t, value, right)
     return change, _solved(problem, y, level, given, right)
+
+
+def corrected_contact(
+    mechanics: AbstractMechanics, shown: State, root: State | None
+) -> ContactState:
+    """Contact with the mechanics' own wall, to first order where the state is.
+
+    Args:
+        mechanics: the membrane, with its wall.
+        shown: the state to report.
+        root: the equilibrium, where it is another.
+    """
+    wall = mechanics.wall
+    assert wall is not None
+    if root is None or not mechanics.corrected:
+        return mechanics.contact(shown.q, wall)
+    # A wall so stiff makes much of what is of second order in a displacement.
+    change = shown.q - root.q
+    at, along = jax.jvp(lambda q: mechanics.contact(q, wall), (root.q,), (change,))
+    near = jax.tree.map(lambda a, b: a + b, at, along)
+    pressure = jnp.where(at.gap < 0, jnp.maximum(near.pressure, 0.0), 0.0)
+    return near._replace(pressure=pressure)

@@ -7,13 +7,12 @@ differentiated.
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
-from suas_jax.mechanics.base import AbstractMechanics, ContactState
+from suas_jax.equilibrium.correction import corrected_contact
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
@@ -106,7 +105,7 @@ def observe(
         "taxels": taxel_observables(parts, problem, state),
     }
     if problem.mechanics.wall is not None:
-        contact = _contact(problem.mechanics, state, root)
+        contact = corrected_contact(problem.mechanics, state, root)
         lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
         report |= {
             "wall_contact": jnp.any(contact.gap < 0, (0, 1)),
@@ -120,17 +119,3 @@ def observe(
         report["ambient_pressure_Pa"] = ambient + jnp.zeros_like(state.pressure)
         report["absolute_oil_pressure_Pa"] = ambient + state.pressure
     return report
-
-
-def _contact(mechanics: AbstractMechanics, state: State, root: State | None) -> ContactState:
-    """Contact with the mechanics' own wall, to first order where the state is."""
-    wall = mechanics.wall
-    assert wall is not None
-    if root is None or not mechanics.corrected:
-        return mechanics.contact(state.q, wall)
-    # A wall so stiff makes much of what is of second order in a displacement.
-    change = state.q - root.q
-    at, along = jax.jvp(lambda q: mechanics.contact(q, wall), (root.q,), (change,))
-    near = jax.tree.map(lambda a, b: a + b, at, along)
-    pressure = jnp.where(at.gap < 0, jnp.maximum(near.pressure, 0.0), 0.0)
-    return near._replace(pressure=pressure)

@@ -2,8 +2,9 @@
 
 ::
 
-    patches -> a mesh graded around them                       `PadSkin.plan`
-            -> equilibrium, and what transverse shear adds     `readings_along`, `readings`
+    config  -> geometry, law, oil, electrodes        `pad_skin_of`, once a pad
+    patches -> a mesh graded around them             `PadSkin.meshes`
+            -> equilibrium -> gap -> capacitance -> SO        `pad_forward`
 
 Meshes of one size differ in numbers alone, so one compiled program serves contacts anywhere.
 States carry the first-order effect of transverse shear, which the thin shell leaves out.
@@ -11,7 +12,7 @@ States carry the first-order effect of transverse shear, which the thin shell le
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,31 +22,30 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
-from suas_jax.equilibrium.balance import Problem, State, border_of, residual
-from suas_jax.equilibrium.correction import corrected
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.correction import corrected, corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import Footprint, PadPlan, plan_pad
-from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.bordered_solve import BorderedVector, eliminate
 from suas_jax.runtime.precision import require_float64
+from suas_jax.scene.forward import SensorOutput
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.wall import Wall
 
 ELEMENTS = (24, 20)
 """Elements of a pad's mesh along the arc and along the axis, unless told otherwise."""
 # Points of a disc along its radius and around it: exact to what the elements resolve.
 _DISC = (4, 12)
-# Displacement by the last Newton correction before the shear is added, relative.
-_CLOSE = 1e-2
-_MOST_CORRECTIONS = 12
 
 
 class Patches(eqx.Module):
     """Radial forces, each even over a disc of the undeformed outer face.
+
+    A lane axis holds cases side by side; one case needs none.
 
     Attributes:
         angle: of the centres, from the symmetry axis [rad].
@@ -54,10 +54,31 @@ class Patches(eqx.Module):
         diameter: of the discs [m].
     """
 
-    angle: Float[Array, " patch"]
-    axial: Float[Array, " patch"]
-    force: Float[Array, " patch"]
-    diameter: Float[Array, " patch"]
+    angle: Float[Array, "patch *lane"]
+    axial: Float[Array, "patch *lane"]
+    force: Float[Array, "patch *lane"]
+    diameter: Float[Array, "patch *lane"]
+
+    @classmethod
+    def poke(
+        cls, angle: ArrayLike, axial: ArrayLike, force: ArrayLike, diameter: ArrayLike
+    ) -> "Patches":
+        """One patch a lane; each number is one for all lanes, or one a lane.
+
+        Args:
+            angle: [rad].
+            axial: [m].
+            force: [N].
+            diameter: [m].
+
+        Raises:
+            Float64Error: float64 is off.
+        """
+        require_float64()
+        columns = [
+            jnp.atleast_1d(jnp.asarray(x, float)) for x in (angle, axial, force, diameter)
+        ]
+        return cls(*(x[None] for x in jnp.broadcast_arrays(*columns)))
 
 
 class PadReadings(NamedTuple):
@@ -84,6 +105,7 @@ class PadSkin(eqx.Module):
         law: the membrane's material.
         oil: how the oil answers.
         electrodes: taxels and converter's scale.
+        wall: what holds the membrane; None where it passes through.
         elements: of its meshes, along the arc and along the axis.
     """
 
@@ -91,6 +113,7 @@ class PadSkin(eqx.Module):
     law: AbstractLaw
     oil: AbstractOil
     electrodes: Electrodes
+    wall: Wall | None = None
     elements: tuple[int, int] = eqx.field(static=True, default=ELEMENTS)
 
     def plan(self, patches: Patches, slots: int | None = None) -> PadPlan:
@@ -113,10 +136,20 @@ class PadSkin(eqx.Module):
         count = slots or len(footprints)
         return dataclasses.replace(plan, spread=(_DISC,) * count, discs=(True,) * count)
 
+    def meshes(self, patches: Patches) -> PadPlan:
+        """The meshes of cases in lanes, each graded around its own contacts, for `pad_forward`.
+
+        Args:
+            patches: with known numbers, in lanes.
+        """
+        count = patches.force.shape[1]
+        lanes = [jax.tree.map(lambda x, i=i: x[:, i], patches) for i in range(count)]
+        return jax.tree.map(lambda *x: np.stack(x), *(self.plan(lane) for lane in lanes))
+
     def problem(self, patches: Patches, plan: PadPlan) -> Problem:
         """The discrete problem of some contacts on a mesh."""
         pad = Pad.build(self.geometry, self.law, plan, self.loads(patches))
-        return Problem(pad, self.oil, jnp.zeros(1))
+        return Problem(pad.with_wall(self.wall), self.oil, jnp.zeros(1))
 
     def loads(self, patches: Patches) -> list[PadLoad]:
         """Contacts as the mechanics takes them."""
@@ -134,6 +167,7 @@ def pad_skin_of(
     inputs: Mapping[str, ArrayLike] | None = None,
     *,
     elements: tuple[int, int] = ELEMENTS,
+    contact: bool = True,
 ) -> PadSkin:
     """Build a pad from its specification.
 
@@ -141,6 +175,7 @@ def pad_skin_of(
         spec: a skin with clamped ends and [electrodes].
         inputs: SI values by TOML path that replace the specification's own.
         elements: of its meshes.
+        contact: whether the wall holds the membrane, if the specification says so.
 
     Raises:
         ValueError: the skin has no electrodes, or is one in plane strain.
@@ -150,126 +185,76 @@ def pad_skin_of(
     if spec.geometry.dimension != 3:
         raise ValueError('a pad needs geometry.ends = "clamped"; this skin is in plane strain')
     parts = skin_parts(spec, {**continuous_inputs(spec), **(inputs or {})})
-    return PadSkin(parts.geometry, parts.law, parts.oil, parts.sensing(), elements)
+    wall = parts.wall if contact else None
+    return PadSkin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)
 
 
-def with_shear(
-    problem: Problem, y: BorderedVector, level: Lanes
-) -> tuple[State, BorderedVector, Bool[Array, " lane"]]:
-    """Newton's method from a state nearby, and the first-order effect of the omitted energy.
+def pad_forward(
+    skin: PadSkin, patches: Patches, meshes: PadPlan, start: State | None = None
+) -> SensorOutput:
+    """Contacts to sensor output, any number of cases at once.
 
-    The last correction's factors serve the omitted energy, too.
+    Differentiable by every array of the skin and of the patches, in forward and reverse
+    mode, through the implicit derivative of the equilibrium and of what transverse shear
+    adds to it. Compile it (``suas_jax.jit(pad_forward)``): one program serves contacts
+    anywhere, as many at once and as many lanes. A case that doesn't converge is named in
+    `result`; nothing is raised.
 
     Args:
-        problem: membrane, oil and loads; one lane.
-        y: a state near the equilibrium.
-        level: factor on the loads.
+        skin: the pad.
+        patches: what acts on it, with a lane axis.
+        meshes: one a lane, `PadSkin.meshes`.
+        start: state of a neighbouring equilibrium on the same mesh in every lane, such as
+            the last frame's; without it the solution starts from rest.
 
-    Returns:
-        The state with what the shell leaves out, the shell's own, and whether it was found.
+    Raises:
+        Float64Error: float64 is off.
     """
-    mechanics = problem.mechanics
+    require_float64()
 
-    def omitted(y: BorderedVector) -> Array:
-        found = mechanics.omitted_gradient(y.stations)
-        return jnp.zeros_like(y.stations) if found is None else found
+    def one(arguments: tuple[Patches, PadPlan, State | None]) -> SensorOutput:
+        patches, plan, start = arguments
+        start = jax.tree.map(lambda x: x[..., None], start)
+        output = _solve(skin, patches, plan, start)
+        return jax.tree.map(lambda x: x[..., 0], output)
 
-    def body(carry: tuple[Any, ...]) -> tuple[Any, ...]:
-        y, _, last, count, _ = carry
-        r, operator = residual(problem, y, level)
-        more = jax.lax.cond(jnp.all(last), omitted, lambda y: jnp.zeros_like(y.stations), y)
-        border = None if r.border is None else jnp.zeros_like(r.border)
-        both = jax.tree.map(lambda *x: jnp.stack(x), r, BorderedVector(more, border))
-        solved = jax.vmap(lambda right: eliminate(operator, right).solution)(both)
-        first, second = (jax.tree.map(lambda x, i=i: x[i], solved) for i in (0, 1))
-        new = jax.tree.map(lambda a, b: a - b, y, first)
-        size = mechanics.displacement_size(first.stations)
-        scale = mechanics.displacement_size(new.stations)
-        close = size <= _CLOSE * scale
-        changed = jax.tree.map(jnp.add, new, second)
-        return new, changed, close, count + 1, last & close
-
-    def going(carry: tuple[Any, ...]) -> Array:
-        _, _, _, count, done = carry
-        return ~jnp.all(done) & (count < _MOST_CORRECTIONS)
-
-    no = jnp.zeros(y.stations.shape[-1:], bool)
-    y, changed, _, _, done = jax.lax.while_loop(going, body, (y, y, no, jnp.array(0), no))
-    state = State(changed.stations, border_of(changed), level)
-    return state, y, done & jnp.all(jnp.isfinite(changed.stations), (0, 1))
+    of_cases = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), (patches, start))
+    outputs = jax.lax.map(one, (of_cases[0], meshes, of_cases[1]))
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), outputs)
 
 
-def _read(skin: PadSkin, problem: Problem, state: State, found: Array) -> PadReadings:
+def _solve(
+    skin: PadSkin, patches: Patches, plan: PadPlan, start: State | None = None
+) -> SensorOutput:
+    """One case."""
+    problem = skin.problem(patches, plan)
+    found = equilibrium(problem, start, wall_on_demand=True)
+    root, shown = corrected(problem, found.state)
+    pad = problem.mechanics
+    gap = pad.shape(shown.q).smallest_gap(skin.geometry).value
+    force = jnp.zeros_like(gap)
+    if skin.wall is not None:
+        contact = corrected_contact(pad, shown, root)
+        force = jnp.sum(contact.area * contact.pressure, (0, 1))
+    readings = skin.electrodes.read(pad, shown.q)
+    return SensorOutput(readings, shown.pressure, force, gap, root, found.result)
+
+
+def read(skin: PadSkin, problem: Problem, state: State, found: Array) -> PadReadings:
+    """The readings of a state in one lane."""
     so = skin.electrodes.read(problem.mechanics, state.q).so[..., 0]
     gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
     return PadReadings(so, state.pressure[0], gap[0], found[0])
 
 
-def readings_along(
-    skin: PadSkin,
-    patches: Patches,
-    plan: PadPlan,
-    levels: Float[Array, " level"],
-    weights: Float[Array, "level level"],
-) -> PadReadings:
-    """Readings along a path of loads that starts at rest.
-
-    Args:
-        skin: the pad.
-        patches: contacts with their largest forces.
-        plan: the mesh.
-        levels: factors on the forces, in the order to visit.
-        weights: of the states before, rest first, in the state that the next one starts
-            from, see `extrapolation`.
-    """
-    problem = skin.problem(patches, plan)
-    rest = problem.mechanics.rest()
-    border = jnp.zeros(1) if problem.oil.trapped else None
-    history = jax.tree.map(
-        lambda x: jnp.zeros((len(levels), *x.shape)), BorderedVector(rest, border)
-    )
-
-    def visit(history: BorderedVector, step: tuple[Array, ...]) -> tuple[Any, PadReadings]:
-        index, level, weight = step
-        start = jax.tree.map(lambda x: jnp.tensordot(weight, x, 1), history)
-        state, y, found = with_shear(problem, start, level[None])
-        kept = jax.tree.map(
-            lambda h, x: jax.lax.dynamic_update_index_in_dim(h, x, index + 1, 0), history, y
-        )
-        return kept, _read(skin, problem, state, found)
-
-    steps = (jnp.arange(len(levels)), levels, weights)
-    return jax.lax.scan(visit, history, steps)[1]
-
-
-def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:
-    """Weights of the states at rest and at earlier levels in a polynomial at the next one.
-
-    Args:
-        levels: factors on the loads, in the order to visit.
-        order: most of the polynomial.
-
-    Returns:
-        A row a level, a column for rest and each level but the last.
-    """
-    weights = np.zeros((len(levels), len(levels)))
-    places = np.concatenate([[0.0], levels])
-    for i, level in enumerate(levels):
-        used = range(max(0, i - order), i + 1)
-        for k in used:
-            others = [places[j] for j in used if j != k]
-            weights[i, k] = np.prod([(level - x) / (places[k] - x) for x in others])
-    return weights
-
-
 def readings(skin: PadSkin, patches: Patches, plan: PadPlan) -> PadReadings:
-    """Readings of contacts, solved from rest; no derivatives.
+    """Readings of contacts, solved from rest.
 
     Args:
         skin: the pad.
         patches: the contacts; those without a force change nothing.
         plan: the mesh.
     """
-    problem = skin.problem(patches, plan)
-    found = equilibrium(problem)
-    return _read(skin, problem, corrected(problem, found.state)[1], found.result == 0)
+    output = _solve(skin, patches, plan)
+    so, pressure, gap = output.so[..., 0], output.oil_pressure[0], output.min_gap[0]
+    return PadReadings(so, pressure, gap, output.result[0] == 0)

@@ -9,43 +9,8 @@ import numpy as np
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.scene.observables import taxel_rows
+from suas_jax.scene.report_keys import REPORT_KEYS
 from suas_jax.sensing.converter import Converter
-
-_ORDER = (
-    "model",
-    "dimension",
-    "status",
-    "message",
-    "rtol_met",
-    "loads",
-    "oil_pressure_Pa",
-    "ambient_pressure_Pa",
-    "absolute_oil_pressure_Pa",
-    "max_displacement_m",
-    "max_displacement_angle_deg",
-    "max_displacement_axial_m",
-    "min_gap_m",
-    "min_gap_angle_deg",
-    "min_gap_axial_m",
-    "bulge_m",
-    "bulge_angle_deg",
-    "bulge_axial_m",
-    "wall_contact",
-    "wall",
-    "gap_tolerance_m",
-    "strain_energy_J",
-    "stretch_min",
-    "stretch_max",
-    "stable",
-    "material_stable",
-    "volume_residual",
-    "error_estimate",
-    "discretisation_error",
-    "model_error",
-    "iterations",
-    "unknowns",
-    "taxels",
-)
 
 
 def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
@@ -85,7 +50,7 @@ def report_of(
         "unknowns": outcome["unknowns"],
         "taxels": taxels,
     }
-    return {key: report[key] for key in _ORDER if key in report}
+    return {key: report[key] for key in REPORT_KEYS if key in report}
 
 
 def _header(

@@ -123,11 +123,9 @@ class Taxels(eqx.Module):
 
 def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Module (from 0) and number in it (from 1) of every taxel, in their order."""
-    sizes = [len(electrodes.taxels)]
-    if electrodes.layout == "roboskin":
-        sizes = [MODULE_TAXELS] * len(electrodes.modules)
-    modules = tuple(m for m, size in enumerate(sizes) for _ in range(size))
-    return modules, tuple(k for size in sizes for k in range(1, size + 1))
+    sizes = electrodes.taxels_by_module
+    modules = tuple(m for m, size in sizes.items() for _ in range(size))
+    return modules, tuple(k for size in sizes.values() for k in range(1, size + 1))
 
 
 def taxels_of(

@@ -22,6 +22,7 @@ from suas_jax.sensing.converter import Converter, Sample
 from suas_jax.sensing.taxels import taxel_names
 from suas_jax.simulation.load_path import LoadPath, load_path
 from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances
+from suas_jax.simulation.true_loads import Columns, NotKnownInputsError, true_loads
 
 # Frames solved in one call, and the shape that is compiled.
 _BLOCK = 256
@@ -59,6 +60,8 @@ class SimulatedLog:
         sample: the converter's counts.
         capacitance: of the taxels [frame, taxel] [F]; NaN where the membrane touches one.
         readings: as a device would send them, less what was lost.
+        true_loads: columns of the loads [frame]; empty where there are none.
+        untold: why there are none, in words.
         origin: seed and settings, in words.
     """
 
@@ -68,6 +71,8 @@ class SimulatedLog:
     capacitance: NDArray[np.float64]
     readings: list[Reading]
     origin: str
+    true_loads: Columns = field(default_factory=dict)
+    untold: str = ""
 
 
 def simulate_log(
@@ -108,18 +113,27 @@ def simulate_log(
     count = max(1, int(np.floor(duration * rate * (1 + 1e-12))) + (path is not None))
     time = np.arange(count) / rate
     random = np.random.default_rng(seed)
+    moved: dict[str, NDArray[np.float64]] = {}
     if path is None:
-        capacitance = np.tile(static_capacitance(scene), (count, 1))
+        static, forces = static_state(scene)
+        capacitance = np.tile(static, (count, 1))
     else:
         capacitance = capacitances(path, path.time[0] + time, progress)
+        forces = [0.0 if load.kind == "pressure" else load.force for load in scene.loads]
+        moved = path.at(path.time[0] + time)
+    untold, loads = "", {}
+    try:
+        loads = true_loads(scene, forces, moved, count)
+    except NotKnownInputsError as error:
+        untold = str(error)
     sample = converter.sample(capacitance, time, random)
     found = list(readings(scene, time, sample, faults or LogFaults(), random))
     origin = f"seed {seed}, {rate:g} Hz, {converter}"
-    return SimulatedLog(scene, converter, sample, capacitance, found, origin)
+    return SimulatedLog(scene, converter, sample, capacitance, found, origin, loads, untold)
 
 
 def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
-    """Write a simulated log as the logger would, whole or not at all.
+    """Write a simulated log as the logger would, with its true loads, whole or not at all.
 
     Args:
         log: what was simulated.
@@ -132,16 +146,21 @@ def write_simulated_log(log: SimulatedLog, output: Path, source: Path) -> None:
         scale=f"{1e15 * log.converter.lsb:.9g} fF",
         start_time=datetime.now(UTC),
         simulated=log.origin,
+        **({"true_loads": f"not written: {log.untold}"} if log.untold else {}),
     )
     assert log.scene.electrodes is not None  # or there would be no converter
     taxels = max(taxel_names(log.scene.electrodes)[1])
     with (
         written(output) as draft,
-        LogWriter(draft, header, taxels=taxels, flags=Flags._fields) as writer,
+        LogWriter(
+            draft, header, taxels=taxels, flags=(*Flags._fields, *log.true_loads)
+        ) as writer,
     ):
+        known = np.stack([*log.true_loads.values()], 1) if log.true_loads else None
         for r in log.readings:
             t_device, flags = judge.judge(r)
-            writer.write(r.t_host, t_device, r.seq, r.module, r.counts, flags)
+            own = () if known is None else [float(f"{x:.9g}") for x in known[r.seq]]
+            writer.write(r.t_host, t_device, r.seq, r.module, r.counts, (*flags, *own))
 
 
 def capacitances(
@@ -214,8 +233,11 @@ def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
     return Loads(*(jnp.asarray(x) for x in (angle, force, turn, pressure)))
 
 
-def static_capacitance(scene: SceneSpec) -> NDArray[np.float64]:
-    """Capacitance of every taxel of a scene at rest under its loads [taxel] [F].
+def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
+    """A scene at rest under its loads.
+
+    Returns:
+        Capacitance of every taxel [taxel] [F], and the force of every load [N].
 
     Raises:
         NoSolutionError: the scene has no equilibrium.
@@ -223,7 +245,8 @@ def static_capacitance(scene: SceneSpec) -> NDArray[np.float64]:
     report = solve(scene).report
     if report["status"] != "converged":
         raise NoSolutionError(f"{report['status']}. {report['message']}")
-    return np.array([taxel["capacitance_F"] for taxel in report["taxels"]])
+    forces = [load.get("force_N", 0.0) for load in report["loads"]]
+    return np.array([taxel["capacitance_F"] for taxel in report["taxels"]]), forces
 
 
 def readings(

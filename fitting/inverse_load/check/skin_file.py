@@ -157,7 +157,10 @@ def _slopes(
     slopes = {}
     for path in _PATHS:
         changed = pad_skin_of(
-            estimator.spec, {path: (1 + _STEP) * known[path]}, elements=skin.elements
+            estimator.spec,
+            {path: (1 + _STEP) * known[path]},
+            elements=skin.elements,
+            contact=False,
         )
         by = (solved_channels(changed, parameters, diameter, slots) - base) / _STEP
         if estimator.rest is not None:  # readings count from rest

@@ -1,6 +1,7 @@
 """`suas invert --live`: a port read, its loads estimated, shown and recorded."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
 from suas_jax.acquisition.signals import ended_by_signal
-from suas_jax.acquisition.stream import Judged, Stream
+from suas_jax.acquisition.stream import Judged, Stream, discard_waiting
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,21 @@ class LiveOptions:
             raise ValueError(f"--latency {self.latency:g}: a time above zero is needed")
 
 
-def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
-    """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration."""
+def run_live(prepare: Callable[[], LoadEstimator], options: LiveOptions) -> None:
+    """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration.
+
+    Args:
+        prepare: makes the estimator, which takes long: a port that can't be opened is refused
+            before.
+        options: how to run.
+    """
     decode = decoder(options.format_name)
-    estimator.warm_up()
     source = open_source(options.port, options.format_name, options.baud)
     writer: LogWriter | None = None
     try:
+        estimator = prepare()
+        estimator.warm_up()
+        discard_waiting(source)
         if options.log is not None:  # not before the port is known to be there
             writer = _log_writer(estimator, options, decode.extra_columns)
         with LoadView(estimator, options.port, show=not options.as_json) as view:
@@ -95,6 +104,7 @@ def run_live(estimator: LoadEstimator, options: LiveOptions) -> None:
                     view.update(frame)
             view.say(f"{options.port}: {frames} frames estimated, {dropped} dropped")
     finally:
+        source.close()
         if writer is not None:
             writer.close()
 

@@ -5,7 +5,7 @@ are put together, estimated in order, and left out where they have waited too lo
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.filter import LoadFilter
-from fitting.inverse_load.readings import Layout, LayoutMismatchError, StuckWatch
+from fitting.inverse_load.readings import Layout, LayoutMismatchError
 from suas_jax.acquisition.stream import Judged, Stream
+from suas_jax.acquisition.taxel_faults import StuckWatch
 
 
 class LiveFrame(NamedTuple):
@@ -79,12 +80,14 @@ class FrameBuilder:
             yield now, self._readings(now)
 
     def _readings(self, frame: _Frame) -> NDArray[np.float64]:
+        source = f"frame {frame.seq}"
+        self._layout.check_sent({m: len(c) for m, c in frame.modules.items()}, source)
         width = max(len(counts) for counts in frame.modules.values())
         so = np.full((len(frame.modules), width), np.nan)
         for row, counts in enumerate(frame.modules.values()):
             so[row, : len(counts)] = [np.nan if c is None else c for c in counts]
         modules = list(frame.modules)
-        self._layout.check(modules, so.__getitem__, f"frame {frame.seq}")
+        self._layout.check(modules, so.__getitem__, source)
         return self._layout.pick(modules, so.__getitem__)
 
 
@@ -97,7 +100,7 @@ def live_frames(
     clock: Callable[[], float] = time.monotonic,
     on_reading: Callable[[Judged], None] = lambda judged: None,
     idle: Callable[[], None] = lambda: None,
-) -> Iterator[LiveFrame]:
+) -> Generator[LiveFrame, None, None]:
     """Loads of a stream's frames, in the order of arrival.
 
     Args:

@@ -75,7 +75,7 @@ def pad_parts(
         from_rest: whether readings count from a baseline.
         progress: called with what is being done.
     """
-    skin = pad_skin_of(spec)
+    skin = pad_skin_of(spec, contact=False)
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
     tables = tuple(_table(spec, d, progress) for d in diameters)
     interpolant = PadInterpolant(tables)

@@ -25,14 +25,8 @@ from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.pad_forward import (
-    ELEMENTS,
-    PadSkin,
-    Patches,
-    extrapolation,
-    pad_skin_of,
-    readings_along,
-)
+from suas_jax.scene.pad_forward import ELEMENTS, PadSkin, Patches, pad_skin_of
+from suas_jax.scene.pad_levels import extrapolation, readings_along
 from suas_jax.sensing.taxels import Taxels
 
 LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
@@ -150,7 +144,7 @@ def pad_table_of(
         elements: of the meshes.
         progress: called with the number of columns solved and their total.
     """
-    skin = pad_skin_of(spec, elements=elements)
+    skin = pad_skin_of(spec, elements=elements, contact=False)
     folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
     name = content_key(
         {

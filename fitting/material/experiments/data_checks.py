@@ -100,7 +100,7 @@ def warnings_of(data: Dataset) -> list[str]:
         return [f"{data.file}: {text}" for text in data.warnings]
     found = []
     path = branches(data)
-    if path.unloading.any():
+    if path.unloading.any() and not data.follows_history:
         rows = data.line[path.unloading]
         found.append(
             f"{data.file}: {path.unloading.sum()} readings (lines {rows.min()} to "

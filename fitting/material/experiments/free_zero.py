@@ -96,7 +96,9 @@ class FreeZero(AbstractExperiment):
 
 def can_be_freed(test: object) -> bool:
     """Whether a test is one of a single stretch with a stress reading."""
-    return isinstance(test, StressTest) and test.mode in PATHS and test.measure in _POWERS
+    if not isinstance(test, StressTest) or test.follows_history:
+        return False
+    return test.mode in PATHS and test.measure in _POWERS
 
 
 def smoothed(test: StressTest, values: np.ndarray) -> np.ndarray:

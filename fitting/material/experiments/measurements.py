@@ -68,6 +68,7 @@ class Origin(NamedTuple):
         unit: its unit; "" for a number.
         length: of the specimen that a displacement stretches [m]; NaN where not stated.
         area: undeformed cross-section [m²]; NaN where not stated.
+        ramp: duration of the loading before the first reading [s]; NaN where not stated.
     """
 
     state: str = ""
@@ -75,6 +76,7 @@ class Origin(NamedTuple):
     unit: str = ""
     length: float = math.nan
     area: float = math.nan
+    ramp: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,6 +151,16 @@ class Dataset(abc.ABC):
     def is_curve(self) -> bool:
         """Whether each series is one curve: otherwise there is nothing to extrapolate to."""
         return True
+
+    @property
+    def follows_history(self) -> bool:
+        """Whether a reading depends on those before it."""
+        return False
+
+    @property
+    def order(self) -> np.ndarray:
+        """What tells how close readings are along a series, shape [n]."""
+        return self.abscissa
 
     @property
     def model_error(self) -> float:

@@ -52,6 +52,7 @@ class StressTest(Dataset):
         companion: size of the largest stress read at the same state [Pa], shape [n]; zero
             where the reading is the only one.
         direction: 1 or 2, of a stress, shape [n].
+        time: of each reading [s], NaN where not stated, shape [n].
     """
 
     measure: str
@@ -59,6 +60,7 @@ class StressTest(Dataset):
     factors: np.ndarray
     companion: np.ndarray
     direction: np.ndarray
+    time: np.ndarray
 
     @property
     def stretch_1(self) -> np.ndarray:
@@ -187,6 +189,7 @@ def _stress_test(
         factors=factors,
         companion=np.zeros(count) if companion is None else companion,
         direction=np.full(count, direction),
+        time=reader.times(np.expm1(factors[0]) if coordinate is None else coordinate),
     )
     return reader.kept(test, factors)
 

@@ -14,6 +14,7 @@ from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
+from fitting.material.experiments import timing
 from fitting.material.experiments.measurements import Kind, Origin
 from suas_jax.config.errors import listed
 from suas_jax.config.quantities import parse_quantity
@@ -47,7 +48,10 @@ class Reader:
         # Known quantities in units that are missing or unknown: an error once asked for.
         self._faulty: dict[str, DataError] = {}
         self._read_names()
-        self.sizes = {**stated_sizes(table), **given_sizes(table, specimen)}
+        # Of a whole test, as the command line states it.
+        self.given = {key: text for key, text in specimen.items() if key in timing.KEYS}
+        sizes = {key: text for key, text in specimen.items() if key not in timing.KEYS}
+        self.sizes = {**stated_sizes(table), **given_sizes(table, sizes)}
 
     def _read_names(self) -> None:
         """Find out what the columns measure."""
@@ -205,7 +209,21 @@ class Reader:
                 stretches, "displacement", why="the specimen would have no length left"
             )
             return stretches
+        held = timing.held_stretch(self.table.metadata, self.given, self.table.file)
+        if held is not None and direction != 2:
+            return np.full(len(self.table.lines), held)
         raise self.need("the stretch", f"stretch{tag}", f"strain{tag}", "displacement_mm")
+
+    def times(self, strain: np.ndarray) -> np.ndarray:
+        """Time of each row [s], NaN where neither a column nor a rate of strain states it.
+
+        Args:
+            strain: nominal strain, or amount of shear, of each row.
+        """
+        times = self.column("time")
+        if times is not None:
+            return times
+        return timing.times_by_rate(self.table.metadata, self.given, self.table.file, strain)
 
     def _needed_length(self, direction: int = 0) -> np.ndarray:
         length = self._length_of("displacement", direction)
@@ -330,6 +348,7 @@ class Reader:
         with contextlib.suppress(DataError):
             area = self.area()
         sizes = [math.nan if x is None else float(np.nanmean(x)) for x in (length, area)]
+        sizes.append(timing.ramp_of(self.table.metadata, self.given, self.table.file))
         for quantity in ("stretch", "strain", "log_strain", "green_strain", "displacement"):
             for d in (0, 1):
                 if (quantity, d) in self.columns:

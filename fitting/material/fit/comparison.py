@@ -159,14 +159,7 @@ def compare_laws(
             failed[chosen.title] = str(error)
     if not fits:
         raise NoFit("no law could be fitted: " + "; ".join(failed.values()))
-
-    comparison = Comparison(tuple(fits), failed)
-
-    def rank(fit: MaterialFit) -> tuple[bool, float]:
-        aicc = comparison.aicc(fit)
-        return fit.status == "not_converged", aicc if np.isfinite(aicc) else np.inf
-
-    comparison = Comparison(tuple(sorted(fits, key=rank)), failed)
+    comparison = ranked(fits, failed)
     refused: dict[str, str] = {}
     while refuses is not None and len(refused) < len(fits):
         best = comparison.best
@@ -176,3 +169,24 @@ def compare_laws(
         refused[best.family.title] = reason
         comparison = dataclasses.replace(comparison, refused=dict(refused))
     return comparison
+
+
+def ranked(
+    fits: Sequence[MaterialFit],
+    failed: dict[str, str],
+    refused: Mapping[str, str] | None = None,
+) -> Comparison:
+    """Fits of the same data, lowest AICc first; those that did not converge go last.
+
+    Args:
+        fits: one or more.
+        failed: reasons, by title, of those that could not be fitted.
+        refused: further reasons against them, by title.
+    """
+    comparison = Comparison(tuple(fits), failed, dict(refused or {}))
+
+    def rank(fit: MaterialFit) -> tuple[bool, float]:
+        aicc = comparison.aicc(fit)
+        return fit.status == "not_converged", aicc if np.isfinite(aicc) else np.inf
+
+    return dataclasses.replace(comparison, fits=tuple(sorted(fits, key=rank)))

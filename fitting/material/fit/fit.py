@@ -7,19 +7,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.artefacts import Suspect, curve_suspects, without_toe
-from fitting.material.experiments.data_checks import (
-    branches,
-    contradictions,
-    refuse_without_information,
-    warnings_of,
-)
+from fitting.material.experiments.artefacts import Suspect, without_toe
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import Zero, can_be_freed
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.selection import before_break, in_cycle, thinned
 from fitting.material.fit.judgement import judged_residuals, noise_remark
 from fitting.material.fit.noise import Noise, noise_of, with_noise
+from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.fit.residuals import readings
 from fitting.material.fit.result import MaterialFit
@@ -33,6 +27,7 @@ from fitting.material.fit.suspects import (
     zeros_of,
 )
 from fitting.material.laws.registry import family
+from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.least_squares import Minima, minimise
 from fitting.statistics.parameters import AbstractFamily
@@ -61,6 +56,8 @@ def fit_material(
     thin: int = _THIN,
     zero: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
+    prony: int = 0,
+    mullins: bool = False,
     remarks: Sequence[str] = (),
     doubt: bool = True,
 ) -> MaterialFit:
@@ -79,6 +76,8 @@ def fit_material(
         thin: most readings of a curve; more are averaged to half as many. Zero keeps all.
         zero: what is found with the law: "slack", "force", "machine".
         bounds: hard bounds by constant, SI units, such as {"alpha.0": (1, 3)}.
+        prony: number of Prony terms of a law whose stress relaxes; zero for an elastic one.
+        mullins: whether the stress softens below the largest load before.
         remarks: warnings to carry into the report.
         doubt: look for artefacts that explain a misfit, and for the end of a toe.
 
@@ -102,7 +101,14 @@ def fit_material(
         "seed": seed,
         "zero": tuple(dict.fromkeys(zero)),
     }
-    used, notes, suspects = _prepared(sets, branch, cycle, zero, cut_break=cut_break, thin=thin)
+    remembers = prony > 0 or mullins
+    if remembers:
+        refuse_what_forgets(branch, cycle, zero, bounds)
+    used, notes, suspects = prepared(
+        sets, branch, cycle, zero, cut_break=cut_break, thin=thin, remembers=remembers
+    )
+    if remembers:
+        chosen = WithEffects(chosen, prony, mullins, window_of(used, prony))
     fit = _fitted(used, chosen, bounds, [*remarks, *notes], suspects, settings, doubt=doubt)
     if not (doubt and "slack" in zero and fit.misfit.significant):
         return fit
@@ -208,56 +214,6 @@ def _fitted(
         bounds=dict(bounds or {}),
         specimens=specimens,
     )
-
-
-def _prepared(
-    sets: Sequence[Dataset],
-    branch: str | None,
-    cycle: str,
-    zero: Sequence[str],
-    *,
-    cut_break: bool,
-    thin: int,
-) -> tuple[list[Dataset], list[str], list[Suspect]]:
-    """The readings that are fitted, remarks, and artefacts that their curves show."""
-    used, notes, suspects = [], [], []
-    for data in sets:
-        kept = _on_branch(in_cycle(data, cycle), branch or "all")
-        if kept.size < data.size and cycle != "all":
-            notes.append(
-                f"{data.file}: {data.size - kept.size} readings outside of the {cycle} cycle's "
-                f"loading left out"
-            )
-        elif kept.size < data.size:
-            notes.append(
-                f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
-            )
-        if cut_break:
-            whole = before_break(kept)
-            if whole.size < kept.size:
-                notes.append(
-                    f"{data.file}: {kept.size - whole.size} readings after the break left out"
-                )
-            kept = whole
-        if "slack" in zero:
-            taut = without_toe(kept)
-            if taut.size < kept.size:
-                notes.append(
-                    f"{data.file}: {kept.size - taut.size} readings of the toe, before the "
-                    f"curve is steepest, left out"
-                )
-            kept = taut
-        refuse_without_information(kept)
-        notes += warnings_of(kept)
-        suspects += curve_suspects(kept)
-        few = thinned(kept, thin)
-        if few.size < kept.size:
-            notes.append(
-                f"{data.file}: {kept.size} readings are fitted as {few.size} means of runs; "
-                f"--thin 0 keeps all"
-            )
-        used.append(few)
-    return used, [*notes, *contradictions(used)], suspects
 
 
 def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:
@@ -380,11 +336,3 @@ def _toe(
             )
             return [Suspect("toe", data.file, text, "--zero slack", float(amount), unit)]
     return []
-
-
-def _on_branch(data: Dataset, branch: str) -> Dataset:
-    if branch == "all":
-        return data
-    if branch != "loading":
-        raise ValueError(f"--branch {branch}: unknown; allowed: all, loading")
-    return data.select(~branches(data).unloading)

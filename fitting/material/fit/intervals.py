@@ -20,7 +20,7 @@ from fitting.statistics.residuals import constants_by_theta, sensitivity
 # An end is open at this many e-folds of a constant of one sign, or half widths of another.
 _FOLDS, _STEPS = 18.0, 20.0
 _NONE = 1e-3  # of a half width: the search did not leave the minimum
-_CAN_BE_PROFILED = ("Homogeneous", "FreeZero")
+_CAN_BE_PROFILED = ("Homogeneous", "FreeZero", "History")
 
 
 class Intervals(NamedTuple):
@@ -74,7 +74,7 @@ def intervals_of(
     """
     family = problem.residuals.family
     quantile = judged.quantile(level)
-    value, slope = _modulus(family, jnp.asarray(constants))
+    value, slope = modulus_and_slope(family, jnp.asarray(constants))
     modulus, half = float(value), float(judged.spread_of(np.asarray(slope))) * quantile
     low, high = family.signs(constants, {})
     one_sign = (low == 0.0) | (high == 0.0)
@@ -202,7 +202,7 @@ def _shear_modulus(search: _Search) -> Quantity:
 
     def quantity(x: np.ndarray) -> tuple[float, np.ndarray]:
         c, slope = search.mapped(x)
-        found, by_constant = _modulus(family, jnp.asarray(c))
+        found, by_constant = modulus_and_slope(family, jnp.asarray(c))
         value, gradient = float(found), np.asarray(by_constant) @ slope
         if not value > 0.0:
             return -np.inf, gradient * np.nan
@@ -212,5 +212,6 @@ def _shear_modulus(search: _Search) -> Quantity:
 
 
 @eqx.filter_jit
-def _modulus(family: AbstractFamily, constants: Array) -> tuple[Array, Array]:
+def modulus_and_slope(family: AbstractFamily, constants: Array) -> tuple[Array, Array]:
+    """Small-strain shear modulus of a law [Pa] and its derivatives by the constants [p]."""
     return jax.value_and_grad(lambda c: family.law(c).shear_modulus)(constants)

@@ -105,7 +105,7 @@ def _estimated(
     if len(paths) != 1:
         return None
     (order,) = paths
-    along = data.abscissa[order]
+    along = data.order[order]
     weight = data.weight[order]
     # A reading of weight w is as good as w readings.
     assumed = 1.0 / (inverse[order] / np.sqrt(weight))

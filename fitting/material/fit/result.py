@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Mapping
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,7 +14,7 @@ from scipy import stats
 from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
 from fitting.material.experiments.measurements import PATHS, Dataset
-from fitting.material.fit.intervals import Intervals, intervals_of
+from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.residuals import readings
@@ -99,9 +100,12 @@ class MaterialFit:
         name = self.family.law_name
         if name not in LAWS:
             raise ValueError(f"the law {name} can't stand in a skin's [material]")
-        tree = self.family.tree(map(float, self.constants))
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in tree.items()}
-        return LAWS[name](law=name, **values, **self.family.settings)
+        values: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value
+            for key, value in self.family.tree(map(float, self.constants)).items()
+        }
+        values |= {**self.family.settings, **self.family.effects(self.constants)}
+        return LAWS[name](law=name, **values)
 
     @functools.cached_property
     def cost(self) -> float:
@@ -165,6 +169,11 @@ class MaterialFit:
         It is often known where the constants that add up to it are not.
         """
         return float(self.law.shear_modulus), *self.interval_ends(level).modulus
+
+    def modulus_slope(self) -> np.ndarray:
+        """Derivatives of the shear modulus by the constants, shape [p]."""
+        _, slope = modulus_and_slope(self.family, jnp.asarray(self.constants))
+        return np.asarray(slope)
 
     @functools.cached_property
     def stable(self) -> dict[str, tuple[float, float]]:

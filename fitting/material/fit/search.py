@@ -8,6 +8,7 @@ import numpy as np
 from fitting.material.experiments.free_zero import Zero
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.problem import MaterialProblem, pose, settle
+from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 from fitting.statistics.parameters import AbstractFamily
 
@@ -16,6 +17,11 @@ SKIN_LANES = 4
 # A reading is wrong by the square of how far its apex stretch still is from settled.
 _BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 3e-3
 _BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 8, 40, 3e-2
+
+
+# Starts of what is beside the law, and steps of each; the stiffness of a long-term law and of a
+# virgin one over that of the data taken as elastic.
+_BESIDE, _BESIDE_STEPS, _LONG_TERM, _VIRGIN = 6, 80, 0.7, 1.2
 
 
 class NoFit(ArithmeticError):  # noqa: N818
@@ -45,6 +51,8 @@ def search(
     if any(data.mode == "skin" for data in sets):
         # Every residual is an equilibrium, and the modulus is known from the start.
         return problem, minimise(problem.residuals, points[:SKIN_LANES], lanes=SKIN_LANES)
+    if isinstance(chosen, WithEffects):
+        return problem, _with_effects(sets, chosen, problem, starts, seed)
     if not any(data.mode == "bulge" for data in sets):
         return problem, minimise(problem.residuals, points)
     # Membranes are expensive: explore with spherical caps, then fit the best with
@@ -64,3 +72,27 @@ def search(
             break
         found = nearer
     return problem, found
+
+
+def _with_effects(
+    sets: Sequence[Dataset],
+    chosen: WithEffects,
+    problem: MaterialProblem,
+    starts: int,
+    seed: int,
+) -> Minima:
+    """Minima of a law that relaxes or softens, from the best law without."""
+    rng = np.random.default_rng(seed)
+    elastic = pose(sets, chosen.base, problem.kind, estimate=True).residuals
+    found = minimise(elastic, chosen.base.random(rng, starts))
+    if not np.isfinite(found.cost[0]):
+        return found
+    theta = jnp.asarray(found.theta[0])
+    stresses = np.array([unit == "Pa" for unit in chosen.base.units])
+    factor = (_LONG_TERM if chosen.prony else 1.0) * (_VIRGIN if chosen.mullins else 1.0)
+    constants = chosen.base.constants(theta, elastic.scales)
+    changed = jnp.where(stresses, factor * constants, constants)
+    law = np.asarray(chosen.base.unconstrained(changed, elastic.scales))
+    beside = chosen.spread(rng, min(starts, _BESIDE))
+    points = np.concatenate([np.tile(law, (len(beside), 1)), beside], axis=1)
+    return minimise_one_by_one(problem.residuals, points, _BESIDE_STEPS)

@@ -37,6 +37,11 @@ class WithZeros(AbstractFamily):
         return self.base.law_name
 
     @property
+    def law_size(self) -> int:
+        """Number of the law's own constants."""
+        return self.base.size
+
+    @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]
         """The law's constants, then the zeros."""
         return self.base.names + self.labels

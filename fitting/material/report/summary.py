@@ -11,6 +11,7 @@ from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, S
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.suspects import zero_in_units, zeros_of
 from fitting.material.laws.with_zeros import WithZeros
+from fitting.material.report.effects import effects_report
 
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
@@ -26,7 +27,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
     """
     family, judged = fit.family, fit.uncertainty
     aicc, bic = fit.criteria
-    size = family.base.size if isinstance(family, WithZeros) else family.size
+    size = family.law_size
     stable = fit.stable
     unknown_modes, extrapolated = _extrapolations(fit)
     report: dict[str, Any] = {
@@ -74,6 +75,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "warnings": [*fit.remarks, *_doubts(fit), *extrapolated],
         "status": fit.status,
     }
+    report |= effects_report(fit)
     if fit.specimens is not None:
         report["specimens"] = fit.specimens.report(fit.shear_modulus()[0])
     report |= family.settings

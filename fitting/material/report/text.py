@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from fitting.material.cards.card import card
 from fitting.material.fit.result import MaterialFit
-from fitting.material.report.cards import card
 from suas_jax.config.quantities import format_quantity
 from suas_jax.config.schema_material import LAWS
 

@@ -10,8 +10,15 @@ from fitting.sensor.logs.gap_fluid import permittivities
 from fitting.sensor.logs.known_inputs import FLUID, Known, from_columns, from_file, from_header
 from fitting.sensor.logs.known_limits import check_known
 from fitting.sensor.logs.taxel_faults import Masked, without_faults
-from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log, sequence_notes
+from suas_jax.acquisition.log.log_file import (
+    SoLog,
+    flagged,
+    group_frames,
+    read_log,
+    sequence_notes,
+    without_other_taxels,
+)
+from suas_jax.acquisition.log.record import FLAG_COLUMNS
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 from suas_jax.sensing.taxels import taxel_names
 
@@ -64,6 +71,8 @@ def read_aligned(
         if file is not None and not file.exists():
             raise FileNotFoundError(f"{file}: no such file")
     log = read_log(path)
+    warnings = [f"{path}: {note}" for note in (*log.notes, *sequence_notes(log))]
+    log = without_other_taxels(log)
     _check_header(spec, log)
     taxels = _place(spec, log)
     frames = group_frames(_without_repeats(log))
@@ -79,7 +88,6 @@ def read_aligned(
     time = frames.t_device if clock == "t_device_s" else frames.t_host
     if not np.isfinite(time).all():
         raise ValueError(f"{path}: both clocks have missing values: frames can't be placed")
-    warnings = [f"{path}: {note}" for note in (*log.notes, *sequence_notes(log))]
     known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
     for (load, quantity), values in known.values.items():
@@ -97,7 +105,8 @@ def read_aligned(
     if not known.values:
         warnings.append(
             f"{path}: no known loads or displacements (columns such as load_0_force_N): the "
-            "skin is taken to be at rest"
+            "skin is taken to be at rest; where it was loaded, give what is known in a file of "
+            "its own: --inputs FILE"
             + (
                 f"; not understood: {', '.join(others)}"
                 if (others := _unknown_columns(log))
@@ -122,7 +131,7 @@ def read_aligned(
 
 def _unknown_columns(log: SoLog) -> list[str]:
     """Columns that are neither known inputs nor flags of the logger."""
-    own = {*Flags._fields, FLUID}
+    own = {*FLAG_COLUMNS, FLUID}
     return [name for name in log.flags if name.strip().lower() not in own]
 
 
@@ -162,7 +171,7 @@ def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
             f"{_listed(sorted(sizes))}): a log of another layout, or the wrong skin file"
         )
     columns = log.so.shape[1]
-    if columns != max(sizes[m] for m in sizes):
+    if columns < max(sizes.values()):
         raise ValueError(
             f"{log.path}: columns so_1 to so_{columns}, but the skin's modules have "
             f"{max(sizes.values())} taxels: a log of another layout, or the wrong skin file"
@@ -178,11 +187,7 @@ def _place(spec: SkinSpec, log: SoLog) -> dict[int, int]:
 
 def _without_repeats(log: SoLog) -> SoLog:
     """The log without counts that an earlier row already had."""
-    bad = np.zeros(len(log), bool)
-    for name in ("repeat", "suspect"):
-        flag = log.flags.get(name)
-        if flag is not None and flag.dtype.kind in "iu":
-            bad |= flag.astype(bool)
+    bad = flagged(log, "repeat") | flagged(log, "suspect")
     if not bad.any():
         return log
     return dataclasses.replace(log, so=np.where(bad[:, None], np.nan, log.so))

@@ -100,20 +100,14 @@ def _set_heights(document: Any, fit: SensorFit) -> None:
 
 def _set_material(document: Any, spec: SkinSpec, values: dict[str, float]) -> None:
     """Write material constants; a preset is written out."""
-    table: dict[str, Any] = {"law": spec.material.law}
-
-    def quantity(key: str, value: float) -> Any:
-        changed = values.get(key, value)
-        return _text(changed / 1e6, "MPa") if spec.material.unit(key) == "Pa" else changed
-
-    for key in type(spec.material).model_fields:
-        value = getattr(spec.material, key)
-        if key == "law" or value is None:
-            continue
-        if isinstance(value, tuple):
-            table[key] = [quantity(f"{key}.{i}", v) for i, v in enumerate(value)]
+    table = spec.material.table()
+    for path, value in values.items():
+        key, _, index = path.partition(".")
+        text = _text(value / 1e6, "MPa") if spec.material.unit(key) == "Pa" else value
+        if index:
+            table[key][int(index)] = text
         else:
-            table[key] = value if isinstance(value, str) else quantity(key, value)
+            table[key] = text
     document["material"] = table
 
 

@@ -179,7 +179,7 @@ class Device:
         Returns:
             What was sent.
         """
-        start, first = time.monotonic(), math.nan
+        start, first, stalled = time.monotonic(), math.nan, False
         for t_device, together in groupby(readings, key=lambda reading: reading.t_device):
             first = t_device if math.isnan(first) else first
             due = start + (t_device - first) / speed
@@ -192,8 +192,10 @@ class Device:
                 break
             self._follow_plug(elapsed)
             rows = list(self._rows(together))
-            if self._master < 0 or not self._send(b"".join(rows)):
-                self.played.stalled += len(rows)
+            # What became due while no host took anything is gone, as in a real device.
+            overdue = stalled and time.monotonic() > due + _LOOK
+            stalled = overdue or self._master < 0 or not self._send(b"".join(rows))
+            self.played.stalled += len(rows) * stalled
         return self.played
 
     def _follow_plug(self, elapsed: float) -> None:

@@ -11,7 +11,8 @@ from suas_jax.acquisition.frames.reading import Reading
 _CLOCK_MODULUS = 2**32 * 1e-6
 _ALLOWED = (
     "corrupt=P, drop=P, duplicate=P (probabilities from 0 to 1), unplug=AT or unplug=AT:FOR, "
-    "clock-wrap=AT (seconds), stuck=MODULE/TAXEL, seed=N"
+    "clock-wrap=AT, clock-jump=AT:BY or clock-jump=AT:BY:FOR, restart=AT (seconds), "
+    "taxels=AT:N, stuck=MODULE/TAXEL, seed=N"
 )
 
 
@@ -26,6 +27,10 @@ class Faults:
         unplug_at: the port vanishes this long after the start [s]; None: never.
         unplug_for: and comes back after this long [s].
         wrap_clock_at: the device's clock starts so that it wraps after this long [s].
+        clock_jump: time after which the device's clock jumps, by how much, and for how long
+            [s].
+        restart_at: counter and clock begin again after this long [s].
+        taxels_at: time after which every module sends so many counts only [s].
         stuck: taxels (module, taxel from 1) that keep their first count.
         seed: of all random faults.
     """
@@ -36,6 +41,9 @@ class Faults:
     unplug_at: float | None = None
     unplug_for: float = 1.0
     wrap_clock_at: float | None = None
+    clock_jump: tuple[float, float, float] | None = None
+    restart_at: float | None = None
+    taxels_at: tuple[float, int] | None = None
     stuck: tuple[tuple[int, int], ...] = ()
     seed: int = 0
 
@@ -52,7 +60,7 @@ def parse_faults(texts: Iterable[str]) -> Faults:
     Raises:
         ValueError: naming what is allowed.
     """
-    values: dict[str, float | int | tuple[tuple[int, int], ...]] = {}
+    values: dict[str, object] = {}
     stuck: list[tuple[int, int]] = []
     for text in texts:
         name, _, value = text.partition("=")
@@ -60,12 +68,21 @@ def parse_faults(texts: Iterable[str]) -> Faults:
             if name in ("corrupt", "drop", "duplicate"):
                 values[name] = float(value)
             elif name == "unplug":
-                at, colon, away = value.partition(":")
-                values["unplug_at"] = float(at)
+                begin, colon, away = value.partition(":")
+                values["unplug_at"] = float(begin)
                 if colon:
                     values["unplug_for"] = float(away)
             elif name == "clock-wrap":
                 values["wrap_clock_at"] = float(value)
+            elif name == "clock-jump":
+                at, by, *lasting = map(float, value.split(":"))
+                (duration,) = lasting or (math.inf,)
+                values["clock_jump"] = (at, by, duration)
+            elif name == "restart":
+                values["restart_at"] = float(value)
+            elif name == "taxels":
+                begin, count = value.split(":")
+                values["taxels_at"] = (float(begin), int(count))
             elif name == "stuck":
                 module, taxel = value.split("/")
                 stuck.append((int(module), int(taxel)))
@@ -86,6 +103,8 @@ class Injector:
         self._random = random.Random(faults.seed)
         self._until_damage = self._next_damage()
         self._stuck: dict[tuple[int, int], int | None] = {}
+        self._first: float | None = None  # device time of the first reading [s]
+        self._again: Reading | None = None  # first reading after the device's restart
 
     def copies(self) -> int:
         """How often the next row is sent: 0, 1 or 2 times."""
@@ -97,8 +116,21 @@ class Injector:
         return 1
 
     def distorted(self, reading: Reading) -> Reading:
-        """The reading with its clock shifted and its stuck taxels held."""
+        """The reading as the device sends it: clock, counter and counts with their faults."""
         faults = self._faults
+        self._first = reading.t_device if self._first is None else self._first
+        since = reading.t_device - self._first
+        if faults.taxels_at is not None and since >= faults.taxels_at[0]:
+            reading = reading._replace(counts=reading.counts[: faults.taxels_at[1]])
+        if faults.clock_jump is not None:
+            at, by, lasting = faults.clock_jump
+            if at <= since < at + lasting:
+                reading = reading._replace(t_device=reading.t_device + by)
+        if faults.restart_at is not None and since >= faults.restart_at:
+            self._again = again = self._again or reading
+            reading = reading._replace(
+                seq=reading.seq - again.seq, t_device=reading.t_device - again.t_device
+            )
         if faults.wrap_clock_at is not None:
             shifted = reading.t_device + _CLOCK_MODULUS - faults.wrap_clock_at
             reading = reading._replace(t_device=shifted % _CLOCK_MODULUS)

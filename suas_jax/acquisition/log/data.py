@@ -1,5 +1,6 @@
 """An SO log in memory: its rows, and its frames."""
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +105,8 @@ class Frames:
 def group_frames(log: SoLog) -> Frames:
     """Group the rows of equal seq to frames.
 
-    Rows flagged `duplicate` (the device sent them twice) are left out. An equal seq counts
+    Rows flagged `duplicate` (the device sent them twice) are left out, and so are those flagged
+    `other_taxels` (which taxels their counts are of is unknown). An equal seq counts
     as the same frame only while it is near and its module is new: a counter that wrapped or
     a device that restarted begins new frames.
 
@@ -121,10 +123,10 @@ def group_frames(log: SoLog) -> Frames:
     frame_of = np.full(len(log), -1, np.int64)
     first: list[int] = []
     members: dict[int, tuple[int, int, set[int]]] = {}  # seq: frame, last row, its modules
-    duplicate = log.flags.get("duplicate")
+    unusable = flagged(log, "duplicate") | flagged(log, "other_taxels")
     sequence, slots = log.seq.tolist(), slot.tolist()
     for row in range(len(log)):
-        if duplicate is not None and duplicate[row]:
+        if unusable[row]:
             continue
         number, module = sequence[row], slots[row]
         known = members.get(number)
@@ -150,26 +152,53 @@ def group_frames(log: SoLog) -> Frames:
     )
 
 
+def flagged(log: SoLog, name: str) -> NDArray[np.bool_]:
+    """Which rows carry a flag of the recorder [row]; none where the log has no such column."""
+    flag = log.flags.get(name)
+    if flag is None or flag.dtype.kind not in "iub":
+        return np.zeros(len(log), bool)
+    return flag.astype(bool)
+
+
+def without_other_taxels(log: SoLog) -> SoLog:
+    """The log without the rows that are flagged `other_taxels`."""
+    kept = ~flagged(log, "other_taxels")
+    if kept.all():
+        return log
+    return dataclasses.replace(
+        log,
+        t_host=log.t_host[kept],
+        t_device=log.t_device[kept],
+        seq=log.seq[kept],
+        module=log.module[kept],
+        so=log.so[kept],
+        flags={name: values[kept] for name, values in log.flags.items()},
+    )
+
+
 def sequence_notes(log: SoLog) -> tuple[str, ...]:
-    """What is odd about the frame numbers of each module, in words.
+    """What is odd about the rows of each module and their frame numbers, in words.
 
     Rows that the recorder flagged (`duplicate`, `restart`) are known already, and a counter
     that begins again at one of the usual widths is none.
     """
-    flagged = np.zeros(len(log), bool)
-    for name in ("duplicate", "restart"):
-        flag = log.flags.get(name)
-        if flag is not None and flag.dtype.kind in "iub":
-            flagged |= flag.astype(bool)
+    known = flagged(log, "duplicate") | flagged(log, "restart")
     again: list[int] = []
     back: list[int] = []
     for module in np.unique(log.module)[:MOST_MODULES]:
-        rows = np.flatnonzero((log.module == module) & ~flagged)
+        rows = np.flatnonzero((log.module == module) & ~known)
         step = np.diff(log.seq[rows])
         wrapped = np.isin(step, [near - m for m in _COUNTERS for near in range(1, 17)])
         again += rows[1:][step == 0].tolist()
         back += rows[1:][(step < 0) & ~wrapped].tolist()
     notes = []
+    for module in np.unique(log.module[flagged(log, "other_taxels")]):
+        rows = np.flatnonzero(flagged(log, "other_taxels") & (log.module == module))
+        notes.append(
+            f"{len(rows)} rows of module {module} are left out, first seq {log.seq[rows[0]]} "
+            f"(row {rows[0] + 1}): they came with {log.flags['other_taxels'][rows[0]]} counts, "
+            "another number than this module's"
+        )
     for rows_found, what in (
         (again, "repeat the frame number of the row before"),
         (back, "go back in frame numbers"),

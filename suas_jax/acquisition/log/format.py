@@ -9,10 +9,14 @@ UNITS = f"t_host_s and t_device_s in seconds, so_k in raw counts (0 to {MAX_COUN
 # The paper's Eq. 2: one count is 3.05e-16 F.
 DEFAULT_SCALE = "0.305 fF"
 KEY_COLUMNS = ("t_host_s", "t_device_s", "seq", "module")
-MEASURED = ("oil_pressure_Pa",)
+RAW_CLOCK = "t_device_raw_s"
+"""Column of the device's clock as it came, before wraps and jumps were undone [s]."""
+MEASURED = ("oil_pressure_Pa", RAW_CLOCK)
 """Columns of numbers beside the counts; other further columns are flags."""
 # Header key, and comment at the end, that name the next part of a rotated log.
 CONTINUED = "continued_in"
+# Comment where a recording went on in the same file.
+APPENDED = "appended"
 
 
 class LogFileError(ValueError):

@@ -16,7 +16,14 @@ equal `seq` make a frame. An empty field is a missing value. A log that was cut 
 its last line only.
 """
 
-from suas_jax.acquisition.log.data import Frames, SoLog, group_frames, sequence_notes
+from suas_jax.acquisition.log.data import (
+    Frames,
+    SoLog,
+    flagged,
+    group_frames,
+    sequence_notes,
+    without_other_taxels,
+)
 from suas_jax.acquisition.log.format import (
     DEFAULT_SCALE,
     FORMAT,
@@ -28,7 +35,7 @@ from suas_jax.acquisition.log.format import (
     log_header,
 )
 from suas_jax.acquisition.log.reader import is_log, read_log
-from suas_jax.acquisition.log.writer import LogWriter
+from suas_jax.acquisition.log.writer import LogWriteError, LogWriter
 
 __all__ = [
     "DEFAULT_SCALE",
@@ -39,11 +46,14 @@ __all__ = [
     "UNITS",
     "Frames",
     "LogFileError",
+    "LogWriteError",
     "LogWriter",
     "SoLog",
+    "flagged",
     "group_frames",
     "is_log",
     "log_header",
     "read_log",
     "sequence_notes",
+    "without_other_taxels",
 ]

@@ -5,10 +5,12 @@ from collections.abc import Callable
 from typing import Any
 
 from suas_jax.acquisition.integrity import Flags
-from suas_jax.acquisition.log.log_file import LogWriter
+from suas_jax.acquisition.log.format import RAW_CLOCK
+from suas_jax.acquisition.log.log_file import LogWriteError, LogWriter
 from suas_jax.acquisition.stream import Judged, Stream
 
-FLAG_COLUMNS = Flags._fields
+FLAG_COLUMNS = (*Flags._fields, RAW_CLOCK)
+"""Columns after the counts in a recorded log."""
 
 
 def write_reading(log: LogWriter, judged: Judged, began: float = 0.0) -> None:
@@ -28,7 +30,7 @@ def write_reading(log: LogWriter, judged: Judged, began: float = 0.0) -> None:
         reading.seq,
         reading.module,
         reading.counts,
-        judged.flags + reading.extra,
+        (*judged.flags, reading.t_device, *reading.extra),
     )
 
 
@@ -50,20 +52,33 @@ def record(
         on_progress: called some ten times a second.
 
     Returns:
-        What was recorded and what is missing, see `totals`.
+        What was recorded and what is missing, see `totals`; where the disk is full also
+        `stopped`, which says so.
     """
-    with log:
-        for batch in stream.batches():
-            for judged in batch:
-                if log.taxels is None:
-                    log.start(max(len(other.reading.counts) for other in batch))
-                write_reading(log, judged)
-            if not batch:
-                log.flush()
-            on_progress()
-            if duration is not None and time.monotonic() - started >= duration:
-                stream.stop.set()
-    return totals(stream, time.monotonic() - started)
+    stopped = None
+    batches = stream.batches()
+    try:
+        with log:
+            for batch in batches:
+                for judged in batch:
+                    if log.taxels is None:
+                        log.start(max(len(other.reading.counts) for other in batch))
+                    write_reading(log, judged)
+                if not batch:
+                    log.flush()
+                on_progress()
+                if duration is not None and time.monotonic() - started >= duration:
+                    stream.stop.set()
+    except LogWriteError as error:
+        batches.close()
+        stopped = (
+            f"{error.filename}: {error.strerror}: the recording ends; the file ends with a "
+            "whole row; make room and go on with --append"
+        )
+    result = totals(stream, time.monotonic() - started)
+    result["unwritten_rows"] = result["rows"] - log.rows + log.unwritten
+    result["stopped"] = stopped
+    return result
 
 
 def totals(stream: Stream, elapsed: float) -> dict[str, Any]:
@@ -78,6 +93,8 @@ def totals(stream: Stream, elapsed: float) -> dict[str, Any]:
         "repeats": summary.repeats,
         "restarts": summary.restarts,
         "suspect_rows": summary.suspects,
+        "clock_jumps": summary.clock_jumps,
+        "other_taxels_rows": summary.other_taxels,
         "stuck_taxels": {str(module): taxels for module, taxels in summary.stuck.items()},
         "bytes": tally.bytes,
         "bad_crc": tally.bad_crc,

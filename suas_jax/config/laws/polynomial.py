@@ -13,7 +13,15 @@ class PolynomialSpec(LawSpec):
     """General polynomial law, Psi = sum C_ij (I1 - 3)^i (I2 - 3)^j up to the third degree.
 
     Attributes:
-        C10: ..., each constant C_ij [Pa]; 2 (C10 + C01) is the shear modulus of small strain.
+        C10: of (I1 - 3) [Pa]; 2 (C10 + C01) is the shear modulus of small strain.
+        C01: of (I2 - 3) [Pa].
+        C20: of (I1 - 3)^2 [Pa].
+        C11: of (I1 - 3) (I2 - 3) [Pa].
+        C02: of (I2 - 3)^2 [Pa].
+        C30: of (I1 - 3)^3 [Pa].
+        C21: of (I1 - 3)^2 (I2 - 3) [Pa].
+        C12: of (I1 - 3) (I2 - 3)^2 [Pa].
+        C03: of (I2 - 3)^3 [Pa].
     """
 
     law: Literal["polynomial"] = Field(default="polynomial", examples=['"polynomial"'])

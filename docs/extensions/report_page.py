@@ -1,0 +1,35 @@
+"""The page of the JSON reports, from the keys that the code declares."""
+
+from collections.abc import Mapping
+
+from suas_jax.scene.report_keys import LOAD_KEYS, REPORT_KEYS, TAXEL_KEYS
+
+HEAD = """# JSON reports
+
+`suas solve --json` prints one object and nothing else on standard output. Units stand at the
+end of the keys; a number that is not known is `null`, never NaN. Whatever goes wrong is an
+object with `status` and `message`, too. `suas sweep --json` prints `points`, a list of such
+objects, and `first_contact`: `null`, or the `force_N`, `oil_pressure_Pa` and `angle_deg` at
+which the membrane reaches the wall.
+
+This page is written from `suas_jax.scene.report_keys`. Other reports are described where their
+commands are: [`suas fit material`](../material_calibration.md),
+[`suas fit sensor`](../sensor_calibration.md), [`suas invert`](../inverse_load.md).
+"""
+
+
+def page() -> str:
+    """The whole page, in MyST Markdown."""
+    return "\n".join(
+        [
+            HEAD,
+            _table("suas solve", REPORT_KEYS),
+            _table("An entry of `loads`", LOAD_KEYS),
+            _table("An entry of `taxels`", TAXEL_KEYS),
+        ]
+    )
+
+
+def _table(title: str, keys: Mapping[str, str]) -> str:
+    rows = [f"| `{key}` | {meaning} |" for key, meaning in keys.items()]
+    return "\n".join([f"## {title}", "", "| key | meaning |", "|---|---|", *rows, ""])

@@ -1,0 +1,86 @@
+"""Examples of every command, shown by `--help` and on the site; they run as they stand.
+
+`suas examples` puts the files they name into the folder `configs`.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import typer
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "solve": (
+        "suas solve configs/scenes/case_b.toml --plot section.png",
+        "suas solve configs/scenes/case_b.toml --json --gradient oil_pressure_Pa",
+    ),
+    "sweep": ("suas sweep configs/scenes/case_b.toml --force 0:40:21 --plot curve.png",),
+    "range": ("suas range configs/skins/suas.toml --plot range.png",),
+    "simulate": (
+        "suas simulate configs/scenes/case_b.toml -o press.csv --duration 5",
+        "suas simulate press.csv --live --port /tmp/skin --format cobs",
+    ),
+    "convert": ("suas convert press.csv press.parquet",),
+    "log": ("suas log /dev/ttyUSB0 --format cobs --duration 60 -o press.csv",),
+    "baseline": ("suas baseline rest.csv -o rest.json",),
+    "data": ("suas data configs/data/treloar1944_uniaxial.csv",),
+    "examples": ("suas examples", "suas examples elsewhere/configs"),
+    "invert": (
+        "suas invert configs/skins/suas.toml press.csv --plot loads.png",
+        "suas invert configs/skins/suas.toml --live /dev/ttyUSB0 --json",
+    ),
+    "fit material": (
+        "suas fit material --law ogden --terms 3 "
+        "--data uniaxial=configs/data/treloar1944_uniaxial.csv --plot fit.png",
+        "suas fit material --law auto --data uniaxial=configs/data/treloar1944_uniaxial.csv",
+    ),
+    "fit sensor": ("suas fit sensor configs/skins/suas.toml press.csv --fit permittivity,gap",),
+    "fit materials": ("suas fit materials jobs.toml -o results.jsonl",),
+}
+"""Command lines by the words that follow `suas`."""
+
+PANELS = {
+    "Start": ("examples",),
+    "The model": ("solve", "sweep", "range", "simulate"),
+    "Measurements": ("log", "baseline", "data", "convert"),
+    "Fits": ("fit", "invert"),
+}
+"""Headings of the overview, and the commands below each; others stand under `Commands`."""
+
+
+class Command(NamedTuple):
+    """A command of the program.
+
+    Attributes:
+        words: that follow `suas`.
+        registered: what the parser keeps about it.
+    """
+
+    words: str
+    registered: typer.models.CommandInfo
+
+
+def commands_of(app: typer.Typer, group: str = "") -> Iterator[Command]:
+    """Every command of the program, those of its groups included."""
+    for command in app.registered_commands:
+        assert command.callback is not None
+        name = command.name or command.callback.__name__
+        yield Command(f"{group} {name}".strip(), command)
+    for part in app.registered_groups:
+        assert part.typer_instance is not None
+        yield from commands_of(part.typer_instance, f"{group} {part.name}".strip())
+
+
+def add_examples(app: typer.Typer) -> None:
+    """Show the examples below the help of each command, and the headings in the overview."""
+    for command in commands_of(app):
+        lines = EXAMPLES.get(command.words, ())
+        if lines:
+            title = "Example:" if len(lines) == 1 else "Examples:"
+            # An empty line parts paragraphs; a single end of line would be taken out.
+            command.registered.epilog = "\n\n".join([title, *lines])
+    panels = {name: panel for panel, names in PANELS.items() for name in names}
+    parts: list[typer.models.CommandInfo | typer.models.TyperInfo]
+    parts = [*app.registered_commands, *app.registered_groups]
+    for part in parts:
+        if part.name in panels:
+            part.rich_help_panel = panels[part.name]

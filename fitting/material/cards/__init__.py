@@ -1,0 +1,1 @@
+"""Material cards: the fitted law in the files of other programs."""

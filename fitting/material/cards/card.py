@@ -1,0 +1,102 @@
+"""Material cards for other programs, each in its own convention.
+
+Ogden's law here is sum mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3); what a term is
+elsewhere stands in the file of each program. Laws that are polynomials of I1 - 3 and I2 - 3
+have the same coefficients everywhere except in ANSYS, whose neo-Hookean law takes mu, and in
+FEBio, whose Mooney-Rivlin has c1 and c2. C3 (I2 - 3)^2 is the coefficient C02 of a polynomial
+of degree two.
+
+All cards are incompressible, or nearly so where a program demands a bulk modulus: then it
+is `BULK` times the shear modulus, which the card says. Units are SI (m, kg, s, Pa), or those of
+engineers who count in millimetres (mm, t, s, MPa).
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import tomlkit
+
+from fitting.material.cards.abaqus import abaqus, calculix
+from fitting.material.cards.ansys import ansys
+from fitting.material.cards.comsol import comsol
+from fitting.material.cards.febio import febio
+from fitting.material.cards.felupe import felupe
+from fitting.material.cards.lsdyna import lsdyna
+from fitting.material.cards.settings import UNITS, CardError, CardSettings, in_units
+from suas_jax.config.law import LawSpec
+from suas_jax.files.writing import write_text
+
+
+class Program(NamedTuple):
+    """A program that reads cards.
+
+    Attributes:
+        write: makes the card.
+        comment: begins a line of remarks.
+        relaxes: whether the card holds the relaxation of the stress.
+        softens: whether it holds the softening.
+    """
+
+    write: Callable[[LawSpec, CardSettings], str]
+    comment: str
+    relaxes: bool
+    softens: bool
+
+
+def _toml(law: LawSpec, settings: CardSettings) -> str:
+    return tomlkit.dumps({"material": law.table()})
+
+
+PROGRAMS: dict[str, Program] = {
+    "abaqus": Program(abaqus, "**", True, True),
+    "calculix": Program(calculix, "**", False, False),
+    "ansys": Program(ansys, "!", True, True),
+    "febio": Program(febio, "", True, False),
+    "comsol": Program(comsol, "%", True, True),
+    "lsdyna": Program(lsdyna, "$", True, False),
+    "felupe": Program(felupe, "#", False, True),
+    "toml": Program(_toml, "#", True, True),
+}
+"""Programs by name; "toml" is the [material] table of a skin."""
+
+
+def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> str:
+    """The card of a law for a program.
+
+    Args:
+        law: the law; constants that were not given are left out.
+        program: one of `PROGRAMS`.
+        settings: units, name and density.
+
+    Raises:
+        CardError: the program is unknown or doesn't have this law.
+    """
+    if program not in PROGRAMS:
+        raise CardError(f"--export {program}: unknown program; allowed: {', '.join(PROGRAMS)}")
+    chosen = settings or CardSettings()
+    if program == "toml":  # quantities with units, whatever the units
+        return _toml(law, chosen)
+    text = PROGRAMS[program].write(in_units(law, UNITS[chosen.units][1]), chosen)
+    remark, mark = left_out(law, program), PROGRAMS[program].comment
+    if not remark:
+        return text
+    return f"{mark} {remark}\n{text}" if mark else f"<!-- {remark} -->\n{text}"
+
+
+def left_out(law: LawSpec, program: str) -> str:
+    """What of a material the card of a program does not hold, in words; "" for nothing."""
+    known = PROGRAMS[program]
+    parts = []
+    if law.relaxation is not None and not known.relaxes:
+        parts.append("relaxation: the constants are the long-term ones")
+    if law.softening is not None and not known.softens:
+        parts.append("softening: the constants are those of the virgin material")
+    return f"without {'; without '.join(parts)}" if parts else ""
+
+
+def write_card(
+    law: LawSpec, program: str, file: Path, settings: CardSettings | None = None
+) -> None:
+    """Write the card of a law to a file; see `card`."""
+    write_text(file, card(law, program, settings))

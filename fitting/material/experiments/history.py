@@ -1,0 +1,291 @@
+"""Tests of a material that remembers: relaxation, loading at several rates, loading cycles.
+
+The readings are those of a `StressTest` in the order of time. A test without times is taken as
+slow: its stress has relaxed at every reading, and only its order counts.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from fitting.material.data.errors import DataError
+from fitting.material.experiments.homogeneous import padded, shear_factors
+from fitting.material.experiments.measurements import Dataset, Predictor
+from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.selection import half_cycles, series_of
+from fitting.material.experiments.stress_tests import StressTest, homogeneous
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.constitutive.deformation import LogStretches
+from suas_jax.constitutive.inelastic import Inelastic
+from suas_jax.constitutive.softening import largest_before
+from suas_jax.constitutive.specimens.homogeneous import kirchhoff
+
+# Longer than any relaxation: the stress of a test without times has relaxed.
+_FOREVER = 1e30
+# A strain is held where it changes by less than this share of the test's from row to row.
+HELD = 2e-3
+# A test begins at rest if its first reading is deformed by no more than this share.
+_NEAR_REST = 0.02
+# Between two rows the strain is followed in steps of this logarithm, but no more than so many.
+_STEP, _MOST_STEPS = 0.05, 64
+
+
+@dataclasses.dataclass(frozen=True)
+class HistoryTest(StressTest):
+    """A stress test whose readings depend on what came before."""
+
+    @property
+    def follows_history(self) -> bool:
+        """Whether a reading depends on those before."""
+        return True
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the file states times."""
+        return bool(np.all(np.isfinite(self.time)))
+
+    @property
+    def abscissa(self) -> np.ndarray:
+        """Time of a test that holds its strain; else the coordinate."""
+        return self.time if self.is_relaxation else super().abscissa
+
+    @property
+    def abscissa_label(self) -> str:
+        """Name of the abscissa."""
+        return "time [s]" if self.is_relaxation else super().abscissa_label
+
+    @property
+    def is_relaxation(self) -> bool:
+        """Whether most readings are of a strain that is held."""
+        if not self.is_timed:
+            return False
+        moved = np.abs(np.diff(coordinates(self)[0]))
+        farthest = float(np.max(np.abs(self.coordinate - (self.mode != "simple_shear"))))
+        return bool(np.mean(moved <= HELD * farthest) > 0.5) if moved.size else False
+
+    @property
+    def order(self) -> np.ndarray:
+        """Position of each reading in its series, which orders neighbours, shape [n]."""
+        return np.arange(self.size, dtype=float)
+
+    def paths(self) -> list[np.ndarray]:
+        """Readings of each specimen and direction in the order of time."""
+        found = []
+        for rows in series_of(self):
+            for direction in np.unique(self.direction[rows]):
+                own = rows[self.direction[rows] == direction]
+                found.append(own[self._sequence(own)])
+        return found
+
+    def _sequence(self, rows: np.ndarray) -> np.ndarray:
+        """Order of time of some rows: by the clock, else as they stand, if they can."""
+        if self.is_timed:
+            return np.argsort(self.time[rows], kind="stable")
+        h = self.deformation[rows]
+        shuffled = len(half_cycles(h)) == 1 and not np.all(np.diff(h) >= 0.0)
+        return np.argsort(h, kind="stable") if shuffled else np.arange(len(rows))
+
+    def predictor(self, *, estimate: bool) -> Predictor:
+        """Histories; as a rough prediction, the elastic stress of every state."""
+        return homogeneous if estimate else histories
+
+
+def with_history(data: Dataset) -> HistoryTest:
+    """A test that remembers.
+
+    Args:
+        data: a test of homogeneous deformation.
+
+    Raises:
+        DataError: the test is of another kind, or its times are not complete or negative.
+    """
+    if not isinstance(data, StressTest):
+        raise DataError(
+            f"{data.file}: relaxation and softening are found from homogeneous tests; "
+            f"{data.mode} is none"
+        )
+    known = np.isfinite(data.time)
+    if known.any() and not known.all():
+        data = data.select(known)
+    values = {field.name: getattr(data, field.name) for field in dataclasses.fields(data)}
+    return HistoryTest(**values)
+
+
+class History(AbstractExperiment):
+    """Readings of tests that remember, Σ_k a_k S_k of pulled-back stresses with a history.
+
+    Attributes:
+        e1: log λ₁ of every state passed through, shape [m].
+        e2: log λ₂, shape [m].
+        pull: parts of τ₁ and τ₂ in the pulled-back stresses, shape [m, 3, 2].
+        elapsed: time since the state before [s], shape [m].
+        begins: where another history begins, shape [m].
+        state: state of each reading, shape [n].
+        push: a, the parts of the pulled-back stresses in the reading, shape [n, 3].
+    """
+
+    e1: Float[Array, " m"]
+    e2: Float[Array, " m"]
+    pull: Float[Array, "m 3 2"]
+    elapsed: Float[Array, " m"]
+    begins: Bool[Array, " m"]
+    state: Int[Array, " n"]
+    push: Float[Array, "n 3"]
+
+    @property
+    def size(self) -> int:
+        """Number of readings, padding included."""
+        return len(self.state)
+
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings [Pa]; zero for padding."""
+        inelastic = law if isinstance(law, Inelastic) else Inelastic(law)
+        elastic, relaxation = inelastic.elastic, inelastic.relaxation
+        share = 1.0 if relaxation is None else relaxation.long_term_share
+        tau = jnp.stack(kirchhoff(elastic, self.e1, self.e2), axis=-1) / share
+        if inelastic.softening is not None:
+            energy = elastic.energy(LogStretches(self.e1, self.e2)) / share
+            largest = largest_before(energy, self.begins)
+            tau = tau * inelastic.softening.factor(energy, largest)[:, None]
+        stress = jnp.einsum("mkj,mj->mk", self.pull, tau)
+        if relaxation is not None:
+            stress = relaxation.relaxed(self.elapsed, self.begins, stress)
+        return jnp.sum(self.push * stress[self.state], axis=-1)
+
+
+def histories(tests: Sequence[HistoryTest]) -> History:
+    """Tests that remember, one after the other, as one evaluation."""
+    states: list[tuple[np.ndarray, ...]] = []
+    which, push = [], []
+    count = 0
+    for test in tests:
+        position = np.zeros(test.size, dtype=int)
+        for rows in test.paths():
+            x, elapsed, begins, at = _states(test, rows)
+            position[rows] = count + at
+            count += len(elapsed)
+            states.append((*_pulled(test, x), elapsed, begins))
+        which.append(position)
+        push.append(_pushed(test))
+    e1, e2, pull, elapsed, begins = (
+        np.concatenate(parts) for parts in zip(*states, strict=True)
+    )
+    room = len(padded(e1)) - count
+    place, parts = np.concatenate(which), np.concatenate(push)
+    spare = len(padded(place.astype(float))) - len(place)
+    return History(
+        e1=padded(e1),
+        e2=padded(e2),
+        pull=jnp.asarray(np.pad(pull, ((0, room), (0, 0), (0, 0)))),
+        elapsed=padded(elapsed),
+        begins=jnp.asarray(np.pad(begins, (0, room), constant_values=True)),
+        state=jnp.asarray(np.pad(place, (0, spare))),
+        push=jnp.asarray(np.pad(parts, ((0, spare), (0, 0)))),
+    )
+
+
+def _states(
+    test: HistoryTest, rows: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """States that a series passes through: its readings, and those before and between.
+
+    Returns:
+        Coordinates [2, m], time since the state before [m], where the history begins [m], and
+        the states of the readings [n].
+    """
+    x = coordinates(test)[:, rows]
+    if not test.is_timed:
+        count = len(rows)
+        begins = np.arange(count) == 0
+        return x, np.full(count, _FOREVER), begins, np.arange(count)
+    clock = test.time[rows]
+    before, earlier, held_for = _before(test, x, clock)
+    knots, moments = [*before, *x.T], [*earlier, *clock.tolist()]
+    points, times, at = [knots[0]], [moments[0]], [0]
+    for now, moment in zip(knots[1:], moments[1:], strict=True):
+        gap = float(np.max(np.abs(_distance(points[-1], now, test.mode))))
+        steps = int(np.clip(np.ceil(gap / _STEP), 1, _MOST_STEPS))
+        last, since = points[-1], times[-1]
+        for share in np.arange(1, steps + 1) / steps:
+            points.append(last + share * (now - last))
+            times.append(since + share * (moment - since))
+        at.append(len(points) - 1)
+    elapsed = np.maximum(np.diff(times, prepend=times[0]), 0.0)
+    elapsed[0] = held_for
+    return np.array(points).T, elapsed, np.arange(len(points)) == 0, np.array(at[len(before) :])
+
+
+def _before(
+    test: HistoryTest, x: np.ndarray, clock: np.ndarray
+) -> tuple[list[np.ndarray], list[float], float]:
+    """What a series went through before its first reading.
+
+    Returns:
+        States and times before it, and for how long the first state of all was held. A series
+        that begins at rest has none. One that begins while it deforms came at that rate. One
+        that begins with its strain held was loaded by the stated ramp; else at once, at time
+        zero if that is not long before, or at its first reading.
+    """
+    rest = np.zeros(2) if test.mode == "simple_shear" else np.ones(2)
+    away = float(np.max(np.abs(_distance(rest, x[:, 0], test.mode))))
+    farthest = float(np.max(np.abs(_distance(rest[:, None], x, test.mode))))
+    if away <= _NEAR_REST * farthest:
+        return [], [], 0.0
+    begin, span = float(clock[0]), float(clock[-1] - clock[0])
+    since_zero = 0.0 < begin <= span
+    ramp = test.origin.ramp
+    if ramp > 0.0:
+        # Time zero is where the ramp begins if it fits in before the first reading; else where
+        # it ends.
+        end = begin if not since_zero else ramp if ramp <= begin else 0.0
+        return [rest, x[:, 0]], [end - ramp, end], 0.0
+    first = np.max(np.abs(_distance(x[:, 0], x[:, min(1, x.shape[1] - 1)], test.mode)))
+    if first > HELD * farthest and clock[1] > clock[0]:
+        lasted = away / float(first) * float(clock[1] - clock[0])
+        return [rest], [float(clock[0]) - lasted], 0.0
+    return [], [], begin if since_zero else 0.0
+
+
+def coordinates(test: StressTest) -> np.ndarray:
+    """Both stretches, or the amount of shear and zero, shape [2, n]."""
+    if test.mode == "simple_shear":
+        return np.stack([test.coordinate, np.zeros(test.size)])
+    return np.stack([test.stretch_1, test.stretch_2])
+
+
+def _distance(a: np.ndarray, b: np.ndarray, mode: str) -> np.ndarray:
+    """From one state to another: logarithms of stretches, or shear."""
+    return b - a if mode == "simple_shear" else np.log(b / a)
+
+
+def _pulled(test: StressTest, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Logarithms of the stretches, and the parts of τ₁, τ₂ in S = F⁻¹ dev τ F⁻ᵀ [m, 3, 2].
+
+    Principal components of S; in simple shear S₁₂ and S₂₂, which the shear stress reads.
+    """
+    pull = np.zeros((x.shape[1], 3, 2))
+    if test.mode == "simple_shear":
+        shear = x[0]
+        e1, e2, *_ = shear_factors(shear)
+        turn = 0.5 * np.arctan2(2.0, shear)
+        cos, sin = np.cos(turn), np.sin(turn)
+        pull[:, 1] = np.stack([sin**2 - 1.0 / 3.0, cos**2 - 1.0 / 3.0], axis=-1)
+        pull[:, 0] = np.stack([sin * cos, -sin * cos], axis=-1) - shear[:, None] * pull[:, 1]
+        return e1, e2, pull
+    parts = np.array([[2.0, -1.0], [-1.0, 2.0], [-1.0, -1.0]]) / 3.0
+    squares = np.stack([x[0], x[1], 1.0 / (x[0] * x[1])]) ** 2
+    pull[:] = parts / squares.T[:, :, None]
+    return np.log(x[0]), np.log(x[1]), pull
+
+
+def _pushed(test: StressTest) -> np.ndarray:
+    """Parts of the pulled-back stresses in each reading, with the third stress free [n, 3]."""
+    if test.mode == "simple_shear":
+        one = np.ones(test.size)
+        return np.stack([one, test.coordinate, 0.0 * one], axis=-1)
+    e1, e2, c1, c2 = test.factors
+    stretches = np.exp([2.0 * e1, 2.0 * e2, -2.0 * (e1 + e2)])
+    return (np.stack([c1, c2, -(c1 + c2)]) * stretches).T

@@ -1,0 +1,149 @@
+"""Which readings of the data are fitted, and what their curves alone show."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fitting.material.experiments.artefacts import Suspect, curve_suspects, without_toe
+from fitting.material.experiments.data_checks import (
+    branches,
+    contradictions,
+    refuse_without_information,
+    warnings_of,
+)
+from fitting.material.experiments.history import HistoryTest, with_history
+from fitting.material.experiments.history_thinning import thinned_history
+from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.selection import before_break, in_cycle, thinned
+
+
+def prepared(
+    sets: Sequence[Dataset],
+    branch: str | None,
+    cycle: str,
+    zero: Sequence[str],
+    *,
+    cut_break: bool,
+    remembers: bool,
+    thin: int,
+) -> tuple[list[Dataset], list[str], list[Suspect]]:
+    """The readings that are fitted, remarks, and artefacts that their curves show.
+
+    Args:
+        sets: the data.
+        branch: "all" or "loading"; None takes all.
+        cycle: "all", "first", "last" or a number.
+        zero: what is found with the law.
+        cut_break: leave out what follows a failure.
+        remembers: readings depend on those before them.
+        thin: most readings of a curve; zero keeps all.
+
+    Raises:
+        ValueError: branch or cycle are not allowed, or a test says nothing.
+    """
+    used, notes, suspects = [], [], []
+    for data in sets:
+        kept = _on_branch(in_cycle(data, cycle), branch or "all")
+        if kept.size < data.size and cycle != "all":
+            notes.append(
+                f"{data.file}: {data.size - kept.size} readings outside of the {cycle} cycle's "
+                f"loading left out"
+            )
+        elif kept.size < data.size:
+            notes.append(
+                f"{data.file}: {data.size - kept.size} readings of unloading branches left out"
+            )
+        if cut_break:
+            whole = before_break(kept)
+            if whole.size < kept.size:
+                notes.append(
+                    f"{data.file}: {kept.size - whole.size} readings after the break left out"
+                )
+            kept = whole
+        if "slack" in zero:
+            taut = without_toe(kept)
+            if taut.size < kept.size:
+                notes.append(
+                    f"{data.file}: {kept.size - taut.size} readings of the toe, before the "
+                    f"curve is steepest, left out"
+                )
+            kept = taut
+        if remembers:
+            kept = with_history(kept)
+        refuse_without_information(kept)
+        notes += warnings_of(kept)
+        suspects += curve_suspects(kept)
+        few = (
+            thinned_history(kept, thin)
+            if isinstance(kept, HistoryTest)
+            else thinned(kept, thin)
+        )
+        if few.size < kept.size:
+            notes.append(
+                f"{data.file}: {kept.size} readings are fitted as {few.size} means of runs; "
+                f"--thin 0 keeps all"
+            )
+        used.append(few)
+    return used, [*notes, *contradictions(used)], suspects
+
+
+def _on_branch(data: Dataset, branch: str) -> Dataset:
+    if branch == "all":
+        return data
+    if branch != "loading":
+        raise ValueError(f"--branch {branch}: unknown; allowed: all, loading")
+    return data.select(~branches(data).unloading)
+
+
+def refuse_what_forgets(
+    branch: str | None,
+    cycle: str,
+    zero: Sequence[str],
+    bounds: Mapping[str, tuple[float, float]] | None,
+) -> None:
+    """Refuse options that leave out part of a history, or are not there for one.
+
+    Raises:
+        ValueError: names the option.
+    """
+    for option, value in {"--branch": branch or "all", "--cycle": cycle}.items():
+        if value != "all":
+            raise ValueError(
+                f"{option} {value}: leaves out part of the history, and with --prony or "
+                f"--mullins a reading depends on all before it"
+            )
+    if zero:
+        raise ValueError(f"--zero {zero[0]}: is not found with --prony or --mullins")
+    if bounds:
+        raise ValueError("--bound: is not there with --prony or --mullins")
+
+
+def window_of(sets: Sequence[Dataset], prony: int) -> tuple[float, float]:
+    """Shortest and longest time that tests of relaxation resolve [s].
+
+    Args:
+        sets: the data.
+        prony: number of Prony terms that are asked for.
+
+    Raises:
+        ValueError: Prony terms are asked for, and no test states times.
+    """
+    shortest, longest = [], []
+    for data in sets:
+        if not isinstance(data, HistoryTest) or not data.is_timed:
+            continue
+        for rows in data.paths():
+            steps = np.diff(data.time[rows])
+            steps = steps[steps > 0.0]
+            if steps.size:
+                first = float(data.time[rows[0]])
+                shortest.append(min(float(steps.min()), first) if first > 0.0 else steps.min())
+                longest.append(float(np.ptp(data.time[rows])))
+    if shortest:
+        return float(min(shortest)), float(max(longest))
+    if prony:
+        raise ValueError(
+            "--prony: no file states times; add a column such as time_s, or a rate: "
+            '"# strain_rate: 0.1 1/s"'
+        )
+    return 1.0, 1.0

@@ -1,0 +1,128 @@
+"""Taxels that say nothing about the gap: stuck at a count, or saturated.
+
+One rule for logs and streams, calibration and estimation. A taxel is stuck while it keeps its
+count in more frames than chance explains, in which most of the others changed; where the
+noise is so small that a healthy taxel repeats itself, in STUCK_AFTER frames. A count of zero
+or of full scale is saturated.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.acquisition.log.format import MAX_COUNT
+
+STUCK_AFTER = 100
+"""Frames in which a taxel keeps its count while others move, where chance says nothing."""
+_STUCK = 1e-10  # chance that a healthy taxel repeats its count often enough to be called stuck
+_LEAST_NOISE = 0.4  # counts: below it a healthy taxel may well repeat itself
+# Full scales of converters with fewer bits than the log's counts.
+_FULL_SCALES = (255, 1023, 4095, 16383)
+_PILED_UP = 5  # readings at the very end of a range that make it a full scale
+
+
+def full_scale(so: NDArray[np.float64]) -> float:
+    """Count at which the converter is full: 65535, or a smaller one that readings pile up at.
+
+    Args:
+        so: all counts of a log; NaN where missing.
+    """
+    largest = np.nanmax(so) if np.isfinite(so).any() else 0.0
+    piled_up = largest in _FULL_SCALES and np.sum(so == largest) >= _PILED_UP
+    return float(largest) if piled_up else float(MAX_COUNT)
+
+
+def saturated(so: NDArray[np.float64], full: float = MAX_COUNT) -> NDArray[np.bool_]:
+    """Which counts are at an end of the converter's range.
+
+    Args:
+        so: counts; NaN where missing.
+        full: count at which the converter is full.
+    """
+    return np.asarray((so >= full) | (so <= 0))
+
+
+def typical_noise(so: NDArray[np.float64]) -> float:
+    """Standard deviation of a reading, from the differences of neighbouring frames [counts].
+
+    Args:
+        so: counts [frame, taxel]; NaN where missing.
+    """
+    step = np.abs(np.diff(so, axis=0))
+    step = step[np.isfinite(step)]
+    return 1.4826 * float(np.median(step)) / math.sqrt(2) if step.size else 0.0
+
+
+def repeats_needed(noise: float, taxels: int) -> int:
+    """Equal counts in a row beyond which a taxel is stuck.
+
+    Args:
+        noise: standard deviation of a reading [counts].
+        taxels: how many are watched.
+    """
+    if not noise >= _LEAST_NOISE:
+        return STUCK_AFTER
+    # Two readings of Gaussian noise s round to the same count with about this chance.
+    same = min(1 / (2 * math.sqrt(math.pi) * noise), 0.9)
+    return math.ceil(math.log(_STUCK / max(taxels, 1)) / math.log(same))
+
+
+def stuck_taxels(so: NDArray[np.float64], noise: float) -> NDArray[np.bool_]:
+    """Where taxels are stuck [frame, taxel].
+
+    Frames in which most taxels keep their counts (polled before the converter refreshed, or a
+    skin at rest without noise) say nothing.
+
+    Args:
+        so: counts [frame, taxel]; NaN where missing.
+        noise: standard deviation of a reading [counts].
+    """
+    frames, taxels = so.shape
+    stuck = np.zeros(so.shape, bool)
+    if frames < 2:
+        return stuck
+    same = np.diff(so, axis=0) == 0
+    compared = np.isfinite(np.diff(so, axis=0))
+    fresh = same.sum(1) <= 0.5 * np.maximum(compared.sum(1), 1)
+    needed = repeats_needed(noise, taxels)
+    for k in np.flatnonzero((same & fresh[:, None]).sum(0) >= needed):
+        for begin, end in _equal_runs(so[:, k]):
+            if fresh[begin : end - 1].sum() >= needed:
+                stuck[begin:end, k] = True
+    return stuck
+
+
+def _equal_runs(values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Runs of equal neighbouring values; what is missing (NaN) is a run of its own.
+
+    Returns:
+        First index of each run, and the index after its last [run, 2].
+    """
+    edges = np.flatnonzero(~(np.diff(values) == 0)) + 1
+    begin = np.concatenate([[0], edges])
+    return np.stack([begin, np.append(edges, len(values))], axis=1)
+
+
+class StuckWatch:
+    """`stuck_taxels` frame by frame, for a stream.
+
+    Args:
+        noise: standard deviation of a reading [counts].
+        taxels: their number.
+    """
+
+    def __init__(self, noise: float, taxels: int) -> None:
+        self._needed = repeats_needed(noise, taxels)
+        self._last = np.full(taxels, np.nan)
+        self._run = np.zeros(taxels, np.int64)
+
+    def feed(self, so: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Take a frame; return which taxels are stuck by now."""
+        same = so == self._last
+        changed = np.isfinite(so)
+        if same.sum() <= 0.5 * max(int(changed.sum()), 1):
+            self._run[same] += 1
+        self._run[~same] = 0
+        self._last = so.copy()
+        return self._run >= self._needed

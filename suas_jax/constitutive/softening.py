@@ -1,0 +1,54 @@
+"""Stress softening of a rubber below its largest load before: the Mullins effect.
+
+The stress of the elastic law is multiplied by (Ogden and Roxburgh 1999, width as in Abaqus)
+
+    η = 1 − erf((W_max − W)/(m + β W_max))/r
+
+with W the law's energy and W_max the largest of its past. On first loading η is one.
+
+R. W. Ogden, D. G. Roxburgh, A pseudo-elastic model for the Mullins effect in filled rubber,
+Proceedings of the Royal Society A 455 (1999), 2861-2877.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+class OgdenRoxburgh(eqx.Module):
+    """Softening of Ogden and Roxburgh.
+
+    Attributes:
+        r: 1/r is the largest share of the stress that is lost; greater than one.
+        m: energy below W_max over which it is lost [J/m³].
+        beta: how much that energy grows with W_max.
+    """
+
+    r: Float[Array, ""]
+    m: Float[Array, ""]
+    beta: Float[Array, ""]
+
+    def factor(
+        self, energy: Float[Array, "..."], largest: Float[Array, "..."]
+    ) -> Float[Array, "..."]:
+        """η for an energy and the largest one before [J/m³], any shape."""
+        width = self.m + self.beta * largest
+        return 1.0 - jax.lax.erf((largest - energy) / width) / self.r
+
+
+def largest_before(energy: Float[Array, " n"], begins: Bool[Array, " n"]) -> Float[Array, " n"]:
+    """Largest energy of each history up to and including a row.
+
+    Args:
+        energy: W in the order of time, histories one after the other, shape [n].
+        begins: where another history begins, shape [n].
+    """
+
+    def later(before: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        now, begin = row
+        largest = jnp.where(begin, now, jnp.maximum(before, now))
+        return largest, largest
+
+    _, found = jax.lax.scan(later, jnp.zeros_like(energy[0]), (energy, begins))
+    return found

@@ -1,0 +1,125 @@
+"""Readings of a pad along rising loads: what a table of solved states is made of.
+
+Each state starts from a polynomial through the ones before. The last Newton correction's
+factors serve the omitted energy, too, so a state costs little more than its corrections.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from suas_jax.equilibrium.balance import Problem, State, border_of, residual
+from suas_jax.mesh.pad_plan import PadPlan
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.bordered_solve import BorderedVector, eliminate
+from suas_jax.scene.pad_forward import PadReadings, PadSkin, Patches, read
+
+# Displacement by the last Newton correction before the shear is added, relative.
+_CLOSE = 1e-2
+_MOST_CORRECTIONS = 12
+
+
+def _with_shear(
+    problem: Problem, y: BorderedVector, level: Lanes
+) -> tuple[State, BorderedVector, Bool[Array, " lane"]]:
+    """Newton's method from a state nearby, and the first-order effect of the omitted energy.
+
+    The last correction's factors serve the omitted energy, too.
+
+    Args:
+        problem: membrane, oil and loads; one lane.
+        y: a state near the equilibrium.
+        level: factor on the loads.
+
+    Returns:
+        The state with what the shell leaves out, the shell's own, and whether it was found.
+    """
+    mechanics = problem.mechanics
+
+    def omitted(y: BorderedVector) -> Array:
+        found = mechanics.omitted_gradient(y.stations)
+        return jnp.zeros_like(y.stations) if found is None else found
+
+    def body(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+        y, _, last, count, _ = carry
+        r, operator = residual(problem, y, level)
+        more = jax.lax.cond(jnp.all(last), omitted, lambda y: jnp.zeros_like(y.stations), y)
+        border = None if r.border is None else jnp.zeros_like(r.border)
+        both = jax.tree.map(lambda *x: jnp.stack(x), r, BorderedVector(more, border))
+        solved = jax.vmap(lambda right: eliminate(operator, right).solution)(both)
+        first, second = (jax.tree.map(lambda x, i=i: x[i], solved) for i in (0, 1))
+        new = jax.tree.map(lambda a, b: a - b, y, first)
+        size = mechanics.displacement_size(first.stations)
+        scale = mechanics.displacement_size(new.stations)
+        close = size <= _CLOSE * scale
+        changed = jax.tree.map(jnp.add, new, second)
+        return new, changed, close, count + 1, last & close
+
+    def going(carry: tuple[Any, ...]) -> Array:
+        _, _, _, count, done = carry
+        return ~jnp.all(done) & (count < _MOST_CORRECTIONS)
+
+    no = jnp.zeros(y.stations.shape[-1:], bool)
+    y, changed, _, _, done = jax.lax.while_loop(going, body, (y, y, no, jnp.array(0), no))
+    state = State(changed.stations, border_of(changed), level)
+    return state, y, done & jnp.all(jnp.isfinite(changed.stations), (0, 1))
+
+
+def readings_along(
+    skin: PadSkin,
+    patches: Patches,
+    plan: PadPlan,
+    levels: Float[Array, " level"],
+    weights: Float[Array, "level level"],
+) -> PadReadings:
+    """Readings along a path of loads that starts at rest.
+
+    Args:
+        skin: the pad.
+        patches: contacts with their largest forces.
+        plan: the mesh.
+        levels: factors on the forces, in the order to visit.
+        weights: of the states before, rest first, in the state that the next one starts
+            from, see `extrapolation`.
+    """
+    problem = skin.problem(patches, plan)
+    rest = problem.mechanics.rest()
+    border = jnp.zeros(1) if problem.oil.trapped else None
+    history = jax.tree.map(
+        lambda x: jnp.zeros((len(levels), *x.shape)), BorderedVector(rest, border)
+    )
+
+    def visit(history: BorderedVector, step: tuple[Array, ...]) -> tuple[Any, PadReadings]:
+        index, level, weight = step
+        start = jax.tree.map(lambda x: jnp.tensordot(weight, x, 1), history)
+        state, y, found = _with_shear(problem, start, level[None])
+        kept = jax.tree.map(
+            lambda h, x: jax.lax.dynamic_update_index_in_dim(h, x, index + 1, 0), history, y
+        )
+        return kept, read(skin, problem, state, found)
+
+    steps = (jnp.arange(len(levels)), levels, weights)
+    return jax.lax.scan(visit, history, steps)[1]
+
+
+def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:
+    """Weights of the states at rest and at earlier levels in a polynomial at the next one.
+
+    Args:
+        levels: factors on the loads, in the order to visit.
+        order: most of the polynomial.
+
+    Returns:
+        A row a level, a column for rest and each level but the last.
+    """
+    weights = np.zeros((len(levels), len(levels)))
+    places = np.concatenate([[0.0], levels])
+    for i, level in enumerate(levels):
+        used = range(max(0, i - order), i + 1)
+        for k in used:
+            others = [places[j] for j in used if j != k]
+            weights[i, k] = np.prod([(level - x) / (places[k] - x) for x in others])
+    return weights

@@ -1,0 +1,66 @@
+"""The keys of a report in their order, and what each one means: SI units end the names."""
+
+REPORT_KEYS = {
+    "model": "what was solved: `shell` or `solid`",
+    "dimension": "2 in plane strain, 3 with clamped ends",
+    "status": "`converged`, or the name of the failure",
+    "message": "the status in words, with remarks on what was found",
+    "rtol_met": "whether `error_estimate` is at most the wanted `rtol`",
+    "loads": "an object for each load, in the order of the file",
+    "oil_pressure_Pa": "pressure of the oil above ambient",
+    "ambient_pressure_Pa": "pressure of the water; only with `[environment]`",
+    "absolute_oil_pressure_Pa": "sum of both; only with `[environment]`",
+    "max_displacement_m": "largest displacement of the inner face",
+    "max_displacement_angle_deg": "where, by current polar angle",
+    "max_displacement_axial_m": "where along the axis; in three dimensions",
+    "min_gap_m": "smallest distance of the inner face from the wall",
+    "min_gap_angle_deg": "where, by current polar angle",
+    "min_gap_axial_m": "where along the axis; in three dimensions",
+    "bulge_m": "largest outward displacement of the inner face",
+    "bulge_angle_deg": "where, by current polar angle",
+    "bulge_axial_m": "where along the axis; in three dimensions",
+    "wall_contact": "whether the inner face has reached the wall",
+    "wall": "`null`, or the wall's `force_N`, its `area_m2`, and from where to where it is "
+    "touched, `angle_deg` and `axial_m`",
+    "gap_tolerance_m": "deepest penetration of the wall, or indentation of its soft layer; "
+    "`null` where the wall does not hold the membrane",
+    "strain_energy_J": "energy stored in the membrane",
+    "stretch_min": "smallest hoop stretch of the inner face",
+    "stretch_max": "largest hoop stretch of the inner face",
+    "stable": "whether the equilibrium is stable on the whole skin with its oil",
+    "material_stable": "whether every stretch lies in the law's window of stability",
+    "volume_residual": "error of the oil's volume, relative to the film",
+    "error_estimate": "sum of the two that follow; `null` where unknown",
+    "discretisation_error": "relative error of pressure and displacement by the mesh",
+    "model_error": "the same by the model: zero for the solid",
+    "iterations": "Newton corrections from rest",
+    "unknowns": "degrees of freedom, the oil's pressure included",
+    "taxels": "an object for each taxel, by module and number; empty without electrodes",
+    "timings_s": "`compile` and `solve` in seconds",
+    "gradient": "with `--gradient`: derivative by every continuous input, in SI units and "
+    "radians, by its path in the file",
+}
+"""Keys of `suas solve --json`."""
+
+LOAD_KEYS = {
+    "kind": "`line`, `patch` or `pressure`",
+    "angle_deg": "where it acts",
+    "arc_position_m": "its angle times the outer radius",
+    "axial_m": "where along the axis; in three dimensions",
+    "force_N": "total force, as scaled to reach a wanted oil pressure",
+    "displacement_m": "of the mid-surface under the load, along its direction",
+    "inner_displacement_m": "of the inner face under the load, along its direction",
+    "pressure_Pa": "of a uniform pressure, in place of all the others",
+}
+"""Keys of an entry of `loads`."""
+
+TAXEL_KEYS = {
+    "module": "number of the module, from 0",
+    "taxel": "number in the module, from 1",
+    "angle_deg": "of its centre, from the symmetry axis",
+    "axial_m": "of its centre, from mid-width",
+    "gap_m": "distance of wall and inner face on the ray through its centre",
+    "capacitance_F": "`null` where the membrane touches a taxel without layers",
+    "so": "sensor output, capacitance over the capacitance of a count; not rounded",
+}
+"""Keys of an entry of `taxels`."""

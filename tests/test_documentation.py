@@ -1,0 +1,112 @@
+"""The pages: keys and commands that are described, code that runs, commands that parse."""
+
+import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+
+from fitting.cli.app import app
+from fitting.cli.examples import EXAMPLES, commands_of
+from suas_jax.config.validation import TABLES
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+sys.path.append(str(DOCS / "extensions"))
+
+import names_page  # noqa: E402
+import report_page  # noqa: E402
+import specification_page  # noqa: E402
+
+PAGES = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+SPECIFICATIONS = [spec for specifications in TABLES.values() for spec in specifications]
+FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def with_nested(specification: type[Any]) -> Iterator[type[Any]]:
+    yield specification
+    for field in specification.model_fields.values():
+        for nested in specification_page.specifications_in(field.annotation):
+            yield from with_nested(nested)
+
+
+@pytest.mark.parametrize("specification", SPECIFICATIONS, ids=lambda s: s.__name__)
+def test_every_key_of_a_file_is_described(specification: type[Any]) -> None:
+    page = specification_page.page()
+    for spec in with_nested(specification):
+        meanings = specification_page.described_keys(spec)
+        for key, field in spec.model_fields.items():
+            if key in ("law", "model", "kind"):
+                continue  # they choose the specification
+            assert meanings.get(key), f"{spec.__name__}.{key}: the docstring says nothing"
+            assert field.examples, f"{spec.__name__}.{key}: no example"
+            assert f"| `{key}` |" in page
+            if "..." not in field.examples[0]:
+                tomllib.loads(f"key = {field.examples[0]}")
+
+
+def test_pages_of_the_code_state_what_the_code_has() -> None:
+    geometry = specification_page.page().split("## `[material]`")[0]
+    row = "| `thickness` | a length; greater than zero | required | thickness of the membrane |"
+    assert row in geometry
+    assert "| `oil_pressure_Pa` | pressure of the oil above ambient |" in report_page.page()
+    assert ".. autofunction:: suas_jax.solve\n" in names_page.page("suas_jax")
+    assert ".. autoclass:: fitting.LoadEstimator\n" in names_page.page("fitting")
+
+
+def parse(line: str) -> None:
+    """Let the program's parser read a command line, and run nothing."""
+    words = shlex.split(line)[1:]
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "commands") and words:
+        command = command.commands[words.pop(0)]
+    if words:
+        command.make_context("suas", words)
+
+
+def test_every_command_has_examples_that_parse() -> None:
+    assert {command.words for command in commands_of(app)} == set(EXAMPLES)
+    for words, lines in EXAMPLES.items():
+        for line in lines:
+            assert line.startswith(f"suas {words}")
+            parse(line)
+
+
+def command_lines(page: Path) -> Iterator[str]:
+    """The command lines of a page, without prompts, comments, pipes and redirections."""
+    for language, block in FENCE.findall(page.read_text(encoding="utf-8")):
+        if language not in ("", "console"):
+            continue
+        for line in block.replace("\\\n", " ").splitlines():
+            line = re.sub(r"^(\$ )?(\.venv/bin/)?(?=suas )", "", line)
+            # Square brackets mark what may be left out: a synopsis, not a command.
+            if line.startswith("suas ") and "[" not in line:
+                yield re.split(r"\s[|>]|\s#", line)[0]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_command_lines_of_the_pages_parse(page: Path) -> None:
+    for line in command_lines(page):
+        parse(line)
+
+
+def test_the_pages_have_command_lines() -> None:
+    assert len([line for page in PAGES for line in command_lines(page)]) > 40
+
+
+def test_a_wrong_option_is_noticed() -> None:
+    with pytest.raises(Exception, match="--plott"):
+        parse("suas solve scene.toml --plott figure.png")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_imports_of_the_page_are_there(page: Path) -> None:
+    for language, block in FENCE.findall(page.read_text(encoding="utf-8")):
+        if language == "python":
+            lines = re.findall(r"^(?:from .* import .*|import .*)$", block, re.MULTILINE)
+            exec("\n".join(lines), {})

@@ -1,0 +1,104 @@
+"""Contacts on a pad to sensor output: lanes, and exact derivatives by any number."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from suas_jax.config import scene_from_dict
+from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.scene.forward import SensorOutput
+from suas_jax.scene.pad_forward import Patches, pad_forward, pad_skin_of
+from suas_jax.scene.solve import solve
+
+MESH = (10, 8)
+SCENE = {
+    "geometry": {
+        "inner_radius": "57.5 mm",
+        "thickness": "4 mm",
+        "half_angle": "60 deg",
+        "width": "100 mm",
+        "oil_gap": "3 mm",
+        "ends": "clamped",
+    },
+    "material": {"law": "mooney-rivlin", "C1": "0.8 MPa", "C2": "0.2 MPa"},
+    "oil": {"model": "incompressible", "relative_permittivity": 2.2},
+    "electrodes": {
+        "lsb": "0.1 fF",
+        "taxels": [
+            {"angle": "9 deg", "axial": "8 mm"},
+            {"angle": "-31 deg", "axial": "-20 mm"},
+        ],
+    },
+}
+POKES = [[0.1, 0.012, 4.0], [-0.4, -0.02, 2.0]]  # angle, axial, force
+DIAMETER = 0.012
+INPUTS = {"geometry.thickness": 4e-3, "material.C2": 2e5, "oil.relative_permittivity": 2.2}
+QUICK = {**OPTIONS, "xla_backend_optimization_level": 0}
+Numbers = tuple[dict[str, jax.Array], Patches]
+
+
+def scene(poke: list[float]) -> dict:
+    angle, axial, force = poke
+    patch = {
+        "kind": "patch",
+        "diameter": f"{DIAMETER} m",
+        "angle": f"{angle} rad",
+        "axial": f"{axial} m",
+        "force": f"{force} N",
+    }
+    return SCENE | {
+        "load": [patch],
+        "solve": {"elements": list(MESH)},
+    }
+
+
+@pytest.fixture(scope="module")
+def numbers() -> Numbers:
+    return {k: jnp.asarray(v, float) for k, v in INPUTS.items()}, Patches.poke(
+        *np.transpose(POKES), DIAMETER
+    )
+
+
+@pytest.fixture(scope="module")
+def run(numbers: Numbers) -> Callable[[Numbers, Numbers], tuple[SensorOutput, SensorOutput]]:
+    """Output and its derivative along a direction."""
+    spec = scene_from_dict(scene(POKES[0]))
+    skin = pad_skin_of(spec, elements=MESH, contact=False)
+    meshes = skin.meshes(numbers[1])
+
+    def output(numbers: Numbers) -> SensorOutput:
+        inputs, patches = numbers
+        skin = pad_skin_of(spec, inputs, elements=MESH, contact=False)
+        return pad_forward(skin, patches, meshes)
+
+    def both(at: Numbers, along: Numbers) -> tuple[SensorOutput, SensorOutput]:
+        return eqx.filter_jvp(output, (at,), (along,))
+
+    return eqx.filter_jit(both, compiler_options=QUICK)
+
+
+def test_a_lane_is_the_solved_scene(run: Callable, numbers: Numbers) -> None:
+    output = run(numbers, jax.tree.map(jnp.zeros_like, numbers))[0]
+    assert output.result.tolist() == [0, 0]
+    report = solve(scene_from_dict(scene(POKES[1]))).report
+    assert float(output.oil_pressure[1]) == pytest.approx(report["oil_pressure_Pa"], rel=1e-6)
+    so = [taxel["so"] for taxel in report["taxels"]]
+    np.testing.assert_allclose(output.so[:, 1], so, rtol=1e-6)
+
+
+def test_derivatives_are_the_differences(run: Callable, numbers: Numbers) -> None:
+    sizes = (numbers[0], Patches.poke(0.5, 0.05, [4.0, 2.0], DIAMETER))
+    signs = iter(np.random.default_rng(1).choice([-1.0, 1.0], 20))
+    along = jax.tree.map(lambda x: next(signs) * x, sizes)
+    slope, h = run(numbers, along)[1], 2e-5
+    low, high = (
+        run(jax.tree.map(lambda a, d, s=s: a + s * h * d, numbers, along), along)[0]
+        for s in (-1.0, 1.0)
+    )
+    for name in ("so", "oil_pressure", "min_gap"):
+        expected = (getattr(high, name) - getattr(low, name)) / (2 * h)
+        np.testing.assert_allclose(getattr(slope, name), expected, rtol=1e-5)
