@@ -13,6 +13,8 @@ from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
+    from fitting.inverse_load.check.verdict import ModelVerdict
+    from fitting.inverse_load.estimate.estimate import LoadEstimate
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.posterior import LoadMode
     from fitting.inverse_load.readings import LogReadings
@@ -143,7 +145,9 @@ def invert(
             return
         estimator = prepare()
         assert log is not None
-        _offline(estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior)
+        _offline(
+            estimator, skin, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
+        )
 
 
 def _on_pads(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
@@ -170,6 +174,7 @@ def _say(text: str) -> None:
 
 def _offline(
     estimator: "LoadEstimator",
+    skin: Path,
     log: Path,
     *,
     as_json: bool,
@@ -206,15 +211,13 @@ def _offline(
         estimates = estimator.estimate(
             readings.so, readings.stuck, advance, pressure=readings.pressure
         )
-    if estimator.spec.geometry.dimension == 3:
-        from fitting.inverse_load.check.skin_file import model_verdict
-
-        with spinner("comparing the log with the skin file"):
-            verdict = model_verdict(
-                estimator, readings.so, readings.stuck, readings.pressure, estimates
-            )
-        if verdict is not None and not (verdict.right and as_json):
-            _say(f"{log}: {verdict.text}")
+    with spinner("comparing the log with the skin file"):
+        verdict = _verdict(estimator, readings, estimates)
+    if verdict is not None and not (verdict.right and as_json):
+        _say(f"{log}: {verdict.text}")
+        command = verdict.command(str(skin), str(log))
+        if command:
+            _say(f"to set it right: {command}")
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter
@@ -241,6 +244,22 @@ def _offline(
         print_table(readings.time, estimates)
         if modes is not None:
             typer.echo("\n".join(posterior_lines(modes)))
+
+
+def _verdict(
+    estimator: "LoadEstimator", readings: "LogReadings", estimates: "list[LoadEstimate]"
+) -> "ModelVerdict | None":
+    """What a log says about its skin file; None where it has too few contacts."""
+    so, stuck, pressure = readings.so, readings.stuck, readings.pressure
+    if estimator.spec.geometry.dimension == 3:
+        from fitting.inverse_load.check.skin_file import model_verdict
+
+        return model_verdict(estimator, so, stuck, pressure, estimates)
+    from fitting.inverse_load.check.section_log import section_verdict
+
+    return section_verdict(
+        estimator, so, stuck, estimates, pressure=pressure, force=readings.force
+    )
 
 
 def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[LoadMode]":

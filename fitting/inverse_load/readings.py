@@ -174,6 +174,7 @@ class LogReadings:
         stuck: taxels that repeat one count beyond chance [frame, taxel].
         notes: what a person should know.
         pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
+        force: known of the one load of the log [frame] [N]; likewise.
     """
 
     time: NDArray[np.float64]
@@ -182,6 +183,7 @@ class LogReadings:
     stuck: NDArray[np.bool_]
     notes: tuple[str, ...]
     pressure: NDArray[np.float64] | None = None
+    force: NDArray[np.float64] | None = None
 
 
 def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
@@ -211,9 +213,15 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
             f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))
         )
         notes.append(f"taxels {names} repeat one count and are left out meanwhile")
-    measured = log.flags.get("oil_pressure_Pa")
-    pressure = None if measured is None else frames.mean(measured.astype(float))
-    return LogReadings(time, frames.seq, so, stuck, tuple(notes), pressure)
+    several = "load_1_force_N" in log.flags
+    pressure, force = (
+        None if column is None else frames.mean(column.astype(float))
+        for column in (
+            log.flags.get("oil_pressure_Pa"),
+            None if several else log.flags.get("load_0_force_N"),
+        )
+    )
+    return LogReadings(time, frames.seq, so, stuck, tuple(notes), pressure, force)
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:

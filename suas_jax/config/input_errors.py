@@ -105,8 +105,13 @@ def input_errors(spec: SkinSpec) -> InputErrors:
         known = {path for path, size in stated.items() if size is not None}
         columns += _calibrated(spec, record, known)
     elif not any_stated:
-        return _joined(list(_defaults(spec)), "default")
+        return default_errors(spec)
     return _joined(columns, "stated" if columns or any_stated else "none")
+
+
+def default_errors(spec: SkinSpec) -> InputErrors:
+    """The errors of a skin that states none, whatever this one states; see `DEFAULTS`."""
+    return _joined(list(_defaults(spec)), "default")
 
 
 def _defaults(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
