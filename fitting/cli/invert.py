@@ -127,6 +127,7 @@ def invert(
                     noise=noise,
                     live=live is not None,
                     model_error=model_error,
+                    follow_drift=baseline is not None,
                     **_on_pads(diameter, pressure_noise),
                 )
             if estimator.input_errors.text:
@@ -209,7 +210,11 @@ def _offline(
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
         estimates = estimator.estimate(
-            readings.so, readings.stuck, advance, pressure=readings.pressure
+            readings.so,
+            readings.stuck,
+            advance,
+            pressure=readings.pressure,
+            time=readings.time,
         )
     with spinner("comparing the log with the skin file"):
         verdict = _verdict(estimator, readings, estimates)
