@@ -7,7 +7,6 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
-from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
@@ -15,6 +14,7 @@ ROOT = HERE.parent
 sys.path[:0] = [str(HERE / "extensions"), str(ROOT)]
 
 import commands_page  # noqa: E402
+import folder_picture  # noqa: E402
 import names_page  # noqa: E402
 import report_page  # noqa: E402
 import specification_page  # noqa: E402
@@ -34,6 +34,7 @@ extensions = [
 ]
 exclude_patterns = ["_build", "extensions"]
 nitpicky = False
+smartquotes = False  # they would make dashes of options
 default_role = "code"  # docstrings quote code as Markdown does
 
 # Pages are Markdown; notebooks carry the outputs of their last run, which `make test` repeats.
@@ -93,9 +94,19 @@ def _generate(app: Sphinx) -> None:
     _GENERATED.mkdir(exist_ok=True)
     for name, page in _PAGES.items():
         _write_if_new(_GENERATED / f"{name}.md", page())
+    folder_picture.draw(_GENERATED / "folders.svg")
     notebooks = HERE / "notebooks"
     shutil.rmtree(notebooks, ignore_errors=True)
     shutil.copytree(ROOT / "notebooks", notebooks, ignore=shutil.ignore_patterns(".*", "*.py"))
+
+
+def _draw_folders(app: Sphinx, page: str, source: list[str]) -> None:
+    """Put a picture in the place of the flowchart, which code hosts draw by a script."""
+    if page == "architecture":
+        words = f"![Imports between folders](generated/folders.svg)\n\n{folder_picture.WORDS}\n"
+        text = re.sub(r"```mermaid.*?```\n", words, source[0], flags=re.DOTALL)
+        arrows = r"\bAn\s+arrow points.*?not of the table\."
+        source[0] = re.sub(arrows, "", text, flags=re.DOTALL)
 
 
 def _add_unlisted_pages(app: Sphinx, page: str, source: list[str]) -> None:
@@ -130,9 +141,15 @@ def _shorten_types(*event: Any) -> tuple[str | None, ...]:
     return tuple(map(shortened, event[-2:]))
 
 
+def _always_read(*event: Any) -> list[str]:
+    """Pages that depend on more than their own file."""
+    return ["architecture", "guides"]
+
+
 def setup(app: Sphinx) -> None:
     """Connect what this file adds to the build."""
-    app.add_lexer("mermaid", TextLexer)  # the folders' picture, which code hosts draw
     app.connect("builder-inited", _generate)
     app.connect("autodoc-process-signature", _shorten_types)
+    app.connect("env-get-outdated", _always_read)
     app.connect("source-read", _add_unlisted_pages)
+    app.connect("source-read", _draw_folders)

@@ -24,7 +24,7 @@ LAYERS = {
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],
-        ["force_range"],
+        ["force_range", "calibration", "robotics", "view"],
         ["cli"],
     ],
 }

@@ -164,7 +164,7 @@ def test_vented_collapse_is_a_named_failure_with_a_state(tmp_path: Path) -> None
         (("solve", CASE_A, "--model", "beam"), ("--model", "beam", "shell")),
         (("solve", CASE_A, "--plot", "figure.xyz"), ("figure.xyz", "png")),
         (("solve", CASE_A, "--plot", "no/such/figure.png"), ("no/such",)),
-        (("solve", CASE_A, "--gradient", "oil_presure_Pa"), ("oil_pressure_Pa",)),
+        (("solve", CASE_A, "--gradient", "oil_presure_Pa"), ('mean "oil_pressure_Pa"',)),
         (("sweep", CASE_A), ("--force", "--oil-pressure")),
         (("sweep", CASE_A, "--force", "0:30"), ("0:30", "FROM:TO:COUNT")),
         (("sweep", CASE_A, "--force", "0:30:0"), ("0:30:0", "FROM:TO:COUNT")),

@@ -234,7 +234,7 @@ TABLES = [
     (
         {"material": {"preset": '"epdm-paper"', "mu": '"1 Pa"'}},
         'material.mu = "1 Pa"',
-        'unknown key|allowed: C1, C2 or C3|preset = "epdm-paper"',
+        'unknown key|allowed: C1, C2, C3 or response|preset = "epdm-paper"',
     ),
     (
         {"material": {"preset": '"epdm-paper"', "C2": '"-30 MPa"'}},

@@ -19,11 +19,13 @@ from fitting.material.cards.card import card, left_out
 from fitting.material.cards.settings import CardError, CardSettings
 from suas_jax.config import (
     ArrudaBoyceSpec,
+    ExtendedTubeSpec,
     GentSpec,
     LawSpec,
     MooneyRivlinSpec,
     NeoHookeanSpec,
     OgdenSpec,
+    VanDerWaalsSpec,
     YeohSpec,
     scene_from_dict,
 )
@@ -299,13 +301,22 @@ def scene_table(text: str) -> LawSpec:
     return scene_from_dict(tomllib.loads(skin.read_text()) | tomllib.loads(text)).material
 
 
-@pytest.mark.parametrize("name", LAWS)
+FELUPE_LAWS: dict[str, LawSpec] = {
+    **LAWS,
+    "arruda-boyce": ARRUDA_BOYCE,
+    "van-der-waals": VanDerWaalsSpec(mu=4e5, lambda_m=5.0, a=0.3, beta=0.2),
+    "extended-tube": ExtendedTubeSpec(Gc=1.9e5, Ge=2e5, delta=0.1, beta=0.3),
+}
+
+
+@pytest.mark.parametrize("name", FELUPE_LAWS)
 def test_felupe_gives_the_fitted_stress_back(name: str, tmp_path: pathlib.Path) -> None:
     pytest.importorskip("felupe", reason="FElupe is not installed")
     pytest.importorskip("tensortrax", reason="tensortrax is not installed")
     file = tmp_path / "card.py"
     softening = RELAXING["softening"]
-    for law in (LAWS[name], LAWS[name].model_copy(update={"softening": softening})):
+    elastic = FELUPE_LAWS[name]
+    for law in (elastic, elastic.model_copy(update={"softening": softening})):
         file.write_text(card(law, "felupe"))
         umat = runpy.run_path(str(file))["umat"]
         expected = np.asarray(uniaxial(build_law(law), jnp.asarray(STRETCH)).nominal)
@@ -323,4 +334,6 @@ def test_felupe_gives_the_fitted_stress_back(name: str, tmp_path: pathlib.Path) 
             )
         stress = umat.gradient([F, state])[0]
         free = stress[2, 2, 0] * F[2, 2, 0] / F[0, 0, 0]
-        np.testing.assert_allclose(stress[0, 0, 0] - free, factor * expected, rtol=1e-6)
+        # FElupe shifts the invariant of van der Waals by 1e-4.
+        rtol = 2e-3 if name == "van-der-waals" else 1e-6
+        np.testing.assert_allclose(stress[0, 0, 0] - free, factor * expected, rtol=rtol)

@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 
 import benchmarks.inverse_load
 from benchmarks import field_errors
+from fitting.calibration.plan import Press
+from fitting.calibration.verification import verify
 from fitting.cli.app import app
 from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
@@ -27,10 +29,13 @@ from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
 from fitting.inverse_load.posterior import frame_posterior, likely_modes
+from fitting.inverse_load.readings import readings_of
 from fitting.statistics.posterior import Settings
+from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags
+from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config import continuous_inputs, load_skin
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -491,6 +496,23 @@ def test_silence_ends_a_control_loop(estimator: LoadEstimator) -> None:
         next(LiveLoads(stream, estimator, **settings))
 
 
+def test_known_loads_verify_a_calibration(
+    folder: Path, estimator: LoadEstimator, readings: Callable[..., np.ndarray]
+) -> None:
+    """Of a guided calibration: what agrees passes; another force, and another place, don't."""
+    random = np.random.default_rng(2)
+    so = readings(0.2, 8.0)[0] + 3.0  # every taxel is off by as much as at rest
+    log = write_log(folder / "known.csv", np.rint(so + random.normal(0, 2, (60, TAXELS))))
+    rest = Baseline(
+        np.array([0]), (estimator.model_rest + 3.0)[None], np.full((1, TAXELS), 2.0), 100, {}
+    )
+    known = [Press(0.2, 8.0), Press(0.2, 9.5), Press(0.3, 8.0)]
+    checks = verify(estimator.spec, rest, [(press, log) for press in known])
+    assert [check.passed for check in checks] == [True, False, False]
+    assert checks[0].force == pytest.approx(8.0, rel=0.02)
+    assert checks[0].angle == pytest.approx(0.2, abs=0.01)
+
+
 def test_loads_as_an_array_with_what_is_not_known() -> None:
     names = ("angle", "axial", "force", "diameter")
     known = Contact(0.1, 5.0, None, np.diag([1.0, 2.0, 3.0]), axial=1e-3)
@@ -501,6 +523,14 @@ def test_loads_as_an_array_with_what_is_not_known() -> None:
     np.testing.assert_equal(np.diag(loads["covariance"][0]), [1.0, 2.0, 3.0, np.nan])
     assert np.isnan(loads["covariance"][1]).all()
     assert load_array([], names).shape == (0,)
+
+
+def test_taxels_that_never_speak_are_named(folder: Path, estimator: LoadEstimator) -> None:
+    so = np.tile(np.rint(estimator.model_rest), (3, 1))
+    so[:, -1] = np.nan
+    log = read_log(write_log(folder / "silent.csv", so))
+    (note,) = readings_of(log, estimator.spec, 2.0).notes
+    assert "taxels 0.40 have no count in any frame" in note
 
 
 def test_posterior_agrees_with_the_covariance(

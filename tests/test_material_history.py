@@ -1,8 +1,10 @@
 """Relaxation and softening: stresses against closed forms, constants found within intervals."""
 
+import hashlib
 import json
 import math
 import pathlib
+import re
 
 import jax
 import jax.numpy as jnp
@@ -312,3 +314,23 @@ def test_the_command_writes_constants_that_a_skin_takes(tmp_path: pathlib.Path) 
         refused = CliRunner().invoke(app, [*command, option, value, "--overwrite"])
         assert refused.exit_code == 2
         assert option in refused.output
+
+
+def test_the_page_of_a_fit_needs_no_host(tmp_path: pathlib.Path) -> None:
+    stretch = cycles()
+    name = "<b>&cycles.csv"  # what a file is called is text, not markup
+    file = written(
+        tmp_path / name, "stretch,nominal_stress_Pa", stretch, softened(stretch, 1.8, 5e4, 0.1)
+    )
+    page = tmp_path / "page.html"
+    command = ["fit", "material", "--law", "neo-hookean", "--mullins", "--report", str(page)]
+    done = CliRunner().invoke(app, [*command, "--data", f"uniaxial={file}", "--json"])
+    assert done.exit_code == 0, done.output
+    text = page.read_text()
+    assert "&lt;b&gt;&amp;cycles.csv" in text
+    assert "<b>" not in text
+    assert hashlib.sha256(file.read_bytes()).hexdigest() in text
+    # Every address in the page is data of its own.
+    assert re.findall(r'(?:src|href)="([^:"]*):', text) == ["data"]
+    assert not re.search(r"<script|<link|url\(|@import", text)
+    assert CliRunner().invoke(app, [*command, "--data", f"uniaxial={file}"]).exit_code == 2

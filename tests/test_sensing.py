@@ -94,6 +94,25 @@ def read(held: Electrodes, depth: float) -> Readings:
     return held.read(Bent(), jnp.asarray(depth))
 
 
+@pytest.mark.parametrize("capacitance", ["parallel-plate", "concentric"])
+def test_the_gap_of_an_even_film_is_found_from_its_counts(capacitance: str) -> None:
+    layers = [{"thickness": "50 um", "relative_permittivity": 3.3}]
+    taxels = [{"angle": f"{a} deg", "height": f"{h} mm"} for a, h in ((-40, 0), (30, 0.4))]
+    table = electrodes(layers=layers, taxels=taxels, capacitance=capacitance)
+    spec = sensing(table=table)
+    skin = skin_parts(spec, continuous_inputs(spec)).electrodes
+    gap = np.array([[0.5e-3, 3e-3, 5e-3, 9e-3]])
+    so = np.asarray(skin.read_even_film(gap))
+    np.testing.assert_allclose(skin.even_film(so), np.repeat(gap, 2, 0), rtol=1e-12)
+    film = 3e-3 if capacitance == "parallel-plate" else 52.5e-3 * np.log1p(3e-3 / 52.5e-3)
+    density = 8.8541878188e-12 / (film / 2.2 + 50e-6 / 3.3)
+    want = (3e-15 + density * np.pi / 4 * 4e-3**2) / 0.305e-15
+    assert so[0, 1] == pytest.approx(want, rel=1e-12)
+    # More than a closed film has: zero gap above the electrode; less than the stray: unknown.
+    odd = np.asarray(skin.even_film(np.array([[1e9, 1.0, np.nan]] * 2)))
+    np.testing.assert_allclose(odd, [[0.0, np.nan, np.nan], [0.4e-3, np.nan, np.nan]])
+
+
 def test_at_rest_every_taxel_has_the_paper_s_capacitance() -> None:
     layers = [{"thickness": "50 um", "relative_permittivity": 3.3}]
     named = sensing(table=electrodes(layers=layers), relative_permittivity="silicone-oil")

@@ -100,6 +100,12 @@ def test_a_simulated_log_carries_its_true_loads(folder: Path, played: SoLog) -> 
     data = load_sensor_data(path.scene.skin, [folder / "played.csv"])
     np.testing.assert_allclose(data.loads.force[0][data.state], true["loads.0.force_N"])
     assert not [text for text in data.warnings if "no known loads" in text]
+    # The path says the same; one that says something else is refused.
+    load_sensor_data(path.scene.skin, [folder / "played.csv"], [folder / "path.csv"])
+    other = folder / "other.csv"
+    other.write_text(PATH.replace("2,10,30", "2,11,30"))
+    with pytest.raises(ValueError, match="with other values"):
+        load_sensor_data(path.scene.skin, [folder / "played.csv"], [other])
 
 
 def test_true_loads_of_every_kind() -> None:

@@ -45,7 +45,7 @@ def _section(words: str, command: Any) -> str:
     lines = [f"## suas {words}", "", text, "", "```text", " ".join(usage), "```", ""]
     if words in EXAMPLES:
         lines += ["```console", *(f"$ {line}" for line in EXAMPLES[words]), "```", ""]
-    lines += ["| | | |", "|---|---|---|"]
+    lines += ["| argument or option | meaning | default |", "|---|---|---|"]
     lines += [_row(p) for p in [*arguments, *options] if p.name != "help"]
     return "\n".join([*lines, ""])
 

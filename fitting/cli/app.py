@@ -7,17 +7,22 @@ from typing import Annotated
 import typer
 
 from fitting.cli import (
+    calibrate,
     contract,
     data,
     example_files,
+    export,
     fit_material,
     fit_materials,
     fit_sensor,
     force_range,
+    health,
     invert,
     log,
+    new,
     simulate,
     solve,
+    view,
 )
 from fitting.cli.examples import add_examples
 
@@ -27,11 +32,14 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+new.register(app)
 example_files.register(app)
 solve.register(app)
 simulate.register(app)
 log.register(app)
 data.register(app)
+health.register(app)
+calibrate.register(app)
 
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
@@ -40,7 +48,11 @@ fit_sensor.register(fit)
 fit_materials.register(fit)
 app.add_typer(fit, name="fit")
 invert.register(app)
+exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
+export.register(exports)
+app.add_typer(exports, name="export")
 force_range.register(app)
+view.register(app)
 add_examples(app)
 
 

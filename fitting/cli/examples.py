@@ -16,11 +16,22 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "sweep": ("suas sweep configs/scenes/case_b.toml --force 0:40:21 --plot curve.png",),
     "range": ("suas range configs/skins/suas.toml --plot range.png",),
     "simulate": (
-        "suas simulate configs/scenes/case_b.toml -o press.csv --duration 5",
+        "suas simulate configs/scenes/press_path.csv -o press.csv",
         "suas simulate press.csv --live --port /tmp/skin --format cobs",
     ),
     "convert": ("suas convert press.csv press.parquet",),
     "log": ("suas log /dev/ttyUSB0 --format cobs --duration 60 -o press.csv",),
+    "health": (
+        "suas health press.csv --skin configs/skins/suas.toml --plot health.png",
+        "suas health /dev/ttyUSB0 --format cobs --duration 10",
+    ),
+    "calibrate": (
+        "suas calibrate /dev/ttyUSB0 configs/skins/suas.toml --format cobs --force '500 gf'",
+        "suas calibrate /dev/ttyUSB0 configs/skins/suas.toml --press '-30 deg, 5 N' "
+        "--press '40 deg, 8 N' --verify '10 deg, 5 N'",
+    ),
+    "new skin": ("suas new skin", "suas new skin pad.toml --pad 4x8"),
+    "new scene": ("suas new scene --skin configs/skins/suas-pad.toml",),
     "baseline": ("suas baseline rest.csv -o rest.json",),
     "data": ("suas data configs/data/treloar1944_uniaxial.csv",),
     "examples": ("suas examples", "suas examples elsewhere/configs"),
@@ -28,21 +39,30 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "suas invert configs/skins/suas.toml press.csv --plot loads.png",
         "suas invert configs/skins/suas.toml --live /dev/ttyUSB0 --json",
     ),
+    "export mcap": ("suas export mcap press.csv --skin configs/skins/suas.toml",),
+    "view": (
+        "suas view configs/scenes/pad_crown.toml --open",
+        "suas view press.csv --skin configs/skins/suas.toml --open",
+        "suas view configs/skins/suas.toml --live /dev/ttyUSB0 --open",
+    ),
     "fit material": (
         "suas fit material --law ogden --terms 3 "
         "--data uniaxial=configs/data/treloar1944_uniaxial.csv --plot fit.png",
         "suas fit material --law auto --data uniaxial=configs/data/treloar1944_uniaxial.csv",
     ),
-    "fit sensor": ("suas fit sensor configs/skins/suas.toml press.csv --fit permittivity,gap",),
+    "fit sensor": (
+        "suas fit sensor configs/skins/suas.toml press.csv "
+        "--inputs configs/scenes/press_path.csv",
+    ),
     "fit materials": ("suas fit materials jobs.toml -o results.jsonl",),
 }
 """Command lines by the words that follow `suas`."""
 
 PANELS = {
-    "Start": ("examples",),
-    "The model": ("solve", "sweep", "range", "simulate"),
-    "Measurements": ("log", "baseline", "data", "convert"),
-    "Fits": ("fit", "invert"),
+    "Start": ("examples", "new"),
+    "The model": ("solve", "sweep", "range", "simulate", "view"),
+    "Measurements": ("log", "health", "baseline", "data", "convert", "export"),
+    "Fits": ("calibrate", "fit", "invert"),
 }
 """Headings of the overview, and the commands below each; others stand under `Commands`."""
 

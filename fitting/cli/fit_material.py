@@ -156,6 +156,10 @@ def material(
         ),
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    report_file: Annotated[
+        Path | None,
+        typer.Option("--report", help="Write a one-page report (HTML, self-contained)."),
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
@@ -181,7 +185,14 @@ def material(
                 raise CardError(f"--export {name}: unknown program; allowed: {allowed}")
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
-        outputs = [arviz, corner, predictive, plot, *(Path(file) for _, file in cards)]
+        outputs = [
+            arviz,
+            corner,
+            predictive,
+            plot,
+            report_file,
+            *(Path(file) for _, file in cards),
+        ]
         check_outputs(outputs, overwrite=overwrite)
         for figure in (plot, corner, predictive):
             if figure is not None:
@@ -253,6 +264,10 @@ def material(
                 from fitting.material.report.plots import plot_material
 
                 plot_material(fit, plot)
+            if fit is not None and report_file is not None:
+                from fitting.material.report.html import write_html
+
+                write_html(fit, report, report_file)
     if as_json:
         typer.echo(json_text(report))
     elif fit is not None:

@@ -1,5 +1,6 @@
 """`suas invert`. JAX is imported inside the command."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
     from fitting.inverse_load.check.verdict import ModelVerdict
     from fitting.inverse_load.estimate.estimate import LoadEstimate
     from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.live.watcher import LiveWatcher
     from fitting.inverse_load.posterior import LoadMode
     from fitting.inverse_load.readings import LogReadings
+    from fitting.robotics.recording import Recording
 
 
 def register(app: typer.Typer) -> None:
@@ -93,6 +96,16 @@ def invert(
         int | None,
         typer.Option(metavar="SEQ", help="Sample the loads of the frame with this number."),
     ] = None,
+    mcap: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also record taxels and loads as MCAP (ROS 2)."),
+    ] = None,
+    serve: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT", help="Live: send JSON lines to programs that connect (TCP)."
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line a frame.")] = False,
 ) -> None:
@@ -106,7 +119,13 @@ def invert(
         from suas_jax.acquisition.log.reader import MOST_BYTES
 
         record = log if live is not None else None
-        check_outputs([plot, record], overwrite=overwrite)
+        check_outputs([plot, record, mcap], overwrite=overwrite)
+        if serve is not None and live is None:
+            raise ValueError("--serve: sends live estimates; give --live PORT")
+        if mcap is not None:
+            from fitting.robotics.recording import require_mcap
+
+            require_mcap()
         if live is None and log is not None:  # before the estimator is made, which takes long
             check_readable(log, MOST_BYTES)
         from suas_jax.runtime.settings import configure
@@ -142,13 +161,24 @@ def invert(
             options = LiveOptions(
                 live, format_name, baud, duration, latency, log, as_json, smooth, overwrite
             )
-            run_live(prepare, options)
+
+            def watchers(
+                estimator: "LoadEstimator", stack: contextlib.ExitStack
+            ) -> "list[LiveWatcher]":
+                return _watchers(estimator, stack, skin, mcap, serve)
+
+            run_live(prepare, options, watchers)
             return
         estimator = prepare()
         assert log is not None
-        _offline(
+        readings, estimates = _offline(
             estimator, skin, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
         )
+        if mcap is not None:
+            from fitting.robotics.log_recording import write_readings
+
+            with _recording(estimator, skin, mcap) as recording:
+                write_readings(recording, readings, estimates)
 
 
 def _on_pads(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
@@ -173,6 +203,35 @@ def _say(text: str) -> None:
     typer.echo(f"suas: {text}", err=True)
 
 
+def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":
+    from fitting.robotics.recording import Recording
+
+    rest = estimator.rest
+    return Recording(mcap, estimator.spec, rest=rest, estimator=estimator, skin_file=skin)
+
+
+def _watchers(
+    estimator: "LoadEstimator",
+    stack: contextlib.ExitStack,
+    skin: Path,
+    mcap: Path | None,
+    serve: str | None,
+) -> "list[LiveWatcher]":
+    """What records a live run and sends it on."""
+    found: list[LiveWatcher] = []
+    if mcap is not None:
+        from fitting.robotics.live_recording import LiveRecording
+
+        found.append(LiveRecording(stack.enter_context(_recording(estimator, skin, mcap))))
+    if serve is not None:
+        from fitting.inverse_load.live.serve import LineServer
+
+        server = stack.enter_context(LineServer(serve))
+        _say("JSON lines at {}:{}".format(*server.address))
+        found.append(server)
+    return found
+
+
 def _offline(
     estimator: "LoadEstimator",
     skin: Path,
@@ -182,7 +241,8 @@ def _offline(
     smooth: bool,
     plot: Path | None,
     posterior: int | None,
-) -> None:
+) -> "tuple[LogReadings, list[LoadEstimate]]":
+    """Estimate a log, print and draw what was found, and return it with the readings."""
     from fitting.inverse_load.readings import EmptyLogError, LayoutMismatchError, readings_of
     from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
     from fitting.inverse_load.report.text import frame_json, print_table
@@ -249,6 +309,7 @@ def _offline(
         print_table(readings.time, estimates)
         if modes is not None:
             typer.echo("\n".join(posterior_lines(modes)))
+    return readings, estimates
 
 
 def _verdict(

@@ -211,7 +211,7 @@ def baseline(
         if reference is not None:
             rest = rest_of(read_baseline(reference), taken)
             refuse_loaded(taken, rest, tolerance=reference_tolerance, source=str(reference))
-        skin = _skin_of(log) if skin is None else skin
+        skin = skin_of_log(log) if skin is None else skin
         if skin is not None:
             from suas_jax.simulation.rest_pattern import rest_pattern
 
@@ -230,7 +230,7 @@ def baseline(
         typer.echo(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)
 
 
-def _skin_of(log: "SoLog") -> Path | None:
+def skin_of_log(log: "SoLog") -> Path | None:
     """The skin file that the log's header names, if it is here."""
     name = log.header.get("skin", "")
     places = (Path(name), log.path.parent / name)

@@ -90,7 +90,7 @@ def simulate(
     speed: Annotated[
         float, typer.Option(metavar="FACTOR", help="Live: times faster than the clock.")
     ] = 1.0,
-    loop: Annotated[bool, typer.Option(help="Live: play over and over.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Live: play over and over.")] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Live: print the port and what was played as JSON.")
     ] = False,
@@ -104,7 +104,7 @@ def simulate(
         if not rate > 0 or (duration is not None and not duration > 0):
             raise ValueError("--rate and --duration must be positive")
         if output is None and not live:
-            raise ValueError("suas simulate: give -o LOG.csv, or --live, or both")
+            raise ValueError("-o, --live: give -o LOG.csv, or --live, or both")
         if output is not None:
             check_output(output, overwrite=overwrite)
         from suas_jax.acquisition.log.log_file import is_log

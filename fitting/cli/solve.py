@@ -176,7 +176,7 @@ def sweep(
     """
     with bad_input():
         if (force is None) == (oil_pressure is None):
-            _refuse("suas sweep", "give either --force or --oil-pressure, as FROM:TO:COUNT")
+            _refuse("--force, --oil-pressure", "give one of them, as FROM:TO:COUNT")
         spec = _scene(scene, model, rtol)
         _check_figure(plot)
         check_outputs([csv_file, plot], overwrite=overwrite)
@@ -262,10 +262,14 @@ def _print_report(report: dict[str, Any]) -> None:
         ("largest displacement", "max_displacement"),
         ("largest bulge", "bulge"),
     ):
-        size = f"{1e3 * report[key + '_m']:.4g}{spread(key + '_m', 1e3)}"
-        text = f"{size} mm at {report[key + '_angle_deg']:.3g} deg"
+        size = f"{round(1e3 * report[key + '_m'], 6):.4g}"  # to the nanometre
+        size += spread(key + "_m", 1e3)
+        # A place in the middle is known to rounding errors, which nobody wants to read.
+        angle = round(report[key + "_angle_deg"], 6) + 0.0
+        text = f"{size} mm at {angle:.3g} deg"
         if key + "_axial_m" in report:
-            text += f", {1e3 * report[key + '_axial_m']:.3g} mm along the axis"
+            axial = round(1e3 * report[key + "_axial_m"], 6) + 0.0
+            text += f", {axial:.3g} mm along the axis"
         table.add_row(name, text)
     if report["wall"] is not None:
         force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
@@ -327,9 +331,9 @@ def _print_curve(curve: "Sweep") -> None:
     names = (
         "force [N]",
         "oil [kPa]",
-        "largest displacement [mm]",
-        "smallest gap [mm]",
-        "on the wall [N]",
+        "displacement [mm]",
+        "gap [mm]",
+        "wall [N]",
     )
     table = Table(*names, "status")
     for row in curve.rows():

@@ -73,6 +73,11 @@ class Layout:
         """Number of taxels."""
         return len(self.module)
 
+    def names(self, which: NDArray[np.bool_]) -> str:
+        """Some taxels [taxel], by module and number, such as "0.3, 1.10"."""
+        rows = np.flatnonzero(which)
+        return ", ".join(f"{self.module[k]}.{self.number[k]}" for k in rows)
+
     def describe(self) -> str:
         """The layout in words."""
         sizes = {int(m): int((self.module == m).sum()) for m in np.unique(self.module)}
@@ -173,6 +178,9 @@ class LogReadings:
         so: readings [frame, taxel]; NaN where missing.
         stuck: taxels that repeat one count beyond chance [frame, taxel].
         notes: what a person should know.
+        host_time: when the host read the frames, from the log's start [frame, s]; their
+            `time` where the log does not say.
+        header: of the log.
         pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
         force: known of the one load of the log [frame] [N]; likewise.
     """
@@ -182,6 +190,8 @@ class LogReadings:
     so: NDArray[np.float64]
     stuck: NDArray[np.bool_]
     notes: tuple[str, ...]
+    host_time: NDArray[np.float64]
+    header: Mapping[str, str]
     pressure: NDArray[np.float64] | None = None
     force: NDArray[np.float64] | None = None
 
@@ -209,10 +219,15 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     stuck = stuck_taxels(so, noise)
     notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if stuck.any():
-        names = ", ".join(
-            f"{layout.module[k]}.{layout.number[k]}" for k in np.flatnonzero(stuck.any(0))
-        )
+        names = layout.names(np.asarray(stuck.any(0)))
         notes.append(f"taxels {names} repeat one count and are left out meanwhile")
+    silent = np.asarray(~np.isfinite(so).any(0))
+    if silent.any():
+        notes.append(
+            f"taxels {layout.names(silent)} have no count in any frame; where a device sends "
+            "fewer counts than a module has taxels, the others may be of other taxels: suas "
+            "log --skin says so"
+        )
     several = "load_1_force_N" in log.flags
     pressure, force = (
         None if column is None else frames.mean(column.astype(float))
@@ -221,7 +236,10 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
             None if several else log.flags.get("load_0_force_N"),
         )
     )
-    return LogReadings(time, frames.seq, so, stuck, tuple(notes), pressure, force)
+    host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)
+    return LogReadings(
+        time, frames.seq, so, stuck, tuple(notes), host_time, log.header, pressure, force
+    )
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:

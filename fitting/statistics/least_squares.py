@@ -28,6 +28,8 @@ AGREEMENT = 1e-6
 # Starts advance in batches of one size, so that one compiled program does everything.
 LANES = 16
 _STEPS, _PASSES, _PROGRESS = 20, 40, 1e-12
+# Of the best starts, how many are finished one by one, and in how many evaluations each.
+_FINISHED, _EVALUATIONS = 4, 200
 _IMPOSSIBLE = 1e6
 
 
@@ -98,16 +100,44 @@ def minimise(
         moved = [np.asarray(x)[: len(theta)] for x in advanced]
         better = moved[1] <= cost
         stuck = not np.any(moved[1] < cost * (1.0 - _PROGRESS))
+        # Where two starts or more share the lowest cost and only creep on, along a valley, they
+        # are finished one by one.
+        lowest = moved[1] <= np.min(moved[1]) * (1.0 + AGREEMENT)
+        gains = moved[1] < cost * (1.0 - AGREEMENT)
+        creeps = lowest.sum() > 1 and not np.any(gains & lowest)
         theta = np.where(better[:, None], moved[0], theta)
         cost, predicted_decrease = (
             np.where(better, moved[1], cost),
             np.where(better, moved[2], predicted_decrease),
         )
-        if stuck:
+        if stuck or creeps:
             break
     order = np.argsort(cost, kind="stable")
     theta, cost, predicted_decrease = theta[order], cost[order], predicted_decrease[order]
+    if np.isfinite(cost[0]) and not _is_minimum(cost, predicted_decrease, used)[0]:
+        return _finished(residuals, theta, cost, predicted_decrease)
     return Minima(theta, cost, _is_minimum(cost, predicted_decrease, used), predicted_decrease)
+
+
+def _finished(
+    residuals: AbstractResiduals,
+    theta: np.ndarray,
+    cost: np.ndarray,
+    predicted_decrease: np.ndarray,
+) -> Minima:
+    """Starts of which the best few are brought to the bottom of a long valley."""
+    count = min(_FINISHED, len(theta))
+    end = minimise_one_by_one(residuals, theta[:count], _EVALUATIONS)
+    whole = Minima(
+        np.concatenate([end.theta, theta[count:]]),
+        np.concatenate([end.cost, cost[count:]]),
+        np.concatenate([end.converged, np.zeros(len(theta) - count, dtype=bool)]),
+        np.concatenate([end.predicted_decrease, predicted_decrease[count:]]),
+    )
+    used = int(residuals.used.sum())
+    order = np.argsort(whole.cost, kind="stable")
+    theta, cost, _, decrease = (part[order] for part in whole)
+    return Minima(theta, cost, _is_minimum(cost, decrease, used), decrease)
 
 
 def _is_minimum(cost: np.ndarray, predicted_decrease: np.ndarray, used: int) -> np.ndarray:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames
+from suas_jax.acquisition.missing import deviation, mean
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 
@@ -74,11 +75,11 @@ def take_baseline(log: SoLog, *, tolerance: float | None = None) -> Baseline:
             "better a few seconds"
         )
     found = [_statistics(frames.of_module(k)) for k in range(len(frames.modules))]
-    means, steps, mean, noise = (np.stack(x, axis=-2) for x in zip(*found, strict=True))
+    means, steps, so, noise = (np.stack(x, axis=-2) for x in zip(*found, strict=True))
     _refuse_moving(log, frames, means, steps, tolerance)
     kept = ("skin", "scale", "start_time")
     header = {key: log.header[key] for key in kept if key in log.header}
-    return Baseline(frames.modules, mean, noise, len(frames), header)
+    return Baseline(frames.modules, so, noise, len(frames), header)
 
 
 def refuse_loaded(
@@ -191,8 +192,8 @@ def _statistics(so: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         neighbouring frames, mean and standard deviation, each [taxel].
     """
     size = len(so) // _PARTS
-    means = np.stack([_mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
-    return means, _noise(np.diff(so, axis=0)), _mean(so), _noise(so)
+    means = np.stack([mean(so[k * size : (k + 1) * size]) for k in range(_PARTS)])
+    return means, deviation(np.diff(so, axis=0)), mean(so), deviation(so)
 
 
 def _refuse_moving(
@@ -215,7 +216,7 @@ def _refuse_moving(
     # The part's noise from differences of neighbouring frames, which a drift hardly touches;
     # rounding to whole counts is noise, too.
     noise = np.maximum(steps / math.sqrt(2), 1 / math.sqrt(12))
-    change = np.abs(means - _mean(means))
+    change = np.abs(means - mean(means))
     allowed = np.maximum(_SIGNIFICANT * noise / math.sqrt(size), _FLOOR)
     if tolerance is not None:
         allowed = np.full_like(allowed, tolerance)
@@ -236,19 +237,6 @@ def _refuse_moving(
         "the load off, wait until nothing changes and record again, or allow more with "
         "--tolerance"
     )
-
-
-def _mean(so: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mean over the first axis; NaN where nothing is present, without a warning."""
-    present = np.isfinite(so).sum(axis=0)
-    return np.where(present > 0, np.nansum(so, axis=0) / np.maximum(present, 1), np.nan)
-
-
-def _noise(so: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard deviation over the first axis; NaN where fewer than two are present."""
-    present = np.isfinite(so).sum(axis=0)
-    squares = np.nansum((so - _mean(so)) ** 2, axis=0)
-    return np.where(present > 1, np.sqrt(squares / np.maximum(present - 1, 1)), np.nan)
 
 
 def _jsonable(values: NDArray[np.float64]) -> list[float | None]:

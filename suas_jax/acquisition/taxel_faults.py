@@ -19,6 +19,8 @@ _STUCK = 1e-10  # chance that a healthy taxel repeats its count often enough to 
 _LEAST_NOISE = 0.4  # counts: below it a healthy taxel may well repeat itself
 # Full scales of converters with fewer bits than the log's counts.
 _FULL_SCALES = (255, 1023, 4095, 16383)
+_NORMAL = 1.4826  # standard deviation over median absolute deviation, of a normal law
+_JUMP = 6.0
 _PILED_UP = 5  # readings at the very end of a range that make it a full scale
 
 
@@ -43,15 +45,33 @@ def saturated(so: NDArray[np.float64], full: float = MAX_COUNT) -> NDArray[np.bo
     return np.asarray((so >= full) | (so <= 0))
 
 
-def typical_noise(so: NDArray[np.float64]) -> float:
-    """Standard deviation of a reading, from the differences of neighbouring frames [counts].
+def noise_by_taxel(so: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard deviation of a reading from frame to frame [taxel] [counts]; NaN where unknown.
+
+    From second differences, which a steady change of the load doesn't touch; those beyond six
+    standard deviations are jumps of the load and left out, and so are the differences of a
+    taxel that keeps its count.
 
     Args:
         so: counts [frame, taxel]; NaN where missing.
     """
-    step = np.abs(np.diff(so, axis=0))
-    step = step[np.isfinite(step)]
-    return 1.4826 * float(np.median(step)) / math.sqrt(2) if step.size else 0.0
+    noise = np.full(so.shape[1], np.nan)
+    for k, series in enumerate(so.T):
+        present = series[np.isfinite(series)]
+        bend = np.abs(np.diff(present, 2))
+        if bend.size < 3:
+            continue
+        limit = _JUMP * (_NORMAL * float(np.median(bend)) + 1.0)
+        kept = bend[bend <= limit]
+        noise[k] = math.sqrt(float((kept**2).mean()) / 6.0) if kept.size else 0.0
+    return noise
+
+
+def typical_noise(so: NDArray[np.float64]) -> float:
+    """Noise of the median taxel [counts]; see `noise_by_taxel`."""
+    noise = noise_by_taxel(so)
+    noise = noise[np.isfinite(noise)]
+    return float(np.median(noise)) if noise.size else 0.0
 
 
 def repeats_needed(noise: float, taxels: int) -> int:

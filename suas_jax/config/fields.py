@@ -40,7 +40,7 @@ class Spec(BaseModel):
 class Quantity(PlainValidator):
     """Validator of a quantity, as `quantity` builds it.
 
-    A plain one: the library's own validation of a float would drop a value's deviation.
+    It is a plain one: the library's own validation of a float would drop the deviation.
 
     Attributes:
         dimension: the kind of quantity.

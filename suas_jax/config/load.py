@@ -60,8 +60,12 @@ def load_skin(path: str | os.PathLike[str]) -> SkinSpec:
     Raises:
         ConfigError: if anything is wrong with the file, as for ``load_scene``.
     """
+    data = read_toml(path)
+    if "skin" in data:
+        advice = "this file is a scene; give the skin file that it names"
+        raise ConfigError([Problem(os.fspath(path), "skin", advice, show(data["skin"]))])
     draft = _Draft(os.fspath(path))
-    draft.adopt(read_toml(path), os.fspath(path), SKIN_TABLES)
+    draft.adopt(data, os.fspath(path), SKIN_TABLES)
     return SkinSpec(**draft.specifications())
 
 

@@ -74,7 +74,7 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
     table = load_preset(name)
     law = table["law"]
     constants = list(LAWS[law].declared())
-    free = ["response", *constants]
+    free = [*constants, "response"]
     fixed = LAWS[law].model_fields.keys() - set(free)
     wrong: list[tuple[str, str]] = []
     for key, value in material.items():

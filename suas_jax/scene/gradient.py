@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from suas_jax.config import continuous_inputs
+from suas_jax.config.errors import nearest
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.mechanics.model import AbstractPlan
@@ -96,8 +97,10 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     allowed = quantities(shapes)
     taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
     if path not in allowed:
+        near = nearest(path, allowed)
+        advice = f' did you mean "{near}"?' if near else ""
         raise UnknownQuantityError(
-            f'"{path}" is not a quantity that can be differentiated; use one of '
+            f'"{path}" is not a quantity that can be differentiated;{advice} use one of '
             + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
             + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
         )

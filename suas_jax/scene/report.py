@@ -87,6 +87,8 @@ def _header(
 def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
     """What a user should know about a converged state."""
     remarks = []
+    if not scene.loads:
+        remarks.append("There is no load: this is the skin at rest.")
     if error is None:
         remarks.append("The error could not be estimated.")
     elif error > scene.rtol:

@@ -39,6 +39,8 @@ REPORT_KEYS = {
     "timings_s": "`compile` and `solve` in seconds",
     "gradient": "with `--gradient`: derivative by every continuous input, in SI units and "
     "radians, by its path in the file",
+    "uncertainty": "where inputs state their errors: standard deviation of every quantity, by "
+    "its path in this report; else `null`",
 }
 """Keys of `suas solve --json`."""
 

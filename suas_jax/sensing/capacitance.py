@@ -33,6 +33,30 @@ class AbstractCapacitance(eqx.Module):
     ) -> Float[Array, "*shape lane"]:
         """Thickness of the plane film that has the same capacitance as the oil [m]."""
 
+    @abc.abstractmethod
+    def gap(
+        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
+    ) -> Float[Array, "*shape lane"]:
+        """Gap whose oil has the capacitance of a plane film: inverse of `thickness` [m]."""
+
+    def gap_of(
+        self,
+        density: Float[Array, "*shape lane"],
+        wall_radius: Lanes,
+        permittivity: Lanes,
+        layers: Lanes | float = 0.0,
+    ) -> Float[Array, "*shape lane"]:
+        """Gap that has a capacitance per area: inverse of `per_area` [m].
+
+        Args:
+            density: capacitance per area of electrode [F/m^2], positive.
+            wall_radius: of the wall that carries the electrodes [m].
+            permittivity: relative, of the oil.
+            layers: as for `per_area` [m].
+        """
+        film = VACUUM_PERMITTIVITY / density - layers
+        return self.gap(film * permittivity, wall_radius)
+
     def per_area(
         self,
         gap: Float[Array, "*shape lane"],
@@ -63,6 +87,13 @@ class ParallelPlate(AbstractCapacitance):
         del wall_radius
         return gap
 
+    def gap(
+        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
+    ) -> Float[Array, "*shape lane"]:
+        """The thickness itself."""
+        del wall_radius
+        return thickness
+
 
 class Concentric(AbstractCapacitance):
     """Coaxial cylinders: eps0 eps_r / (r_w ln(1 + d / r_w))."""
@@ -72,6 +103,12 @@ class Concentric(AbstractCapacitance):
     ) -> Float[Array, "*shape lane"]:
         """r_w ln(1 + d / r_w)."""
         return wall_radius * jnp.log1p(gap / wall_radius)
+
+    def gap(
+        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
+    ) -> Float[Array, "*shape lane"]:
+        """r_w (exp(t / r_w) - 1)."""
+        return wall_radius * jnp.expm1(thickness / wall_radius)
 
 
 FORMULAS: dict[str, AbstractCapacitance] = {

@@ -103,6 +103,38 @@ class Electrodes(eqx.Module):
         centre = gaps[footprint.centre]
         return Readings(centre, capacitance, capacitance / self.lsb, ~clear)
 
+    def read_even_film(self, gap: Float[Array, "taxel #lane"]) -> Float[Array, "taxel lane"]:
+        """Sensor output under a film as thick over all of a taxel's footprint [counts].
+
+        With the skin's oil gap these are the readings at rest.
+
+        Args:
+            gap: between wall and inner face [m].
+        """
+        wall = self.geometry.wall_radius
+        density = self.formula.per_area(gap - self.height, wall, self.permittivity, self.layers)
+        return (self.stray + self.taxels.area * density) / self.lsb
+
+    def even_film(self, so: Float[Array, "taxel lane"]) -> Float[Array, "taxel lane"]:
+        """Gap of the even film that gives a sensor output: inverse of `read_even_film` [m].
+
+        Args:
+            so: sensor output [counts]; a lane a frame.
+
+        Returns:
+            Zero where the capacitance is that of a closed film or more; NaN where the output
+            is missing, or not above the stray capacitance.
+        """
+        density = (so * self.lsb - self.stray) / self.taxels.area
+        known = density > 0
+        gap = self.formula.gap_of(
+            jnp.where(known, density, 1.0),
+            self.geometry.wall_radius,
+            self.permittivity,
+            self.layers,
+        )
+        return jnp.where(known, jnp.maximum(gap, 0.0) + self.height, jnp.nan)
+
 
 def electrodes_of(
     spec: SkinSpec, numbers: Mapping[str, Any], geometry: SkinGeometry

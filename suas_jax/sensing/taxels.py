@@ -107,6 +107,15 @@ class Taxels(eqx.Module):
         """Of the electrodes [m^2]."""
         return jnp.pi / 4 * self.diameter**2
 
+    def positions(self, radius: Lanes) -> Float[Array, "taxel 3"]:
+        """The centres in space: x towards growing angles, y to the crown, z along the axis [m].
+
+        Args:
+            radius: of the cylinder that the taxels lie on [m].
+        """
+        x, y = radius * jnp.sin(self.angle), radius * jnp.cos(self.angle)
+        return jnp.stack(jnp.broadcast_arrays(x, y, self.axial), 1)[..., 0]
+
     def rays(self, footprint: Footprint, wall_radius: Lanes) -> list[tuple[Array, Array]]:
         """Polar angle [rad] and axial position [m] of the taxels' rays, [taxel, lane] each.
 
@@ -167,6 +176,32 @@ def taxels_of(
         return x.reshape(-1, x.shape[-1])
 
     return Taxels(flat(angle), flat(axial), flat(diameter), *names)
+
+
+def taxel_places(
+    electrodes: ElectrodesSpec, wall_radius: float
+) -> dict[tuple[int, int], tuple[float, float]]:
+    """Places of the taxels' centres on the unrolled wall, along arc and axis [m].
+
+    Args:
+        electrodes: the layout.
+        wall_radius: of the wall [m].
+
+    Returns:
+        Places by module (from 0) and number in it (from 1).
+    """
+    names = zip(*taxel_names(electrodes), strict=True)
+    if electrodes.layout == "list":
+        places = [(wall_radius * taxel.angle, taxel.axial) for taxel in electrodes.taxels]
+        return dict(zip(names, places, strict=True))
+    places = []
+    for module in electrodes.modules:
+        x, y = (module.pitch * module_places()[_places_by_number(module.numbering)]).T
+        cos, sin = np.cos(module.rotation), np.sin(module.rotation)
+        arc = wall_radius * module.angle + x * cos - y * sin
+        axial = module.axial + x * sin + y * cos
+        places += list(zip(arc.tolist(), axial.tolist(), strict=True))
+    return dict(zip(names, places, strict=True))
 
 
 def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:

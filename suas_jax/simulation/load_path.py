@@ -22,7 +22,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.config import LineLoadSpec, LoadSpec, SceneSpec, load_scene
+from suas_jax.config import (
+    ConfigError,
+    LineLoadSpec,
+    LoadSpec,
+    SceneSpec,
+    SkinSpec,
+    load_scene,
+    load_skin,
+)
 from suas_jax.config.csv_table import number_in, read_csv_table
 
 _COLUMN = re.compile(r"loads\.(\d+)\.([a-z]+_[A-Za-z]+)")
@@ -76,6 +84,21 @@ def load_path(file: Path) -> LoadPath:
         raise ValueError(f"{file}, line {line}, column t_s: time must increase")
     columns = dict(zip(table.names[1:], numbers[:, 1:].T, strict=True))
     return LoadPath(scene, numbers[:, 0], columns)
+
+
+def skin_behind(file: Path) -> SkinSpec:
+    """The skin of a skin file, of a scene, or of the scene that a load path moves.
+
+    Raises:
+        ValueError: the file is none of these, or can't be used.
+        OSError: it can't be read.
+    """
+    if file.suffix.lower() != ".toml":
+        return load_path(file).scene.skin
+    try:
+        return load_skin(file)
+    except ConfigError:
+        return load_scene(file).skin  # or the reason why it is neither
 
 
 def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:

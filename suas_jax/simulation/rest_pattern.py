@@ -12,23 +12,20 @@ def rest_pattern(skin: Path, like: Baseline) -> NDArray[np.float64]:
     """Model counts at rest [module, taxel], arranged as in a baseline; NaN where unknown.
 
     Args:
-        skin: skin file, or a scene file, whose loads are left out.
+        skin: skin file, scene file or load path, whose loads are left out.
         like: names the modules.
 
     Raises:
         ConfigError: the file can't be used.
         ValueError: it has no electrodes.
     """
-    from suas_jax.config import ConfigError, load_scene, load_skin
     from suas_jax.config.schema_scene import SceneSpec
     from suas_jax.runtime.settings import configure
     from suas_jax.scene.solve import solve
+    from suas_jax.simulation.load_path import skin_behind
 
     configure()
-    try:
-        spec = load_skin(skin)
-    except ConfigError:
-        spec = load_scene(skin).skin  # or the reason why it is neither
+    spec = skin_behind(skin)
     tables = {name: getattr(spec, name) for name in type(spec).model_fields}
     report = solve(SceneSpec(**{k: v for k, v in tables.items() if v is not None})).report
     rest = np.full_like(like.so, np.nan)

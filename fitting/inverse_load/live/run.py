@@ -1,7 +1,8 @@
-"""`suas invert --live`: a port read, its loads estimated, shown and recorded."""
+"""`suas invert --live`: a port read, its loads estimated, shown, sent on and recorded."""
 
+import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,10 +10,9 @@ from pathlib import Path
 import typer
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live.stream import live_frames
+from fitting.inverse_load.live.stream import FrameReadings, LiveFrame, live_frames
 from fitting.inverse_load.live.view import LoadView
-from fitting.inverse_load.report.text import frame_json
-from fitting.json_text import json_text
+from fitting.inverse_load.live.watcher import LiveWatcher, json_line
 from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
@@ -51,62 +51,85 @@ class LiveOptions:
             raise ValueError(f"--latency {self.latency:g}: a time above zero is needed")
 
 
-def run_live(prepare: Callable[[], LoadEstimator], options: LiveOptions) -> None:
+class JsonLines(LiveWatcher):
+    """A JSON line a frame on the standard output."""
+
+    def estimated(self, frame: LiveFrame) -> None:
+        """Print it."""
+        typer.echo(json_line(frame))
+
+
+def _nobody(estimator: LoadEstimator, stack: contextlib.ExitStack) -> Sequence[LiveWatcher]:
+    return ()
+
+
+def run_live(
+    prepare: Callable[[], LoadEstimator],
+    options: LiveOptions,
+    watchers: Callable[[LoadEstimator, contextlib.ExitStack], Sequence[LiveWatcher]] = _nobody,
+) -> None:
     """`suas invert --live`: until Ctrl-C, SIGTERM or the end of the duration.
 
     Args:
         prepare: makes the estimator, which takes long: a port that can't be opened is refused
             before.
         options: how to run.
+        watchers: makes what takes part; what it enters into the stack is left at the end.
     """
     decode = decoder(options.format_name)
     source = open_source(options.port, options.format_name, options.baud)
-    writer: LogWriter | None = None
-    try:
+    with contextlib.ExitStack() as stack:
+        stack.callback(source.close)
         estimator = prepare()
         estimator.warm_up()
+        present = [*watchers(estimator, stack)]
         discard_waiting(source)
+        writer: LogWriter | None = None
         if options.log is not None:  # not before the port is known to be there
-            writer = _log_writer(estimator, options, decode.extra_columns)
-        with LoadView(estimator, options.port, show=not options.as_json) as view:
-            stream = Stream(source, decode, options.format_name, report=view.say)
-            began = time.monotonic()
+            writer = stack.enter_context(_log_writer(estimator, options, decode.extra_columns))
+        view = stack.enter_context(LoadView(estimator, options.port, show=not options.as_json))
+        present.insert(0, view)
+        if options.as_json:
+            present.append(JsonLines())
 
-            def idle() -> None:
-                over = options.duration is not None
-                if over and time.monotonic() - began > options.duration:  # type: ignore[operator]
-                    stream.stop.set()
+        def say(sentence: str) -> None:
+            for watcher in present:
+                watcher.said(sentence)
 
-            def record(judged: Judged) -> None:
-                if writer is not None:
-                    write_reading(writer, judged, began)
+        stream = Stream(source, decode, options.format_name, report=say)
+        began = time.monotonic()
 
-            frames = dropped = 0
-            with ended_by_signal(stream):
-                for frame in live_frames(
-                    stream,
-                    estimator,
-                    latency=options.latency,
-                    smooth=options.smooth,
-                    on_reading=record,
-                    idle=idle,
-                ):
-                    frames, dropped = frames + 1, frame.dropped
-                    if options.as_json:
-                        line = frame_json(
-                            frame.time,
-                            frame.seq,
-                            frame.estimate,
-                            frame.filtered,
-                            dropped=frame.dropped,
-                        )
-                        typer.echo(json_text(line))
-                    view.update(frame)
-            view.say(f"{options.port}: {frames} frames estimated, {dropped} dropped")
-    finally:
-        source.close()
-        if writer is not None:
-            writer.close()
+        def idle() -> None:
+            if writer is not None and stream.lost_link:
+                writer.flush()  # nothing more comes that would do it
+            for watcher in present:
+                watcher.waited(stream)
+            if options.duration is not None and time.monotonic() - began > options.duration:
+                stream.stop.set()
+
+        def record(judged: Judged) -> None:
+            if writer is not None:
+                write_reading(writer, judged, began)
+
+        def read(frame: FrameReadings) -> None:
+            for watcher in present:
+                watcher.read(frame)
+
+        frames = dropped = 0
+        with ended_by_signal(stream):
+            for frame in live_frames(
+                stream,
+                estimator,
+                latency=options.latency,
+                smooth=options.smooth,
+                on_reading=record,
+                on_frame=read,
+                idle=idle,
+            ):
+                frames, dropped = frames + 1, frame.dropped
+                for watcher in present:
+                    watcher.estimated(frame)
+        say(f"{options.port}: {frames} frames estimated, {dropped} dropped")
 
 
 def _log_writer(

@@ -20,8 +20,26 @@ from suas_jax.acquisition.stream import Judged, Stream
 from suas_jax.acquisition.taxel_faults import StuckWatch
 
 
+class FrameReadings(NamedTuple):
+    """Readings of one frame of a stream.
+
+    Attributes:
+        time: on the device's clock if it has one, else on the host's [s].
+        seq: frame number.
+        arrived: host time of its last byte [s].
+        so: readings [taxel] [counts]; NaN where missing.
+        stuck: taxels that repeat one count beyond chance [taxel].
+    """
+
+    time: float
+    seq: int
+    arrived: float
+    so: NDArray[np.float64]
+    stuck: NDArray[np.bool_]
+
+
 class LiveFrame(NamedTuple):
-    """One frame of a stream.
+    """One frame of a stream with its loads.
 
     Attributes:
         time: on the device's clock if it has one, else on the host's [s].
@@ -29,6 +47,7 @@ class LiveFrame(NamedTuple):
         estimate: its loads; `latency` counts from the arrival of its last byte.
         filtered: its loads filtered over time; None where that wasn't asked for.
         dropped: frames left out so far because they had waited too long.
+        readings: that it was estimated from; None where they are of another layout.
     """
 
     time: float
@@ -36,6 +55,7 @@ class LiveFrame(NamedTuple):
     estimate: LoadEstimate
     filtered: list[Contact] | None
     dropped: int
+    readings: FrameReadings | None = None
 
 
 @dataclass
@@ -99,6 +119,7 @@ def live_frames(
     smooth: bool = False,
     clock: Callable[[], float] = time.monotonic,
     on_reading: Callable[[Judged], None] = lambda judged: None,
+    on_frame: Callable[[FrameReadings], None] = lambda frame: None,
     idle: Callable[[], None] = lambda: None,
 ) -> Generator[LiveFrame, None, None]:
     """Loads of a stream's frames, in the order of arrival.
@@ -110,6 +131,7 @@ def live_frames(
         smooth: also filter over time.
         clock: the stream's.
         on_reading: called with every reading, dropped or not.
+        on_frame: called with every frame of the skin's layout, dropped or not.
         idle: called ten times a second or more.
     """
     builder = FrameBuilder(Layout(estimator.spec))
@@ -126,6 +148,8 @@ def live_frames(
                     yield LiveFrame(frame.time, frame.seq, nothing, None, dropped)
                     continue
                 stuck = watch.feed(so)
+                readings = FrameReadings(frame.time, frame.seq, frame.arrived, so, stuck)
+                on_frame(readings)
                 if clock() - frame.arrived > latency:
                     dropped += 1
                     continue
@@ -133,7 +157,7 @@ def live_frames(
                 estimate = estimator.estimate(so[None], stuck[None], time=now)[0]
                 smoothed = None if track is None else track.feed(frame.time, estimate)
                 estimate = replace(estimate, latency=clock() - frame.arrived)
-                yield LiveFrame(frame.time, frame.seq, estimate, smoothed, dropped)
+                yield LiveFrame(frame.time, frame.seq, estimate, smoothed, dropped, readings)
 
 
 def _built(

@@ -9,6 +9,7 @@ import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame
+from fitting.inverse_load.live.watcher import LiveWatcher
 from fitting.inverse_load.report.text import contact_text
 from suas_jax.acquisition.terminal import LiveTerminal
 
@@ -21,7 +22,7 @@ _WINDOW = 2.0  # rates are means over this time [s]
 _REFRESH = 0.1  # between two pictures [s]
 
 
-class LoadView(LiveTerminal):
+class LoadView(LiveTerminal, LiveWatcher):
     """Messages on stderr; on a terminal also a picture that moves.
 
     Args:
@@ -36,7 +37,11 @@ class LoadView(LiveTerminal):
         self._title = title
         self._times: deque[float] = deque()
 
-    def update(self, frame: LiveFrame) -> None:
+    def said(self, sentence: str) -> None:
+        """Print a sentence."""
+        self.say(sentence)
+
+    def estimated(self, frame: LiveFrame) -> None:
         """Show a frame, a few times a second."""
         now = time.monotonic()
         self._times.append(now)
@@ -63,12 +68,21 @@ class LoadView(LiveTerminal):
         return table
 
 
-def picture(angles: list[float], edge: float) -> str:
-    """The pad from edge to edge as a line of characters, a mark at each contact."""
+def picture(
+    angles: list[float], edge: float, *, unit: str = "°", scale: float = 180 / np.pi
+) -> str:
+    """The pad from edge to edge as a line of characters, a mark at each contact.
+
+    Args:
+        angles: of the contacts, or their places along the axis.
+        edge: the largest angle, or place.
+        unit: of what is written at the edges.
+        scale: size of one, in that unit.
+    """
     line = ["─"] * _WIDTH
     line[0], line[-1], line[_WIDTH // 2] = "├", "┤", "┼"
     for angle in angles:
         place = round((angle / edge + 1) / 2 * (_WIDTH - 1))
         line[min(max(place, 0), _WIDTH - 1)] = "▼"
-    degrees = f"{np.rad2deg(edge):.0f}°"
-    return f"-{degrees} {''.join(line)} +{degrees}"
+    limit = f"{scale * edge:.0f}{unit}"
+    return f"-{limit} {''.join(line)} +{limit}"

@@ -360,11 +360,8 @@ def _reach(
 
 def rest_readings(skin: PadSkin) -> NDArray[np.float64]:
     """Readings of the undeformed pad [taxel] [counts]."""
-    e = skin.electrodes
-    gap = skin.geometry.oil_gap - e.height
-    density = e.formula.per_area(gap, skin.geometry.wall_radius, e.permittivity, e.layers)
-    so = (e.stray + e.taxels.area * density) / e.lsb
-    return np.broadcast_to(np.asarray(so)[:, 0], (len(e.taxels.angle),)).copy()
+    so = skin.electrodes.read_even_film(skin.geometry.oil_gap)
+    return np.broadcast_to(np.asarray(so)[:, 0], (len(skin.electrodes.taxels.angle),)).copy()
 
 
 def _inverse(force: NDArray[np.float64]) -> NDArray[np.float64]:

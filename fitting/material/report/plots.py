@@ -1,11 +1,12 @@
 """Figure of a material fit: data, law and 95 % band by mode, and the residuals."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from fitting.material.experiments.history import HistoryTest
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.result import MaterialFit
@@ -51,7 +52,8 @@ def _draw_mode(
     lower: "Axes",
 ) -> None:
     banded = mode in PATHS and all(
-        isinstance(data, StressTest) and data.measure == "nominal" for data, _ in members
+        isinstance(data, StressTest) and data.measure == "nominal" and not data.follows_history
+        for data, _ in members
     )
     if banded:
         _draw_band(fit, mode, [data for data, _ in members], upper)
@@ -63,7 +65,18 @@ def _draw_mode(
     lower.axhline(0.0, color="0.6", lw=0.8)
     limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
     lower.set_ylim(-min(1.1 * limit, 100.0) - 0.1, min(1.1 * limit, 100.0) + 0.1)
-    upper.legend(frameon=False, fontsize="small")
+    if any(isinstance(data, HistoryTest) and data.is_relaxation for data, _ in members):
+        upper.set_xscale("log")
+        lower.set_xscale("log")
+        lower.set_xlim(upper.get_xlim())
+    upper.legend(*_once(upper), frameon=False, fontsize="small")
+
+
+def _once(axes: "Axes") -> tuple[list[Any], list[str]]:
+    """Handles and labels of a legend, each label once."""
+    handles, labels = axes.get_legend_handles_labels()
+    found = dict(zip(labels, handles, strict=True))
+    return list(found.values()), list(found)
 
 
 def _draw_readings(
@@ -76,7 +89,11 @@ def _draw_readings(
         x, y = data.abscissa[rows], data.value[rows]
         named = label if len(channels) > 1 else "data"
         upper.plot(x, y / unit, marker, ms=3.5, mfc="none", color=colour, label=named)
-        if not banded:
+        if data.follows_history:
+            for path in data.paths():
+                series = (data.value + error)[path] / unit
+                upper.plot(data.abscissa[path], series, "k-", lw=1.0, label="law")
+        elif not banded:
             law = f"law, {label}" if len(channels) > 1 else "law"
             upper.plot(x, (y + error[rows]) / unit, "x", ms=3.5, color="k", label=law)
         share = 100.0 * error[rows] / size[rows]

@@ -42,6 +42,7 @@ _COLUMN = re.compile(
 )
 _TIMES = ("t_device_s", "t_s", "t_host_s", "time_s")
 FLUID = "fluid"
+_SAME = 1e-6  # of the largest value, by which two sources may differ
 MOST_LOADS = 8
 
 Key = tuple[int, str]
@@ -65,14 +66,16 @@ class Known:
         """Together with what another source knows.
 
         Raises:
-            ValueError: both give the same quantity.
+            ValueError: both give the same quantity with different values.
         """
-        twice = sorted(self.values.keys() & other.values.keys())
-        if twice:
-            raise ValueError(
-                f"load {twice[0][0]}: {twice[0][1]} is given by {self.names[twice[0]]} and by "
-                f"{other.names[twice[0]]}; leave one out"
-            )
+        for key in sorted(self.values.keys() & other.values.keys()):
+            own, given = self.values[key], other.values[key]
+            size = float(np.nanmax(np.abs(own), initial=0.0))
+            if not np.allclose(own, given, rtol=0.0, atol=_SAME * size, equal_nan=True):
+                raise ValueError(
+                    f"load {key[0]}: {key[1]} is given by {self.names[key]} and, with other "
+                    f"values, by {other.names[key]}; leave one out"
+                )
         fluid = self.fluid if other.fluid is None else other.fluid
         return Known(self.values | other.values, fluid, self.names | other.names)
 

@@ -29,7 +29,8 @@ def print_report(report: dict[str, Any], fit: SensorFit) -> None:
         f"{report['condition_number']:.3g}"
     )
     table = Table()
-    for heading in ("constant", "value", "standard error", "95 % interval"):
+    table.add_column("constant", no_wrap=True)
+    for heading in ("value", "standard error", "95 % interval"):
         table.add_column(heading, overflow="fold")
     table.add_column("prior")
     for name, value in report["parameters"].items():

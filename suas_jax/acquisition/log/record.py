@@ -1,12 +1,15 @@
 """Record a stream to a log."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
+from suas_jax.acquisition.frames.reading import Decoder
 from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.log.format import RAW_CLOCK
-from suas_jax.acquisition.log.log_file import LogWriteError, LogWriter
+from suas_jax.acquisition.log.log_file import LogWriteError, LogWriter, log_header
+from suas_jax.acquisition.ports.serial_port import Source
 from suas_jax.acquisition.stream import Judged, Stream
 
 FLAG_COLUMNS = (*Flags._fields, RAW_CLOCK)
@@ -79,6 +82,43 @@ def record(
     result["unwritten_rows"] = result["rows"] - log.rows + log.unwritten
     result["stopped"] = stopped
     return result
+
+
+def record_port(
+    source: Source,
+    decode: Decoder,
+    format_name: str,
+    path: Path,
+    *,
+    duration: float,
+    report: Callable[[str], None],
+    header: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Record an open port to a new log for some time.
+
+    Args:
+        source: the open port, which is closed in the end.
+        decode: decoder of its format.
+        format_name: the format's name.
+        path: of the log.
+        duration: [s].
+        report: called with a sentence about anything a person should know.
+        header: of the log; None for what every log has.
+
+    Returns:
+        As `record`.
+    """
+    started = time.monotonic()
+    try:
+        columns = FLAG_COLUMNS + decode.extra_columns
+        log = LogWriter(path, header or log_header(), flags=columns)
+    except BaseException:
+        source.close()
+        raise
+    stream = Stream(
+        source, decode, format_name, report=report, clock=lambda: time.monotonic() - started
+    )
+    return record(stream, log, duration=duration, started=started)
 
 
 def totals(stream: Stream, elapsed: float) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""The guided calibration of a skin on a port: rest, known presses, fit, verification."""

@@ -1,0 +1,109 @@
+"""Which known loads a guided calibration asks for, in which order."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from suas_jax.config import SkinSpec, format_quantity, parse_quantity
+
+REST = "rest"
+_PARTS = re.compile(r"\s*[,;]\s*")
+# Places of the loads where nothing else is asked for, as shares of the half angle.
+_PRESSED, _VERIFIED = (-0.5, 0.0, 0.5), (0.22,)
+
+
+@dataclass(frozen=True)
+class Press:
+    """A known load.
+
+    Attributes:
+        angle: where it acts, from the symmetry axis [rad].
+        force: inwards [N].
+        axial: from the middle of a pad [m]; None in plane strain.
+    """
+
+    angle: float
+    force: float
+    axial: float | None = None
+
+    @property
+    def text(self) -> str:
+        """In words, such as "at 45 deg with 5 N"."""
+        along = (
+            "" if self.axial is None else f", {format_quantity(self.axial, 'length')} axially"
+        )
+        return (
+            f"at {format_quantity(self.angle, 'angle')}{along} with "
+            f"{format_quantity(self.force, 'force')}"
+        )
+
+
+@dataclass(frozen=True)
+class Step:
+    """A recording of the calibration.
+
+    Attributes:
+        name: of its log, without the ending.
+        press: the known load; None at rest.
+        verifies: whether it is kept out of the fit, to be estimated afterwards.
+    """
+
+    name: str
+    press: Press | None = None
+    verifies: bool = False
+
+
+def steps_of(presses: Sequence[Press], verified: Sequence[Press]) -> tuple[Step, ...]:
+    """Rest, the presses, and those that verify."""
+    return (
+        Step(REST),
+        *(Step(f"press_{k + 1}", press) for k, press in enumerate(presses)),
+        *(Step(f"verify_{k + 1}", press, verifies=True) for k, press in enumerate(verified)),
+    )
+
+
+def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tuple[Press, ...]]:
+    """Places where nothing else is asked for: three to calibrate, one to verify.
+
+    Args:
+        spec: the skin.
+        force: of all presses [N].
+    """
+    axial = 0.0 if spec.geometry.dimension == 3 else None
+    edge = spec.geometry.half_angle
+    pressed, verified = (
+        tuple(Press(share * edge, force, axial) for share in shares)
+        for shares in (_PRESSED, _VERIFIED)
+    )
+    return pressed, verified
+
+
+def press_of(text: str, spec: SkinSpec, option: str) -> Press:
+    """A press from the command line: "45 deg, 5 N", on a pad "45 deg, 10 mm, 5 N".
+
+    Args:
+        text: as given.
+        spec: the skin.
+        option: its name, for messages.
+
+    Raises:
+        ValueError: naming what is expected.
+    """
+    parts = _PARTS.split(text.strip())
+    pad = spec.geometry.dimension == 3
+    try:
+        if len(parts) != 2 + pad:
+            raise ValueError("so many quantities are not expected")
+        angle, force = parse_quantity(parts[0], "angle"), parse_quantity(parts[-1], "force")
+        axial = parse_quantity(parts[1], "length") if pad else None
+    except ValueError as error:
+        usual = '"45 deg, 10 mm, 5 N"' if pad else '"45 deg, 5 N"'
+        raise ValueError(f'{option} "{text}": {error}; expected {usual}') from None
+    if abs(angle) >= spec.geometry.half_angle or not force > 0:
+        edge = format_quantity(spec.geometry.half_angle, "angle")
+        raise ValueError(
+            f'{option} "{text}": an angle within {edge} and a force above zero are expected'
+        )
+    if axial is not None and abs(axial) >= spec.geometry.width / 2:
+        raise ValueError(f'{option} "{text}": the axial place is beyond the pad\'s end')
+    return Press(angle, force, axial)

@@ -1,0 +1,214 @@
+"""`suas calibrate`: record what is still missing, fit, verify, write the skin and the page."""
+
+import contextlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from fitting.calibration.html_report import html_report
+from fitting.calibration.plan import Step
+from fitting.calibration.recording import InterruptedStepError, StepRecorder
+from fitting.calibration.session import CalibrationFolder
+from fitting.calibration.steadiness import Rest
+from fitting.calibration.verification import Verification, verify
+from fitting.inverse_load.live.view import picture
+from fitting.inverse_load.readings import Layout
+from fitting.sensor.fit.calibrate import fit_sensor
+from fitting.sensor.logs.data import load_sensor_data
+from fitting.sensor.model.constants import PATHS
+from fitting.sensor.report.skin_file import calibrated_skin
+from fitting.sensor.report.summary import sensor_report
+from suas_jax.acquisition.baseline import Baseline, NotAtRestError, take_baseline
+from suas_jax.acquisition.frames.registry import decoder, open_source
+from suas_jax.acquisition.health import log_health
+from suas_jax.acquisition.log.log_file import log_header, read_log
+from suas_jax.acquisition.signals import ended_by_signal
+from suas_jax.acquisition.stream import Stream
+from suas_jax.config import SkinSpec, continuous_inputs, load_skin
+from suas_jax.files.writing import write_text
+from suas_jax.sensing.taxels import taxel_places
+
+
+@dataclass(frozen=True)
+class CalibrationOptions:
+    """How to calibrate.
+
+    Attributes:
+        port: as `suas log` takes it.
+        skin: the skin file.
+        output: the calibrated one.
+        page: the report (HTML).
+        folder: where the logs of the steps lie.
+        steps: what is recorded.
+        format_name: frame format.
+        baud: bits per second.
+        hold: how long each load is to be held still [s].
+        timeout: how long a step may take [s].
+        fit: names of the constants.
+        model: shapes of the membrane, as for `fit_sensor`.
+    """
+
+    port: str
+    skin: Path
+    output: Path
+    page: Path
+    folder: Path
+    steps: tuple[Step, ...]
+    format_name: str
+    baud: int
+    hold: float
+    timeout: float
+    fit: Sequence[str]
+    model: str
+
+
+def run_calibration(
+    options: CalibrationOptions,
+    say: Callable[[str], None],
+    progress: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Calibrate a skin with a person's help.
+
+    Args:
+        options: how.
+        say: called with what the person should do.
+        progress: called with what is being computed.
+
+    Returns:
+        The report of `suas fit sensor`, with `verification` and the files' names.
+
+    Raises:
+        InterruptedStepError: a step was not done; the next call resumes there.
+        ValueError: the device is of another layout, or the readings can't be used.
+        PortError: the port can't be opened.
+    """
+    spec = load_skin(options.skin)
+    if spec.electrodes is None:
+        raise ValueError(f"{options.skin}: no [electrodes]: the skin senses nothing")
+    folder = CalibrationFolder(options.folder, options.skin, options.steps)
+    if folder.open_steps:
+        _record(spec, folder, options, say)
+    baseline = _baseline(folder, options)
+    fitted = [step for step in options.steps if not step.verifies]
+    data = load_sensor_data(spec, [folder.log(step) for step in fitted])
+    fit = fit_sensor(data, options.fit, model=options.model, progress=progress)
+    write_text(options.output, calibrated_skin(options.skin, fit))
+    report = sensor_report(fit) | {
+        "skin": str(options.skin),
+        "skin_file": str(options.output),
+        "page": str(options.page),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "before": _before(spec, fit.family.names),
+    }
+    progress("verifying")
+    checks = verify(
+        load_skin(options.output),
+        baseline,
+        [(s.press, folder.log(s)) for s in options.steps if s.verifies and s.press is not None],
+    )
+    report["verification"] = [_check_json(check) for check in checks]
+    report["verified"] = all(check.passed for check in checks) if checks else None
+    radius = spec.geometry.inner_radius - spec.geometry.oil_gap
+    places = [*taxel_places(spec.electrodes, radius).values()]
+    health = log_health(read_log(folder.log(options.steps[0])))
+    page = html_report(spec, places, report, options.steps, checks, health)
+    write_text(options.page, page)
+    return report
+
+
+def _record(
+    spec: SkinSpec,
+    folder: CalibrationFolder,
+    options: CalibrationOptions,
+    say: Callable[[str], None],
+) -> None:
+    assert spec.electrodes is not None
+    decode = decoder(options.format_name)
+    source = open_source(options.port, options.format_name, options.baud)
+    taxels = spec.electrodes.taxels_by_module
+    stream = Stream(source, decode, options.format_name, report=say, taxels=taxels)
+    header = log_header(
+        skin=str(options.skin),
+        scale=f"{1e15 * spec.electrodes.lsb:.9g} fF",
+        port=options.port,
+        frame_format=options.format_name,
+    )
+    recorder = StepRecorder(
+        stream, Layout(spec), hold=options.hold, timeout=options.timeout, say=say
+    )
+    done = len(options.steps) - len(folder.open_steps)
+    if done:
+        say(f"{done} of {len(options.steps)} steps are there already: going on")
+    with ended_by_signal(stream), contextlib.closing(recorder):
+        try:
+            rest = _rest(folder, recorder, options, header, decode.extra_columns, say)
+            for number, step in enumerate(options.steps, start=1):
+                if step in folder.open_steps and step.press is not None:
+                    say(f"{number} of {len(options.steps)}: press {step.press.text}, and hold")
+                    say(_drawn(spec, step))
+                    rows = recorder.press(rest)
+                    folder.keep(step, rows, header, decode.extra_columns)
+        except InterruptedStepError as error:
+            raise InterruptedStepError(
+                f"{error}; what is done is kept in {folder.folder}: the same command goes on"
+            ) from None
+
+
+def _rest(
+    folder: CalibrationFolder,
+    recorder: StepRecorder,
+    options: CalibrationOptions,
+    header: dict[str, str],
+    extra_columns: tuple[str, ...],
+    say: Callable[[str], None],
+) -> Rest:
+    """Readings at rest; where they were recorded before, what they are this time."""
+    step = options.steps[0]
+    again = step not in folder.open_steps
+    first = f"1 of {len(options.steps)}: leave the skin alone"
+    say("take everything off the skin" if again else first)
+    rows, rest = recorder.rest()
+    if not again:
+        folder.keep(step, rows, header, extra_columns)
+    return rest
+
+
+def _drawn(spec: SkinSpec, step: Step) -> str:
+    """Where to press, as lines of characters: along the arc, on a pad also along the axis."""
+    assert step.press is not None
+    lines = picture([step.press.angle], spec.geometry.half_angle)
+    if step.press.axial is None:
+        return lines
+    half = spec.geometry.width / 2
+    return f"{lines}\n{picture([step.press.axial], half, unit='mm', scale=1e3)}"
+
+
+def _baseline(folder: CalibrationFolder, options: CalibrationOptions) -> Baseline:
+    path = folder.log(options.steps[0])
+    try:
+        return take_baseline(read_log(path))
+    except NotAtRestError as error:
+        raise ValueError(f"{error}; remove {path} and repeat the command") from None
+
+
+def _before(spec: SkinSpec, names: Sequence[str]) -> dict[str, float]:
+    """The skin file's values of the constants, by name."""
+    inputs = continuous_inputs(spec)
+    paths = {name: PATHS.get(name, name) for name in names}
+    return {name: float(inputs[path]) for name, path in paths.items() if path in inputs}
+
+
+def _check_json(check: Verification) -> dict[str, Any]:
+    return {
+        "angle_deg": math.degrees(check.press.angle),
+        "force_N": check.press.force,
+        "axial_m": check.press.axial,
+        "status": check.status,
+        "estimated_angle_deg": math.degrees(check.angle),
+        "estimated_force_N": check.force,
+        "estimated_axial_m": check.axial,
+        "passed": check.passed,
+    }

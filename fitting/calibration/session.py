@@ -1,0 +1,105 @@
+"""What a guided calibration has recorded so far: a folder that an interruption leaves whole."""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from fitting.calibration.plan import Step
+from suas_jax.acquisition.log.log_file import LogWriter
+from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
+from suas_jax.acquisition.stream import Judged
+from suas_jax.config.toml_file import MOST_BYTES
+from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.writing import write_text, written
+
+_PLAN = "plan.json"
+
+
+class CalibrationFolder:
+    """The logs of a calibration, each written whole when its step is done.
+
+    Args:
+        folder: made if it is not there.
+        skin: the file that is calibrated.
+        steps: what is recorded.
+
+    Raises:
+        ValueError: the folder holds a calibration of another skin, or with other loads.
+    """
+
+    def __init__(self, folder: Path, skin: Path, steps: Sequence[Step]) -> None:
+        self.folder = folder
+        self._steps = tuple(steps)
+        plan = {
+            "skin_sha256": hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest(),
+            "steps": [asdict(step) for step in steps],
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        file = folder / _PLAN
+        if file.exists():
+            self._check(file, plan)
+        else:
+            write_text(file, json.dumps(plan, indent=1) + "\n")
+
+    def _check(self, file: Path, plan: dict[str, Any]) -> None:
+        try:
+            before = json.loads(read_bytes(file, MEGABYTE, remember=False))
+        except (ValueError, RecursionError):
+            before = None
+        if before != json.loads(json.dumps(plan)):
+            raise ValueError(
+                f"{self.folder}: holds a calibration of another skin file or with other loads; "
+                "ask for the same, name another --folder, or remove it to begin again"
+            )
+
+    def log(self, step: Step) -> Path:
+        """Where a step's log lies."""
+        return self.folder / f"{step.name}.csv"
+
+    @property
+    def open_steps(self) -> tuple[Step, ...]:
+        """The steps that are still to be recorded."""
+        return tuple(step for step in self._steps if not self.log(step).exists())
+
+    def keep(
+        self,
+        step: Step,
+        readings: Sequence[Judged],
+        header: Mapping[str, str],
+        extra_columns: tuple[str, ...],
+    ) -> None:
+        """Write a step's log, with its known load in the header.
+
+        Args:
+            step: that was recorded.
+            readings: its rows.
+            header: of the log.
+            extra_columns: that the frame format adds.
+        """
+        known = dict(header) | _known(step)
+        path = self.log(step)
+        began = readings[0].reading.t_host
+        with written(path) as draft:
+            columns = FLAG_COLUMNS + extra_columns
+            with LogWriter(draft, known, flags=columns, flush_interval=1.0) as log:
+                log.start(max(len(judged.reading.counts) for judged in readings))
+                for judged in readings:
+                    write_reading(log, judged, began)
+
+
+def _known(step: Step) -> dict[str, str]:
+    """The known load as header lines that `suas fit sensor` takes."""
+    press = step.press
+    if press is None:
+        return {"load_0_force_N": "0", "load_0_angle_deg": "0"}
+    known = {
+        "load_0_force_N": f"{press.force:.9g}",
+        "load_0_angle_deg": f"{math.degrees(press.angle):.9g}",
+    }
+    if press.axial is not None:
+        known["load_0_axial_mm"] = f"{1e3 * press.axial:.9g}"
+    return known

@@ -1,0 +1,126 @@
+"""`suas calibrate`. JAX is imported inside the command."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.log import FORMAT_NAMES
+from fitting.json_text import json_text
+from suas_jax.files.writing import check_outputs
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's command to the program."""
+    app.command("calibrate")(calibrate)
+
+
+def calibrate(
+    port: Annotated[str, typer.Argument(metavar="PORT", help="As for `suas log`.")],
+    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="SKIN.toml",
+            help="Calibrated skin file; default: SKIN.calibrated.toml in this folder.",
+        ),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Report; default: SKIN.calibrated.html."),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(help="Logs of the steps; default: SKIN.calibration. Resumes there."),
+    ] = None,
+    format_name: Annotated[
+        str, typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMAT_NAMES)}.")
+    ] = "text",
+    baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
+    force: Annotated[
+        str, typer.Option(help="Of every press, where no --press says otherwise.")
+    ] = "5 N",
+    press: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar='"ANGLE, FORCE"',
+            help='A known load to calibrate with, such as "45 deg, 5 N", on a pad "45 deg, '
+            '10 mm, 5 N". Repeatable; default: three places along the arc.',
+        ),
+    ] = None,
+    verify: Annotated[
+        list[str] | None,
+        typer.Option(metavar='"ANGLE, FORCE"', help="Likewise, a known load to verify with."),
+    ] = None,
+    skip_verification: Annotated[
+        bool, typer.Option("--skip-verification", help="Verify with no load.")
+    ] = False,
+    hold: Annotated[
+        float, typer.Option(min=0.2, max=600.0, metavar="S", help="How long to hold still.")
+    ] = 3.0,
+    timeout: Annotated[
+        float, typer.Option(min=1.0, max=86400.0, metavar="S", help="Longest step.")
+    ] = 600.0,
+    fit: Annotated[
+        str, typer.Option(help="Constants to find, as for `suas fit sensor`.")
+    ] = "permittivity,gap",
+    model: Annotated[
+        str, typer.Option(help="Shapes of the membrane, as for `suas fit sensor`.")
+    ] = "auto",
+    overwrite: Overwrite = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
+) -> None:
+    """Calibrate a skin step by step: rest, known presses, verification.
+
+    It says where to press with what, and goes on by itself once the load is held still. What
+    is recorded is kept: an interrupted calibration is gone on with by the same command.
+    Exit status: 0 calibrated, verified or not; 2 bad input, or a step was not done.
+    """
+    with bad_input():
+        from fitting.calibration.plan import press_of, steps_of, usual_presses
+        from suas_jax.config import load_skin, parse_quantity
+        from suas_jax.runtime.settings import configure
+
+        stem = skin.stem.removesuffix(".calibrated")
+        target = output or Path(f"{stem}.calibrated.toml")
+        report_file = page or target.with_suffix(".html")
+        spec = load_skin(skin)
+        check_outputs([target, report_file], overwrite=overwrite)
+        try:
+            usual, usually_verified = usual_presses(spec, parse_quantity(force, "force"))
+        except ValueError as error:
+            raise ValueError(f"--force: {error}") from None
+        pressed = tuple(press_of(text, spec, "--press") for text in press or ()) or usual
+        verified = tuple(press_of(text, spec, "--verify") for text in verify or ())
+        verified = () if skip_verification else verified or usually_verified
+        configure()
+        from fitting.calibration.run import CalibrationOptions, run_calibration
+
+        options = CalibrationOptions(
+            port,
+            skin,
+            target,
+            report_file,
+            folder or Path(f"{stem}.calibration"),
+            steps_of(pressed, verified),
+            format_name,
+            baud,
+            hold,
+            timeout,
+            [name.strip() for name in fit.split(",") if name.strip()],
+            model,
+        )
+        report = run_calibration(options, lambda text: typer.echo(text, err=True))
+    if as_json:
+        typer.echo(json_text(report))
+        return
+    for name, value in report["parameters"].items():
+        deviation, unit = report["standard_errors"][name], report["units"][name]
+        typer.echo(f"{name}: {value:.6g} +- {deviation:.2g} {unit}".rstrip())
+    for warning in report["warnings"]:
+        typer.echo(f"warning: {warning}")
+    verdicts = {None: "not verified", True: "verified", False: "the verification failed"}
+    typer.echo(f"{verdicts[report['verified']]}; written: {target}, {report_file}", err=True)

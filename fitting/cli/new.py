@@ -1,0 +1,206 @@
+"""`suas new`: commented files to start from."""
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fitting.cli.contract import Overwrite, bad_input
+from suas_jax.files.writing import check_output, write_text
+
+# The paper's skin [m, rad].
+_INNER_RADIUS, _OIL_GAP, _WIDTH, _HALF_ANGLE = 57.5e-3, 5e-3, 123e-3, math.pi / 2
+_DIAMETER = 4e-3  # of an electrode [m]
+_MOST_MODULES = 200
+
+_FILE = typer.Argument(metavar="FILE", help="To write.")
+
+_SKIN = """\
+# {title}
+# Every quantity has its unit; what is not stated has a default (docs/scenes.md).
+
+[geometry]
+inner_radius = "57.5 mm"      # of the membrane's inner face, undeformed
+thickness    = "1.5 mm"       # of the membrane
+half_angle   = "90 deg"       # from the symmetry axis to a clamped edge
+width        = "123 mm"       # {width}
+oil_gap      = "5 mm"         # between membrane and rigid wall, at rest
+ends         = "{ends}"{ends_note}
+
+[material]
+preset = "epdm-paper"         # or a law with its constants, as `suas fit material` writes it:
+# law = "neo-hookean"
+# mu = "32.6 MPa"
+
+[oil]
+model = "incompressible"      # or compressible, aerated, vented
+relative_permittivity = 2.2   # a mineral or silicone oil; `suas fit sensor` finds it
+
+[electrodes]
+capacitance = "parallel-plate"
+stray = "0 fF"                # in parallel with every taxel
+lsb   = "0.305 fF"            # capacitance of one count
+noise = 2.0                   # standard deviation of a reading, counts: `suas health`
+{layout}"""
+
+_ELECTRODES = """\
+layout = "list"               # electrodes one by one, from the symmetry axis
+taxels = [
+{rows}]
+"""
+
+_TRIANGLES = """\
+layout = "roboskin"           # {rows} rows of {columns} triangles with edges of {edge:.4g} mm
+modules = [                   # in the order of their numbers, from 0
+{modules}]
+"""
+
+_SCENE = """\
+# Loads on a skin: `suas solve {name}` finds oil pressure, gaps and counts.
+
+skin = "{skin}"
+
+[[load]]
+kind = "{kind}
+angle = "20 deg"              # from the symmetry axis, positive towards +x
+{place}force = "5 N"                 # in all; negative pulls outwards
+direction = "radial"          # or "vertical", or an angle such as "10 deg"
+
+# A further load:
+# [[load]]
+# kind = "pressure"
+# pressure = "1 kPa"
+
+[solve]
+rtol = {rtol}                   # wanted relative error of displacement and pressure
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the program."""
+    group = typer.Typer(help="Commented files to start from.", no_args_is_help=True)
+    group.command("skin")(skin)
+    group.command("scene")(scene)
+    app.add_typer(group, name="new")
+
+
+def skin(
+    file: Annotated[Path, _FILE] = Path("skin.toml"),
+    pad: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROWSxCOLUMNS",
+            help="A pad in three dimensions, covered with so many ROBOSKIN triangles along "
+            "axis and arc, such as 4x8; without it a section with eight taxels.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a skin file: the paper's dimensions, every key explained.
+
+    Exit status: 0 written, 2 bad input.
+    """
+    with bad_input():
+        check_output(file, overwrite=overwrite)
+        write_text(file, _section_text() if pad is None else _pad_text(*_counts(pad)))
+    typer.echo(f"{file}: change what differs in your skin, then suas new scene --skin {file}")
+
+
+def scene(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="To write.")] = Path(
+        "scene.toml"
+    ),
+    skin: Annotated[Path, typer.Option(help="Skin file that the loads act on.")] = Path(
+        "skin.toml"
+    ),
+    overwrite: Overwrite = False,
+) -> None:
+    """Write a scene file: a load on a skin, every key explained.
+
+    Exit status: 0 written, 2 bad input.
+    """
+    with bad_input():
+        check_output(file, overwrite=overwrite)
+        from suas_jax.config import load_skin
+
+        dimension = load_skin(skin).geometry.dimension
+        text = _SCENE.format(
+            name=file,
+            skin=Path(os.path.relpath(skin.resolve(), file.parent.resolve())).as_posix(),
+            kind=_KINDS[dimension],
+            place=_PLACE if dimension == 3 else "",
+            rtol="1e-2" if dimension == 3 else "1e-3",
+        )
+        write_text(file, text)
+    typer.echo(f"{file}: suas solve {file}")
+
+
+_KINDS = {
+    2: 'line"                 # a dead force, even over the width',
+    3: 'patch"                # a dead force, even over a patch',
+}
+_PLACE = """\
+axial = "10 mm"               # from the middle of the pad
+diameter = "6 mm"             # or size = ["6 mm", "6 mm"], along arc and axis
+"""
+
+
+def _counts(text: str) -> tuple[int, int]:
+    found = re.fullmatch(r"\s*(\d{1,3})\s*[x×]\s*(\d{1,3})\s*", text)
+    if found is None or not 0 < int(found[1]) * int(found[2]) <= _MOST_MODULES:
+        raise ValueError(
+            f'--pad "{text}": expected rows along the axis x triangles along the arc, such as '
+            f"4x8, at most {_MOST_MODULES} in all"
+        )
+    return int(found[1]), int(found[2])
+
+
+def _section_text() -> str:
+    rows = [
+        f'  {{ angle = "{angle} deg", axial = "0 mm", diameter = "4 mm" }},\n'
+        for angle in range(-70, 71, 20)
+    ]
+    return _SKIN.format(
+        title="A skin in plane strain: a half-cylinder over oil, its straight edges clamped.",
+        width="over which loads are even",
+        ends="sliding",
+        ends_note='      # plane strain; "clamped": a pad in three dimensions',
+        layout=_ELECTRODES.format(rows="".join(rows)),
+    )
+
+
+def _pad_text(rows: int, columns: int) -> str:
+    from suas_jax.sensing.pad_layout import pad_layout
+
+    layout = pad_layout(
+        rows,
+        columns,
+        wall_radius=_INNER_RADIUS - _OIL_GAP,
+        half_angle=_HALF_ANGLE,
+        width=_WIDTH,
+    )
+    if layout.pitch <= _DIAMETER:
+        raise ValueError(
+            f"--pad {rows}x{columns}: the taxels of triangles of {1e3 * layout.edge:.1f} mm "
+            f"are {1e3 * layout.pitch:.2f} mm apart, less than their diameter of "
+            f"{1e3 * _DIAMETER:g} mm; fewer rows or columns are needed"
+        )
+    modules = [
+        f'  {{ angle = "{math.degrees(t.angle):.6g} deg", axial = "{1e3 * t.axial:.6g} mm", '
+        f'rotation = "{math.degrees(t.rotation):g} deg", '
+        f'pitch = "{1e3 * layout.pitch:.5g} mm", '
+        f'diameter = "{1e3 * _DIAMETER:g} mm" }},\n'
+        for t in layout.triangles
+    ]
+    return _SKIN.format(
+        title="A pad in three dimensions: a half-cylinder over oil, clamped on all four sides.",
+        width="between the clamped ends",
+        ends="clamped",
+        ends_note='      # all four sides; "sliding": plane strain',
+        layout=_TRIANGLES.format(
+            rows=rows, columns=columns, edge=1e3 * layout.edge, modules="".join(modules)
+        ),
+    )

@@ -1,0 +1,220 @@
+"""`suas view`: a scene, a log or a live port in the browser. JAX is imported inside."""
+
+import contextlib
+import signal
+import threading
+import time
+import webbrowser
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.log import FORMAT_NAMES, skin_of_log
+from fitting.cli.progress import spinner
+from suas_jax.files.writing import check_outputs
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.estimator import LoadEstimator
+    from fitting.inverse_load.live.watcher import LiveWatcher
+    from fitting.view.hub import Hub
+    from fitting.view.log_source import LogSource
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's command to the program."""
+    app.command("view")(view)
+
+
+def view(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SOURCE", help="Scene (TOML), SO log, or with --live the skin file."
+        ),
+    ],
+    record: Annotated[
+        Path | None,
+        typer.Argument(metavar="[LOG]", help="Live: where readings are recorded (optional)."),
+    ] = None,
+    live: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Read a port, as `suas log` does.")
+    ] = None,
+    format_name: Annotated[
+        str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
+    ] = "text",
+    baud: Annotated[int, typer.Option(min=1, help="Live: bits per second.")] = 115200,
+    skin: Annotated[
+        Path | None,
+        typer.Option(help="Of a log: its skin file; default: the one that its header names."),
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
+    ] = None,
+    loads: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Of a log: what `suas invert LOG --json` found; default: estimate.",
+        ),
+    ] = None,
+    taxels_only: Annotated[
+        bool, typer.Option("--taxels-only", help="Of a log: show it without loads.")
+    ] = False,
+    contacts: Annotated[
+        int, typer.Option(min=1, max=4, help="Most contacts to tell apart.")
+    ] = 3,
+    address: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where the page is served; port 0: any.")
+    ] = "127.0.0.1:8700",
+    browser: Annotated[
+        bool, typer.Option("--open", help="Open the page in the browser.")
+    ] = False,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, metavar="S", help="End after this long.")
+    ] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Show a skin in the browser: membrane, taxels, contacts, force and oil pressure.
+
+    The page is served from this machine alone unless --address says otherwise. Ctrl-C ends.
+    Exit status: 0 ended, 2 bad input.
+    """
+    with bad_input():
+        if record is not None and live is None:
+            raise ValueError(f"{record}: readings are recorded with --live PORT only")
+        if loads is not None and taxels_only:
+            raise ValueError("--loads and --taxels-only: give one of them")
+        check_outputs([record], overwrite=overwrite)
+        from fitting.inverse_load.live.serve import host_and_port
+
+        host, port = host_and_port(address, "--address")
+        _require_aiohttp()
+        from suas_jax.runtime.settings import configure
+
+        configure()
+
+        @contextlib.contextmanager
+        def served(hub: "Hub") -> Iterator[None]:
+            from fitting.view.server import ViewServer
+
+            with ViewServer(hub, host, port) as server:
+                typer.echo(server.url)
+                if browser:
+                    webbrowser.open(server.url)
+                yield
+
+        if live is not None:
+            options = {"port": live, "format_name": format_name, "baud": baud}
+            options |= {"duration": duration, "log": record, "overwrite": overwrite}
+            _live(source, baseline, contacts, options, served)
+            return
+        from suas_jax.acquisition.log.log_file import is_log
+
+        shown: Any
+        if source.suffix.lower() != ".toml" and is_log(source):
+            shown = _log_source(
+                source, skin, baseline, loads, contacts, taxels_only=taxels_only
+            )
+        else:
+            from fitting.view.scene_source import SceneSource
+            from suas_jax.config import load_scene
+
+            shown = SceneSource(load_scene(source), source.name)
+        with served(shown.hub), _ended_by_signal(duration) as over:
+            shown.run(over)
+
+
+def _live(
+    skin: Path,
+    baseline: Path | None,
+    contacts: int,
+    options: dict[str, Any],
+    served: Callable[["Hub"], contextlib.AbstractContextManager[None]],
+) -> None:
+    from fitting.inverse_load.live.run import LiveOptions, run_live
+    from fitting.inverse_load.skin_estimator import skin_estimator
+    from fitting.view.live_source import LiveSource
+    from fitting.view.readings_picture import ReadingsPictures
+
+    live = LiveOptions(**options)
+
+    def prepare() -> "LoadEstimator":
+        with spinner("preparing the estimate") as show:
+            return skin_estimator(
+                skin, baseline, progress=show, live=True, most_contacts=contacts
+            )
+
+    def watchers(
+        estimator: "LoadEstimator", stack: contextlib.ExitStack
+    ) -> "list[LiveWatcher]":
+        pictures = ReadingsPictures(estimator.spec, estimator.rest)
+        source = LiveSource(pictures, live.port)
+        stack.enter_context(served(source.hub))
+        return [source]
+
+    run_live(prepare, live, watchers)
+
+
+def _log_source(
+    log: Path,
+    skin: Path | None,
+    baseline: Path | None,
+    loads: Path | None,
+    contacts: int,
+    *,
+    taxels_only: bool,
+) -> "LogSource":
+    from fitting.inverse_load.readings import readings_of
+    from fitting.inverse_load.skin_estimator import estimator_of, rest_of
+    from fitting.view.log_source import LogSource
+    from fitting.view.readings_picture import ReadingsPictures
+    from suas_jax.acquisition.log.log_file import read_log
+    from suas_jax.simulation.load_path import skin_behind
+
+    read = read_log(log)
+    file = skin_of_log(read) if skin is None else skin
+    if file is None:
+        raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
+    spec = skin_behind(file)
+    rest, _ = rest_of(spec, baseline)
+    pictures = ReadingsPictures(spec, rest)
+    assert spec.electrodes is not None
+    readings = readings_of(read, spec, spec.electrodes.noise)
+    estimator, estimates = None, None
+    if loads is not None:
+        from fitting.inverse_load.report.read_back import read_estimates
+
+        estimates = read_estimates(loads, readings.seq)
+    elif not taxels_only:
+        with spinner("preparing the estimate") as show:
+            estimator = estimator_of(spec, baseline, progress=show, most_contacts=contacts)
+    return LogSource(readings, pictures, log.name, estimator=estimator, estimates=estimates)
+
+
+@contextlib.contextmanager
+def _ended_by_signal(duration: float | None) -> Iterator[Callable[[], bool]]:
+    """Ctrl-C, SIGTERM or the end of a duration end what asks the function that is given."""
+    ended, began = threading.Event(), time.monotonic()
+
+    def over() -> bool:
+        return ended.is_set() or (duration is not None and time.monotonic() - began > duration)
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda *_: ended.set()) for n in numbers}
+    try:
+        yield over
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _require_aiohttp() -> None:
+    import importlib.util
+
+    if importlib.util.find_spec("aiohttp") is None:
+        raise ValueError(
+            'suas view needs aiohttp, which is not installed: pip install "suas-jax[view]"'
+        )

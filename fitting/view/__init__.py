@@ -1,0 +1,1 @@
+"""The skin in a browser: a page served from this machine, for scenes, logs and live ports."""

@@ -1,0 +1,144 @@
+"""Between a source of pictures and the pages that show them: the newest of each.
+
+The source works in one thread, the server in another. Nothing piles up: a picture that no
+page has taken is replaced by the next, and so is a wish (a slider's value, a place in the
+log) that the source has not yet looked at.
+"""
+
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from fitting.view.picture import Picture
+
+_MOST_SENTENCES = 8
+_MOST_SAMPLES = 3000  # of the charts
+_MOST_LATENCIES = 10_000
+
+
+class Message(NamedTuple):
+    """A picture as it is sent.
+
+    Attributes:
+        number: of the picture.
+        content: its bytes.
+        made: when the picture was made, by `time.monotonic` [s].
+    """
+
+    number: int
+    content: bytes
+    made: float
+
+
+class Hub:
+    """What source and server share.
+
+    Args:
+        description: what a page needs to know once, see `fitting.view.description`.
+
+    Attributes:
+        edition: grows when the history has changed otherwise than by a picture.
+        latencies: from the making of a picture until a page had drawn it [s].
+    """
+
+    def __init__(self, description: dict[str, Any]) -> None:
+        self.description = description
+        self.on_news: Callable[[], None] = lambda: None
+        self._lock = threading.Condition()
+        self._wishes: dict[str, Any] = {}
+        self._picture: Picture | None = None
+        self._number = 0
+        self._encoded = Message(0, b"", 0.0)
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=_MOST_SAMPLES)
+        self._whole: list[tuple[float, float, float]] | None = None
+        self._sentences: deque[str] = deque(maxlen=_MOST_SENTENCES)
+        self._closed = False
+        self.edition = 0
+        self.latencies: deque[float] = deque(maxlen=_MOST_LATENCIES)
+
+    # --- the source's side ------------------------------------------------------------
+
+    def show(self, picture: Picture) -> None:
+        """Replace the picture, and go on with the charts."""
+        with self._lock:
+            self._picture, self._number = picture, self._number + 1
+            if self._whole is None:
+                self._samples.append((picture.time, picture.force, picture.oil_pressure))
+        self.on_news()
+
+    def chart(self, samples: list[tuple[float, float, float]]) -> None:
+        """Show these samples (time, force, oil pressure) instead of the pictures' own."""
+        with self._lock:
+            step = max(1, math.ceil(len(samples) / _MOST_SAMPLES))
+            self._whole = samples[::step]
+            self.edition += 1
+        self.on_news()
+
+    def say(self, sentence: str) -> None:
+        """Show a sentence, with the time of day."""
+        with self._lock:
+            self._sentences.append(f"{time.strftime('%H:%M:%S')}  {sentence}")
+            self.edition += 1
+        self.on_news()
+
+    def wishes(self, timeout: float) -> dict[str, Any]:
+        """What pages wish since the last call; waits for a wish.
+
+        Args:
+            timeout: longest wait [s].
+        """
+        with self._lock:
+            if not self._wishes and not self._closed:
+                self._lock.wait(timeout)
+            wishes, self._wishes = self._wishes, {}
+            return wishes
+
+    @property
+    def closed(self) -> bool:
+        """Whether the server has ended."""
+        return self._closed
+
+    # --- the server's side ------------------------------------------------------------
+
+    def wish(self, name: str, value: Any) -> None:
+        """Take a wish, which replaces an older one of the same name."""
+        with self._lock:
+            self._wishes[name] = value
+            self._lock.notify_all()
+
+    def newest(self, after: int) -> Message | None:
+        """The newest picture's message, if its number is above another.
+
+        It is encoded once for all pages, and only if one asks.
+        """
+        with self._lock:
+            picture, number = self._picture, self._number
+        if picture is None or number <= after:
+            return None
+        if self._encoded.number != number:
+            self._encoded = Message(number, picture.encoded(number), picture.made)
+        return self._encoded
+
+    def drawn(self, latency: float) -> None:
+        """Take how long a picture took from its making to the page [s]."""
+        self.latencies.append(latency)
+
+    def history(self) -> dict[str, Any]:
+        """Charts and sentences so far."""
+        with self._lock:
+            samples = self._whole if self._whole is not None else list(self._samples)
+            return {
+                "type": "history",
+                "whole": self._whole is not None,
+                "samples": [list(sample) for sample in samples],
+                "sentences": list(self._sentences),
+            }
+
+    def close(self) -> None:
+        """End: a source that waits for wishes returns."""
+        with self._lock:
+            self._closed = True
+            self._lock.notify_all()

@@ -1,0 +1,133 @@
+"""Pictures of a log: played, stopped, or at any place of its timeline."""
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.readings import LogReadings
+from fitting.view.hub import Hub
+from fitting.view.picture import total_force
+from fitting.view.readings_picture import ReadingsPictures
+
+_SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)
+_TICK = 1 / 30  # between two pictures while the log is played [s]
+_LOOK = 0.25  # between two looks whether to end, while it stands still [s]
+_BLOCK = 64  # frames estimated together
+_CHARTED = 1.0  # between two additions to the charts [s]
+
+
+class LogSource:
+    """A log on a timeline; loads are estimated in the background, or given.
+
+    Args:
+        readings: of the log.
+        pictures: of its skin.
+        title: what the page calls it.
+        estimator: finds the loads; None where `estimates` has them, or nobody does.
+        estimates: of the log's frames, where they are known.
+    """
+
+    def __init__(
+        self,
+        readings: LogReadings,
+        pictures: ReadingsPictures,
+        title: str,
+        *,
+        estimator: LoadEstimator | None = None,
+        estimates: Sequence[LoadEstimate] | None = None,
+    ) -> None:
+        self._readings, self._pictures, self._estimator = readings, pictures, estimator
+        count = len(readings.so)
+        self._estimates: list[LoadEstimate | None] = [None] * count
+        if estimates is not None:
+            self._estimates = list(estimates)
+        # Device clocks may begin again: the timeline never runs backwards.
+        self._time = np.maximum.accumulate(readings.time - readings.time[0])
+        last = float(self._time[-1])
+        timeline = {"first": 0.0, "last": last, "speeds": list(_SPEEDS), "frames": count}
+        description = pictures.description(title, source="log", timeline=timeline)
+        self.hub = Hub(description)
+        self._place, self._speed, self._playing = 0.0, 1.0, True
+
+    def run(self, over: Callable[[], bool]) -> None:
+        """Play until it is over.
+
+        Args:
+            over: asked a few times a second.
+        """
+        for note in self._readings.notes:
+            self.hub.say(note)
+        self._chart()
+        worker = threading.Thread(target=self._estimate, args=(over,), daemon=True)
+        worker.start()
+        last, shown = time.monotonic(), None
+        while not (over() or self.hub.closed):
+            now = time.monotonic()
+            if self._playing:
+                self._place += self._speed * (now - last)
+                if self._place >= self._time[-1]:
+                    self._place, self._playing = float(self._time[-1]), False
+            last = now
+            index = int(np.searchsorted(self._time, self._place, side="right")) - 1
+            known = self._estimates[index] is not None
+            state = (index, known, self._playing, self._speed)
+            if state != shown:
+                shown = state
+                self._show(index)
+            wishes = self.hub.wishes(_TICK if self._playing else _LOOK)
+            self._place = wishes.get("seek", self._place)
+            self._speed = wishes.get("speed", self._speed)
+            self._playing = wishes.get("play", self._playing)
+            if wishes.get("play") and self._place >= self._time[-1]:
+                self._place = 0.0
+        worker.join(timeout=5)
+
+    def _show(self, index: int) -> None:
+        readings = self._readings
+        rows = [("frame", f"{readings.seq[index]} ({index + 1} of {len(readings.so)})")]
+        picture = self._pictures.picture(
+            float(self._time[index]),
+            readings.so[index],
+            readings.stuck[index],
+            self._estimates[index],
+            rows,
+            playing=self._playing,
+            speed=self._speed,
+        )
+        self.hub.show(picture)
+
+    def _estimate(self, over: Callable[[], bool]) -> None:
+        """Estimate the whole log, the frames behind the place that is shown last."""
+        if self._estimator is None:
+            return
+        readings, charted = self._readings, time.monotonic()
+        open_ = np.array([estimate is None for estimate in self._estimates])
+        while open_.any() and not (over() or self.hub.closed):
+            begin = int(np.searchsorted(self._time, self._place, side="right")) - 1
+            ahead = np.flatnonzero(open_[begin:])
+            index = begin + ahead if ahead.size else np.flatnonzero(open_)
+            index = index[:_BLOCK]
+            pressure = None if readings.pressure is None else readings.pressure[index]
+            found = self._estimator.estimate(
+                readings.so[index], readings.stuck[index], pressure=pressure
+            )
+            for i, estimate in zip(index.tolist(), found, strict=True):
+                self._estimates[i] = estimate
+            open_[index] = False
+            if time.monotonic() - charted > _CHARTED or not open_.any():
+                charted = time.monotonic()
+                self._chart()
+        if not open_.any():
+            self.hub.say(f"all {len(open_)} frames estimated")
+
+    def _chart(self) -> None:
+        known = [
+            (float(t), total_force(estimate), estimate.oil_pressure)
+            for t, estimate in zip(self._time, self._estimates, strict=True)
+            if estimate is not None
+        ]
+        self.hub.chart(known)

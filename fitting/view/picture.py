@@ -1,0 +1,167 @@
+"""What the page shows of one moment, and its bytes on the way there.
+
+A message is the length of its header (little-endian, 4 bytes), the header as JSON, padded to
+a multiple of four bytes, then the arrays: displacements of the grid's points as three 16-bit
+whole numbers each, in units of the header's `scale`; counts above rest as 16-bit whole
+numbers; states of the taxels as bytes.
+"""
+
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.report.text import contact_text
+from fitting.json_text import json_text
+from suas_jax.acquisition.log.format import MAX_COUNT
+from suas_jax.config import GeometrySpec
+
+GOOD, MISSING, SATURATED, LEFT_OUT = range(4)
+"""States of a taxel."""
+_MOST = 32767
+_ELLIPSE = 2.447746830680816  # half axes of a 95 % ellipse in two dimensions, in deviations
+_INTERVAL = 1.959963984540054  # the same in one
+
+
+@dataclass
+class Picture:
+    """One moment.
+
+    Attributes:
+        time: that is shown, by the source's clock [s].
+        status: outcome in a word.
+        message: what it means, in a sentence.
+        displacement: gives the displacement of the grid's points [point, 3] [m]; called only
+            for pictures that are sent.
+        change: counts above rest [taxel]; NaN where missing.
+        taxels: their states [taxel].
+        arrows: contacts as the page draws them.
+        values: rows of the table: name and value with unit.
+        force: sum of the contacts' forces [N]; NaN where unknown.
+        oil_pressure: [Pa]; NaN where unknown.
+        more: further keys of the header.
+        made: when it was made, by `time.monotonic` [s].
+    """
+
+    time: float
+    status: str
+    message: str
+    displacement: Callable[[], NDArray[np.float64]]
+    change: NDArray[np.float64]
+    taxels: NDArray[np.uint8]
+    arrows: list[dict[str, Any]]
+    values: list[tuple[str, str]]
+    force: float
+    oil_pressure: float
+    more: dict[str, Any] = field(default_factory=dict)
+    made: float = field(default_factory=monotonic)
+
+    def encoded(self, number: int) -> bytes:
+        """Its message.
+
+        Args:
+            number: of the picture, which the page sends back once it is drawn.
+        """
+        moved = np.nan_to_num(self.displacement())
+        largest = float(np.abs(moved).max(initial=0.0))
+        scale = max(largest, 1e-9) / _MOST
+        header = {
+            "number": number,
+            "t_s": self.time,
+            "status": self.status,
+            "message": self.message,
+            "scale": scale,
+            "contacts": self.arrows,
+            "values": self.values,
+            "force_N": self.force,
+            "oil_pressure_Pa": self.oil_pressure,
+            **self.more,
+        }
+        text = json_text(header).encode()
+        text += b" " * (-len(text) % 4)
+        change = np.clip(np.nan_to_num(np.round(self.change)), -_MOST, _MOST)
+        return b"".join(
+            (
+                struct.pack("<I", len(text)),
+                text,
+                np.round(moved / scale).astype("<i2").tobytes(),
+                change.astype("<i2").tobytes(),
+                self.taxels.astype(np.uint8).tobytes(),
+            )
+        )
+
+
+def taxel_states(so: NDArray[np.float64], left_out: Sequence[int] = ()) -> NDArray[np.uint8]:
+    """States of the taxels from their readings [taxel] and those that were not used."""
+    states = np.full(len(so), GOOD, np.uint8)
+    states[list(left_out)] = LEFT_OUT
+    states[(so <= 0) | (so >= MAX_COUNT)] = SATURATED
+    states[~np.isfinite(so)] = MISSING
+    return states
+
+
+def arrow(contact: Contact, geometry: GeometrySpec) -> dict[str, Any]:
+    """A contact as the page draws it: place, force and the ellipse that holds it with 95 %.
+
+    In plane strain the force acts along a line, and the ellipse is a strip.
+    """
+    outer = geometry.inner_radius + geometry.thickness
+    entry: dict[str, Any] = {
+        "angle": contact.angle,
+        "axial": contact.axial or 0.0,
+        "force": contact.force,
+        "turn": contact.direction or 0.0,
+        "line": contact.axial is None,
+        "text": contact_text(contact),
+    }
+    covariance = contact.covariance
+    if covariance is None:
+        return entry
+    names = [name for name in ("angle", "axial") if name in contact.names]
+    rows = [contact.names.index(name) for name in names]
+    size = np.array([outer, 1.0])[: len(names)]
+    place = covariance[np.ix_(rows, rows)] * np.outer(size, size)
+    if not np.isfinite(place).all():
+        return entry
+    if len(names) == 1:
+        along = _INTERVAL * float(np.sqrt(max(place[0, 0], 0.0)))
+        return entry | {"ellipse": [along, geometry.width / 2, 0.0]}
+    variance, axes = np.linalg.eigh(place)
+    half = _ELLIPSE * np.sqrt(np.maximum(variance, 0.0))
+    turn = float(np.arctan2(axes[1, 1], axes[0, 1]))
+    return entry | {"ellipse": [float(half[1]), float(half[0]), turn]}
+
+
+def estimate_values(estimate: LoadEstimate | None) -> list[tuple[str, str]]:
+    """Rows of the table for an estimate."""
+    if estimate is None:
+        return []
+    rows = [(f"contact {k + 1}", contact_text(c)) for k, c in enumerate(estimate.contacts)]
+    if np.isfinite(estimate.oil_pressure):
+        rows.append(("oil pressure", f"{1e-3 * estimate.oil_pressure:.3f} kPa"))
+    if estimate.at_least is not None:
+        rows.append(("force", f"at least {estimate.at_least:.4g} N"))
+    if np.isfinite(estimate.chi2_per_dof):
+        rows.append(("χ² per degree of freedom", f"{estimate.chi2_per_dof:.2f}"))
+    if estimate.left_out:
+        rows.append(("taxels left out", str(len(estimate.left_out))))
+    return rows
+
+
+def estimate_in_words(estimate: LoadEstimate | None) -> tuple[str, str]:
+    """Status and what it means."""
+    if estimate is None:
+        return "not_estimated", "The loads of this frame have not been estimated yet."
+    return estimate.status, STATUS.get(estimate.status, "")
+
+
+def total_force(estimate: LoadEstimate | None) -> float:
+    """Sum of the contacts' forces [N]; NaN where it isn't known whether there are any."""
+    if estimate is None or estimate.contact is None:
+        return float("nan")
+    return sum((contact.force for contact in estimate.contacts), 0.0)

@@ -1,0 +1,225 @@
+"""The page's server: files of the package and one websocket, by aiohttp, in a thread.
+
+It answers nobody but pages that it served: a request has to name this server as its host, or
+any web site could reach it through a name of its own, and a websocket's origin has to be this
+server. The page may load nothing from elsewhere (Content-Security-Policy).
+"""
+
+import asyncio
+import contextlib
+import ipaddress
+import json
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from aiohttp import WSMsgType, web
+
+from fitting.json_text import json_text
+from fitting.view.hub import Hub
+from fitting.view.wishes import understood
+
+_PAGE = Path(__file__).parent / "page"
+_TYPES = {
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".css": "text/css",
+    ".txt": "text/plain",
+}
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "connect-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+_RATE = 30.0  # pictures a second at most
+_UNSEEN = 1.0  # a page that draws nothing (a hidden tab) gets a picture so often [s]
+_MOST_BYTES = 4096  # of a message from a page
+_MOST_PAGES = 8
+_BEAT = 10.0  # between two looks whether a page is still there [s]
+
+
+class ViewServer:
+    """Serves the page of a hub; a context manager that starts and ends it.
+
+    Args:
+        hub: what the page shows.
+        host: address to listen at.
+        port: 0 takes a free one.
+
+    Attributes:
+        url: of the page.
+        pages: how many are open now.
+
+    Raises:
+        OSError: the address can't be listened at.
+    """
+
+    def __init__(self, hub: Hub, host: str, port: int) -> None:
+        self.hub, self.pages, self.url = hub, 0, ""
+        self._host, self._port = host, port
+        self._loop = asyncio.new_event_loop()
+        self._news = asyncio.Event()
+        self._end = asyncio.Event()
+        self._ready = threading.Event()
+        self._failure: OSError | None = None
+        self._thread = threading.Thread(target=self._run, name="suas view", daemon=True)
+        hub.on_news = self._wake
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        self._ready.wait()
+        if self._failure is not None:
+            raise self._failure
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.hub.close()
+        with contextlib.suppress(RuntimeError):  # it has ended already
+            self._loop.call_soon_threadsafe(self._end.set)
+        self._thread.join(timeout=5)
+
+    def _run(self) -> None:
+        with contextlib.closing(self._loop) as loop:
+            loop.run_until_complete(self._serve())
+
+    async def _serve(self) -> None:
+        application = web.Application(middlewares=[self._only_own], client_max_size=_MOST_BYTES)
+        application.router.add_get("/socket", self._socket)
+        application.router.add_get("/", self._file)
+        application.router.add_get("/{name}", self._file)
+        runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        try:
+            site = web.TCPSite(runner, self._host, self._port)
+            await site.start()
+            port = runner.addresses[0][1]
+            name = f"[{self._host}]" if ":" in self._host else self._host
+            self.url = f"http://{name}:{port}/"
+            self._ready.set()
+            await self._end.wait()
+        except OSError as error:
+            self._failure = OSError(
+                error.errno, error.strerror or str(error), f"{self._host}:{self._port}"
+            )
+        finally:
+            self._ready.set()
+            await runner.cleanup()
+
+    def _wake(self) -> None:
+        """Called from the source's thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(self._news.set)
+
+    @web.middleware
+    async def _only_own(self, request: web.Request, handler: Any) -> web.StreamResponse:
+        if not _is_own_name(request.url.host or "", self._host):
+            raise web.HTTPForbidden(text=f"{request.host}: this server has another name")
+        response: web.StreamResponse = await handler(request)
+        if not response.prepared:
+            response.headers.update(_HEADERS)
+        return response
+
+    async def _file(self, request: web.Request) -> web.Response:
+        name = request.match_info.get("name", "index.html")
+        path = _PAGE / name
+        if path.parent != _PAGE or path.suffix not in _TYPES or not path.is_file():
+            raise web.HTTPNotFound
+        kind = _TYPES[path.suffix]
+        return web.Response(body=path.read_bytes(), content_type=kind, charset="utf-8")
+
+    async def _socket(self, request: web.Request) -> web.StreamResponse:
+        origin = request.headers.get("Origin", "")
+        if origin != f"{request.scheme}://{request.host}":
+            raise web.HTTPForbidden(text=f"{origin}: not a page of this server")
+        if self.pages >= _MOST_PAGES:
+            raise web.HTTPServiceUnavailable(text=f"{_MOST_PAGES} pages are open already")
+        socket = web.WebSocketResponse(max_msg_size=_MOST_BYTES, heartbeat=_BEAT)
+        await socket.prepare(request)
+        self.pages += 1
+        page = _Page(self.hub, socket)
+        sender = asyncio.create_task(page.send(self._news))
+        closer = asyncio.create_task(self._close(socket))
+        try:
+            async for message in socket:
+                if message.type is WSMsgType.TEXT:
+                    page.take(message.data)
+        finally:
+            self.pages -= 1
+            for task in (sender, closer):
+                task.cancel()
+            await asyncio.gather(sender, closer, return_exceptions=True)
+        return socket
+
+    async def _close(self, socket: web.WebSocketResponse) -> None:
+        await self._end.wait()
+        await socket.close()
+
+
+class _Page:
+    """One open page: never more than one picture on its way to it."""
+
+    def __init__(self, hub: Hub, socket: web.WebSocketResponse) -> None:
+        self._hub, self._socket = hub, socket
+        self._sent = 0
+        self._made = 0.0
+        self._drawn = asyncio.Event()
+
+    async def send(self, news: asyncio.Event) -> None:
+        """Send description and history, then the newest picture again and again."""
+        await self._socket.send_str(json_text({"type": "skin", **self._hub.description}))
+        told = -1
+        while not self._socket.closed:
+            if told != self._hub.edition:
+                told = self._hub.edition
+                await self._socket.send_str(json_text(self._hub.history()))
+            message = self._hub.newest(self._sent)
+            if message is None:
+                news.clear()
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(news.wait(), _UNSEEN)
+                continue
+            self._sent, self._made = message.number, message.made
+            self._drawn.clear()
+            begun = time.monotonic()
+            await self._socket.send_bytes(message.content)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._drawn.wait(), _UNSEEN)
+            await asyncio.sleep(max(0.0, begun + 1 / _RATE - time.monotonic()))
+
+    def take(self, text: str) -> None:
+        """Take a message of the page; what isn't understood is left out."""
+        try:
+            message = json.loads(text)
+        except (ValueError, RecursionError):
+            return
+        if not isinstance(message, dict):
+            return
+        if message.get("type") == "drawn":
+            if message.get("number") == self._sent and not self._drawn.is_set():
+                self._hub.drawn(time.monotonic() - self._made)
+                self._drawn.set()
+            return
+        wish = understood(message, self._hub.description)
+        if wish is not None:
+            self._hub.wish(*wish)
+
+
+def _is_own_name(name: str, host: str) -> bool:
+    """Whether a request's host may be this server's: an address, its own, or localhost."""
+    if name in (host, "localhost"):
+        return True
+    with contextlib.suppress(ValueError):
+        ipaddress.ip_address(name)
+        return True
+    return False

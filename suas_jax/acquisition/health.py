@@ -1,0 +1,318 @@
+"""Health of the taxels in a log: noise, stuck, saturation, drift, loss, what neighbours do.
+
+Stuck and saturated readings are those that calibration and estimation leave out
+(`suas_jax.acquisition.taxel_faults`).
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.acquisition.log.data import Frames, SoLog, flagged, group_frames, sequence_notes
+from suas_jax.acquisition.missing import deviation, mean, median
+from suas_jax.acquisition.taxel_faults import (
+    full_scale,
+    noise_by_taxel,
+    saturated,
+    stuck_taxels,
+    typical_noise,
+)
+
+FAULTS = {
+    "silent": "no counts at all",
+    "stuck": "keeps its count while others change: is left out meanwhile",
+    "saturated": "at zero or full scale: is left out meanwhile",
+    "lossy": "more than 5 % of its counts are missing",
+    "noisy": "more than three times the noise of the others",
+    "drifting": "moves steadily, by more than its noise explains",
+    "unresponsive": "does not follow its neighbours, which move",
+    "coupled": "its noise is a neighbour's: a short circuit, or counts sent twice",
+}
+"""Faults of a taxel and what they mean."""
+
+MIN_FRAMES = 50
+_MOST_VALUES = 50_000_000  # counts looked at: the last frames of a longer log
+_SHARE = 0.05  # of the frames, beyond which a taxel is lossy, stuck or saturated
+_NOISY = 3.0  # times the others' noise, and a count more
+_PARTS = 20  # of the log, whose medians show a drift
+_SIGNIFICANT, _LEAST_DRIFT = 6.0, 2.0  # standard errors, counts
+_UNSTEADY = 0.15  # of the whole change, what may be left beside a line
+_NEIGHBOURS = 4
+_SMOOTHED = 10  # frames averaged to see signals below the noise of one
+_MOVED = 10.0  # standard errors by which neighbours must move to be followed
+_FOLLOWS = 0.3  # correlation with its neighbours below which a taxel does not follow
+_COUPLED = 0.9  # correlation of its noise with a neighbour's that noise never has
+
+
+@dataclass(frozen=True)
+class TaxelHealth:
+    """What a log says about one taxel.
+
+    Attributes:
+        module: number of its module.
+        taxel: number in it, from 1.
+        mean: of its counts; NaN where it is silent.
+        noise: standard deviation from frame to frame [counts].
+        stuck: share of the frames in which it is stuck.
+        saturated: share at zero or at full scale.
+        lost: share of the device's frames without a count of it.
+        drift: steady change [counts/min].
+        follows: correlation of its slow changes with those of its neighbours; NaN where those
+            don't move.
+        coupling: largest correlation of its noise with a neighbour's.
+        faults: among `FAULTS`.
+    """
+
+    module: int
+    taxel: int
+    mean: float
+    noise: float
+    stuck: float
+    saturated: float
+    lost: float
+    drift: float
+    follows: float
+    coupling: float
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Health:
+    """What a log says about its taxels.
+
+    Attributes:
+        frames: how many were looked at.
+        duration: from the first to the last [s].
+        taxels: by module and number.
+        notes: what a person should know of the log.
+    """
+
+    frames: int
+    duration: float
+    taxels: tuple[TaxelHealth, ...]
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def faulty(self) -> tuple[TaxelHealth, ...]:
+        """The taxels with a fault."""
+        return tuple(taxel for taxel in self.taxels if taxel.faults)
+
+
+def log_health(
+    log: SoLog, places: dict[tuple[int, int], tuple[float, float]] | None = None
+) -> Health:
+    """Judge every taxel of a log.
+
+    Args:
+        log: some seconds or more; at rest shows noise and drift best, pressed here and there
+            also which taxels don't follow.
+        places: of the taxels (module, number) on the wall [m], whose nearest are neighbours;
+            where they are unknown, the taxels of a module are one another's.
+
+    Raises:
+        ValueError: too few frames.
+    """
+    frames = group_frames(log)
+    if len(frames) < MIN_FRAMES:
+        raise ValueError(
+            f"{log.path}: {len(frames)} frames; to judge taxels {MIN_FRAMES} are needed"
+        )
+    notes = [*log.notes, *sequence_notes(log)]
+    so, names = _counts(frames)
+    time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
+    most = max(_MOST_VALUES // max(so.shape[1], 1), MIN_FRAMES)
+    if len(so) > most:
+        notes.append(f"only the last {most} of {len(so)} frames are looked at")
+        so, time = so[-most:], time[-most:]
+    noise = noise_by_taxel(so)
+    full = full_scale(so)
+    at_limits = saturated(so, full)
+    stuck = stuck_taxels(so, typical_noise(so)) & ~at_limits
+    usable = np.where(stuck | at_limits, np.nan, so)
+    drift, drifts = _drift(usable, time, noise)
+    groups = _neighbours(names, places)
+    follows, coupling = _correlations(usable, noise, groups)
+    lost = _lost(log, frames, so, names)
+    usual, level = typical_noise(so), mean(so)
+    found = []
+    for k, (module, number) in enumerate(names):
+        present = np.isfinite(so[:, k])
+        shares = {
+            "stuck": float(stuck[:, k].mean()),
+            "saturated": float(at_limits[:, k].mean()),
+        }
+        checks = {
+            "stuck": shares["stuck"] > 0,
+            "saturated": shares["saturated"] > _SHARE,
+            "lossy": lost[k] > _SHARE,
+            "noisy": noise[k] > _NOISY * usual + 1.0,
+            "drifting": bool(drifts[k]),
+            "unresponsive": follows[k] < _FOLLOWS,
+            "coupled": coupling[k] > _COUPLED,
+        }
+        faults = tuple(name for name, bad in checks.items() if bad)
+        if not present.any():
+            faults = ("silent",)
+        found.append(
+            TaxelHealth(
+                module,
+                number,
+                float(level[k]),
+                float(noise[k]),
+                shares["stuck"],
+                shares["saturated"],
+                float(lost[k]),
+                float(drift[k]),
+                float(follows[k]),
+                float(coupling[k]),
+                faults,
+            )
+        )
+    duration = float(time[-1] - time[0])
+    return Health(len(so), duration, tuple(found), tuple(notes))
+
+
+def health_json(health: Health) -> dict[str, Any]:
+    """Health as `suas health --json` prints it; NaN stands for what is unknown."""
+    return {
+        "status": "faults" if health.faulty else "healthy",
+        "frames": health.frames,
+        "duration_s": health.duration,
+        "faulty": len(health.faulty),
+        "taxels": [
+            {
+                "module": taxel.module,
+                "taxel": taxel.taxel,
+                "mean_counts": taxel.mean,
+                "noise_counts": taxel.noise,
+                "stuck_share": taxel.stuck,
+                "saturated_share": taxel.saturated,
+                "lost_share": taxel.lost,
+                "drift_counts_per_min": taxel.drift,
+                "follows_neighbours": taxel.follows,
+                "noise_coupling": taxel.coupling,
+                "faults": list(taxel.faults),
+            }
+            for taxel in health.taxels
+        ],
+        "notes": list(health.notes),
+    }
+
+
+def _counts(frames: Frames) -> tuple[NDArray[np.float64], list[tuple[int, int]]]:
+    """Counts [frame, taxel] of all modules, and which taxels they are of."""
+    parts = [frames.of_module(k) for k in range(len(frames.modules))]
+    # Columns that only wider modules have; a taxel between others that is silent stays.
+    widths = [
+        int(np.flatnonzero(np.isfinite(so).any(0)).max(initial=0)) + 1 if so.size else 0
+        for so in parts
+    ]
+    if len(set(frames.modules.tolist())) == 1:
+        widths = [parts[0].shape[1]]
+    names = [
+        (int(module), k + 1)
+        for module, width in zip(frames.modules, widths, strict=True)
+        for k in range(width)
+    ]
+    so = [part[:, :width] for part, width in zip(parts, widths, strict=True)]
+    return np.concatenate(so, axis=1), names
+
+
+def _lost(
+    log: SoLog, frames: Frames, so: NDArray[np.float64], names: list[tuple[int, int]]
+) -> NDArray[np.float64]:
+    """Share of the device's frames without a count [taxel]."""
+    expected = {}
+    flag = log.flags.get("lost")
+    for module in frames.modules.tolist():
+        gone = 0
+        if flag is not None and flag.dtype.kind in "iu":
+            own = (log.module == module) & ~flagged(log, "duplicate")
+            gone = int(flag[own].sum())
+        expected[module] = gone
+    present = np.isfinite(so).sum(0)
+    total = np.array([len(so) + expected[module] for module, _ in names])
+    return 1.0 - present / np.maximum(total, 1)
+
+
+def _drift(
+    so: NDArray[np.float64], time: NDArray[np.float64], noise: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Steady change of every taxel [counts/min], and whether noise doesn't explain it."""
+    size = len(so) // _PARTS
+    taxels = so.shape[1]
+    if size < 1 or not time[-1] > time[0]:
+        return np.full(taxels, np.nan), np.zeros(taxels, bool)
+    parts = so[: size * _PARTS].reshape(_PARTS, size, taxels)
+    at = time[: size * _PARTS].reshape(_PARTS, size).mean(1) / 60.0
+    means = mean(parts.swapaxes(0, 1))  # [part, taxel]
+    i, k = np.triu_indices(_PARTS, 1)
+    apart = np.maximum(at[k] - at[i], 1e-12)[:, None]
+    slope = median((means[k] - means[i]) / apart)  # Theil and Sen's
+    line = slope * (at - at.mean())[:, None]
+    left = deviation(means - line)
+    sigma = np.hypot(noise, 1 / math.sqrt(12))
+    change = np.abs(slope) * (at[-1] - at[0])
+    # The standard error of a line's rise over so many frames.
+    error = sigma * math.sqrt(12 / (size * _PARTS))
+    significant = change > np.maximum(_SIGNIFICANT * error, _LEAST_DRIFT)
+    steady = left < np.maximum(2 * sigma / math.sqrt(size), _UNSTEADY * change)
+    return slope, steady & significant
+
+
+def _neighbours(
+    names: list[tuple[int, int]], places: dict[tuple[int, int], tuple[float, float]] | None
+) -> list[list[int]]:
+    """Indices of every taxel's neighbours."""
+    if places is not None and all(name in places for name in names):
+        at = np.array([places[name] for name in names])
+        distance = np.linalg.norm(at[:, None] - at[None], axis=-1)
+        np.fill_diagonal(distance, np.inf)
+        nearest = np.argsort(distance, axis=1)[:, :_NEIGHBOURS]
+        return [[k for k in row if k != i] for i, row in enumerate(nearest.tolist())]
+    by_module: dict[int, list[int]] = {}
+    for k, (module, _) in enumerate(names):
+        by_module.setdefault(module, []).append(k)
+    groups = []
+    for k, (module, _) in enumerate(names):
+        others = sorted((abs(i - k), i) for i in by_module[module] if i != k)
+        groups.append([i for _, i in others[:_NEIGHBOURS]])
+    return groups
+
+
+def _correlations(
+    so: NDArray[np.float64], noise: NDArray[np.float64], groups: list[list[int]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of every taxel's slow changes with its neighbours', and the largest of its noise."""
+    taxels = so.shape[1]
+    size = len(so) // _SMOOTHED
+    parts = so[: size * _SMOOTHED].reshape(size, _SMOOTHED, taxels)
+    slow = mean(parts.swapaxes(0, 1))
+    slow = slow - median(slow)
+    spread = np.nan_to_num(deviation(slow))
+    quick = np.diff(so, 2, axis=0)
+    follows, coupling = np.full(taxels, np.nan), np.full(taxels, np.nan)
+    for k, others in enumerate(groups):
+        if not others:
+            continue
+        error = np.hypot(noise[others], 1 / math.sqrt(12)) / math.sqrt(_SMOOTHED)
+        moved = [i for i, e in zip(others, error, strict=True) if spread[i] > _MOVED * e]
+        if len(moved) > len(others) / 2:
+            # Outside a contact taxels move the other way: what counts is that they move.
+            follows[k] = max(abs(_correlation(slow[:, k], slow[:, i])) for i in moved)
+        found = [_correlation(quick[:, k], quick[:, i]) for i in others]
+        coupling[k] = max((c for c in found if not math.isnan(c)), default=math.nan)
+    return follows, coupling
+
+
+def _correlation(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+    """Pearson's, of what both have; 0 where one doesn't change, NaN where too few are left."""
+    both = np.isfinite(x) & np.isfinite(y)
+    if both.sum() < 3:
+        return math.nan
+    a, b = x[both] - x[both].mean(), y[both] - y[both].mean()
+    size = math.sqrt(float((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else 0.0

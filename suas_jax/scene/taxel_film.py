@@ -1,0 +1,78 @@
+"""The oil film over every taxel, from its counts: without a solve, for any frame."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.runtime.jit import jit
+from suas_jax.runtime.precision import require_float64
+from suas_jax.scene.parts import skin_parts
+from suas_jax.sensing.electrodes import Electrodes
+
+
+@jit
+def _even_film(electrodes: Electrodes, so: Float[Array, "taxel frame"]) -> Array:
+    return electrodes.even_film(so)
+
+
+class TaxelFilm:
+    """Where the taxels of a skin are, what they read at rest, and the gap that counts mean.
+
+    Args:
+        spec: a skin, or a scene, with [electrodes].
+        rest: readings at rest [taxel] [counts], as a baseline has them; those of the model
+            where not given or NaN.
+
+    Attributes:
+        module: that carries a taxel [taxel].
+        number: of a taxel in its module, from 1 [taxel].
+        angle: of the taxels, from the symmetry axis [taxel, rad].
+        axial: from the middle of the skin [taxel, m].
+        diameter: [taxel, m].
+        positions: x towards growing angles, y to the crown, z along the axis [taxel, 3, m].
+        rest: readings at rest [taxel, counts].
+
+    Raises:
+        ValueError: the skin has no electrodes.
+        Float64Error: float64 is off.
+    """
+
+    def __init__(self, spec: SkinSpec, rest: NDArray[np.float64] | None = None) -> None:
+        require_float64()
+        parts = skin_parts(spec, continuous_inputs(spec))
+        if parts.electrodes is None:
+            raise ValueError("the skin has no [electrodes], so there are no taxels")
+        self._electrodes = parts.electrodes
+        taxels, geometry = parts.electrodes.taxels, parts.geometry
+        self.module, self.number = list(taxels.module), list(taxels.number)
+        self.angle, self.axial, self.diameter = (
+            np.asarray(x)[:, 0] for x in (taxels.angle, taxels.axial, taxels.diameter)
+        )
+        radius = geometry.wall_radius + parts.electrodes.height
+        self.positions = np.asarray(taxels.positions(radius))
+        self._model_rest = self.rest_under(float(geometry.oil_gap[0]))
+        given = np.full(self.angle.shape, np.nan) if rest is None else rest
+        self.rest = np.where(np.isfinite(given), given, self._model_rest)
+        self.gap(self.rest)  # compiled here, not while the first frame of a stream waits
+
+    def rest_under(self, gap: float) -> NDArray[np.float64]:
+        """The model's readings at rest under another oil gap [taxel] [counts]."""
+        so = np.asarray(self._electrodes.read_even_film(jnp.full(1, gap)))[:, 0]
+        return np.broadcast_to(so, self.angle.shape)
+
+    def gap(self, so: Float[np.ndarray, "*frame taxel"]) -> Float[np.ndarray, "*frame taxel"]:
+        """Gap of the even film over each taxel that gives its counts [m].
+
+        Counts are taken from `rest`, so that the gap at rest is the skin's oil gap.
+
+        Args:
+            so: readings [counts]; NaN where missing.
+
+        Returns:
+            Between wall and inner face; zero where they touch, NaN where it isn't known.
+        """
+        as_modelled = (so - self.rest + self._model_rest).reshape(-1, len(self.rest))
+        gap = _even_film(self._electrodes, jnp.asarray(as_modelled.T))
+        return np.asarray(gap).T.reshape(so.shape)

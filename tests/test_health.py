@@ -1,0 +1,167 @@
+"""Taxels judged from a log: each fault is found where it is, and nowhere else."""
+
+import json
+import threading
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_baseline import log_of
+from typer.testing import CliRunner
+
+from fitting.cli.app import app
+from suas_jax.acquisition.device.device import Device, log_readings
+from suas_jax.acquisition.health import FAULTS, Health, log_health
+from suas_jax.acquisition.log.convert import write_csv
+from suas_jax.acquisition.log.log_file import SoLog
+from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.sensing.taxels import taxel_places, taxels_of
+
+FRAMES, MODULES, TAXELS, NOISE = 1000, 3, 10, 2.0
+
+
+@pytest.fixture
+def rest() -> np.ndarray:
+    random = np.random.default_rng(7)
+    level = random.uniform(1000, 14000, (MODULES, TAXELS))
+    return level + random.normal(0, NOISE, (FRAMES, MODULES, TAXELS))
+
+
+def pressed(rest: np.ndarray) -> np.ndarray:
+    """A load that comes and goes, strongest in the middle of each module."""
+    load = np.sin(np.linspace(0, 12, FRAMES)) ** 2
+    return rest + 300 * load[:, None, None] * np.linspace(-0.3, 1, TAXELS)
+
+
+def faults(health: Health) -> dict[tuple[int, int], set[str]]:
+    return {(t.module, t.taxel): set(t.faults) for t in health.faulty}
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_healthy_taxels_have_no_fault(rest: np.ndarray, loaded: bool) -> None:
+    health = log_health(log_of(pressed(rest) if loaded else rest))
+    assert faults(health) == {}
+    noise = np.array([t.noise for t in health.taxels])
+    # The second differences of 1000 normal numbers give their deviation to 3 %.
+    assert noise == pytest.approx(np.full(30, np.hypot(NOISE, 12**-0.5)), rel=0.15)
+    assert max(abs(t.coupling) for t in health.taxels) < 0.3
+    assert all(t.lost == t.stuck == t.saturated == 0 for t in health.taxels)
+    if loaded:
+        assert min(t.follows for t in health.taxels) > 0.8
+    else:
+        assert all(np.isnan(t.follows) for t in health.taxels)
+
+
+def test_every_fault_is_found_where_it_is(rest: np.ndarray) -> None:
+    random = np.random.default_rng(1)
+    so = pressed(rest)
+    so[400:, 0, 0] = so[400, 0, 0]  # stuck
+    so[:, 0, 4] = 65535  # saturated
+    so[:, 0, 8] = np.nan  # silent
+    so[random.random(FRAMES) < 0.2, 1, 1] = np.nan  # lossy
+    so[:, 1, 4] += random.normal(0, 20, FRAMES)  # noisy
+    so[:, 2, 6] = rest[:, 2, 6]  # unresponsive
+    so[:, 2, 9] = so[:, 2, 8] + 17  # coupled
+    found = faults(log_health(log_of(so)))
+    assert found.pop((2, 9)) == {"coupled"}
+    assert found == {
+        (0, 1): {"stuck"},
+        (0, 5): {"saturated"},
+        (0, 9): {"silent"},
+        (1, 2): {"lossy"},
+        (1, 5): {"noisy"},
+        (2, 7): {"unresponsive"},
+        (2, 10): {"coupled"},
+    }
+
+
+def test_a_drift_is_measured(rest: np.ndarray) -> None:
+    """Ten seconds at 30 counts a minute: five counts, below the noise of three frames."""
+    rest[:, 1, 3] += np.linspace(0, 5, FRAMES)
+    health = log_health(log_of(rest))
+    assert faults(health) == {(1, 4): {"drifting"}}
+    (drift,) = (t.drift for t in health.taxels if t.faults)
+    assert drift == pytest.approx(30.0, rel=0.15)
+
+
+def test_lost_frames_count_as_loss(rest: np.ndarray) -> None:
+    log = log_of(rest)
+    lost = np.zeros(len(log), np.int64)
+    lost[np.flatnonzero(log.module == 1)[100]] = 250
+    health = log_health(
+        SoLog(
+            log.path, {}, log.t_host, log.t_device, log.seq, log.module, log.so, {"lost": lost}
+        )
+    )
+    assert faults(health) == {(1, k): {"lossy"} for k in range(1, TAXELS + 1)}
+    shares = [t.lost for t in health.taxels if t.module == 1]
+    assert shares == pytest.approx([0.2] * TAXELS)
+
+
+def test_neighbours_are_the_nearest_where_places_are_known(rest: np.ndarray) -> None:
+    """Taxels that lie apart may move apart: with their places known no fault is found."""
+    so = rest[:, :1].copy()
+    left, right = np.sin(np.linspace(0, 9, FRAMES)), np.cos(np.linspace(0, 37, FRAMES))
+    so[:, 0, ::2] += 300 * left[:, None]
+    so[:, 0, 1::2] += 300 * right[:, None]
+    so[:, 0, 9] = rest[:, 0, 9]
+    places = {(0, k + 1): (float(k % 2), 0.001 * k) for k in range(TAXELS)}
+    assert faults(log_health(log_of(so), places)) == {(0, 10): {"unresponsive"}}
+
+
+def test_too_short_a_log_is_refused(rest: np.ndarray) -> None:
+    with pytest.raises(ValueError, match="40 frames"):
+        log_health(log_of(rest[:40]))
+
+
+def test_the_command_judges_a_log(
+    rest: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rest[400:, 0, 0] = rest[400, 0, 0]
+    log, figure = tmp_path / "rest.csv", tmp_path / "health.png"
+    write_csv(log_of(rest), log)
+    monkeypatch.setenv("COLUMNS", "120")
+    done = CliRunner().invoke(app, ["health", str(log), "--plot", str(figure)])
+    assert done.exit_code == 0, done.output
+    assert f"stuck: 0.1: {FAULTS['stuck']}" in " ".join(done.output.split())
+    assert "30 taxels, 1 faulty" in done.output
+    assert figure.stat().st_size > 10_000
+    done = CliRunner().invoke(app, ["health", str(log), "--json"])
+    report = json.loads(done.stdout)
+    assert (report["status"], report["faulty"], len(report["taxels"])) == ("faults", 1, 30)
+    assert report["taxels"][0]["faults"] == ["stuck"]
+    assert report["taxels"][0]["stuck_share"] == pytest.approx(0.6)
+
+
+def test_the_command_listens_to_a_port(rest: np.ndarray, tmp_path: Path) -> None:
+    rest[:, 1, 3] = 0
+    with Device("cobs", link=tmp_path / "port") as device:
+
+        def play() -> None:
+            device.wait_for_host()
+            device.play(log_readings(log_of(rest)), duration=1.5)
+
+        player = threading.Thread(target=play)
+        player.start()
+        arguments = ["health", device.port, "--format", "cobs", "--duration", "1", "--json"]
+        done = CliRunner().invoke(app, arguments)
+        player.join()
+    assert done.exit_code == 0, done.output
+    report = json.loads(done.stdout)
+    assert [t["faults"] for t in report["taxels"] if t["faults"]] == [["saturated"]]
+    assert report["frames"] > 50
+
+
+def test_places_are_the_models() -> None:
+    """The places without JAX's arrays are those that the model reads."""
+    for name in ("suas.toml", "suas-pad.toml", "suas-rubber.toml"):
+        spec = load_skin(Path("configs/skins") / name)
+        assert spec.electrodes is not None
+        radius = spec.geometry.inner_radius - spec.geometry.oil_gap
+        stated = defaultdict(float, continuous_inputs(spec))
+        taxels = taxels_of(spec.electrodes, stated, radius)
+        places = np.array([*taxel_places(spec.electrodes, radius).values()])
+        angle, axial = (np.asarray(x)[:, 0] for x in (taxels.angle, taxels.axial))
+        np.testing.assert_allclose(places[:, 0], radius * angle, atol=1e-12)
+        np.testing.assert_allclose(places[:, 1], axial, atol=1e-12)
