@@ -21,6 +21,7 @@ from benchmarks import field_errors
 from fitting.calibration.plan import Press
 from fitting.calibration.verification import verify
 from fitting.cli.app import app
+from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.load_array import load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
@@ -289,10 +290,15 @@ def test_a_wide_contact_is_one_contact_with_its_width(estimator: LoadEstimator) 
     case = next(case for case in field_errors.CASES if case.width and case.baseline)
     random = np.random.default_rng(8)
     loads = field_errors.drawn(8, random)
-    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=2)
+    spec = field_errors.with_thickness(estimator.spec, None)
+    own, so = field_errors.estimated(spec, case, loads, random, most_contacts=2)
     found = own.estimate(so)
     assert not any(map(field_errors.is_wrong, found, loads))
-    strong = [e for e, load in zip(found, loads, strict=True) if load[1] > 8]
+    assert all(len(e.contacts) == 1 for e in found)
+    # Of a light contact the width is less than its noise.
+    strong = [
+        e for e, load in zip(found, loads, strict=True) if load[1] > 10 and abs(load[0]) < 1
+    ]
     assert strong
     for estimate in strong:
         (contact,) = estimate.contacts
@@ -300,6 +306,33 @@ def test_a_wide_contact_is_one_contact_with_its_width(estimator: LoadEstimator) 
         length, error = contact.spread
         assert abs(length - case.width) < 4 * error
         assert error < 0.2 * case.width
+
+
+@pytest.mark.parametrize(
+    ("name", "cause", "change"),
+    [
+        ("gap +3 %", "geometry.oil gap", 0.03),
+        ("C1 -10 %, forces known", "stiffness of the material", -0.127),
+        ("columns shifted by one", None, None),
+        ("as in the file", None, None),
+    ],
+)
+def test_a_log_names_what_is_wrong_with_its_skin_file(
+    estimator: LoadEstimator, name: str, cause: str | None, change: float | None
+) -> None:
+    case = next(case for case in field_errors.CASES if case.name == name)
+    random = np.random.default_rng(9)
+    loads = field_errors.drawn(24, random)
+    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=1)
+    force = loads[:, 1] if case.force_known else None
+    faulty = np.zeros(so.shape, bool)
+    verdict = section_verdict(own, so, faulty, own.estimate(so), force=force)
+    assert verdict is not None
+    assert (verdict.name, verdict.shift) == (cause, -case.shift)
+    assert verdict.right is (name == "as in the file")
+    assert bool(verdict.command("skin.toml", "log.csv")) is not verdict.right
+    if change is not None:
+        assert verdict.change == pytest.approx(change, abs=max(4 * verdict.error, 0.003))
 
 
 def test_a_wrong_gap_raises_no_alarm_at_rest(estimator: LoadEstimator) -> None:

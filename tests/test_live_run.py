@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 from test_recording import recorded
+from typer.testing import CliRunner
 
+from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.live.serve import LineServer, host_and_port
@@ -20,7 +22,7 @@ from fitting.inverse_load.live.stream import LiveFrame
 from fitting.inverse_load.live.watcher import LiveWatcher
 from fitting.robotics.live_recording import LiveRecording
 from fitting.robotics.recording import Recording
-from suas_jax.acquisition.device.device import Device
+from suas_jax.acquisition.device.device import Device, repeated
 from suas_jax.acquisition.device.faults import Faults
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import read_log
@@ -47,6 +49,7 @@ class KnownLoads:
         self.spec = load_skin(SKIN)
         self.skin = SimpleNamespace(geometry=SimpleNamespace(half_angle=[np.pi / 2]))
         self.reading_noise, self.taxels, self.rest = 2.0, TAXELS, None
+        self.input_errors = SimpleNamespace(text="")
         self.false_alarm, self.model_error, self.most_contacts = 0.01, 0.0025, 3
 
     def warm_up(self) -> None:
@@ -178,3 +181,40 @@ def test_an_address_that_is_none_is_refused(address: str) -> None:
     with pytest.raises(ValueError, match="HOST:PORT"):
         host_and_port(address, "--serve")
     assert host_and_port("[::1]:8701", "--serve") == ("::1", 8701)
+
+
+@pytest.mark.parametrize("command", ["invert", "view"])
+def test_the_commands_record_and_serve(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "fitting.inverse_load.skin_estimator.skin_estimator", lambda *_, **__: KnownLoads()
+    )
+    log, recording = tmp_path / "run.csv", tmp_path / "run.mcap"
+    options = {
+        "invert": ["--json", "--latency", "5", "--mcap", recording, "--serve", "127.0.0.1:0"],
+        "view": ["--address", "127.0.0.1:0"],
+    }
+    over = threading.Event()
+    with Device("cobs", link=tmp_path / "port") as device:
+
+        def play() -> None:
+            device.wait_for_host()
+            device.play(repeated(device_frames()), stopped=over.is_set)
+
+        player = threading.Thread(target=play)
+        player.start()
+        given = [SKIN, log, "--live", device.port, "--format", "cobs", "--duration", 1.5]
+        words = [command, *map(str, [*given, *options[command]])]
+        result = CliRunner().invoke(app, words)
+        over.set()
+        player.join()
+    assert result.exit_code == 0, result.output
+    recorded_rows = len(read_log(log))
+    assert recorded_rows > 0
+    if command == "view":
+        assert result.stdout.startswith("http://127.0.0.1:")
+        return
+    assert "JSON lines at 127.0.0.1:" in result.stderr
+    assert len(result.stdout.splitlines()) == recorded_rows
+    assert len(recorded(recording)[0]["/suas/taxels"]) == recorded_rows

@@ -50,10 +50,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "--data uniaxial=configs/data/treloar1944_uniaxial.csv --plot fit.png",
         "suas fit material --law auto --data uniaxial=configs/data/treloar1944_uniaxial.csv",
     ),
-    "fit sensor": (
-        "suas fit sensor configs/skins/suas.toml press.csv "
-        "--inputs configs/scenes/press_path.csv",
-    ),
+    "fit sensor": ("suas fit sensor configs/skins/suas.toml press.csv --plot fit.png",),
     "fit materials": ("suas fit materials jobs.toml -o results.jsonl",),
 }
 """Command lines by the words that follow `suas`."""

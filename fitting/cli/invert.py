@@ -14,6 +14,7 @@ from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
+    from fitting.inverse_load.check.verdict import ModelVerdict
     from fitting.inverse_load.estimate.estimate import LoadEstimate
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.watcher import LiveWatcher
@@ -145,6 +146,7 @@ def invert(
                     noise=noise,
                     live=live is not None,
                     model_error=model_error,
+                    follow_drift=baseline is not None,
                     **_on_pads(diameter, pressure_noise),
                 )
             if estimator.input_errors.text:
@@ -170,7 +172,7 @@ def invert(
         estimator = prepare()
         assert log is not None
         readings, estimates = _offline(
-            estimator, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
+            estimator, skin, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
         )
         if mcap is not None:
             from fitting.robotics.log_recording import write_readings
@@ -232,6 +234,7 @@ def _watchers(
 
 def _offline(
     estimator: "LoadEstimator",
+    skin: Path,
     log: Path,
     *,
     as_json: bool,
@@ -267,17 +270,19 @@ def _offline(
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
         estimates = estimator.estimate(
-            readings.so, readings.stuck, advance, pressure=readings.pressure
+            readings.so,
+            readings.stuck,
+            advance,
+            pressure=readings.pressure,
+            time=readings.time,
         )
-    if estimator.spec.geometry.dimension == 3:
-        from fitting.inverse_load.check.skin_file import model_verdict
-
-        with spinner("comparing the log with the skin file"):
-            verdict = model_verdict(
-                estimator, readings.so, readings.stuck, readings.pressure, estimates
-            )
-        if verdict is not None and not (verdict.right and as_json):
-            _say(f"{log}: {verdict.text}")
+    with spinner("comparing the log with the skin file"):
+        verdict = _verdict(estimator, readings, estimates)
+    if verdict is not None and not (verdict.right and as_json):
+        _say(f"{log}: {verdict.text}")
+        command = verdict.command(str(skin), str(log))
+        if command:
+            _say(f"to set it right: {command}")
     filtered = None
     if smooth:
         from fitting.inverse_load.live.filter import LoadFilter
@@ -305,6 +310,22 @@ def _offline(
         if modes is not None:
             typer.echo("\n".join(posterior_lines(modes)))
     return readings, estimates
+
+
+def _verdict(
+    estimator: "LoadEstimator", readings: "LogReadings", estimates: "list[LoadEstimate]"
+) -> "ModelVerdict | None":
+    """What a log says about its skin file; None where it has too few contacts."""
+    so, stuck, pressure = readings.so, readings.stuck, readings.pressure
+    if estimator.spec.geometry.dimension == 3:
+        from fitting.inverse_load.check.skin_file import model_verdict
+
+        return model_verdict(estimator, so, stuck, pressure, estimates)
+    from fitting.inverse_load.check.section_log import section_verdict
+
+    return section_verdict(
+        estimator, so, stuck, estimates, pressure=pressure, force=readings.force
+    )
 
 
 def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[LoadMode]":

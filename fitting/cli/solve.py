@@ -244,14 +244,14 @@ def _print_report(report: dict[str, Any]) -> None:
             if "axial_m" in load:
                 place += f", {1e3 * load['axial_m']:.4g} mm"
             own = f"loads.{i}."
-            text = (
-                f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place} moves "
-                f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)} mm "
-                f"(inner face {1e3 * load['inner_displacement_m']:.4g} mm)"
-            )
+            force = f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place}"
+            table.add_row(f"load {i}", force)
+            moved = f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)}"
+            inner = f"{1e3 * load['inner_displacement_m']:.4g}"
+            table.add_row("", f"moves {moved} mm, the inner face {inner} mm")
         else:
-            text = f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
-        table.add_row(f"load {i}", text)
+            pressure = f"external pressure {1e-3 * load['pressure_Pa']:.5g} kPa"
+            table.add_row(f"load {i}", pressure)
     pressure = f"{1e-3 * report['oil_pressure_Pa']:.5g}{spread('oil_pressure_Pa', 1e-3)} kPa"
     table.add_row("oil pressure", pressure)
     if "absolute_oil_pressure_Pa" in report:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.inverse_load.drift import Drift, DriftFollower
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
@@ -47,6 +48,7 @@ DIAMETER = 6e-3
 """Of contacts on a pad where nothing else is said [m]: a fingertip's."""
 
 _FEWEST_TAXELS = 4
+_DRIFTING = 3.0  # counts of drift beyond which a status says so
 _BLOCK = 2048  # frames whose explanations are sought together
 
 
@@ -70,6 +72,8 @@ class LoadEstimator:
         progress: called with what is being done.
         diameter: of the contacts on a pad [m]; None estimates it.
         pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
+        follow_drift: follow the readings at rest in frames without contact, where their times
+            are given; in plane strain, with a baseline.
 
     Raises:
         ValueError: an argument or the skin's electrodes can't be used.
@@ -87,6 +91,7 @@ class LoadEstimator:
     progress: Callable[[str], None] = lambda text: None
     diameter: float | None = DIAMETER
     pressure_noise: float = float("inf")
+    follow_drift: bool = False
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
@@ -105,6 +110,10 @@ class LoadEstimator:
         self._zero, uncertain = self._zero_of_readings()
         self._variance = noise**2 + 1 / 12 + uncertain
         self._systematic = parts.systematic
+        self._drift: DriftFollower | None = None
+        if self.follow_drift and self.rest is not None and self.spec.geometry.dimension == 2:
+            at_rest = np.nan_to_num(self.rest, nan=0.0)
+            self._drift = DriftFollower(at_rest, noise**2 + 1 / 12, parts.detector)
         # What a further contact must gain: as rare as a tenth of a false alarm, and never
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
@@ -215,6 +224,7 @@ class LoadEstimator:
         so: NDArray[np.float64],
         faulty: NDArray[np.bool_] | None = None,
         pressure: NDArray[np.float64] | None = None,
+        drift: Drift | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Readings as the model has them, and their inverse variances.
 
@@ -222,19 +232,22 @@ class LoadEstimator:
             so: readings [frame, taxel] [counts]; NaN where missing.
             faulty: taxels known to be faulty [frame, taxel].
             pressure: measured of the oil [frame] [Pa]; NaN where missing.
+            drift: of the readings at rest.
 
         Returns:
             Readings [counts] and inverse variances [1/counts^2], both zero where a taxel is
             missing, saturated (0 or full scale) or faulty. On a pad the last column is the
             oil's pressure [Pa], [1/Pa^2].
         """
-        y = so - self._zero
+        y, variance = so - self._zero, self._variance
+        if drift is not None:
+            y, variance = y - drift.offset, variance + drift.variance
         used = np.isfinite(y) & ~saturated(so)
         if faulty is not None:
             used &= ~faulty
         y = np.where(used, y, 0.0)
         change = np.where(used, y - self.model_rest, 0.0)
-        weight = used / (self._variance + (self.model_error * change) ** 2)
+        weight = used / (variance + (self.model_error * change) ** 2)
         if self.spec.geometry.dimension == 2:
             return y, weight
         p = np.full(len(so), np.nan) if pressure is None else np.asarray(pressure, float)
@@ -251,6 +264,7 @@ class LoadEstimator:
         done: Callable[[int], None] = lambda frames: None,
         *,
         pressure: NDArray[np.float64] | None = None,
+        time: NDArray[np.float64] | None = None,
     ) -> list[LoadEstimate]:
         """Estimate the loads of frames.
 
@@ -260,6 +274,7 @@ class LoadEstimator:
             faulty: taxels known to be faulty [frame, taxel].
             done: called with the number of frames estimated so far.
             pressure: measured of the oil [frame] [Pa]; NaN where missing.
+            time: of the frames [frame] [s], in order; what drift is followed by.
 
         Raises:
             ValueError: the readings don't have a column for every taxel.
@@ -272,14 +287,29 @@ class LoadEstimator:
             )
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
+        drift = self._followed(so, faulty, time)
         size = 1 if self.live else _BLOCK
         found: list[LoadEstimate] = []
         for begin in range(0, len(so), size):
             part = slice(begin, begin + size)
             measured = None if pressure is None else pressure[part]
-            found += self._batch(so[part], faulty[part], measured)
+            own = None if drift is None else drift.rows(part)
+            found += self._batch(so[part], faulty[part], measured, own)
             done(len(found))
         return found
+
+    def _followed(
+        self,
+        so: NDArray[np.float64],
+        faulty: NDArray[np.bool_],
+        time: NDArray[np.float64] | None,
+    ) -> Drift | None:
+        """Drift of the readings at rest in frames; None where it isn't followed."""
+        if self._drift is None or time is None:
+            return None
+        used = np.isfinite(so) & (so > 0) & ~saturated(so) & ~faulty
+        change = np.where(used, so - self._zero - self.model_rest, np.nan)
+        return self._drift.follow(np.asarray(time, float), change)
 
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
@@ -297,9 +327,10 @@ class LoadEstimator:
         so: NDArray[np.float64],
         faulty: NDArray[np.bool_],
         pressure: NDArray[np.float64] | None,
+        drift: Drift | None,
     ) -> list[LoadEstimate]:
         begin, compiling = time.perf_counter(), COMPILED.seconds
-        y, weight = self.weigh(so, faulty, pressure)
+        y, weight = self.weigh(so, faulty, pressure, drift)
         taxels = slice(self.taxels)
         change = np.where(weight > 0, y - self._parts.nodes.rest, 0.0)
         count = (weight[:, taxels] > 0).sum(1)
@@ -323,6 +354,8 @@ class LoadEstimator:
                 found = self._explained(y[index], weight[index], full_scale[index], pulled)
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
+        if drift is not None:
+            results = [_drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
         spent /= len(so)
         return [replace(result, latency=spent) for result in results]
@@ -348,6 +381,13 @@ class LoadEstimator:
             per_contact = self._parts.fitter.per_contact
             systematic = self._systematic.covariance(best, y, per_contact)
         return self._parts.assessment.estimates(best, others, full_scale, systematic)
+
+
+def _drifting(estimate: LoadEstimate, mean: float, largest: float) -> LoadEstimate:
+    """An estimate with the drift that was taken off its readings."""
+    far = estimate.status == "no_contact" and abs(largest) > _DRIFTING
+    status = "drifting" if far else estimate.status
+    return replace(estimate, status=status, drift=(mean, largest))
 
 
 def _untouched(so: Any, used: Any, enough: bool, ratio: float) -> LoadEstimate:

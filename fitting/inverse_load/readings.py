@@ -182,6 +182,7 @@ class LogReadings:
             `time` where the log does not say.
         header: of the log.
         pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
+        force: known of the one load of the log [frame] [N]; likewise.
     """
 
     time: NDArray[np.float64]
@@ -192,6 +193,7 @@ class LogReadings:
     host_time: NDArray[np.float64]
     header: Mapping[str, str]
     pressure: NDArray[np.float64] | None = None
+    force: NDArray[np.float64] | None = None
 
 
 def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
@@ -226,11 +228,17 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
             "fewer counts than a module has taxels, the others may be of other taxels: suas "
             "log --skin says so"
         )
-    measured = log.flags.get("oil_pressure_Pa")
-    pressure = None if measured is None else frames.mean(measured.astype(float))
+    several = "load_1_force_N" in log.flags
+    pressure, force = (
+        None if column is None else frames.mean(column.astype(float))
+        for column in (
+            log.flags.get("oil_pressure_Pa"),
+            None if several else log.flags.get("load_0_force_N"),
+        )
+    )
     host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)
     return LogReadings(
-        time, frames.seq, so, stuck, tuple(notes), host_time, log.header, pressure
+        time, frames.seq, so, stuck, tuple(notes), host_time, log.header, pressure, force
     )
 
 

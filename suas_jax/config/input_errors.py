@@ -105,19 +105,25 @@ def input_errors(spec: SkinSpec) -> InputErrors:
         known = {path for path, size in stated.items() if size is not None}
         columns += _calibrated(spec, record, known)
     elif not any_stated:
-        return _joined(list(_defaults(spec)), "default")
+        return default_errors(spec)
     return _joined(columns, "stated" if columns or any_stated else "none")
+
+
+def default_errors(spec: SkinSpec) -> InputErrors:
+    """The errors of a skin that states none, whatever this one states; see `DEFAULTS`."""
+    return _joined(list(_defaults(spec)), "default")
 
 
 def _defaults(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
     values = {path: float(value) for path, value in given_inputs(spec).items()}
+    declared = spec.material.declared()
+    stresses = {f"material.{key}" for key, c in declared.items() if c.dimension == "stress"}
     for name, share in DEFAULTS.items():
         if name == STIFFNESS:
             constants = {
                 path: share * value
                 for path, value in values.items()
-                if path.startswith("material.")
-                and spec.material.unit(path.removeprefix("material.")) == "Pa"
+                if ".".join(path.split(".")[:2]) in stresses
             }
             if constants:
                 yield name, constants
@@ -166,6 +172,8 @@ def _paths_of(spec: SkinSpec, name: str) -> dict[str, float]:
     if name == "layers":
         assert spec.electrodes is not None
         layers = spec.electrodes.layers
+        if not layers:
+            return {}
         total = sum(layer.thickness / layer.relative_permittivity for layer in layers)
         return {
             f"electrodes.layers.{i}.thickness": layer.thickness / total

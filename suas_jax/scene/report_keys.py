@@ -37,10 +37,10 @@ REPORT_KEYS = {
     "unknowns": "degrees of freedom, the oil's pressure included",
     "taxels": "an object for each taxel, by module and number; empty without electrodes",
     "timings_s": "`compile` and `solve` in seconds",
-    "gradient": "with `--gradient`: derivative by every continuous input, in SI units and "
-    "radians, by its path in the file",
     "uncertainty": "where inputs state their errors: standard deviation of every quantity, by "
     "its path in this report; else `null`",
+    "gradient": "with `--gradient`: derivative by every continuous input, in SI units and "
+    "radians, by its path in the file",
 }
 """Keys of `suas solve --json`."""
 

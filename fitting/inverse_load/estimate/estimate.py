@@ -16,6 +16,8 @@ WANTED = {
 STATUS = {
     "ok": "The estimate and its covariance hold.",
     "no_contact": "Nothing touches the skin, at the stated false-alarm rate.",
+    "drifting": "Nothing touches the skin, and its readings at rest have left the baseline; "
+    "the drift is taken off.",
     "imprecise": "The readings hardly determine the load: see the covariance.",
     "ambiguous": "Another load explains the readings almost as well: see alternatives.",
     "pull": "Something pulls the skin outwards: the force is negative.",
@@ -108,6 +110,8 @@ class LoadEstimate:
         left_out: taxels (positions in the layout) left out as faulty or missing.
         alternatives: other loads that explain the readings almost as well.
         latency: time of the computation [s].
+        drift: of the readings at rest that was taken off, mean and largest over the taxels
+            [counts]; None where none is followed.
         at_least: force that acts at least, 95 % sure, where the wall may take more [N].
     """
 
@@ -121,6 +125,7 @@ class LoadEstimate:
     alternatives: tuple[Contact, ...] = ()
     latency: float = 0.0
     at_least: float | None = None
+    drift: tuple[float, float] | None = None
 
     @property
     def status_text(self) -> str:

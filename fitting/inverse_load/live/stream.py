@@ -153,7 +153,8 @@ def live_frames(
                 if clock() - frame.arrived > latency:
                     dropped += 1
                     continue
-                estimate = estimator.estimate(so[None], stuck[None])[0]
+                now = np.array([frame.time])
+                estimate = estimator.estimate(so[None], stuck[None], time=now)[0]
                 smoothed = None if track is None else track.feed(frame.time, estimate)
                 estimate = replace(estimate, latency=clock() - frame.arrived)
                 yield LiveFrame(frame.time, frame.seq, estimate, smoothed, dropped, readings)

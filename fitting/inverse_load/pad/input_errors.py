@@ -139,7 +139,7 @@ class PadErrors(AbstractSystematicErrors):
         step = 1e-4 * gap
         values = []
         for at in (gap - step, gap, gap + step):
-            skin = pad_skin_of(self._spec, {**inputs, "geometry.oil_gap": at})
+            skin = pad_skin_of(self._spec, {**inputs, "geometry.oil_gap": at}, contact=False)
             stray = stray_counts(skin)
             values.append(1 / (rest_readings(skin) - stray))
         return stray, values[1], (values[2] - values[0]) / (2 * step)
@@ -160,7 +160,7 @@ class PadErrors(AbstractSystematicErrors):
             moduli = []
             for side in (-1.0, 1.0):
                 inputs = {p: self._value(p) + side * _SMALL * s for p, s in material.items()}
-                law = pad_skin_of(self._spec, inputs).law
+                law = pad_skin_of(self._spec, inputs, contact=False).law
                 moduli.append(float(np.ravel(law.shear_modulus)[0]))
             total += (moduli[1] - moduli[0]) / (_SMALL * (moduli[0] + moduli[1]))
         for path, size in change.items():
@@ -187,7 +187,10 @@ class PadErrors(AbstractSystematicErrors):
                 return float(data["exponent"])
         value = self._value(path)
         changed = pad_skin_of(
-            self._spec, {path: (1 + _STEP) * value}, elements=self._skin.elements
+            self._spec,
+            {path: (1 + _STEP) * value},
+            elements=self._skin.elements,
+            contact=False,
         )
         middle = [len(x) // 2 for x in (self._table.angle, self._table.axial)]
         force = _LOADED * float(self._table.cap[middle[0], middle[1]])

@@ -56,6 +56,9 @@ def frame_json(
     }
     if estimate.at_least is not None:
         line["force_at_least_N"] = estimate.at_least
+    if estimate.drift is not None:
+        mean, largest = estimate.drift
+        line["drift_counts"] = {"mean": mean, "largest": largest}
     if estimate.alternatives:
         line["alternatives"] = [contact_json(contact) for contact in estimate.alternatives]
     if filtered is not None:

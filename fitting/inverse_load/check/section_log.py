@@ -1,0 +1,173 @@
+"""Whether a skin file describes the section that a log was taken on?
+
+One contact hardly shows a wrong gap where readings count from a baseline; many contacts share
+it (see `verdict`). A column too many shifts all readings by a taxel. A stiffness is seen by
+nothing but a known force or the oil's measured pressure: at the same readings both are in
+proportion to it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from fitting.inverse_load.check.verdict import FEWEST, GAIN, USABLE, Gain, ModelVerdict, gain_of
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
+from fitting.inverse_load.fit.section_errors import SectionErrors
+from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
+
+_MOST = 64  # frames that are looked at
+_SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
+_LARGER = 1.2  # chi2 per degree of freedom that the model's own error may leave
+_LEAST_CHANGE = 5e-3  # relative, of an input that is named: less may be the model's own error
+_SHIFTS = (-2, -1, 1, 2)
+_FRAMES_SHIFTED = 16
+_BETTER = 0.5  # share of chi2 that a shift may leave to be named
+_SIGMAS = 4.0  # of a stiffness that is named
+_LEAST_STIFFNESS = 0.01  # relative
+
+
+def section_verdict(
+    estimator: LoadEstimator,
+    so: NDArray[np.float64],
+    faulty: NDArray[np.bool_],
+    estimates: Sequence[LoadEstimate],
+    *,
+    pressure: NDArray[np.float64] | None = None,
+    force: NDArray[np.float64] | None = None,
+) -> ModelVerdict | None:
+    """Look at the single contacts of a log; None where they are too few.
+
+    Args:
+        estimator: of a skin in plane strain.
+        so: readings [frame, taxel] [counts].
+        faulty: taxels known to be faulty [frame, taxel].
+        estimates: of the frames.
+        pressure: measured of the oil [frame] [Pa]; None where it was not.
+        force: known of the one contact [frame] [N]; NaN where there is none.
+    """
+    usable = [
+        i
+        for i, e in enumerate(estimates)
+        if e.status in USABLE
+        and len(e.contacts) < 2
+        and not any(contact.spread for contact in e.contacts)
+    ]
+    if len(usable) < FEWEST:
+        return None
+    frames = np.array(usable, np.intp)
+    frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]
+    y, weight = estimator.weigh(so[frames], faulty[frames])
+    fit = _single(estimator, y, weight)
+    known = np.isfinite(fit.chi2)
+    if known.sum() < FEWEST:
+        return None
+    frames, y, weight, fit = (
+        frames[known],
+        y[known],
+        weight[known],
+        fit.rows(known.nonzero()[0]),
+    )
+    dof = int((weight > 0).sum()) - 2 * len(frames)
+    chi2 = float(fit.chi2.sum())
+    noise = chdtrc(dof, chi2) > _SURE or chi2 < _LARGER * dof
+    if not noise:
+        shifted = _shifted(estimator, y, weight, chi2 / dof)
+        if shifted is not None:
+            return shifted
+    best = _best_input(estimator, y, weight, fit)
+    if best.chi2 > GAIN and abs(best.change) > _LEAST_CHANGE:
+        explained = (chi2 - best.chi2) / (dof - 1)
+        return ModelVerdict(chi2 / dof, False, best.name, best.change, best.error, explained)
+    for measured, model in ((force, fit.parameters[:, 1]), (pressure, fit.pressure)):
+        ratio = None if measured is None else _ratio(measured[frames], model)
+        if ratio is not None:
+            return ModelVerdict(chi2 / dof, False, STIFFNESS, ratio[0] - 1, ratio[1])
+    return ModelVerdict(chi2 / dof, bool(noise))
+
+
+def _single(
+    estimator: LoadEstimator, y: NDArray[np.float64], weight: NDArray[np.float64]
+) -> Explanations:
+    """Fits of one contact, the skin's inputs as written."""
+    nodes, fitter = estimator.selection.nodes, estimator.selection.fitter
+    first, _ = nodes.nearest(y, weight)
+    start = nodes.near(y, weight, first)
+    return fitter.fit(y, weight, start, nodes.states(first), 1)
+
+
+def _best_input(
+    estimator: LoadEstimator,
+    y: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    fit: Explanations,
+) -> Gain:
+    """The input whose change explains most; its change is relative."""
+    fitter = estimator.selection.fitter
+    assert isinstance(fitter, LoadFitter)
+    candidates = default_errors(estimator.spec)
+    errors = SectionErrors(
+        estimator.spec,
+        candidates,
+        fitter.skin,
+        fitter.table,
+        from_rest=estimator.rest is not None,
+        live=False,
+    )
+    slopes = errors.under_one(fit.parameters[:, 0], fit.parameters[:, 1])
+    residual = np.where(weight > 0, y - fit.so, 0.0)
+    gains = [Gain(0.0, "", 0.0, np.inf)]
+    for e, name in enumerate(candidates.names):
+        if name == STIFFNESS:  # what no readings show
+            continue
+        found = gain_of(name, slopes[:, e], weight, residual, fit.jacobian[:, :2])
+        share = DEFAULTS[name]
+        gains.append(
+            found._replace(
+                name=name.replace("_", " "),
+                change=share * found.change,
+                error=share * found.error,
+            )
+        )
+    return max(gains)
+
+
+def _shifted(
+    estimator: LoadEstimator, y: NDArray[np.float64], weight: NDArray[np.float64], own: float
+) -> ModelVerdict | None:
+    """A shift of the readings by whole taxels that explains them far better."""
+    some = np.linspace(0, len(y) - 1, min(_FRAMES_SHIFTED, len(y))).astype(int)
+    change = np.where(weight > 0, y - estimator.model_rest, 0.0)[some]
+    found = []
+    for shift in _SHIFTS:
+        moved, used = np.roll(change, shift, 1), np.roll(weight[some], shift, 1)
+        # What the shift brings in from the other end belongs to no taxel.
+        edge = slice(None, shift) if shift > 0 else slice(shift, None)
+        used[:, edge] = 0.0
+        fit = _single(estimator, moved + estimator.model_rest, used)
+        dof = int((used > 0).sum()) - 2 * len(some)
+        chi2 = float(np.where(np.isfinite(fit.chi2), fit.chi2, 1e9).sum())
+        found.append((chi2 / max(dof, 1), shift))
+    left, shift = min(found)
+    if left > min(_BETTER * own, _LARGER):
+        return None
+    return ModelVerdict(own, False, explained=left, shift=shift)
+
+
+def _ratio(
+    measured: NDArray[np.float64], model: NDArray[np.float64]
+) -> tuple[float, float] | None:
+    """Measured over model and its standard error, where they differ for certain."""
+    used = np.isfinite(measured) & np.isfinite(model) & (measured > 0) & (model > 0)
+    if used.sum() < FEWEST:
+        return None
+    ratio = measured[used] / model[used]
+    weight = measured[used] ** 2  # errors are nearly the same in all frames
+    mean = float((weight * ratio).sum() / weight.sum())
+    scatter = float((weight**2 * (ratio - mean) ** 2).sum() ** 0.5 / weight.sum())
+    if abs(mean - 1) < max(_SIGMAS * scatter, _LEAST_STIFFNESS):
+        return None
+    return mean, scatter

@@ -1,0 +1,138 @@
+"""What a log says about its skin file: which number of it is wrong, and by how much.
+
+With r the residuals of single contacts, J and s their derivatives by the contact and by an
+input m, W the weights, and s' = s - J (J^T W J)^-1 J^T W s what no contact explains::
+
+    dm = sum s'^T W r / sum s'^T W s',    gain in chi2 = (sum s'^T W r)^2 / sum s'^T W s'
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.config.input_errors import STIFFNESS
+
+FEWEST = 8
+"""Single contacts that a verdict needs."""
+GAIN = 25.0
+"""Least gain in chi2 of an input that is named."""
+USABLE = (
+    "ok",
+    "poor_fit",
+    "model_mismatch",
+    "imprecise",
+    "ambiguous",
+    "at_edge",
+    "no_convergence",
+)
+"""Statuses of frames that say something about the skin file."""
+DIAMETER = "diameter of the contacts"
+_COMMANDS = {
+    "geometry.oil gap": "suas fit sensor {skin} {log} --fit gap",
+    "oil.relative permittivity": "suas fit sensor {skin} {log} --fit permittivity",
+    "electrodes.lsb": "suas fit sensor {skin} {log} --fit scale",
+    "geometry.thickness": "suas fit sensor {skin} {log} --joint",
+    STIFFNESS: "suas fit sensor {skin} {log} --joint",
+    DIAMETER: "suas invert {skin} {log} --diameter free",
+}
+
+
+@dataclass(frozen=True)
+class ModelVerdict:
+    """What a log says about its skin file.
+
+    Attributes:
+        chi2_per_dof: over the frames that were looked at.
+        right: whether noise explains that.
+        name: of the input that would explain it best; None where none does.
+        change: of that input, relative.
+        error: standard deviation of the change.
+        explained: chi2 per degree of freedom with that change; NaN where the residuals don't
+            show it.
+        shift: columns by which the taxels' readings are displaced; 0 where they are not.
+    """
+
+    chi2_per_dof: float
+    right: bool
+    name: str | None = None
+    change: float = float("nan")
+    error: float = float("nan")
+    explained: float = float("nan")
+    shift: int = 0
+
+    @property
+    def text(self) -> str:
+        """The verdict in a sentence."""
+        if self.right:
+            return f"the skin file explains the log (chi2 per dof {self.chi2_per_dof:.2f})"
+        begin = f"the skin file doesn't explain the log (chi2 per dof {self.chi2_per_dof:.2f})"
+        if self.shift:
+            return (
+                f"{begin}; it would with the readings moved by {self.shift:+d} taxels: a "
+                "column too many or missing, or another order "
+                f"(chi2 per dof {self.explained:.2f})"
+            )
+        if self.name is None:
+            return f"{begin}, and no single input of it would"
+        change = f"changed by {100 * self.change:+.1f} +- {100 * self.error:.1f} %"
+        if np.isnan(self.explained):
+            return (
+                f"the measured forces or pressures ask for the {self.name} {change}; the "
+                "readings alone can't show it"
+            )
+        return (
+            f"{begin}; it would with the {self.name} {change} "
+            f"(chi2 per dof {self.explained:.2f})"
+        )
+
+    def command(self, skin: str, log: str) -> str:
+        """What would set it right; empty where nothing is known to.
+
+        Args:
+            skin: the skin file.
+            log: the log.
+        """
+        if self.shift:
+            return f"compare the order of the taxels in {skin} with the wiring"
+        return _COMMANDS.get(self.name or "", "").format(skin=skin, log=log)
+
+
+class Gain(NamedTuple):
+    """What a change of an input takes off chi2.
+
+    Attributes:
+        chi2: by which it falls.
+        name: of the input.
+        change: of the input, in units of the slopes' own.
+        error: its standard deviation.
+    """
+
+    chi2: float
+    name: str
+    change: float
+    error: float
+
+
+def gain_of(
+    name: str, slopes: NDArray, weight: NDArray, residual: NDArray, jacobian: NDArray
+) -> Gain:
+    """The best change of an input, contacts fitted anew to first order.
+
+    Args:
+        name: of the input.
+        slopes: of the readings by it [frame, channel].
+        weight: inverse variances [frame, channel].
+        residual: readings less the model's [frame, channel].
+        jacobian: of the readings by the contact [frame, parameter, channel].
+    """
+    slopes = np.where((weight > 0) & np.isfinite(slopes), slopes, 0.0)
+    top, size = 0.0, 0.0
+    for w, r, s, j in zip(weight, residual, slopes, jacobian, strict=True):
+        information = (j * w) @ j.T
+        left = s - np.linalg.lstsq(information, (j * w) @ s, rcond=None)[0] @ j
+        top, size = top + float(left @ (w * r)), size + float(left @ (w * left))
+    if size <= 0:
+        return Gain(0.0, name, 0.0, float("inf"))
+    return Gain(top**2 / size, name, top / size, size**-0.5)

@@ -1,0 +1,142 @@
+"""Drift of the readings at rest, followed in frames without contact.
+
+The readings at rest wander about the baseline: each taxel's by itself, all together, and in
+proportion to themselves (a gain). With d the drift of the readings at rest [counts] and P its
+covariance, a random walk over a time t, and the mean of n quiet frames with noise s^2::
+
+    P -> P + t (q_taxel^2 I + q_common^2 1 1^T + q_gain^2 r r^T)
+    K = P (P + (s^2 / n) I)^-1,    d -> d + K (y - r - d),    P -> (1 - K) P
+
+In contact only P grows: what a contact does to far taxels is signal. Nothing is clipped.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.detection import AbstractDetector
+
+_BLOCK = 32  # frames of a log whose drift is one
+_QUIET = 0.05  # p-value above which a frame is taken for one without contact
+_SHARED = 3  # directions of P that detection keeps as patterns over all taxels
+
+
+@dataclass(frozen=True)
+class DriftDensities:
+    """How fast readings at rest wander, and how far they may have before the first frame.
+
+    Attributes:
+        taxel: of each taxel by itself [counts / sqrt(s)].
+        common: of all together [counts / sqrt(s)].
+        gain: of the gain [1 / sqrt(s)].
+        before: seconds of such a walk between the baseline and the first frame [s].
+    """
+
+    taxel: float = 0.05
+    common: float = 0.15
+    gain: float = 3e-4
+    before: float = 1200.0
+
+    def walk(self, rest: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+        """Covariance of the walk over a time [taxel, taxel] [counts^2]."""
+        own = self.taxel**2 * np.eye(len(rest))
+        shared = self.common**2 + self.gain**2 * np.outer(rest, rest)
+        return np.asarray(seconds * (own + shared))
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Drift of the readings at rest, frame by frame.
+
+    Attributes:
+        offset: to be taken off the readings [frame, taxel] [counts]; zero until a frame
+            without contact has been seen.
+        variance: of it [frame, taxel] [counts^2]; likewise.
+    """
+
+    offset: NDArray[np.float64]
+    variance: NDArray[np.float64]
+
+    def rows(self, frames: slice) -> "Drift":
+        """That of some frames."""
+        return Drift(self.offset[frames], self.variance[frames])
+
+    def sizes(self) -> list[tuple[float, float]]:
+        """Mean and largest over the taxels, frame by frame [counts]."""
+        mean = self.offset.mean(1)
+        at = np.abs(self.offset).argmax(1)
+        largest = np.take_along_axis(self.offset, at[:, None], 1)[:, 0]
+        return list(zip(mean.tolist(), largest.tolist(), strict=True))
+
+
+class DriftFollower:
+    """Follows the readings at rest of one skin.
+
+    Args:
+        rest: readings at rest that frames count from [taxel] [counts].
+        noise_variance: of a reading [counts^2].
+        detector: tells contact from noise.
+        densities: of the random walk.
+    """
+
+    def __init__(
+        self,
+        rest: NDArray[np.float64],
+        noise_variance: float,
+        detector: AbstractDetector,
+        densities: DriftDensities | None = None,
+    ) -> None:
+        self._rest, self._noise, self._detector = rest, noise_variance, detector
+        self._densities = densities or DriftDensities()
+        self.drift = np.zeros(len(rest))
+        self.covariance = self._densities.walk(rest, self._densities.before)
+        self.known = False
+        """Whether a frame without contact has been seen."""
+        self._time: float | None = None
+
+    def follow(self, time: NDArray[np.float64], change: NDArray[np.float64]) -> Drift:
+        """Take frames; return the drift in each of them.
+
+        Args:
+            time: of the frames [frame] [s].
+            change: readings less those at rest [frame, taxel] [counts]; NaN where missing.
+        """
+        drift, variance = np.zeros_like(change), np.zeros_like(change)
+        for begin in range(0, len(change), _BLOCK):
+            part = slice(begin, begin + _BLOCK)
+            self._walked(float(np.nanmean(time[part])))
+            self._quiet(change[part])
+            if self.known:
+                drift[part], variance[part] = self.drift, np.diag(self.covariance)
+        return Drift(drift, variance)
+
+    def _walked(self, now: float) -> None:
+        if self._time is not None and now > self._time:
+            self.covariance = self.covariance + self._densities.walk(
+                self._rest, now - self._time
+            )
+        self._time = now
+
+    def _quiet(self, change: NDArray[np.float64]) -> None:
+        """Learn from the frames without contact among some."""
+        used = np.isfinite(change)
+        left = np.where(used, change - self.drift, 0.0)
+        widths, axes = np.linalg.eigh(self.covariance)
+        shared = axes[:, -_SHARED:] * np.sqrt(np.maximum(widths[-_SHARED:], 0.0))
+        own = np.maximum(np.diag(self.covariance) - (shared**2).sum(1), 0.0)
+        weight = used / (self._noise + own)
+        test = self._detector.test(left, weight, shared.T)
+        quiet = test.p_value > _QUIET
+        count = (used & quiet[:, None]).sum(0)
+        seen = np.flatnonzero(count)
+        if not seen.size:
+            return
+        mean = (left * quiet[:, None]).sum(0)[seen] / count[seen]
+        across = self.covariance[:, seen]
+        total = across[seen] + np.diag(self._noise / count[seen])
+        gain = np.linalg.solve(total, across.T).T
+        self.drift = self.drift + gain @ mean
+        kept = self.covariance - gain @ across.T
+        self.covariance = (kept + kept.T) / 2
+        self.known = True
