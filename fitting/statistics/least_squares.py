@@ -29,7 +29,7 @@ AGREEMENT = 1e-6
 LANES = 16
 _STEPS, _PASSES, _PROGRESS = 20, 40, 1e-12
 # Of the best starts, how many are finished one by one, and in how many evaluations each.
-_FINISHED, _EVALUATIONS = 4, 200
+_FINISHED, _EVALUATIONS, _FARTHEST = 4, 200, 300.0
 _IMPOSSIBLE = 1e6
 
 
@@ -129,14 +129,15 @@ def _finished(
     predicted_decrease: np.ndarray,
 ) -> Minima:
     """Starts of which the best few are brought to the bottom of a long valley."""
-    count = min(_FINISHED, len(theta))
-    end = minimise_one_by_one(residuals, theta[:count], _EVALUATIONS)
     whole = Minima(
-        np.concatenate([end.theta, theta[count:]]),
-        np.concatenate([end.cost, cost[count:]]),
-        np.concatenate([end.converged, np.zeros(len(theta) - count, dtype=bool)]),
-        np.concatenate([end.predicted_decrease, predicted_decrease[count:]]),
+        theta.copy(), cost.copy(), np.zeros(len(theta), bool), predicted_decrease.copy()
     )
+    for i in range(min(_FINISHED, len(theta))):
+        end = minimise_one_by_one(residuals, theta[i : i + 1], _EVALUATIONS)
+        # Beyond this, exponentials of parameters are zero or have no number.
+        if end.cost[0] <= cost[i] and np.max(np.abs(end.theta[0])) < _FARTHEST:
+            whole.theta[i], whole.cost[i] = end.theta[0], end.cost[0]
+            whole.predicted_decrease[i] = end.predicted_decrease[0]
     used = int(residuals.used.sum())
     order = np.argsort(whole.cost, kind="stable")
     theta, cost, _, decrease = (part[order] for part in whole)
