@@ -171,7 +171,8 @@ def minimise_one_by_one(
         @functools.lru_cache(maxsize=2)
         def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
             try:
-                r, J = by_theta(residuals, np.frombuffer(key))
+                with np.errstate(all="ignore"):
+                    r, J = by_theta(residuals, np.frombuffer(key))
             except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
                 r = np.full(len(residuals.value), np.nan)
                 J = np.zeros((len(r), np.frombuffer(key).size))

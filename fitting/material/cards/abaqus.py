@@ -16,7 +16,6 @@ from fitting.material.cards.settings import (
 from suas_jax.config.law import LawSpec
 from suas_jax.config.laws.arruda_boyce import ArrudaBoyceSpec
 from suas_jax.config.laws.ogden import OgdenSpec
-from suas_jax.config.laws.van_der_waals import VanDerWaalsSpec
 
 
 def abaqus(law: LawSpec, settings: CardSettings) -> str:
@@ -60,15 +59,9 @@ def _hyperelastic(law: LawSpec, program: str, most: int, d: float, moduli: str =
     if isinstance(law, ArrudaBoyceSpec):
         values = [law.mu, law.lambda_m, d]
         return f"*HYPERELASTIC, ARRUDA-BOYCE{moduli}\n{_rows(values)}\n"
-    if isinstance(law, VanDerWaalsSpec) and program == "abaqus":
-        values = [law.mu, law.lambda_m, law.a, law.beta, d]
-        return f"*HYPERELASTIC, VAN DER WAALS{moduli}\n{_rows(values)}\n"
     if coefficients is None:
-        more = ", van-der-waals" if program == "abaqus" else ""
         raise missing(
-            law,
-            program,
-            f"ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial{more}",
+            law, program, "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial"
         )
     degree = degree_of(coefficients)
     values = [*polynomial_terms(coefficients), d] + [0.0] * (degree - 1)

@@ -14,7 +14,6 @@ from fitting.material.cards.settings import (
     shear_modulus,
 )
 from suas_jax.config.law import LawSpec
-from suas_jax.config.laws.extended_tube import ExtendedTubeSpec
 from suas_jax.config.laws.neo_hookean import NeoHookeanSpec
 from suas_jax.config.laws.ogden import OgdenSpec
 
@@ -48,14 +47,9 @@ def _hyperelastic(law: LawSpec) -> str:
         return _table(f"TB,HYPER,1,1,{len(terms)},OGDEN", values)
     if isinstance(law, NeoHookeanSpec):
         return _table("TB,HYPER,1,1,1,NEO", [shear_modulus(law), 0.0])
-    if isinstance(law, ExtendedTubeSpec):
-        values = [law.Gc, law.delta, law.Ge, law.beta, 0.0]
-        return _table("TB,HYPER,1,1,5,ETUBE", values)
     coefficients = law.coefficients()
     if coefficients is None:
-        raise missing(
-            law, "ansys", "ogden, neo-hookean, mooney-rivlin, yeoh, polynomial, extended-tube"
-        )
+        raise missing(law, "ansys", "ogden, neo-hookean, mooney-rivlin, yeoh, polynomial")
     degree = degree_of(coefficients)
     values = polynomial_terms(coefficients) + [0.0] * degree
     return _table(f"TB,HYPER,1,1,{degree},POLY", values)

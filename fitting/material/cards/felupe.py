@@ -12,9 +12,7 @@ from fitting.material.cards.settings import (
 )
 from suas_jax.config.law import LawSpec
 from suas_jax.config.laws.arruda_boyce import ArrudaBoyceSpec
-from suas_jax.config.laws.extended_tube import ExtendedTubeSpec
 from suas_jax.config.laws.ogden import OgdenSpec
-from suas_jax.config.laws.van_der_waals import VanDerWaalsSpec
 
 _MODELS = "mat.models.hyperelastic"
 _POLYNOMIAL = '''from tensortrax.math import trace
@@ -62,21 +60,10 @@ def _law(law: LawSpec) -> tuple[str, str, list[str]]:
     if isinstance(law, ArrudaBoyceSpec):
         constants = [f"C1={law.mu:.12g}", f"limit={law.lambda_m:.12g}"]
         return "", f"{_MODELS}.arruda_boyce", constants
-    if isinstance(law, VanDerWaalsSpec):
-        constants = [f"mu={law.mu:.12g}", f"limit={law.lambda_m:.12g}"]
-        constants += [f"a={law.a:.12g}", f"beta={law.beta:.12g}"]
-        return "", f"{_MODELS}.van_der_waals", constants
-    if isinstance(law, ExtendedTubeSpec):
-        constants = [f"Gc={law.Gc:.12g}", f"delta={law.delta:.12g}"]
-        constants += [f"Ge={law.Ge:.12g}", f"beta={law.beta:.12g}"]
-        return "", f"{_MODELS}.extended_tube", constants
     coefficients = law.coefficients()
     if coefficients is None:
         raise missing(
-            law,
-            "felupe",
-            "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial, "
-            "van-der-waals, extended-tube",
+            law, "felupe", "ogden, arruda-boyce, neo-hookean, mooney-rivlin, yeoh, polynomial"
         )
     parts = [
         " * ".join([f"{value:.12g}", *_power("I1", i), *_power("I2", j)])
