@@ -97,7 +97,7 @@ def test_a_missing_skin_is_the_only_problem(tmp_path):
     assert "did you mean" not in message
 
 
-def test_all_problems_are_reported_at_once(tmp_path):
+def test_all_mistakes_are_reported_at_once(tmp_path):
     changes = {
         "geometry.thickness": "1.5",
         "geometry.half_angle": '"90 rad"',
@@ -138,7 +138,7 @@ def test_a_message_names_the_file_that_holds_the_mistake(tmp_path):
     scene.write_text('skin = "../skins/skin.toml"\n[geometry]\nthickness = 2\n')
     with pytest.raises(ConfigError) as caught:
         load_scene(scene)
-    at = {problem.key: problem.file for problem in caught.value.problems}
+    at = {mistake.key: mistake.file for mistake in caught.value.mistakes}
     skin = str(tmp_path / "skins" / "skin.toml")
     assert at == {
         "geometry.thickness": str(scene),

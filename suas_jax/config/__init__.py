@@ -6,7 +6,7 @@ oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
 
 from typing import Any
 
-from suas_jax.config.errors import ConfigError, Problem
+from suas_jax.config.errors import ConfigError, Mistake
 from suas_jax.config.input_errors import InputErrors, input_errors
 from suas_jax.config.inputs import continuous_inputs, structure, with_inputs, with_solve
 from suas_jax.config.law import LawSpec
@@ -48,11 +48,11 @@ __all__ = [
     "LineLoadSpec",
     "LoadSpec",
     "MaterialSpec",
+    "Mistake",
     "ModuleSpec",
     "OilSpec",
     "PatchLoadSpec",
     "PressureLoadSpec",
-    "Problem",
     "SceneSpec",
     "SkinSpec",
     "SoftLayerSpec",

@@ -12,7 +12,7 @@ from typing import NamedTuple
 _LONGEST_WORD = 100  # characters; longer ones are no slip of the finger
 
 
-class Problem(NamedTuple):
+class Mistake(NamedTuple):
     """One mistake in a configuration.
 
     Attributes:
@@ -34,18 +34,18 @@ class Problem(NamedTuple):
 
 
 class ConfigError(ValueError):
-    """A configuration can't be used; the message lists every problem, one on each line.
+    """A configuration can't be used; the message lists every mistake, one on each line.
 
     Attributes:
-        problems: the problems found, in the order of the file's tables.
+        mistakes: the mistakes found, in the order of the file's tables.
     """
 
-    def __init__(self, problems: Iterable[Problem]):
-        self.problems = tuple(dict.fromkeys(problems))
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+    def __init__(self, mistakes: Iterable[Mistake]):
+        self.mistakes = tuple(dict.fromkeys(mistakes))
+        super().__init__("\n".join(str(mistake) for mistake in self.mistakes))
 
-    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
-        return type(self), (self.problems,)
+    def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Mistake, ...]]]:
+        return type(self), (self.mistakes,)
 
 
 def show(value: object, limit: int = 60) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from suas_jax.config.consistency import contradictions
-from suas_jax.config.errors import ConfigError, Problem, nearest, show
+from suas_jax.config.errors import ConfigError, Mistake, nearest, show
 from suas_jax.config.fields import Spec
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.schema_solve import SolveSpec
@@ -101,16 +101,16 @@ def with_solve(scene: SceneSpec, *, source: str = "command line", **changes: Any
     given = {key: getattr(scene.solve, key) for key in scene.solve.model_fields_set}
     wanted = {key: value for key, value in {**given, **changes}.items() if value is not None}
     solve, findings = validate_table(SolveSpec, wanted, "solve", units_required=False)
-    problems = [Problem(source, key, advice, value) for key, advice, value in findings]
-    if problems:
-        raise ConfigError(problems)
+    mistakes = [Mistake(source, key, advice, value) for key, advice, value in findings]
+    if mistakes:
+        raise ConfigError(mistakes)
     fields = {**_given(scene), "solve": solve}
     # Only what concerns [solve] can be wrong now; the rest of the scene was right before.
     concerned = ("geometry", "oil", "loads", "solve")
     unfit = contradictions({name: fields.get(name) for name in concerned})
     if unfit:
         shown = {f"solve.{key}": show(value) for key, value in wanted.items()}
-        raise ConfigError(Problem(source, key, text, shown.get(key)) for key, text in unfit)
+        raise ConfigError(Mistake(source, key, text, shown.get(key)) for key, text in unfit)
     return SceneSpec(**fields)
 
 

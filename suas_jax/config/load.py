@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from suas_jax.config.consistency import contradictions
-from suas_jax.config.errors import ConfigError, Problem, show, show_key
+from suas_jax.config.errors import ConfigError, Mistake, show, show_key
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import expand_preset
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
@@ -43,7 +43,7 @@ def load_scene(path: str | os.PathLike[str]) -> SceneSpec:
 
     Raises:
         ConfigError: if anything is wrong with the file or its skin file; the message lists
-            every problem with the file, the key, the value and what is allowed.
+            every mistake with the file, the key, the value and what is allowed.
     """
     return scene_from_dict(read_toml(path), base=Path(path).parent, file=os.fspath(path))
 
@@ -63,7 +63,7 @@ def load_skin(path: str | os.PathLike[str]) -> SkinSpec:
     data = read_toml(path)
     if "skin" in data:
         advice = "this file is a scene; give the skin file that it names"
-        raise ConfigError([Problem(os.fspath(path), "skin", advice, show(data["skin"]))])
+        raise ConfigError([Mistake(os.fspath(path), "skin", advice, show(data["skin"]))])
     draft = _Draft(os.fspath(path))
     draft.adopt(data, os.fspath(path), SKIN_TABLES)
     return SkinSpec(**draft.specifications())
@@ -101,7 +101,7 @@ class _Draft:
         self.otherwise = otherwise
         self.tables: dict[str, Any] = {}
         self.origin: dict[str, str] = {}
-        self.problems: list[Problem] = []
+        self.mistakes: list[Mistake] = []
         self.complete = True
 
     def adopt_skin(self, skin: object, base: Path) -> None:
@@ -120,13 +120,13 @@ class _Draft:
         # Without its skin a scene lacks tables; only the skin is then to blame.
         if trouble:
             self.complete = False
-            self.problems.append(Problem(self.file, "skin", trouble, show(skin)))
+            self.mistakes.append(Mistake(self.file, "skin", trouble, show(skin)))
             return
         try:
             self.adopt(read_toml(path), path, SKIN_TABLES)
         except ConfigError as error:
             self.complete = False
-            self.problems += error.problems
+            self.mistakes += error.mistakes
 
     def adopt(self, data: Mapping[str, Any], file: str, known: tuple[str, ...]) -> None:
         """Take the tables of a file; its keys override those already here."""
@@ -153,13 +153,13 @@ class _Draft:
             advice = "is no part of a skin file; it belongs in a scene, which names its skin"
         else:
             advice = unknown_key(name, ["skin", *known] if "load" in known else known)
-        self.problems.append(Problem(file, show_key(name), advice, show(table)))
+        self.mistakes.append(Mistake(file, show_key(name), advice, show(table)))
 
     def specifications(self) -> dict[str, Any]:
         """Turn the tables into specifications by field name.
 
         Raises:
-            ConfigError: if there is any problem.
+            ConfigError: if there is any mistake.
         """
         parts: dict[str, Any] = {}
         for name in SCENE_TABLES:
@@ -169,14 +169,14 @@ class _Draft:
                 parts[name] = self._table(name, self.tables[name])
             elif name in REQUIRED_TABLES and self.complete:
                 advice = f"the table [{name}] is missing; add it" + self.otherwise
-                self.problems.append(Problem(self.file, name, advice))
+                self.mistakes.append(Mistake(self.file, name, advice))
         # A table that is given but wrong is None here; one that isn't given is absent. The
         # comparison leaves out the first, and takes the second for its default.
         compared = {"loads": (), **parts} if self.complete else parts
         for key, advice in contradictions(compared):
             self._note(Finding(key, advice, self._shown(key)))
-        if self.problems:
-            raise ConfigError(self.problems)
+        if self.mistakes:
+            raise ConfigError(self.mistakes)
         return parts
 
     def _table(self, name: str, table: Any) -> Any:
@@ -228,7 +228,7 @@ class _Draft:
 
     def _note(self, *findings: Finding) -> None:
         for key, advice, value in findings:
-            self.problems.append(Problem(self._file_of(key), key, advice, value))
+            self.mistakes.append(Mistake(self._file_of(key), key, advice, value))
 
     def _file_of(self, key: str) -> str:
         """Find the file that the longest known part of a key came from."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from suas_jax.config.errors import ConfigError, Problem, show, unknown
+from suas_jax.config.errors import ConfigError, Mistake, show, unknown
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.toml_file import read_toml
 
@@ -48,11 +48,11 @@ def load_preset(name: str) -> dict[str, Any]:
     """
     if name not in preset_names():
         advice = unknown(name, preset_names(), "preset", quoted=True)
-        raise ConfigError([Problem("", "material.preset", advice, show(name))])
+        raise ConfigError([Mistake("", "material.preset", advice, show(name))])
     path = preset_folder() / f"{name}.toml"
     table = read_toml(path).get("material")
     if not isinstance(table, dict) or table.get("law") not in LAWS:
-        raise ConfigError([Problem(str(path), "material", "is missing, or names no known law")])
+        raise ConfigError([Mistake(str(path), "material", "is missing, or names no known law")])
     return table
 
 

@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from suas_jax.config.errors import ConfigError, Problem, nearest
+from suas_jax.config.errors import ConfigError, Mistake, nearest
 from suas_jax.files.reading import MEGABYTE, read_bytes
 
 MOST_BYTES = 3 * MEGABYTE
@@ -43,39 +43,39 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     file = os.fspath(path)
     trouble = missing_file(file)
     if trouble:
-        raise ConfigError([Problem(file, "", trouble)])
+        raise ConfigError([Mistake(file, "", trouble)])
     try:
         raw = read_bytes(file, MOST_BYTES)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise ConfigError([Problem(file, "", f"can't be read: {reason}")]) from None
+        raise ConfigError([Mistake(file, "", f"can't be read: {reason}")]) from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         advice = _not_text(error.object, error.start)
-        raise ConfigError([Problem(file, "", advice)]) from None
+        raise ConfigError([Mistake(file, "", advice)]) from None
     deep = _DEEP_KEY.search(text)
     if deep:
         line = text.count("\n", 0, deep.start()) + 1
         advice = f"line {line}: a key of more than {_MOST_PARTS} parts; no key here has so many"
-        raise ConfigError([Problem(file, "", advice)])
+        raise ConfigError([Mistake(file, "", advice)])
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError([Problem(file, "", _not_toml(text, str(error)))]) from None
+        raise ConfigError([Mistake(file, "", _not_toml(text, str(error)))]) from None
     except ValueError:
         advice = "a whole number has thousands of digits"
-        raise ConfigError([Problem(file, "", advice)]) from None
+        raise ConfigError([Mistake(file, "", advice)]) from None
     except RecursionError:
-        raise ConfigError([Problem(file, "", "brackets are nested too deeply")]) from None
+        raise ConfigError([Mistake(file, "", "brackets are nested too deeply")]) from None
     if _depth(tables) > _MOST_PARTS:
-        raise ConfigError([Problem(file, "", "tables are nested too deeply")])
+        raise ConfigError([Mistake(file, "", "tables are nested too deeply")])
     if len(tables) > _MOST_KEYS or any(
         len(t) > _MOST_KEYS for t in tables.values() if isinstance(t, dict)
     ):
-        raise ConfigError([Problem(file, "", f"a table of more than {_MOST_KEYS} keys")])
+        raise ConfigError([Mistake(file, "", f"a table of more than {_MOST_KEYS} keys")])
     if not tables:
-        raise ConfigError([Problem(file, "", "the file is empty: it holds no table")])
+        raise ConfigError([Mistake(file, "", "the file is empty: it holds no table")])
     return tables
 
 

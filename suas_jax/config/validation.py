@@ -1,4 +1,4 @@
-"""From one table of a file to its specification, or to problems a person can act on."""
+"""From one table of a file to its specification, or to mistakes a person can act on."""
 
 from __future__ import annotations
 

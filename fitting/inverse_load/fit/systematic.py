@@ -18,6 +18,7 @@ Readings that count from a baseline are moved by S less its value at rest.
 """
 
 import abc
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
+
+_CHUNK = 128  # frames that are worked through together
 
 
 class ErrorsOfFrames(NamedTuple):
@@ -119,9 +122,8 @@ class AbstractSystematicErrors(abc.ABC):
             per_contact: parameters of a contact.
         """
         total = np.full(best.information.shape, np.nan)
-        for count in np.unique(best.contacts):
-            frames = np.flatnonzero(best.contacts == count)
-            width = per_contact * int(count)
+        for frames in _alike(best.contacts):
+            width = per_contact * int(best.contacts[frames[0]])
             own = best.rows(frames)
             found = self.of(own, y[frames] - own.so, per_contact)
             # Where errors were fitted with the loads, none is left to shift them.
@@ -131,3 +133,11 @@ class AbstractSystematicErrors(abc.ABC):
             total[frames, :width, :width] = part
         own_error = self.unexplained(best, per_contact)
         return total if own_error is None else total + own_error
+
+
+def _alike(contacts: NDArray[np.int64]) -> Iterator[NDArray[np.intp]]:
+    """Frames of one number of contacts, so few together that they fit in the cache."""
+    for count in np.unique(contacts):
+        frames = np.flatnonzero(contacts == count)
+        for begin in range(0, len(frames), _CHUNK):
+            yield frames[begin : begin + _CHUNK]
