@@ -220,6 +220,11 @@ def _range(option: str, text: str | None) -> list[float]:
     return [start + (stop - start) * i / (n - 1) for i in range(n)]
 
 
+def _two_digits(x: float) -> str:
+    """A number rounded to two digits, without an exponent below a million."""
+    return f"{float(f'{x:.2g}'):g}"
+
+
 def _print_report(report: dict[str, Any]) -> None:
     """What a person wants to see first, with units."""
     from rich.console import Console
@@ -236,7 +241,7 @@ def _print_report(report: dict[str, Any]) -> None:
     def spread(path: str, factor: float) -> str:
         """The standard deviation of a quantity, after its number."""
         sigma = band.get(path)
-        return "" if not sigma else f" ± {factor * sigma:.2g}"
+        return "" if not sigma else f" ± {_two_digits(factor * sigma)}"
 
     for i, load in enumerate(report["loads"]):
         if load["kind"] != "pressure":
@@ -279,7 +284,7 @@ def _print_report(report: dict[str, Any]) -> None:
         text = f"{min(so):.5g} to {max(so):.5g} counts"
         sigma = max((v for k, v in band.items() if k.endswith(".so")), default=0.0)
         table.add_row(
-            "sensor output", text + (f", each ± {sigma:.2g} or less" if sigma else "")
+            "sensor output", text + (f", each ± {_two_digits(sigma)} or less" if sigma else "")
         )
     table.add_row("strain energy", f"{1e3 * report['strain_energy_J']:.4g} mJ")
     table.add_row("stretch", f"{report['stretch_min']:.4f} to {report['stretch_max']:.4f}")
