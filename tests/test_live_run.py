@@ -55,7 +55,9 @@ class KnownLoads:
     def warm_up(self) -> None:
         """Nothing to compile."""
 
-    def estimate(self, so: np.ndarray, stuck: np.ndarray) -> list[LoadEstimate]:
+    def estimate(
+        self, so: np.ndarray, stuck: np.ndarray, *, time: np.ndarray | None = None
+    ) -> list[LoadEstimate]:
         """One contact."""
         contact = Contact(0.3, float(so[0, 0]) / 10, None, np.diag([1e-4, 1e-2]))
         return [LoadEstimate(True, (contact,), 500.0, False, 1.0, "ok")]
