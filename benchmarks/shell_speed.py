@@ -11,7 +11,7 @@ import statistics
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -46,8 +46,27 @@ def timed(call: Callable[[], Any], repeat: int) -> float:
     return (time.perf_counter() - start) / repeat
 
 
-def main() -> None:
-    """Print the table."""
+class Timing(NamedTuple):
+    """What one row measured.
+
+    Attributes:
+        seconds: median of the rounds.
+        ratio: to one solve from zero, median of the ratios side by side.
+        solves: equilibria in it.
+    """
+
+    seconds: float
+    ratio: float
+    solves: int
+
+    @property
+    def rate(self) -> float:
+        """Equilibria per second."""
+        return self.solves / self.seconds
+
+
+def measured() -> tuple[float, dict[str, Timing]]:
+    """Time to compile the first solve [s], and the rows of the table."""
     scene = scene_from_dict(SCENE)
     plan = plan_for(scene, "shell", (16,))
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
@@ -120,12 +139,20 @@ def main() -> None:
                 times[name].append(timed(call, repeat))
 
     reference = times["solve from zero"]
-    print(f"compile, first solve: {compile_time:.2f} s")
-    print(f"{'':34s}{'ms':>10s}{'x one solve':>14s}{'equilibria/s':>14s}")
+    found = {}
     for name, (_, _, count) in rows.items():
         ratio = statistics.median(a / b for a, b in zip(times[name], reference, strict=True))
-        median = statistics.median(times[name])
-        print(f"{name:34s}{median * 1e3:10.3f}{ratio:14.2f}{count / median:14.0f}")
+        found[name] = Timing(statistics.median(times[name]), ratio, count)
+    return compile_time, found
+
+
+def main() -> None:
+    """Print the table."""
+    compile_time, found = measured()
+    print(f"compile, first solve: {compile_time:.2f} s")
+    print(f"{'':34s}{'ms':>10s}{'x one solve':>14s}{'equilibria/s':>14s}")
+    for name, row in found.items():
+        print(f"{name:34s}{1e3 * row.seconds:10.3f}{row.ratio:14.2f}{row.rate:14.0f}")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ LAYERS = {
         ["simulation", "figures"],
     ],
     "fitting": [
-        ["json_text", "column_units"],
+        ["json_text", "column_units", "html", "dask_client"],
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],

@@ -268,7 +268,7 @@ def test_a_scene_at_the_wall_reports_it(in_contact: Solution) -> None:
     assert report["status"] == "converged"
     assert in_contact.wall
     assert report["wall_contact"]
-    assert abs(report["min_gap_m"]) <= report["gap_tolerance_m"] < 1e-6
+    assert abs(report["min_gap_m"]) <= report["gap_tolerance_m"] < 5e-6
     wall = report["wall"]
     assert 20 < wall["force_N"] < 25
     assert wall["axial_m"] == [-WIDTH / 2, WIDTH / 2]
@@ -309,8 +309,7 @@ def test_an_open_gap_needs_no_wall(in_contact: Solution) -> None:
     assert solution.report["gap_tolerance_m"] == 0.0
     # The wall is there all the same, and changes nothing.
     with_it = find(held(pressed("B", 20.0), SHELL))
-    pressure = solution.report["oil_pressure_Pa"]
-    np.testing.assert_allclose(pressure, with_it.state.pressure[0], rtol=1e-9)
+    np.testing.assert_allclose(solution.state.pressure, with_it.state.pressure, rtol=1e-9)
 
 
 def test_lanes_meet_the_wall_each_for_itself() -> None:
@@ -370,8 +369,8 @@ def test_the_range_of_forces_ends_at_the_wall() -> None:
     table = base.model_dump(exclude_unset=True, by_alias=True) | {"electrodes": electrodes}
     found = force_range(SceneSpec(**table).skin, angles=3)
     middle = found.force[1]
-    # The reference's first contact at the crown; the shell's own error is half a per cent.
-    assert abs(found.first_contact[1] / 82.82 - 1) < 1e-2
+    # The reference's first contact at the crown; the corrected shell's is within 0.2 %.
+    assert abs(found.first_contact[1] / 82.82 - 1) < 4e-3
     np.testing.assert_allclose(middle, found.first_contact[1] * np.array(LADDER + BEYOND))
     before, after = found.force_error[1, len(LADDER) - 1], found.force_error[1, -1]
     assert 0 < before < 0.02 * middle[len(LADDER) - 1]

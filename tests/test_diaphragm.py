@@ -126,6 +126,7 @@ def hencky_deflection() -> float:
     return float(integrate(brentq(rim, 0.35, 1.0, xtol=1e-13))[2])
 
 
+@pytest.mark.long
 def test_diaphragm_gradients() -> None:
     def pressure(apex: jax.Array, law: Ogden) -> jax.Array:
         return inflated_diaphragm(law, apex, 0.05, 1e-3).pressure

@@ -124,7 +124,9 @@ def state_of(pad: Pad, size: float) -> tuple[jax.Array, jax.Array, np.ndarray]:
 PRESSURE, FACTOR = jnp.array([2e4]), jnp.array([1.7])
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [*list(CASES)[1:], pytest.param("whole", marks=pytest.mark.long)]
+)
 def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
     pad = small_pad(*CASES[name])
     q, directions, free = state_of(pad, 2e-3)
@@ -203,7 +205,7 @@ def density(u: np.ndarray, angle: np.ndarray, law: AbstractLaw = EPDM) -> np.nda
     return np.asarray(energy_density(law, s, layers(3, thickness, radius), radius))
 
 
-@pytest.mark.parametrize("law", [EPDM, RUBBER])
+@pytest.mark.parametrize("law", [EPDM, pytest.param(RUBBER, marks=pytest.mark.long)])
 def test_resultants_are_derivatives_of_the_energy(law: AbstractLaw) -> None:
     radius, fibres = SKIN.mid_radius, layers(3, SKIN.thickness, SKIN.mid_radius)
     angle = jnp.linspace(-1.5, 1.5, 7)
@@ -388,6 +390,7 @@ def test_radii_along_rays_are_those_of_the_deformed_face() -> None:
     np.testing.assert_allclose(got[:, 0], np.hypot(x, y), rtol=1e-9)
 
 
+@pytest.mark.long
 def test_displacements_converge_with_the_order_of_the_splines() -> None:
     load = patch(0, 0, 1.0, arc=40e-3, length=40e-3)
 
@@ -416,6 +419,7 @@ def test_forces_add_up_to_the_load(load: PadLoad) -> None:
     np.testing.assert_allclose(centre, [load.angle, load.axial], rtol=1e-12)
 
 
+@pytest.mark.long
 def test_derivatives_by_place_and_size_are_those_of_differences() -> None:
     plan = plan_of(PLACES)
     state = solved(Pad.build(SKIN, EPDM, plan, PLACES))

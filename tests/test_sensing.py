@@ -218,6 +218,7 @@ def test_solve_and_skin_agree() -> None:
     np.testing.assert_allclose(found.readings.gap[:, 0], gap, rtol=2e-4)
 
 
+@pytest.mark.long
 def test_gradient_of_a_reported_so() -> None:
     solution = solve(sensing(line(31, 14)))
     slopes = gradient(solution, "taxels.2.so")

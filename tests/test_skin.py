@@ -135,6 +135,7 @@ def test_the_pad_is_symmetric(pad: object, batch: SensorOutput) -> None:
     np.testing.assert_allclose(other.oil_pressure, batch.oil_pressure, rtol=1e-11)
 
 
+@pytest.mark.long
 def test_load_jacobian_is_that_of_differences(pad: object) -> None:
     cases = loads()
     output, jacobian = quick(load_jacobian)(pad, cases)

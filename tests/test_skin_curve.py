@@ -85,6 +85,7 @@ def test_intervals_include_the_shell_model_error(fit: MaterialFit) -> None:
     assert 0.5 * fit.problem.model_error < added < 3.0 * fit.problem.model_error
 
 
+@pytest.mark.long
 def test_posterior_of_the_curve(fit: MaterialFit, tmp_path: pathlib.Path) -> None:
     found = sample_material(fit, Settings(steps=600, stop=False))
     figure = plot_predictive(found, tmp_path / "predictive.png")

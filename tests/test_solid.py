@@ -300,6 +300,7 @@ def test_work_of_the_loads_is_stored_as_energy() -> None:
     assert work == pytest.approx(energy, rel=1e-3)
 
 
+@pytest.mark.long
 def test_shell_and_solid_agree_in_the_thin_limit() -> None:
     # Under a load without a point of its own the shell's error falls with thickness.
     differences = []

@@ -79,6 +79,22 @@ def imbalance(
     return BorderedVector(force, _defect(problem, pressure, volume_change))
 
 
+def omitted_forces(
+    problem: Problem,
+    y: BorderedVector,
+    level: Lanes,
+    pressure_given: Bool[Array, ""] | None = None,
+) -> BorderedVector:
+    """Derivative dE/dy of the energy that the mechanics leaves out.
+
+    It enters the balance of forces alone: neither the volume nor the wanted pressure changes.
+    """
+    factor = controls(y, level, pressure_given)[1]
+    gradient = problem.mechanics.omitted_gradient(y.stations, factor)
+    assert gradient is not None
+    return BorderedVector(gradient, None if y.border is None else jnp.zeros_like(y.border))
+
+
 def residual(
     problem: Problem,
     y: BorderedVector,
@@ -202,7 +218,7 @@ def verify(
     defect = _defect(problem, state.pressure, a.volume_change) if trapped else None
     operator = operator_of(problem, a, state.pressure if trapped else None)
     right = BorderedVector(a.residual, defect)
-    pull = mechanics.omitted_gradient(state.q) if omitted else None
+    pull = mechanics.omitted_gradient(state.q, state.factor) if omitted else None
     change = None
     if pull is None:
         solved = eliminate(operator, right)

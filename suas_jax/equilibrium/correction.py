@@ -13,7 +13,7 @@ h = dE/dy - K x = 0, held along the equilibrium::
 where K x is the residual's directional derivative, so no tangent is differentiated.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -25,6 +25,7 @@ from suas_jax.equilibrium.balance import (
     Problem,
     State,
     imbalance,
+    omitted_forces,
     residual,
     state_of,
     unknowns_of,
@@ -37,32 +38,37 @@ from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
 Given = Bool[Array, ""] | None
 
 
-def corrected(problem: Problem, state: State) -> tuple[State, State]:
-    """A known equilibrium, and the same with the effect of what its mechanics leaves out.
+class Corrected(NamedTuple):
+    """An equilibrium, and the same with the effect of what its mechanics leaves out.
 
-    Both are differentiable by every leaf of the problem.
+    Attributes:
+        root: the equilibrium.
+        state: the one to report: the equilibrium itself where nothing is left out.
+        mechanics: the membrane, to read `state` with.
+    """
+
+    root: State
+    state: State
+    mechanics: AbstractMechanics
+
+
+def corrected(problem: Problem, state: State, known: BorderedVector | None = None) -> Corrected:
+    """Add the effect of what its mechanics leaves out to a known equilibrium.
+
+    The result is differentiable by every leaf of the problem.
 
     Args:
         problem: membrane, oil and loads.
         state: their equilibrium.
-
-    Returns:
-        The equilibrium and the state to report: the same where nothing is left out.
+        known: `Equilibrium.change`, if it has been found with the equilibrium.
     """
-    root = differentiable(problem, state)
-    if not problem.mechanics.corrected:
-        return root, root
+    root, mechanics = differentiable(problem, state), problem.mechanics
+    if not mechanics.corrected:
+        return Corrected(root, root, mechanics)
     y, level, given = unknowns_of(problem, root)
-    change = _change(problem, y, level, given)
+    change = _change(problem, y, level, given, known)
     moved = jax.tree.map(lambda a, b: a + b, y, change)
-    return root, state_of(problem, moved, level)
-
-
-def _pull(problem: Problem, y: BorderedVector) -> BorderedVector:
-    """dE/dy."""
-    gradient = problem.mechanics.omitted_gradient(y.stations)
-    assert gradient is not None
-    return BorderedVector(gradient, None if y.border is None else jnp.zeros_like(y.border))
+    return Corrected(root, state_of(problem, moved, level), mechanics.around(root.q))
 
 
 def _solved(
@@ -73,13 +79,21 @@ def _solved(
 
 
 @eqx.filter_custom_jvp
-def _change(problem: Problem, y: BorderedVector, level: Lanes, given: Given) -> BorderedVector:
-    return _solved(problem, y, level, given, _pull(problem, y))
+def _change(
+    problem: Problem,
+    y: BorderedVector,
+    level: Lanes,
+    given: Given,
+    known: BorderedVector | None,
+) -> BorderedVector:
+    if known is not None:
+        return known
+    return _solved(problem, y, level, given, omitted_forces(problem, y, level, given))
 
 
 @_change.def_jvp
 def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
-    problem, y, level, given = primals
+    problem, y, level, given, _ = primals
     change = _change(*primals)
 
     def unexplained(problem: Problem, y: BorderedVector, level: Lanes) -> BorderedVector:
@@ -87,7 +101,7 @@ def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
             return imbalance(problem, y, level, given)
 
         along = jax.jvp(force, (y,), (change,))[1]
-        return jax.tree.map(lambda a, b: a - b, _pull(problem, y), along)
+        return jax.tree.map(lambda a, b: a - b, omitted_forces(problem, y, level, given), along)
 
     value, right = eqx.filter_jvp(unexplained, (problem, y, level), tangents[:3])
     right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else t, value, right)
@@ -109,8 +123,10 @@ def corrected_contact(
     if root is None or not mechanics.corrected:
         return mechanics.contact(shown.q, wall)
     # A wall so stiff makes much of what is of second order in a displacement.
+    # The face is the one that the tangent knows, which `around` would tell apart.
     change = shown.q - root.q
     at, along = jax.jvp(lambda q: mechanics.contact(q, wall), (root.q,), (change,))
     near = jax.tree.map(lambda a, b: a + b, at, along)
-    pressure = jnp.where(at.gap < 0, jnp.maximum(near.pressure, 0.0), 0.0)
+    # Below zero at a point where it is: the sum balances the other forces to first order.
+    pressure = jnp.where(at.gap < 0, near.pressure, 0.0)
     return near._replace(pressure=pressure)

@@ -21,6 +21,7 @@ from suas_jax.equilibrium.balance import (
     Problem,
     State,
     imbalance,
+    omitted_forces,
     residual,
     unknowns_of,
 )
@@ -28,7 +29,7 @@ from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
-from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
+from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector, eliminate
 from suas_jax.numerics.lanes import in_chunks
 from suas_jax.skin.wall import Wall
 
@@ -49,6 +50,8 @@ class Equilibrium(NamedTuple):
         result: index of the outcome, see `suas_jax.equilibrium.outcomes`.
         iterations: Newton corrections taken, retries included.
         smallest_pivot: smallest relative pivot met on the way.
+        change: first-order effect on the unknowns of what the mechanics leaves out, without
+            derivatives; None where it was not asked for or nothing is left out.
     """
 
     state: State
@@ -56,6 +59,14 @@ class Equilibrium(NamedTuple):
     result: Int[Array, " lane"]
     iterations: LaneCounts
     smallest_pivot: Lanes
+    change: BorderedVector | None = None
+
+
+class _Root(NamedTuple):
+    """What was found, and `Equilibrium.change`."""
+
+    found: Found
+    change: BorderedVector | None
 
 
 def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
@@ -87,36 +98,56 @@ def smallest_gap(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> 
     return jnp.min(gap, tuple(range(gap.ndim - 1)))
 
 
-def _solve_on_demand(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
+def _solve_on_demand(
+    problem: Problem, start: State | None, stepping: LoadStepping, *, omitted: bool
+) -> _Root:
     """Leave the wall out where the membrane does not reach it.
 
     A state without the wall whose gap is open everywhere is one with it, too.
     """
     wall = problem.mechanics.wall
     free = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(None))
-    found = _solve_lanes(free, start, stepping)
+    root = _with_change(free, _solve_lanes(free, start, stepping), omitted=omitted)
     if wall is None:
-        return found
-    held = smallest_gap(free.mechanics, found.y.stations, wall) < 0
+        return root
+    held = smallest_gap(free.mechanics, root.found.y.stations, wall) < 0
 
-    def solve(found: Found) -> Found:
-        with_wall = _solve_lanes(problem, start, stepping)
-        return jax.tree.map(lambda a, b: jnp.where(held, a, b), with_wall, found)
+    def solve(root: _Root) -> _Root:
+        found = _solve_lanes(problem, start, stepping)
+        with_wall = _with_change(problem, found, omitted=omitted)
+        return jax.tree.map(lambda a, b: jnp.where(held, a, b), with_wall, root)
 
-    return jax.lax.cond(jnp.any(held), solve, lambda found: found, found)
+    return jax.lax.cond(jnp.any(held), solve, lambda root: root, root)
+
+
+def _with_change(problem: Problem, found: Found, *, omitted: bool) -> _Root:
+    """The effect of the omitted energy, by the tangent at hand if there is one."""
+    operator, found = found.tangent, found._replace(tangent=None)
+    if not (omitted and problem.mechanics.corrected):
+        return _Root(found, None)
+    given = None if problem.oil_pressure is None else jnp.array(True)
+    if operator is None:
+        operator = residual(problem, found.y, found.level, given)[1]
+    pull = omitted_forces(problem, found.y, found.level, given)
+    return _Root(found, eliminate(operator, pull).solution)
 
 
 def _find(
-    problem: Problem, start: State | None, stepping: LoadStepping, on_demand: bool
-) -> Found:
+    problem: Problem,
+    start: State | None,
+    stepping: LoadStepping,
+    on_demand: bool,
+    omitted: bool,
+) -> _Root:
     """Solve all lanes in chunks; `jax.vmap` adds lanes instead of a batch axis."""
     rest = problem.mechanics.rest()
     chunk = max(4, _CHUNK * rest.shape[-1] // rest.size)
-    method = _solve_on_demand if on_demand else _solve_lanes
 
-    def solve(arguments: tuple[Problem, State | None]) -> Found:
+    def solve(arguments: tuple[Problem, State | None]) -> _Root:
         problem, start = arguments
-        return method(problem, start, stepping)
+        if on_demand:
+            return _solve_on_demand(problem, start, stepping, omitted=omitted)
+        return _with_change(problem, _solve_lanes(problem, start, stepping), omitted=omitted)
 
     return in_chunks(solve, (problem, start), chunk)
 
@@ -144,15 +175,20 @@ def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
 
 @eqx.filter_custom_jvp
 def _root(
-    problem: Problem, start: State | None, stepping: LoadStepping, on_demand: bool
-) -> Found:
-    return _find(problem, start, stepping, on_demand)
+    problem: Problem,
+    start: State | None,
+    stepping: LoadStepping,
+    on_demand: bool,
+    omitted: bool,
+) -> _Root:
+    return _find(problem, start, stepping, on_demand, omitted)
 
 
 @_root.def_jvp
-def _(primals: Any, tangents: Any) -> tuple[Found, Found]:
-    found = _root(*primals)
-    return found, _implicit(primals[0], found, tangents[0])
+def _(primals: Any, tangents: Any) -> tuple[_Root, _Root]:
+    root = _root(*primals)
+    along = _implicit(primals[0], root.found, tangents[0])
+    return root, _Root(along, jax.tree.map(lambda _: None, root.change))
 
 
 @eqx.filter_custom_jvp
@@ -183,6 +219,7 @@ def equilibrium(
     stepping: LoadStepping | None = None,
     *,
     wall_on_demand: bool = False,
+    omitted: bool = False,
 ) -> Equilibrium:
     """Find the equilibrium connected to the undeformed state (or to a given one).
 
@@ -196,12 +233,15 @@ def equilibrium(
         stepping: settings of the load stepping.
         wall_on_demand: solve without the wall first and with it only where the membrane
             reaches it: for many lanes few of which do.
+        omitted: whether the effect of what the mechanics leaves out is wanted, for
+            `suas_jax.equilibrium.correction.corrected`; found here it costs one substitution.
 
     Returns:
         The state with its outcome; derivatives flow through `state`.
     """
-    found = _root(problem, start, stepping or LoadStepping(), wall_on_demand)
-    return _outcome(problem, found)
+    stepping = stepping or LoadStepping()
+    root = _root(problem, start, stepping, wall_on_demand, omitted)
+    return _outcome(problem, root.found)._replace(change=root.change)
 
 
 def differentiable(problem: Problem, state: State) -> State:

@@ -41,6 +41,8 @@ class Found(NamedTuple):
         result: index of the outcome.
         iterations: Newton corrections taken.
         smallest_pivot: smallest relative pivot met.
+        tangent: of the last correction, at the state or as near to it as Newton's method
+            was before that; None where it is not at hand.
     """
 
     y: BorderedVector
@@ -48,6 +50,7 @@ class Found(NamedTuple):
     result: Int[Array, " lane"]
     iterations: LaneCounts
     smallest_pivot: Lanes
+    tangent: BorderedBlockTridiagonal | None = None
 
     @property
     def border(self) -> Lanes:
@@ -80,7 +83,8 @@ def step_to(
     )
     end = solution.state
     result = jnp.where(end.done, end.result, index_of("max_steps"))
-    return Found(end.good, end.good_level, result, end.total, end.smallest_pivot)
+    tangent = solution.aux if problem.mechanics.corrected else None
+    return Found(end.good, end.good_level, result, end.total, end.smallest_pivot, tangent)
 
 
 def follow(
@@ -282,4 +286,5 @@ def from_rest_to_pressure(
         return last
     phase = jnp.full_like(last.iterations, _STIFFEN)
     given = jnp.array(True)
+    last = last._replace(tangent=None)
     return _to_the_wall(problem, last, last.level, phase, failed, careful, given)

@@ -21,7 +21,8 @@ def plot_section(solution: Solution) -> Figure:
         solution: a solution with the lumped shell.
     """
     problem = solution.problem()
-    shape = section_of(problem.mechanics).profile(solution.state.q, _SAMPLES)
+    mechanics = problem.mechanics.around(solution.state.q)
+    shape = section_of(mechanics).profile(solution.shown.q, _SAMPLES)
     geometry = solution.scene.geometry
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
     normal = np.stack([np.sin(angle), np.cos(angle)])

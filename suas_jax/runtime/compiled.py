@@ -20,6 +20,14 @@ OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 _OPTIONS_ONCE = {**OPTIONS, "xla_backend_optimization_level": 0}
 
 
+# Calls of LAPACK that JAX promises for no other version of itself; a kept program is only
+# used with the version that made it.
+_KEPT_CALLS = [
+    jax.export.DisabledSafetyCheck.custom_call(name)
+    for name in ("lapack_dormqr_ffi", "lapack_sormqr_ffi")
+]
+
+
 class Compiled:
     """Programs by function, static settings and shapes, with the time they took to compile.
 
@@ -93,7 +101,7 @@ class Compiled:
         flat = _Flat(function, leaves, structure)
         jitted = jax.jit(flat)
         try:
-            exported = jax.export.export(jitted)(*arrays)
+            exported = jax.export.export(jitted, disabled_checks=_KEPT_CALLS)(*arrays)
         except (ValueError, NotImplementedError):  # has no portable form
             return filled_by(
                 jitted.lower(*arrays).compile(compiler_options=options), flat.frame

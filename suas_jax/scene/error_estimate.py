@@ -2,9 +2,9 @@
 
 Both are relative errors of the oil's pressure and of the mid-surface displacement, under the
 line loads and where it is largest, relative to the largest displacement. The mesh's share is a
-Newton correction on the comparison mesh, the model's is the first-order effect of the
-energy that the mechanics leaves out. Either answers for all quantities with one linear
-solve, as adjoint weighting does for one quantity.
+Newton correction on the comparison mesh, the model's is a share of the first-order effect of
+the energy that the mechanics leaves out, by which states are corrected. Either answers for all
+quantities with one linear solve, as adjoint weighting does for one quantity.
 """
 
 import functools
@@ -15,7 +15,6 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.scene.parts import SceneParts
-from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.pad_loads import DeadLoad
 
 # An estimate is wanted that the true error rarely exceeds; see docs/errors.md for how often.
@@ -62,10 +61,36 @@ def discretisation_error(
     return share * _relative(state.pressure - better.pressure, moved, better, size)
 
 
+def correction_mesh_error(
+    solved: tuple[Problem, State],
+    finer: tuple[Problem, State],
+    better: State,
+    loads: list[DeadLoad],
+) -> Lanes:
+    """The mesh's share of the correction: first order, by the kinks of a mid-line that shears.
+
+    It is kept apart from that of the equilibrium: the two may cancel on one mesh.
+
+    Args:
+        solved: what was solved, and the change by what its mechanics leaves out.
+        finer: the same on the comparison mesh.
+        better: the equilibrium there.
+        loads: the line loads.
+    """
+    coarse, fine = solved[0].mechanics, finer[0].mechanics
+    here = _under_loads(coarse, solved[1].q, loads)
+    there = _under_loads(fine, finer[1].q, loads)
+    moved = [a - b for a, b in zip(here, there, strict=True)]
+    pressure = solved[1].pressure - finer[1].pressure
+    return 2.0 * _relative(pressure, moved, better, _largest(fine, better.q))
+
+
 def model_error(
     problem: Problem, state: State, change: State | None, parts: SceneParts
 ) -> Lanes:
-    """The model's share; zero for the continuum.
+    """The model's share: what remains of its error after the correction.
+
+    Zero for the continuum.
 
     Args:
         problem: membrane, oil and loads.
@@ -75,18 +100,10 @@ def model_error(
     """
     if change is None:
         return jnp.zeros_like(state.pressure)
-    mechanics, loads, geometry = problem.mechanics, parts.forces, parts.skin.geometry
+    mechanics, loads = problem.mechanics, parts.forces
     size = _largest(mechanics, state.q)
     moved = _under_loads(mechanics, change.q, loads)
-    indentation = mechanics.indentation
-    if indentation is not None:
-        for i, load in enumerate(loads):
-            assert isinstance(load, LineLoad)  # in plane strain alone
-            # Spread over an arc as wide as the membrane is thick, half of it is left.
-            arc = 0.0 if load.spread is None else load.spread
-            share = geometry.thickness / (geometry.thickness + arc)
-            per_width = load.force * state.factor / geometry.width
-            moved[i] = moved[i] + indentation * share * per_width
-    if not loads:  # a line load's own field is part of the displacement beneath it alone
+    if not loads:
         moved.append(_largest(mechanics, state.q + change.q) - size)
-    return mechanics.omitted_margin * _relative(change.pressure, moved, state, size)
+    effect = _relative(change.pressure, moved, state, size)
+    return mechanics.omitted_margin * effect + mechanics.omitted_floor

@@ -24,6 +24,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.correction import corrected, corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import Lanes
@@ -87,7 +88,7 @@ class SensorOutput(NamedTuple):
         oil_pressure: above ambient [Pa].
         wall_force: that the wall carries [N]; zero where the skin has none.
         min_gap: smallest between membrane and wall, over all of the skin [m].
-        state: the equilibrium, to start a neighbouring one from.
+        state: the shell's equilibrium, to start a neighbouring one from.
         result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
             Where it is not, everything else belongs to the last equilibrium before the
             failure.
@@ -160,21 +161,17 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     """
     require_float64()
     problem = skin.problem(loads)
-    found = equilibrium(problem, start, wall_on_demand=True)
-    readings = skin.electrodes.read(problem.mechanics, found.state.q)
-    surface = skin.wall or Wall.of(skin.geometry, skin.law.shear_modulus)
-    contact = problem.mechanics.contact(found.state.q, surface)
-    force = jnp.zeros_like(found.state.pressure)
-    if skin.wall is not None:
+    found = equilibrium(problem, start, wall_on_demand=True, omitted=True)
+    root, shown, shell = corrected(problem, found.state, found.change)
+    readings = skin.electrodes.read(shell, shown.q)
+    force = jnp.zeros_like(shown.pressure)
+    if skin.wall is None:
+        contact = shell.contact(shown.q, Wall.of(skin.geometry, skin.law.shear_modulus))
+    else:
+        contact = corrected_contact(problem.mechanics, shown, root)
         force = jnp.sum(contact.area * contact.pressure, (0, 1)) * skin.geometry.width
-    return SensorOutput(
-        readings,
-        found.state.pressure,
-        force,
-        jnp.min(contact.gap, (0, 1)),
-        found.state,
-        found.result,
-    )
+    min_gap = jnp.min(contact.gap, (0, 1))
+    return SensorOutput(readings, shown.pressure, force, min_gap, root, found.result)
 
 
 def load_jacobian(

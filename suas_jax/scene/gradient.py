@@ -54,8 +54,8 @@ def _observed(
 ) -> dict[str, Any]:
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
-    root, shown = corrected(problem, state)
-    return observe(parts, problem, shown, root)
+    found = corrected(problem, state)
+    return observe(parts, problem, found.state, found.root)
 
 
 @eqx.filter_jit

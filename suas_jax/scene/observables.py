@@ -4,6 +4,7 @@ Everything here is a smooth function of the state and the inputs, so that any of
 differentiated.
 """
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
@@ -81,7 +82,10 @@ def observe(
         state: to report.
         root: the equilibrium that the state is a first-order correction of, if it is one.
     """
-    geometry, mechanics = parts.skin.geometry, problem.mechanics
+    held, geometry = problem.mechanics, parts.skin.geometry
+    if root is not None:
+        problem = dataclasses.replace(problem, mechanics=held.around(root.q))
+    mechanics = problem.mechanics
     shape = mechanics.shape(state.q)
     gap, bulge = shape.smallest_gap(geometry), shape.bulge(geometry)
     largest = shape.largest_displacement()
@@ -104,8 +108,8 @@ def observe(
         "volume_residual": volume_residual(problem, state),
         "taxels": taxel_observables(parts, problem, state),
     }
-    if problem.mechanics.wall is not None:
-        contact = corrected_contact(problem.mechanics, state, root)
+    if held.wall is not None:
+        contact = corrected_contact(held, state, root)
         lowest = jnp.minimum(gap.value, jnp.min(contact.gap, (0, 1)))
         report |= {
             "wall_contact": jnp.any(contact.gap < 0, (0, 1)),

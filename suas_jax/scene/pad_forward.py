@@ -43,7 +43,7 @@ _DISC = (4, 12)
 
 
 class Patches(eqx.Module):
-    """Radial forces, each even over a disc of the undeformed outer face.
+    """Forces, each even over a disc of the undeformed outer face; radial unless told otherwise.
 
     A lane axis holds cases side by side; one case needs none.
 
@@ -52,12 +52,17 @@ class Patches(eqx.Module):
         axial: of the centres, from the middle of the pad [m].
         force: inwards [N].
         diameter: of the discs [m].
+        turn: counter-clockwise rotation of the forces from the inward radial in the section's
+            plane [rad]; None for none.
+        tilt: of the forces out of that plane towards +axial [rad]; None for none.
     """
 
     angle: Float[Array, "patch *lane"]
     axial: Float[Array, "patch *lane"]
     force: Float[Array, "patch *lane"]
     diameter: Float[Array, "patch *lane"]
+    turn: Float[Array, "patch *lane"] | None = None
+    tilt: Float[Array, "patch *lane"] | None = None
 
     @classmethod
     def poke(
@@ -153,12 +158,13 @@ class PadSkin(eqx.Module):
 
     def loads(self, patches: Patches) -> list[PadLoad]:
         """Contacts as the mechanics takes them."""
-        zero = jnp.zeros(1)
+        zero = jnp.zeros_like(patches.angle)
+        turn = zero if patches.turn is None else patches.turn
+        tilt = zero if patches.tilt is None else patches.tilt
+        numbers = (patches.angle, patches.axial, patches.force, turn, tilt, patches.diameter)
         return [
-            PadLoad(a[None], z[None], f[None], zero, zero, diameter=d[None])
-            for a, z, f, d in zip(
-                patches.angle, patches.axial, patches.force, patches.diameter, strict=True
-            )
+            PadLoad(a[None], z[None], f[None], t[None], i[None], diameter=d[None])
+            for a, z, f, t, i, d in zip(*numbers, strict=True)
         ]
 
 
@@ -229,8 +235,7 @@ def _solve(
     """One case."""
     problem = skin.problem(patches, plan)
     found = equilibrium(problem, start, wall_on_demand=True)
-    root, shown = corrected(problem, found.state)
-    pad = problem.mechanics
+    root, shown, pad = corrected(problem, found.state)
     gap = pad.shape(shown.q).smallest_gap(skin.geometry).value
     force = jnp.zeros_like(gap)
     if skin.wall is not None:

@@ -40,7 +40,7 @@ def _with_shear(
     mechanics = problem.mechanics
 
     def omitted(y: BorderedVector) -> Array:
-        found = mechanics.omitted_gradient(y.stations)
+        found = mechanics.omitted_gradient(y.stations, level)
         return jnp.zeros_like(y.stations) if found is None else found
 
     def body(carry: tuple[Any, ...]) -> tuple[Any, ...]:

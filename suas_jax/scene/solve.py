@@ -17,6 +17,7 @@ from jaxtyping import ArrayLike
 
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
 from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import force_balance, validity
@@ -26,7 +27,11 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle, plan_for, problem_of
-from suas_jax.scene.error_estimate import discretisation_error, model_error
+from suas_jax.scene.error_estimate import (
+    correction_mesh_error,
+    discretisation_error,
+    model_error,
+)
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.report import plain, report_of
@@ -157,7 +162,7 @@ def assess(
     if meshes.solved.symmetric:
         problem = problem_of(parts, meshes.whole, wall=wall)
         state = found._replace(q=solved.mechanics.mirrored(found.q))
-    check, shown = None, state
+    check = None
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         check, change = verify(problem, state)
         if problem.mechanics.corrected:
@@ -169,18 +174,26 @@ def assess(
         forces = check.unbalanced, check.balanced
         origin, start = solved, found
     else:
-        report = observe(parts, problem, state)
+        shown = corrected(problem, state).state
+        report = observe(parts, problem, shown, state)
+        report["volume_residual"] = volume_residual(problem, state)
+        change = None
+        if problem.mechanics.corrected:
+            change = jax.tree.map(lambda a, b: a - b, shown, state)
+        report["model_error"] = model_error(problem, state, change, parts)
         forces = force_balance(solved, found)
         origin, start = problem, state
     finer = problem_of(parts, meshes.error, wall=wall)
     begin = start._replace(q=origin.mechanics.to_comparison_mesh(start.q))
     finer_check, finer_change = verify(finer, begin, omitted=check is None)
     report["stable"] = finer_check.stable if check is None else check.stable
-    error = discretisation_error(origin, start, finer, finer_check.correction, parts.forces)
+    better = finer_check.correction
+    error = discretisation_error(origin, start, finer, better, parts.forces)
+    if check is None and change is not None and finer_change is not None:
+        pair = (origin, change), (finer, finer_change)
+        error = error + correction_mesh_error(*pair, better, parts.forces)
     same = meshes.whole.counts == meshes.error.counts
     report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
-    if check is None:
-        report["model_error"] = model_error(finer, finer_check.correction, finer_change, parts)
     verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
@@ -231,7 +244,7 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     The mesh is the one the scene asks for (`elements`, `mesh`), or is refined until the
     estimated error meets `rtol`. Where the model is left open too (`auto`), it is the
-    lumped shell unless what the shell leaves out is more than `rtol` allows.
+    shell unless what its correction leaves out is more than `rtol` allows.
 
     Args:
         scene: what to solve.
@@ -308,7 +321,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
             return found, f"The mesh given is that of the {name}."
     shell = _attempt(scene, "shell", None, once=once)
     if not shell.converged:
-        return shell, "Lumped shell tried; the solid was not, as it starts no other path."
+        return shell, "Shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol):
         return shell, _shell_chosen(shell, rtol)
     at_the_wall = shell.at_the_wall and scene.wall.contact
@@ -318,14 +331,14 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
             shell = _attempt(scene, "shell", None, once=once, wall=True)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
     return solid, (
-        f"Solid chosen: the lumped shell's model error, estimated as "
+        f"Solid chosen: the corrected shell's model error, estimated as "
         f"{shell.model_error:.1e}, exceeds rtol {rtol:.1e}."
     )
 
 
 def _shell_chosen(shell: Attempt, rtol: float) -> str:
     return (
-        f"Lumped shell chosen: its model error is estimated as {shell.model_error:.1e}, "
+        f"Corrected shell chosen: its model error is estimated as {shell.model_error:.1e}, "
         f"rtol is {rtol:.1e}."
     )
 

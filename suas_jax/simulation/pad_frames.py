@@ -104,7 +104,7 @@ def _frame(
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
     found = equilibrium(problem, start)
-    shown = corrected(problem, found.state)[1]
+    shown = corrected(problem, found.state).state
     assert parts.skin.electrodes is not None
     readings = parts.skin.electrodes.read(problem.mechanics, shown.q)
     gap = problem.mechanics.shape(shown.q).smallest_gap(parts.skin.geometry).value

@@ -22,7 +22,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float
 
 from suas_jax.constitutive.base import AbstractLaw, constant
@@ -33,10 +32,12 @@ from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 # to rounding throughout its panel: the rim is found on it, without integrating again.
 _STAGES, _SWEEPS, _PANEL = 16, 20, 0.125
 # Radii are measured by ξ, the slope that the apex curvature alone would give. Integration
-# runs from 1e-4 (times √e₀ at small strain, as the rim does) over five decades.
-_START, _PANELS = 1e-4, 92
+# runs from 5e-4 (times √e₀ at small strain, as the rim does) over more than four decades.
+_START, _PANELS = 5e-4, 79
 # Largest relative violation of vertical equilibrium at the rim.
 _BALANCE = 1e-9
+# Steps to the rim from the middle of its panel, and the largest last one of them.
+_NEWTON_STEPS, _AT_RIM = 6, 1e-10
 
 
 class Diaphragm(NamedTuple):
@@ -100,7 +101,7 @@ def _unit_diaphragm(law: AbstractLaw, apex_stretch: Array) -> tuple[Array, Array
         inside = state[1] > 0.0
         xi = jnp.where(inside, start * jnp.exp(_PANEL * index), start)
         rates = _rates(law, jnp.where(inside, state, first), xi, scale)
-        following = _along_panel(state, rates, jnp.ones_like(xi))
+        following = state + _PANEL * (rates @ _gauss_collocation(_STAGES).weights)
         return jnp.where(inside, following, state), (state, rates)
 
     _, (states, rates) = jax.lax.scan(panel, first, jnp.arange(_PANELS, dtype=first.dtype))
@@ -108,37 +109,22 @@ def _unit_diaphragm(law: AbstractLaw, apex_stretch: Array) -> tuple[Array, Array
     found = (hoop[0] > 0.0) & ~jnp.all(hoop > 0.0)
     crossing = jnp.where(found, jnp.argmin(hoop > 0.0) - 1, 0)
 
-    # A law can fail on the panel of the rim; the search and its derivatives then run on a
-    # straight line instead, because they stop a whole batch at what is not a number.
+    # A law can fail on the panel of the rim; the search then runs on a straight line instead,
+    # so that derivatives of what is not a number spoil no others.
     state, slopes = states[crossing], rates[crossing]
     found &= (e0 > 0.0) & jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(slopes))
-    state, slopes, e0 = (
+    state, slopes = (
         jnp.where(found, value, other)
-        for value, other in ((state, 1.0), (slopes, -1.0 / _PANEL), (e0, 1.0))
+        for value, other in ((state, 1.0), (slopes, -1.0 / _PANEL))
     )
-
-    def relative_hoop_strain(fraction: Array, args: tuple) -> Array:
-        state, slopes, e0 = args
-        return _along_panel(state, slopes, fraction)[1] / e0
-
-    # Interpolation over the panel that holds the rim starts Newton within 1e-2 of it.
-    drop = jnp.where(found, hoop[crossing] - hoop[crossing + 1], 1.0)
-    solution: optx.Solution = optx.root_find(
-        relative_hoop_strain,
-        optx.Newton(rtol=1e-12, atol=1e-12),
-        jax.lax.stop_gradient(jnp.where(found, hoop[crossing] / drop, 0.5)),
-        (state, slopes, e0),
-        max_steps=16,
-        throw=False,
-    )
-    fraction = solution.value
+    fraction, last = _rim(state[1], slopes[1])
     e1, e2, slope, height = _along_panel(state, slopes, fraction)
     rim = start * jnp.exp(_PANEL * (crossing + fraction))
     load = scale * rim
     tau_1, _ = kirchhoff(law, e1, e2)
     lift = load * jnp.exp(e1 + 2.0 * e2)
     balanced = jnp.abs(2.0 * tau_1 * jnp.sin(slope) - lift) < _BALANCE * jnp.abs(lift)
-    good = found & balanced & (solution.result == optx.RESULTS.successful)
+    good = found & balanced & (jnp.abs(last) < _AT_RIM)
     load, height, slope = (
         jnp.where(good, value, jnp.nan) for value in (load, height / rim, slope)
     )
@@ -166,28 +152,65 @@ def _rates(
     law: AbstractLaw, state: Float[Array, " 4"], xi: Float[Array, ""], scale: Array
 ) -> Float[Array, "4 stages"]:
     """Slopes of (e₁, e₂, φ, height) at the nodes of the panel that starts at `xi`."""
-    nodes, _, upto = _gauss_collocation(_STAGES)
-    at = xi * jnp.exp(_PANEL * jnp.asarray(nodes))
+    scheme = _gauss_collocation(_STAGES)
+    at = xi * jnp.exp(_PANEL * jnp.asarray(scheme.nodes))
 
     def sweep(_: int, rates: Array) -> Array:
-        return _slopes(law, state[:, None] + _PANEL * (rates @ upto), at, scale)
+        return _slopes(law, state[:, None] + _PANEL * (rates @ scheme.upto), at, scale)
 
     return jax.lax.fori_loop(0, _SWEEPS, sweep, jnp.zeros((4, _STAGES), state.dtype))
+
+
+def _rim(
+    hoop: Float[Array, ""], rates: Float[Array, " stages"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Fraction of a panel at which the hoop strain returns to zero, and the last step to it.
+
+    Newton's method on the polynomial of the strain. The steps at the root carry the
+    derivatives: one makes the first exact, two the first three.
+    """
+
+    def step(x: Array, hoop: Array, rates: Array) -> Array:
+        values, integrals = _polynomials(x)
+        coefficients = rates @ _gauss_collocation(_STAGES).coefficients.T
+        change = -(hoop + _PANEL * coefficients @ integrals) / (_PANEL * coefficients @ values)
+        return jnp.clip(change, -1.0, 1.0)
+
+    root = jnp.array(0.5, hoop.dtype)
+    known = jax.lax.stop_gradient((hoop, rates))
+    root = jax.lax.fori_loop(0, _NEWTON_STEPS, lambda _, x: x + step(x, *known), root)
+    for _ in range(2):
+        last = step(root, hoop, rates)
+        root = root + last
+    return root, last
 
 
 def _along_panel(
     state: Float[Array, " 4"], rates: Float[Array, "4 stages"], fraction: Float[Array, ""]
 ) -> Float[Array, " 4"]:
     """State at a fraction of a panel, on the polynomial that has these slopes."""
-    _, coefficients, _ = _gauss_collocation(_STAGES)
+    coefficients = _gauss_collocation(_STAGES).coefficients
+    _, integrals = _polynomials(fraction)
+    return state + _PANEL * (rates @ coefficients.T) @ integrals
+
+
+def _polynomials(
+    fraction: Float[Array, ""],
+) -> tuple[Float[Array, " stages"], Float[Array, " stages"]]:
+    """Legendre polynomials at a fraction of a panel, and their integrals from its start."""
     at = 2.0 * fraction - 1.0
-    legendre = [jnp.ones_like(at), at]
-    for n in range(1, _STAGES):
-        legendre.append(((2 * n + 1) * at * legendre[n] - n * legendre[n - 1]) / (n + 1))
-    integrals = [0.5 * (at + 1.0)] + [
-        0.5 * (legendre[n + 1] - legendre[n - 1]) / (2 * n + 1) for n in range(1, _STAGES)
-    ]
-    return state + _PANEL * (rates @ coefficients.T) @ jnp.stack(integrals)
+
+    def following(pair: tuple[Array, Array], n: Array) -> tuple[tuple[Array, Array], Array]:
+        before, last = pair
+        found = ((2.0 * n + 1.0) * at * last - n * before) / (n + 1.0)
+        return (last, found), found
+
+    one = jnp.ones_like(at)
+    degrees = jnp.arange(1, _STAGES, dtype=at.dtype)
+    _, further = jax.lax.scan(following, (one, at), degrees)
+    values = jnp.concatenate([jnp.stack([one, at]), further])
+    integrals = 0.5 * (values[2:] - values[:-2]) / (2.0 * degrees + 1.0)
+    return values[:-1], jnp.concatenate([0.5 * (at + 1.0)[None], integrals])
 
 
 def _slopes(
@@ -215,15 +238,25 @@ def _stresses_and_moduli(
     return tau_1, tau_2, m11, m12
 
 
-def _gauss_collocation(stages: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+class _Collocation(NamedTuple):
     """Gauss nodes on [0, 1] and the polynomials that are one at a node, zero at the others.
 
-    Returns:
-        Nodes [stages]; Legendre coefficients of the node polynomials [degree, stages];
-        their integrals from zero up to each node [stages, node].
+    Attributes:
+        nodes: shape [stages].
+        coefficients: of Legendre polynomials in the node polynomials, shape [degree, stages].
+        upto: integrals of the node polynomials from zero up to each node, [stages, node].
+        weights: their integrals over [0, 1], shape [stages].
     """
+
+    nodes: np.ndarray
+    coefficients: np.ndarray
+    upto: np.ndarray
+    weights: np.ndarray
+
+
+def _gauss_collocation(stages: int) -> _Collocation:
     legendre = np.polynomial.legendre
-    nodes, _ = legendre.leggauss(stages)
+    nodes, weights = legendre.leggauss(stages)
     coefficients = np.linalg.inv(legendre.legvander(nodes, stages - 1))
     integrals = legendre.legval(nodes, legendre.legint(coefficients, lbnd=-1.0, axis=0))
-    return 0.5 * (nodes + 1.0), coefficients, 0.5 * integrals
+    return _Collocation(0.5 * (nodes + 1.0), coefficients, 0.5 * integrals, 0.5 * weights)

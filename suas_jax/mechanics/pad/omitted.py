@@ -5,9 +5,9 @@ transverse force Q = div M it stores, in a membrane of shear modulus G and thick
 
     E = integral of A |Q|^2 / (G t) dA
 
-with the constant A of the section's shell (`suas_jax.mechanics.shell.omitted`). To first
-order the solution of the potential less E is one more substitution with the tangent at
-hand. The field of a patch itself, and how a clamp holds a face, are not part of it.
+with A = 0.525, fitted to the solid in plane strain. To first order the solution of the
+potential less E is one more substitution with the tangent at hand. The field of a patch
+itself, and how a clamp holds a face, are not part of it.
 """
 
 import jax
@@ -16,7 +16,8 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad.points import Layers, Surface, energy_density
-from suas_jax.mechanics.shell.omitted import SHEAR
+
+_SHEAR = 0.525
 
 Moments = Float[Array, "3 point"]
 
@@ -49,4 +50,4 @@ def shear_energy_density(
     """
     along = by_arc[0] + by_axial[2] / 2
     across = by_arc[2] / 2 + by_axial[1]
-    return SHEAR * (along**2 + across**2) / stiffness
+    return _SHEAR * (along**2 + across**2) / stiffness

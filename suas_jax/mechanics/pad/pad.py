@@ -333,8 +333,9 @@ class Pad(AbstractMechanics):
         """Energy of transverse shear; see `omitted` [J]."""
         return self._by_lane(lambda pad, q: pad.one_lane().omitted_energy(q), q)
 
-    def omitted_gradient(self, q: StationVector) -> StationVector:
+    def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""
+        del factor
         free = self.topology.free[..., None]
         return jax.grad(lambda q: jnp.sum(self.omitted_energy(q)))(q) * free
 
@@ -342,6 +343,11 @@ class Pad(AbstractMechanics):
     def omitted_margin(self) -> float:
         """See the base class; with the mesh's share it covers the error against a continuum."""
         return 0.35
+
+    @property
+    def omitted_floor(self) -> float:
+        """See the base class."""
+        return 0.0
 
     @property
     def error_share(self) -> float:

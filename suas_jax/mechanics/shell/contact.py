@@ -18,7 +18,7 @@ from suas_jax.mechanics.contact.term import (
     expanded,
 )
 from suas_jax.mechanics.shell.points import mix
-from suas_jax.mechanics.shell.shape import fibre_position
+from suas_jax.mechanics.shell.shape import carried, fibre_position, turn
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
 from suas_jax.skin.geometry import outward, tangent
@@ -112,9 +112,19 @@ class InnerFace:
         matrix = mix(_TO_STIFFNESS, stiffness).reshape(4, 4, 2, 2, *tail)
         return mix(_TO_FORCE, force), matrix
 
-    def state(self) -> ContactState:
-        """Where the face is, and how it is pushed."""
-        x, y = self.position(self.inputs)
-        gap = self.wall.gap(jnp.stack([x, y]))
+    def state(self, change: Float[Array, "6 point element lane"] | None = None) -> ContactState:
+        """Where the face is, and how it is pushed.
+
+        Args:
+            change: small change of the inputs that moves and turns normals, see `shifted`.
+        """
+        place = self.position(self.inputs)
+        if change is not None:
+            t, z = tangent(self.angle), self.inputs
+            angle = turn((t[0] + z[2], t[1] + z[3]), (change[2], change[3]))
+            middle = self.radius * outward(self.angle) + z[:2]
+            place = place + carried(place - middle, change[:2], angle)
+        x, y = place
+        gap = self.wall.gap(place)
         pressure = contact_pressure(self.wall.law, gap)
         return ContactState(self.angle, jnp.arctan2(x, y), gap, pressure, self.area)

@@ -53,17 +53,37 @@ def under(
         angles: of the stations [rad].
         radius: of the undeformed mid-line [m].
     """
-    select = points.select
-    start = jnp.sum(select * angles[:-1, None], 0)
-    span = jnp.sum(select * (angles[1:] - angles[:-1])[:, None], 0)
+    start, span = _elements_of(points, angles)
     at = jnp.stack(hermite(points.xi))
     slope = jnp.stack(hermite(points.xi, 1)) / (radius * span)
-    qp = jnp.sum(qe[:, :, :, None] * select, 2)
+    qp = jnp.sum(qe[:, :, :, None] * points.select, 2)
     u1 = jnp.sum(slope[:, None] * qp, 0)
     angle = start + points.xi * span
     t = tangent(angle)
     r1 = (t[0] + u1[0], t[1] + u1[1])
     return Loaded(at, slope, jnp.sum(at[:, None] * qp, 0), r1, outward(angle))
+
+
+def radial(
+    points: LoadPoints, angles: Float[Array, "station #lane"]
+) -> Float[Array, "point lane"]:
+    """Inward components of the loads, along the undeformed radius, per width [N/m].
+
+    Args:
+        points: the loads.
+        angles: of the stations [rad].
+    """
+    start, span = _elements_of(points, angles)
+    return -jnp.sum(points.force * outward(start + points.xi * span), 0)
+
+
+def _elements_of(
+    points: LoadPoints, angles: Float[Array, "station #lane"]
+) -> tuple[Float[Array, "point lane"], Float[Array, "point lane"]]:
+    """Angle where the element of every point starts, and the one that it spans [rad]."""
+    select = points.select
+    start = jnp.sum(select * angles[:-1, None], 0)
+    return start, jnp.sum(select * (angles[1:] - angles[:-1])[:, None], 0)
 
 
 def load_work(points: LoadPoints, loaded: Loaded, thickness: Lanes) -> Lanes:

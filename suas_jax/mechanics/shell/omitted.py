@@ -1,23 +1,29 @@
 """What the lumped shell leaves out, as energy: the source of its modelling error.
 
-Normals that stay normal forbid transverse shear, and a clamp holds a line where it should
-hold a face. Both are corrections of the energy by the shell's own resultants: normal force
-N, moment M and transverse force Q = dM/ds, per width, of a membrane of shear modulus G::
+Normals that stay normal forbid transverse shear, loads that act at a fixed distance from the
+mid-surface do no work where the membrane thins beneath them, and a clamp holds a line where
+it should hold a face. To leading order in thickness over length all three are energies of the
+shell's own resultants: normal force N, moment M and transverse force Q = dM/ds, per width, of
+a membrane of shear modulus G, thickness t, under inward forces f per width on its outer face::
 
-    E = integral of A Q^2 / (G t) ds
-        + sum over clamps of (B M^2 / (G t^2) + C N M / (G t) + D N Q / G)
+    E = 27/40 integral Q^2 / (G t) ds + sum over loads f (N / 8 + 3 M / (8 t)) / G
+        + sum over clamps (c1 N^2 + c2 (M / t)^2 + c3 Q M / t + c4 N Q) / G
 
     relaxed potential = potential - E
 
-To first order the solution of the relaxed problem is one more substitution with the
-tangent at hand, K dq = dE/dq: how far the shell is from the continuum, for all quantities
-of interest at once. A line load's own field comes on top of it: what it does to the
-section beneath shifts the mid-surface by -e f / G per force per width f, whatever the rest.
+To first order the solution of the relaxed problem is one more substitution with the tangent
+at hand, K dq = dE/dq.
 
-A is near 3/5 (shear correction 5/6); all five constants are those of linear elasticity of
-an incompressible strip, hence the same for every membrane. They were found by least
-squares against the solid over 50 random scenes; ``python -m benchmarks.error_estimate``
-checks what they are good for on others.
+The first three constants are exact for an incompressible strip in plane strain. A moment thins
+one half of it and thickens the other, so that its normals are sheared even where they stay
+normal: parabolic shear stress does 51/40 Q^2 / (G t) of work on what is missing to it and
+stores 3/5 of that unit, and 51/40 - 3/5 = 27/40. Under uniform pressure on one face this makes
+the curvature of a straight beam that of the exact solution (S. P. Timoshenko, J. N. Goodier,
+Theory of Elasticity, art. 22). A clamp's own field has no closed form: its four constants
+belong to linear elasticity of the strip's end, the same for every membrane, and were fitted to
+the solid. The end of a straight strip is its own mirror image, which leaves N alone; c4 is
+small, and comes from curvature. ``python -m benchmarks.shell_correction`` shows what all of
+it is good for.
 """
 
 from typing import NamedTuple
@@ -26,52 +32,97 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.mechanics.shell.points import mix
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.loads import LoadPoints
 
-SHEAR = 0.525
-"""Constant A of the energy of transverse shear."""
-_CLAMP_MOMENT, _CLAMP_NORMAL_MOMENT, _CLAMP_NORMAL_SHEAR = -0.071, 0.081, 0.397
-INDENTATION = 0.637
-"""Constant e of a line load's own field."""
+_SHEAR = 27 / 40
+_LOAD_NORMAL, _LOAD_MOMENT = 1 / 8, 3 / 8
+_CLAMP_NORMAL, _CLAMP_MOMENT = -0.0142, -0.077
+_CLAMP_MOMENT_SHEAR, _CLAMP_NORMAL_SHEAR = 0.103, 0.0077
 
 
 class Resultants(NamedTuple):
-    """Normal force [N/m] and moment [N] per width, at points of every element."""
+    """Normal force [N/m] and moment [N] per width, at the Gauss points of every element."""
 
-    normal: Float[Array, "point element lane"]
-    moment: Float[Array, "point element lane"]
-
-
-def sample_points() -> Float[np.ndarray, " 4"]:
-    """Local coordinates where resultants are needed: both ends, and two Gauss points."""
-    return np.array([0.0, *gauss_legendre(2)[0], 1.0])
+    normal: Float[Array, "gauss element lane"]
+    moment: Float[Array, "gauss element lane"]
 
 
-def omitted_energy(
-    at: Resultants, lengths: Float[Array, "element #lane"], thickness: Lanes, modulus: Lanes
+class LinesOverElements(NamedTuple):
+    """Values that change linearly along every element: mean, and rise from end to end."""
+
+    mean: Float[Array, "element lane"]
+    rise: Float[Array, "element lane"]
+
+    @classmethod
+    def through(
+        cls, values: Float[Array, "gauss element lane"], xi: np.ndarray, weights: np.ndarray
+    ) -> "LinesOverElements":
+        """The best fit to values at Gauss points."""
+        mean, rise = mix(np.stack([weights, 12 * weights * (xi - 0.5)]), values)
+        return cls(mean, rise)
+
+    def at_points(self, points: LoadPoints) -> Float[Array, "point lane"]:
+        """Values under load points."""
+        mean, rise = (jnp.sum(points.select * x[:, None], 0) for x in self)
+        return mean + rise * (points.xi - 0.5)
+
+
+def relaxed_energy(
+    at: Resultants,
+    xi: np.ndarray,
+    weights: np.ndarray,
+    lengths: Float[Array, "element #lane"],
+    thickness: Lanes,
+    modulus: Lanes,
+    clamped: tuple[bool, bool],
 ) -> Lanes:
-    """The energy E per width [J/m].
+    """The part of E by which the membrane itself is softer [J/m].
 
     Args:
-        at: resultants at the `sample_points`.
+        at: resultants at the Gauss points.
+        xi: local coordinates of the Gauss points.
+        weights: of the Gauss points.
         lengths: of the elements [m].
         thickness: of the membrane [m].
         modulus: small-strain shear modulus [Pa].
+        clamped: whether the first and the last station are.
     """
-    _, first, second, _ = sample_points()
-    shear = (at.moment[2] - at.moment[1]) / ((second - first) * lengths)
-    total = SHEAR * jnp.sum(lengths * shear**2, 0) / (modulus * thickness)
+    normal, moment = (LinesOverElements.through(x, xi, weights) for x in at)
+    shear = moment.rise / lengths
+    total = _SHEAR * jnp.sum(lengths * shear**2, 0) / thickness
     # Outwards along the arc Q changes its sign with the side of the clamp.
-    for point, element, side in ((0, 0, 1.0), (3, -1, -1.0)):
-        n, m = at.normal[point, element], at.moment[point, element]
-        total = (
-            total
-            + (
-                _CLAMP_MOMENT * (m / thickness) ** 2
-                + _CLAMP_NORMAL_MOMENT * n * m / thickness
-                + _CLAMP_NORMAL_SHEAR * side * n * shear[element]
-            )
-            / modulus
-        )
-    return total
+    for element, side, held in ((0, 1.0, clamped[0]), (-1, -1.0, clamped[1])):
+        if held:
+            n = normal.mean[element] - side * normal.rise[element] / 2
+            m = (moment.mean[element] - side * moment.rise[element] / 2) / thickness
+            q = side * shear[element]
+            total = total + _CLAMP_NORMAL * n**2 + _CLAMP_MOMENT * m**2
+            total = total + q * (_CLAMP_MOMENT_SHEAR * m + _CLAMP_NORMAL_SHEAR * n)
+    return total / modulus
+
+
+def thinning_work(
+    at: Resultants,
+    xi: np.ndarray,
+    weights: np.ndarray,
+    points: LoadPoints,
+    inward: Float[Array, "point lane"],
+    thickness: Lanes,
+    modulus: Lanes,
+) -> Lanes:
+    """The part of E that loads do where the membrane thins beneath them [J/m].
+
+    Args:
+        at: resultants at the Gauss points.
+        xi: local coordinates of the Gauss points.
+        weights: of the Gauss points.
+        points: where the loads act.
+        inward: radial components of the loads, per width [N/m].
+        thickness: of the membrane [m].
+        modulus: small-strain shear modulus [Pa].
+    """
+    normal, moment = (LinesOverElements.through(x, xi, weights).at_points(points) for x in at)
+    thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness
+    return jnp.sum(inward * thinning, 0) / modulus

@@ -86,6 +86,32 @@ def kinematics(
     return Points((r1, r2), stretch, curvature)
 
 
+def point_stress(
+    points: Points,
+    first: tuple[Array, Array],
+    radius: Lanes,
+    length: Float[Array, "element #lane"],
+) -> Float[Array, "gauss order component element lane"]:
+    """Chain rule of a first derivative from (A, b) to r' and r''; see `point_terms`.
+
+    Args:
+        points: kinematics.
+        first: derivatives of an energy density by A and b.
+        radius: of the reference arc [m].
+        length: of the elements [m].
+    """
+    by_a, by_b = first
+    inverse = 1 / (1 + points.stretch)
+    w_a = by_a - by_b * (points.curvature + 1 / radius) * inverse
+    w_c = by_b * inverse
+    (x1, y1), (x2, y2) = points.r
+    rows = [
+        [2 * x1 * w_a - y2 * w_c, 2 * y1 * w_a + x2 * w_c],
+        [y1 * w_c / length, -x1 * w_c / length],
+    ]
+    return jnp.stack([jnp.stack(row, 1) for row in rows], 1)
+
+
 def point_terms(
     points: Points, moments: Moments, radius: Lanes, length: Float[Array, "element #lane"]
 ) -> tuple[Array, Array]:
@@ -114,9 +140,6 @@ def point_terms(
     by_curl = ((-y2, x2), (y1, -x1))
     power = (1.0, 1 / length)
 
-    def stress(d: int, c: int) -> Array:
-        return power[d] * (w_a * by_stretch[d][c] + w_c * by_curl[d][c])
-
     def tangent(d: int, f: int, c: int, e: int) -> Array:
         a, b = by_stretch[f][e], by_curl[f][e]
         total = by_curl[d][c] * (w_ac * a + w_cc * b)
@@ -129,10 +152,8 @@ def point_terms(
         return power[d] * power[f] / length * total
 
     orders, pairs = ((0, 0), (0, 1), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1))
-    stresses = jnp.stack([stress(*order) for order in orders], 1)
     tangents = jnp.stack([tangent(*order, *pair) for order in orders for pair in pairs], 1)
-    shape = stresses.shape
     return (
-        stresses.reshape(shape[0], 2, 2, *shape[2:]),
-        tangents.reshape(shape[0], 2, 2, 3, *shape[2:]),
+        point_stress(points, moments.first, radius, length),
+        tangents.reshape(len(tangents), 2, 2, 3, *tangents.shape[2:]),
     )

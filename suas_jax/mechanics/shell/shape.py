@@ -151,6 +151,42 @@ def recovered(
     )
 
 
+def turn(r1: tuple[Array, Array], change: tuple[Array, Array]) -> Array:
+    """Angle by which a tangent r'(s) turns under a small change of it, counter-clockwise."""
+    (x1, y1), (dx, dy) = r1, change
+    return (x1 * dy - y1 * dx) / (x1**2 + y1**2)
+
+
+def carried(
+    offset: Float[Array, "2 ..."], shift: Float[Array, "2 ..."], angle: Array
+) -> Float[Array, "2 ..."]:
+    """Change of a point at an offset from one that is shifted, their distance kept [m]."""
+    return shift + angle * jnp.stack([-offset[1], offset[0]])
+
+
+def shifted(shape: Profile, line: MidLine, change: MidLine, thickness: Lanes) -> Profile:
+    """A section after a small change of its mid-line that bends and thins nothing.
+
+    Args:
+        shape: the section.
+        line: its mid-line.
+        change: of the mid-line.
+        thickness: undeformed [m].
+    """
+    t, n = tangent(line.angle), outward(line.angle)
+    angle = turn((t[0] + line.u1[0], t[1] + line.u1[1]), change.u1)
+    shift, middle = jnp.stack(change.u), shape.mid_displacement
+
+    def moved(face: Array, offset: Array) -> Array:
+        return face + carried(face - middle + offset * n, shift, angle)
+
+    return shape._replace(
+        mid_displacement=middle + shift,
+        inner_displacement=moved(shape.inner_displacement, -thickness / 2),
+        outer_displacement=moved(shape.outer_displacement, thickness / 2),
+    )
+
+
 def mirrored(half: StationVector) -> StationVector:
     """Unknowns of the whole arc from those of the left half of a symmetric one."""
     # x and the derivative of y by arc length change sign; so do, at the clamp, the

@@ -14,6 +14,10 @@ Interpolation is cubic Hermite in the Cartesian displacement over exact referenc
 geometry: the undeformed state is stress-free to the last digit.
 """
 
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar, Self
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -32,23 +36,26 @@ from suas_jax.mechanics.base import (
 from suas_jax.mechanics.section import AbstractSection
 from suas_jax.mechanics.shell.contact import InnerFace
 from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
-from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, under
-from suas_jax.mechanics.shell.omitted import (
-    INDENTATION,
-    Resultants,
-    omitted_energy,
-    sample_points,
-)
+from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, radial, under
+from suas_jax.mechanics.shell.omitted import Resultants, relaxed_energy, thinning_work
 from suas_jax.mechanics.shell.points import (
     Moments,
     Points,
-    derivatives,
     element_tables,
     kinematics,
     mix,
+    point_stress,
     point_terms,
 )
-from suas_jax.mechanics.shell.shape import at, mirrored, prolonged, recovered, sampled
+from suas_jax.mechanics.shell.shape import (
+    MidLine,
+    at,
+    mirrored,
+    prolonged,
+    recovered,
+    sampled,
+    shifted,
+)
 from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
 from suas_jax.numerics.hermite import hermite
@@ -76,8 +83,10 @@ class Shell(AbstractSection):
         symmetric: whether the last station is the crown of a symmetric arch.
         gauss: quadrature points along an element.
         layers: quadrature points through the thickness.
+        equilibrium: see `around`; None for faces of the unknowns' own.
     """
 
+    corrected: ClassVar[bool] = True
     law: AbstractLaw
     mid_radius: Lanes
     thickness: Lanes
@@ -88,6 +97,7 @@ class Shell(AbstractSection):
     symmetric: bool = eqx.field(static=True)
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
+    equilibrium: StationVector | None = None
 
     @classmethod
     def build(
@@ -264,23 +274,77 @@ class Shell(AbstractSection):
         quadratic = product[:, ::-1] * np.array([1.0, -1.0])[:, None, None]
         return jnp.sum(qe * (linear + quadratic / 2), (0, 1, 2)), linear + quadratic
 
-    def omitted_energy(self, q: StationVector) -> Lanes:
-        """Energy of transverse shear and of clamps that hold a face; see `shell_omitted`."""
-        xi = sample_points()
-        points = self._points(xi, mix(derivatives(xi), self._gather(q)))
-        by_stretch, by_curvature = self._moments(points.stretch, points.curvature).first
+    def _resultants(self, points: Points, first: tuple[Array, Array]) -> Resultants:
         size = jnp.sqrt(1 + points.stretch)
-        at = Resultants(2 * size * by_stretch, size * by_curvature)
-        return omitted_energy(at, self.lengths, self.thickness, self.law.shear_modulus)
+        return Resultants(2 * size * first[0], size * first[1])
 
-    def omitted_gradient(self, q: StationVector) -> StationVector:
-        """Derivative of the omitted energy by the unknowns that are free; see the base."""
-        return jax.grad(lambda q: jnp.sum(self.omitted_energy(q)))(q) * self._free()
+    def _relaxed_energy(self, at: Resultants) -> Lanes:
+        tables, modulus = element_tables(self.gauss), self.law.shear_modulus
+        gauss = tables.xi, tables.weights
+        clamped = True, not self.symmetric
+        return relaxed_energy(at, *gauss, self.lengths, self.thickness, modulus, clamped)
 
-    @property
-    def indentation(self) -> Lanes:
-        """What a line load's own field adds; see the base class."""
-        return -INDENTATION / self.law.shear_modulus
+    def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
+        tables, modulus = element_tables(self.gauss), self.law.shear_modulus
+        inward = factor * radial(self.points, self.angles)
+        gauss = tables.xi, tables.weights
+        work = thinning_work(at, *gauss, self.points, inward, self.thickness, modulus)
+        return self._relaxed_energy(at) + work
+
+    def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
+        tables = element_tables(self.gauss)
+        points = self._points(tables.xi, mix(tables.derivatives, self._gather(q)))
+        return points, self._moments(points.stretch, points.curvature)
+
+    def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
+        """Energy of shear, of loads where the membrane thins, and of clamped faces [J/m].
+
+        Args:
+            q: unknowns.
+            factor: on the loads.
+        """
+        points, moments = self._at_gauss_points(q)
+        return self._omitted_energy(self._resultants(points, moments.first), factor)
+
+    def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector:
+        """Derivative of the omitted energy by the unknowns that are free; see the base.
+
+        The derivative by the resultants, then the chain rule that makes forces of stresses.
+        """
+        tables = element_tables(self.gauss)
+        points, moments = self._at_gauss_points(q)
+        at = self._resultants(points, moments.first)
+        by = jax.grad(lambda at: jnp.sum(self._omitted_energy(at, factor)))(at)
+        size = jnp.sqrt(1 + points.stretch)
+        (by_a, by_b), (by_aa, by_ab, by_bb) = moments
+        first = (
+            by.normal * (2 * size * by_aa + by_a / size)
+            + by.moment * (size * by_ab + by_b / (2 * size)),
+            by.normal * 2 * size * by_ab + by.moment * size * by_bb,
+        )
+        # Sums over Gauss points weigh what they add up; the derivative is not a density.
+        shares = tables.weights[:, None, None] * self.lengths
+        density = first[0] / shares, first[1] / shares
+        stress = point_stress(points, density, self.mid_radius, self.lengths)
+        return self._scatter(mix(tables.force, stress.reshape(-1, *stress.shape[2:])))
+
+    def stored_energy(self, q: StationVector) -> Lanes:
+        """Strain energy of the state that is reported, to first order; see the base class."""
+        root = self.equilibrium
+        if root is None:
+            return self.strain_energy(q)
+        stored, more = jax.jvp(self.strain_energy, (root,), (q - root,))
+        points, moments = self._at_gauss_points(root)
+        return stored + more - self._relaxed_energy(self._resultants(points, moments.first))
+
+    def around(self, equilibrium: StationVector) -> Self:
+        """The same shell, its faces recovered around an equilibrium.
+
+        A correction of its unknowns then moves and turns the normals there but does not bend
+        them: beneath loads and at clamps the mid-line of a membrane that shears has kinks,
+        which are no strain.
+        """
+        return dataclasses.replace(self, equilibrium=equilibrium)
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
@@ -302,7 +366,11 @@ class Shell(AbstractSection):
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
-        return self._inner_face(self._gather(q), wall).state()
+        own = q if self.equilibrium is None else self.equilibrium
+        face = self._inner_face(self._gather(own), wall)
+        if self.equilibrium is None:
+            return face.state()
+        return face.state(self._inner_face(self._gather(q - self.equilibrium), wall).inputs)
 
     def _loaded(self, qe: Array) -> Loaded:
         return under(self.points, qe, self.angles, self.mid_radius)
@@ -349,13 +417,21 @@ class Shell(AbstractSection):
 
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
-        line = sampled(self._gather(q), self.angles, self.mid_radius, samples)
-        return recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        return self._recovered(q, lambda qe: sampled(qe, self.angles, self.mid_radius, samples))
+
+    def _recovered(self, q: StationVector, line_of: Callable[[Array], MidLine]) -> Profile:
+        """The section around the mid-line that element unknowns describe."""
+        own = q if self.equilibrium is None else self.equilibrium
+        line = line_of(self._gather(own))
+        shape = recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        if self.equilibrium is None:
+            return shape
+        change = line_of(self._gather(q - self.equilibrium))
+        return shifted(shape, line, change, self.thickness)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at a reference angle; see the base class."""
-        line = at(self._gather(q), self.angles, self.mid_radius, angle)
-        shape = recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        shape = self._recovered(q, lambda qe: at(qe, self.angles, self.mid_radius, angle))
         return Displacements(shape.mid_displacement, shape.inner_displacement)
 
     def mirrored(self, q: StationVector) -> StationVector:
@@ -368,8 +444,8 @@ class Shell(AbstractSection):
 
     @property
     def error_share(self) -> float:
-        """Order four; the finer solution's own error is a sixteenth."""
-        return 16 / 15
+        """Order four where the mesh resolves all layers, less on the coarsest meshes."""
+        return 6 / 5
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

@@ -1,0 +1,235 @@
+"""The shell with and without the effect of what it leaves out, against a much finer solid.
+
+    python -m benchmarks.shell_correction [SCENES] [--seed N]
+
+Thickness 0.4-4 mm, radius 30-100 mm, half angle 45-90 degrees; line loads, spread loads and
+pressures, inwards, outwards and turned, from 1 % to 150 % of what gives the paper's pressure;
+oil that is trapped, compressible or vented; four laws. None of the scenes is among those that
+the clamps' constants were fitted to. Scenes that touch the wall or have no equilibrium are
+drawn again. Errors are relative: of the pressure to itself, of displacements under the loads
+and of taxels' gaps to the largest displacement of the mid-surface.
+"""
+
+import argparse
+import dataclasses
+import functools
+import sys
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.error_estimate import EPDM, FLOOR, RUBBER, TRAPPED, TRUTH, YEOH
+from suas_jax import configure
+from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.report import plain
+from suas_jax.scene.solve import Inputs, Structure, solve
+
+NEO_HOOKEAN = {"law": "neo-hookean", "mu": "3 MPa"}
+VENTED = {"model": "vented"}
+COMPRESSIBLE = {"model": "compressible", "bulk_modulus": "2 MPa"}
+# Law, shear modulus [Pa], oil, and what acts: lines, spread loads, pressures.
+PATTERNS: tuple[tuple[dict[str, Any], float, dict[str, Any], str], ...] = (
+    (EPDM, 32.6e6, TRAPPED, "l"),
+    (NEO_HOOKEAN, 3e6, TRAPPED, "ll"),
+    (EPDM, 32.6e6, VENTED, "l"),
+    (YEOH, 1.2e6, COMPRESSIBLE, "lp"),
+    (RUBBER, 4.225e5, TRAPPED, "l"),
+    (NEO_HOOKEAN, 3e6, VENTED, "p"),
+    (EPDM, 32.6e6, TRAPPED, "s"),
+)
+ELEMENTS = 64
+TAXELS = [f"{angle} deg" for angle in range(-40, 41, 10)]
+QUANTITIES = ("pressure", "mid-surface", "inner face", "taxels' gaps")
+
+
+def sample(rng: np.random.Generator, pattern: int) -> SceneSpec:
+    """A random scene of a pattern."""
+    law, modulus, oil, kinds = PATTERNS[pattern]
+    thickness = float(np.exp(rng.uniform(np.log(4e-4), np.log(4e-3))))
+    radius = 0.0575 if rng.random() < 0.5 else float(rng.uniform(0.03, 0.1))
+    half = 90.0 if rng.random() < 0.6 else float(rng.uniform(45, 90))
+    count = sum(kind != "p" for kind in kinds)
+    angles = rng.uniform(-0.85 * half, 0.85 * half, count)
+    while np.min(np.diff(np.sort(angles)), initial=np.inf) < 10:
+        angles = rng.uniform(-0.85 * half, 0.85 * half, count)
+    relative = thickness / 1.5e-3
+    strong = 6 * relative**3 if oil is VENTED else 24.4 * relative
+    loads: list[dict[str, str]] = []
+    places = iter(angles)
+    for kind in kinds:
+        share = np.exp(rng.uniform(np.log(0.01), np.log(1.5))) / max(count, 1)
+        sign = -1.0 if rng.random() < 0.25 else 1.0
+        if kind == "p":
+            pressure = 1e4 * relative * modulus / 32.6e6
+            if oil is VENTED:  # inwards the arch buckles, outwards it stretches
+                bending = modulus * thickness**3 / radius**3
+                pressure = 0.7 * bending if sign > 0 else 0.05 * modulus * thickness / radius
+            loads.append({"kind": "pressure", "pressure": f"{sign * share * pressure} Pa"})
+            continue
+        turn = 0.0 if rng.random() < 0.6 else float(rng.uniform(-60, 60))
+        load = {
+            "kind": "line",
+            "angle": f"{float(next(places))} deg",
+            "force": f"{float(sign * modulus / 32.6e6 * strong * share)} N",
+            "direction": f"{turn} deg",
+        }
+        if kind == "s":
+            load["spread"] = f"{float(np.exp(rng.uniform(np.log(0.5), np.log(10))))} mm"
+        loads.append(load)
+    geometry = {
+        "inner_radius": f"{radius} m",
+        "thickness": f"{thickness} m",
+        "half_angle": f"{half} deg",
+        "width": "123 mm",
+        "oil_gap": "5 mm",
+    }
+    oil = oil | {"relative_permittivity": 2.2}
+    tables = {"geometry": geometry, "material": law, "oil": oil, "load": loads}
+    electrodes = {"taxels": [{"angle": angle} for angle in TAXELS]}
+    return scene_from_dict({**tables, "electrodes": electrodes})
+
+
+@functools.partial(eqx.filter_jit, compiler_options=OPTIONS)
+def _observed(
+    scene: Structure, plan: AbstractPlan, inputs: Inputs, state: State | None
+) -> tuple[Array, dict[str, Any]]:
+    """What is observed of an equilibrium, that of the solid if none is given."""
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan)
+    result = jnp.zeros(1, int)
+    if state is None:
+        found = equilibrium(problem)
+        result, state = found.result, found.state
+    report = observe(parts, problem, state)
+    size = problem.mechanics.shape(state.q).largest_mid_displacement()
+    return result, report | {"size": size}
+
+
+@dataclasses.dataclass(frozen=True)
+class Case:
+    """Errors of one scene.
+
+    Attributes:
+        label: what the scene is.
+        before: of the lumped shell, by quantity.
+        after: of the corrected shell.
+        estimate: stated error.
+        model: its part by the model.
+    """
+
+    label: str
+    before: np.ndarray
+    after: np.ndarray
+    estimate: float
+    model: float
+
+    @property
+    def true(self) -> float:
+        """What the estimate is of: the error of pressure and mid-surface."""
+        return float(self.after[:2].max())
+
+
+def errors(report: dict[str, Any], truth: dict[str, Any]) -> np.ndarray:
+    """Relative errors by quantity; zero where a scene hasn't got one."""
+    size = truth["size"]
+    pressure = 0.0
+    if truth["oil_pressure_Pa"] != 0:
+        pressure = abs(report["oil_pressure_Pa"] / truth["oil_pressure_Pa"] - 1)
+    pairs = [x for x in zip(report["loads"], truth["loads"], strict=True) if len(x[0]) > 2]
+    moved = [
+        max((abs(a[key] - b[key]) / size for a, b in pairs), default=0.0)
+        for key in ("displacement_m", "inner_displacement_m")
+    ]
+    gaps = np.subtract(report["taxels"]["gap_m"], truth["taxels"]["gap_m"])
+    return np.array([pressure, *moved, np.max(np.abs(gaps)) / size])
+
+
+def case_of(scene: SceneSpec) -> Case | None:
+    """Errors of a scene; None if it has no valid equilibrium."""
+    solution = solve(with_solve(scene, model="shell", elements=ELEMENTS))
+    report = solution.report
+    if report["status"] != "converged" or report["wall_contact"] or not report["stable"]:
+        return None
+    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+    static = Structure(scene)
+    _, lumped = _observed(static, solution.plan, inputs, solution.state)
+    result, truth = _observed(static, plan_for(scene, "solid", TRUTH), inputs, None)
+    if int(result[0]) != 0:
+        return None
+    gaps = [taxel["gap_m"] for taxel in report["taxels"]]
+    corrected = report | {"taxels": {"gap_m": gaps}}
+    exact = plain(truth)
+    loads = ", ".join(
+        load.kind if load.kind == "pressure" else f"{np.rad2deg(load.angle):.0f} deg"
+        for load in scene.loads
+    )
+    thickness = f"{1e3 * scene.geometry.thickness:.2f} mm"
+    return Case(
+        f"{scene.material.law}, {scene.oil.model}, {thickness}, {loads}",
+        errors(plain(lumped), exact),
+        errors(corrected, exact),
+        report["error_estimate"],
+        report["model_error"],
+    )
+
+
+def study(count: int, seed: int) -> list[Case]:
+    """Random scenes, pattern by pattern."""
+    rng = np.random.default_rng(seed)
+    cases: list[Case] = []
+    for i in range(count):
+        found = None
+        while found is None:
+            found = case_of(sample(rng, i % len(PATTERNS)))
+        cases.append(found)
+        print(i, found, file=sys.stderr, flush=True)
+    return cases
+
+
+def main() -> None:
+    """Print the table of errors before and after."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="?", type=int, default=42)
+    parser.add_argument("--seed", type=int, default=11)
+    arguments = parser.parse_args()
+    configure()
+    cases = study(arguments.scenes, arguments.seed)
+    table = Table("error of", title=f"{len(cases)} scenes, lumped shell -> corrected shell")
+    for column in ("rms", "median", "largest"):
+        table.add_column(column)
+    before, after = (np.stack([getattr(c, x) for c in cases]) for x in ("before", "after"))
+    for k, name in enumerate(QUANTITIES):
+        has = before[:, k] > 0
+        pair = before[has, k], after[has, k]
+        rows = (
+            [np.sqrt(np.mean(x**2)) for x in pair],
+            [np.median(x) for x in pair],
+            [np.max(x) for x in pair],
+        )
+        table.add_row(name, *(f"{a:.1e} -> {b:.1e}" for a, b in rows))
+    ratio = np.array([c.estimate / max(c.true, FLOOR) for c in cases])
+    console = Console(width=110)
+    console.print(table)
+    console.print(
+        f"stated error: above the true one in {np.sum(ratio >= 1)}, median "
+        f"{np.median(ratio):.1f} times, within ten times in {np.sum(ratio <= 10)}"
+    )
+    for case, factor in zip(cases, ratio, strict=True):
+        if not 1 <= factor <= 10:
+            console.print(f"stated / true {factor:.2g}, true {case.true:.1e}: {case.label}")
+
+
+if __name__ == "__main__":
+    main()
