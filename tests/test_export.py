@@ -173,6 +173,48 @@ def test_stress_survives_the_round_trip(name: str, program: str) -> None:
         assert np.allclose(stress, pascal * expected, rtol=1e-6)
 
 
+BULK_MODULUS = 2.1e9
+
+
+def bulk_of(program: str, text: str, shear_modulus: float) -> float:
+    """Bulk modulus of a card, by each program's manual, in the card's unit of stress."""
+    if program in ("abaqus", "calculix"):
+        kind, _, body = text.partition("*HYPERELASTIC, ")[2].partition("\n")
+        values, count = numbers(body), int(kind.split("N=")[1])
+        # D1 to DN come last; the volume's energy is (J - 1)^2/D1 if the others are zero.
+        assert values[len(values) - count + 1 :] == [0.0] * (count - 1)
+        return 2.0 / values[-count]
+    if program == "ansys":
+        kind = re.search(r"TB,HYPER,1,1,(\d+),", text)
+        assert kind
+        rows = re.findall(r"TBDATA,\d+,(.*)", text)
+        return 2.0 / [float(x) for line in rows for x in line.split(",")][-int(kind[1])]
+    if program == "febio":
+        return float(re.findall(r"<k>([^<]+)</k>", text)[0])
+    if program == "comsol":
+        return float(re.findall(r"kappa (\S+)\[", text)[0])
+    if program == "felupe":
+        return float(re.findall(r"^bulk = (\S+)$", text, re.MULTILINE)[0])
+    first = [line for line in text.splitlines() if not line.startswith("$")][2]
+    poisson = float(first[20:30])
+    return 2.0 * shear_modulus * (1.0 + poisson) / (3.0 * (1.0 - 2.0 * poisson))
+
+
+@pytest.mark.parametrize("program", [*READERS, "felupe"])
+@pytest.mark.parametrize("name", ["ogden", "neo-hookean", "mooney-2"])
+def test_the_bulk_modulus_survives_the_round_trip(name: str, program: str) -> None:
+    law = LAWS[name]
+    modulus = float(build_law(law).shear_modulus)
+    for units, pascal in (("SI", 1.0), ("mm-N-MPa", 1e-6)):
+        settings = CardSettings(units, density=1100.0, bulk_modulus=BULK_MODULUS)
+        found = bulk_of(program, card(law, program, settings), pascal * modulus)
+        # LS-DYNA has Poisson's ratio in ten columns.
+        tolerance = 1e-2 if program == "lsdyna" else 1e-9
+        assert np.isclose(found, pascal * BULK_MODULUS, rtol=tolerance)
+    with pytest.raises(CardError, match="--bulk-modulus"):
+        CardSettings(bulk_modulus=-1.0)
+
+
 def test_a_refused_card_stops_no_report(tmp_path: pathlib.Path) -> None:
     data = pathlib.Path(__file__).parent.parent / "configs/data/treloar1944_uniaxial.csv"
     good, bad = tmp_path / "a.inp", tmp_path / "b.feb"

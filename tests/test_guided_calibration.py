@@ -155,7 +155,8 @@ def test_a_skin_is_calibrated_with_an_interruption(
     page = Page(text)
     assert {"svg", "table", "h1"} <= set(page.tags)
     assert not {"script", "link", "img"} & set(page.tags)
-    assert "http" not in text
+    assert "http:" not in text
+    assert "https:" not in text
     words = " ".join(page.words)
     assert "converged, verified" in words
     assert "All 8 taxels are healthy." in words

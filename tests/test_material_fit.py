@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from scipy import stats
 
 from fitting.material.experiments.bulge import Bulge
 from fitting.material.experiments.datasets import load_dataset
@@ -18,6 +19,7 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
+from fitting.statistics.diagnostics import misfit
 from fitting.statistics.least_squares import minimise
 from fitting.statistics.parameters import Constant, Family, Scales
 from fitting.statistics.residuals import sensitivity
@@ -212,6 +214,28 @@ def test_intervals_cover_the_truth(treloar: list[Dataset], kind: str) -> None:
     assert abs(np.mean(hits[0.95]) - 0.95) < 0.05
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.5])
+def test_correlated_noise_widens_intervals_as_much_as_it_costs(correlation: float) -> None:
+    """A line through 60 readings: its slope scatters by the factor that misfit states."""
+    rng = np.random.default_rng(2)
+    x = np.linspace(0.5, 1.5, 60)
+    inside, factors = 0, []
+    for _ in range(400):
+        e = rng.standard_normal(60)
+        for i in range(1, 60):
+            e[i] = correlation * e[i - 1] + np.sqrt(1.0 - correlation**2) * e[i]
+        slope = float(x @ e) / float(x @ x)
+        r = e - slope * x
+        found = misfit([r], 1, known_noise=False, smooth=[(r, x[:, None])])
+        error = found.inflation * np.sqrt(float(r @ r) / 59 / float(x @ x))
+        factors.append(found.inflation)
+        inside += abs(slope) < stats.t.ppf(0.975, 59) * error
+        assert bool(found.description) == (found.inflation > 1.0)
+    assert 0.90 < inside / 400 < 0.98
+    expected = np.sqrt((1.0 + correlation) / (1.0 - correlation))
+    assert 0.95 * expected < np.median(factors) < 1.15 * expected
+
+
 @pytest.mark.parametrize("kind", ["relative", "noise"])
 def test_a_wrong_law_is_reported_and_widens_intervals(
     treloar: list[Dataset], kind: str
@@ -270,6 +294,7 @@ def test_hard_bounds_hold_and_agree_with_scipy(treloar: list[Dataset]) -> None:
         fit_material(treloar, "yeoh", bounds={"C4": (0.0, 1.0)}, starts=16)
 
 
+@pytest.mark.long
 def test_random_cases_end_with_a_named_status(treloar: list[Dataset]) -> None:
     rng = np.random.default_rng(8)
     named = {"converged", "single_minimum", "not_converged"}

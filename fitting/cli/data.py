@@ -106,12 +106,20 @@ def _print(report: dict[str, Any], test: Any) -> None:
             )
         console.print(
             f"read as {report['mode']}: {found['abscissa']} from {found['abscissa_min']:.4g} "
-            f"to {found['abscissa_max']:.4g}, shear modulus about "
-            f"{found['shear_modulus_Pa'] / 1e6:.3g} MPa"
+            f"to {found['abscissa_max']:.4g}, {_modulus(found)}"
         )
         console.print(_drawing(test), markup=False)
     for text in report["warnings"]:
         console.print(f"[yellow]warning:[/] {escape(text)}")
+
+
+def _modulus(found: dict[str, Any]) -> str:
+    """The modulus that the readings suggest, in words."""
+    for kind in ("shear", "bulk"):
+        value = found.get(f"{kind}_modulus_Pa")
+        if value is not None:
+            return f"{kind} modulus about {value / 1e6:.3g} MPa"
+    return "modulus unknown"
 
 
 def _drawing(test: Any, width: int = 60, height: int = 12) -> str:

@@ -1,5 +1,6 @@
 """`suas fit material`. JAX is imported inside the command."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
     from fitting.material.cards.settings import CardSettings
+    from fitting.material.fit.bulk_modulus import BulkModulus
     from fitting.material.fit.result import MaterialFit
 
 
@@ -27,7 +29,8 @@ def material(
         typer.Option(
             metavar="MODE=FILE",
             help="Test data (CSV, text, .xlsx): uniaxial, equibiaxial, pure_shear, biaxial, "
-            "biaxial_difference, simple_shear, balloon, bulge or skin. May be repeated.",
+            "biaxial_difference, simple_shear, balloon, bulge, volumetric or skin. May be "
+            "repeated.",
         ),
     ],
     law: Annotated[
@@ -148,6 +151,12 @@ def material(
     density: Annotated[
         float | None, typer.Option(help="Density in the cards, kg/m3; lsdyna needs it.")
     ] = None,
+    bulk_modulus: Annotated[
+        str | None,
+        typer.Option(
+            help='Bulk modulus in the cards, "1.5 GPa"; volumetric data give it themselves.'
+        ),
+    ] = None,
     scene: Annotated[
         Path | None,
         typer.Option(
@@ -178,7 +187,7 @@ def material(
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
 
-        settings = CardSettings(card_units, card_name, density)
+        settings = CardSettings(card_units, card_name, density, _stress(bulk_modulus))
         for name, _ in cards:
             if name not in PROGRAMS:
                 allowed = ", ".join(PROGRAMS)
@@ -203,6 +212,15 @@ def material(
             load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)
             for mode, path in pairs
         ]
+        modes = {data.mode for data in sets}
+        if modes == {"volumetric"} and (cards or sample or scene is not None):
+            raise ValueError(
+                "--export, --sample and --scene need data of a law beside volumetric ones"
+            )
+        if "volumetric" in modes and bulk_modulus is not None:
+            raise ValueError(
+                "--bulk-modulus: the volumetric data give it; leave one of them out"
+            )
         with fitting_spinner() as show:
             from suas_jax.runtime.settings import configure
 
@@ -212,8 +230,9 @@ def material(
 
             report: dict[str, Any]
             fit: MaterialFit | None = None
+            bulk: BulkModulus | None = None
             try:
-                fit, report = calibrate(
+                fit, bulk, report = calibrate(
                     sets,
                     law,
                     terms,
@@ -256,25 +275,28 @@ def material(
                     chain=chain,
                 )
             if fit is not None and cards:
+                if bulk is not None:
+                    settings = replace(settings, bulk_modulus=bulk.value)
                 report["cards"] = _written(fit, cards, settings)
                 report["warnings"] += [
                     entry["message"] for entry in report["cards"] if entry["message"]
                 ]
-            if fit is not None and plot is not None:
+            found = fit is not None or bulk is not None
+            if found and plot is not None:
                 from fitting.material.report.plots import plot_material
 
-                plot_material(fit, plot)
-            if fit is not None and report_file is not None:
+                plot_material(fit, plot, bulk)
+            if found and report_file is not None:
                 from fitting.material.report.html import write_html
 
-                write_html(fit, report, report_file)
+                write_html(fit, report, report_file, bulk)
     if as_json:
         typer.echo(json_text(report))
-    elif fit is not None:
+    elif found:
         from fitting.material.report.text import print_report
 
         print_report(report, fit)
-    if fit is None:
+    if not found:
         typer.echo(f"suas: {report['message']}", err=True)
         raise typer.Exit(NO_SOLUTION)
 
@@ -297,6 +319,18 @@ def _written(
             message = str(error)
         found.append({"program": name, "file": file, "message": message})
     return found
+
+
+def _stress(text: str | None) -> float | None:
+    """A bulk modulus of the command line [Pa]."""
+    if text is None:
+        return None
+    from suas_jax.config.quantities import parse_quantity
+
+    try:
+        return parse_quantity(text, "stress")
+    except ValueError as error:
+        raise ValueError(f'--bulk-modulus "{text}": {error}') from None
 
 
 def _on_skin(sets: list[Any]) -> bool:

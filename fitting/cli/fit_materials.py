@@ -1,5 +1,6 @@
 """`suas fit materials`: many membranes, on this machine or on a cluster."""
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -31,16 +32,12 @@ def materials(
     2 bad input.
     """
     with bad_input():
-        from fitting.material.many import calibrate_all, connect, load_jobs
+        from fitting.dask_client import dask_client
+        from fitting.material.many import calibrate_all, load_jobs
 
         wanted = load_jobs(jobs)
-        client = connect(scheduler, workers)
-    try:
-        with bar("calibrating membranes", len(wanted)) as advance:
-            added = calibrate_all(wanted, output, client, lambda done, *_: advance(done))
-    finally:
-        cluster = client.cluster
-        client.close()
-        if cluster is not None:
-            cluster.close()
+        stack = contextlib.ExitStack()
+        client = stack.enter_context(dask_client(scheduler or workers))
+    with stack, bar("calibrating membranes", len(wanted)) as advance:
+        added = calibrate_all(wanted, output, client, lambda done, *_: advance(done))
     typer.echo(f"{added} results added to {output}", err=True)

@@ -1,11 +1,20 @@
-"""A law fitted by name, or all laws compared, with the report of the one that is chosen."""
+"""A law fitted by name, or all laws compared, with the report of the one that is chosen.
+
+Volumetric tests give the bulk modulus beside the law, or alone.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.volumetric import VolumetricTest
+from fitting.material.fit.bulk_modulus import (
+    BulkModulus,
+    compressibility_remark,
+    fit_bulk_modulus,
+)
 from fitting.material.fit.comparison import Comparison, compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.in_service import compare_with_scene
@@ -18,6 +27,20 @@ COMPARE_ALL = "auto"
 """Name that stands for the best of all laws."""
 
 
+class Calibration(NamedTuple):
+    """A material's calibration.
+
+    Attributes:
+        fit: the law; None where all tests are volumetric.
+        bulk: the bulk modulus; None where no test is volumetric.
+        report: the JSON of `suas fit material`.
+    """
+
+    fit: MaterialFit | None
+    bulk: BulkModulus | None
+    report: dict[str, Any]
+
+
 def calibrate(
     sets: Sequence[Dataset],
     law: str = "ogden",
@@ -27,8 +50,10 @@ def calibrate(
     scene: Path | None = None,
     prony: int | str = 0,
     **options: Any,
-) -> tuple[MaterialFit, dict[str, Any]]:
-    """Fit a law to data, or compare all laws, and report.
+) -> Calibration:
+    """Fit a law to data, or compare all laws, and the bulk modulus, and report.
+
+    The law is isochoric and fitted as if the material were incompressible.
 
     Args:
         sets: the data.
@@ -39,13 +64,51 @@ def calibrate(
         prony: number of Prony terms, or "auto" for as many as the data determine.
         options: as for `fit_material`.
 
-    Returns:
-        The fit, and the JSON of `suas fit material`.
-
     Raises:
         ValueError: law, terms or an option are not allowed.
         NoFit: no constants were found.
     """
+    volumetric = [data for data in sets if isinstance(data, VolumetricTest)]
+    rest = [data for data in sets if not isinstance(data, VolumetricTest)]
+    bulk, fit, report = None, None, _report_of_bulk_alone()
+    if volumetric:
+        bulk = fit_bulk_modulus(
+            volumetric,
+            options.get("residual", "relative"),
+            branch=options.get("branch"),
+            cycle=options.get("cycle", "all"),
+            thin=options.get("thin", 0),
+        )
+    if rest or not volumetric:
+        fit, report = _calibrated(
+            rest, law, terms, progress=progress, scene=scene, prony=prony, **options
+        )
+    if bulk is not None:
+        modulus = None if fit is None else fit.shear_modulus()[0]
+        report |= bulk.report(modulus)
+        report["modes"]["volumetric"] = bulk.mode_report()
+        report["warnings"] += bulk.remarks
+        if modulus is not None:
+            report["warnings"] += compressibility_remark(bulk, modulus)
+    return Calibration(fit, bulk, report)
+
+
+def _report_of_bulk_alone() -> dict[str, Any]:
+    """What every report has, where there is no law."""
+    return {"law": None, "status": "converged", "modes": {}, "warnings": []}
+
+
+def _calibrated(
+    sets: Sequence[Dataset],
+    law: str,
+    terms: int | None,
+    *,
+    progress: Callable[[str], None],
+    scene: Path | None,
+    prony: int | str,
+    **options: Any,
+) -> tuple[MaterialFit, dict[str, Any]]:
+    """The law and its report; see `calibrate`."""
     if isinstance(prony, str) or not 0 <= prony <= MOST_PRONY_TERMS:
         if prony != COMPARE_ALL:
             raise ValueError(f"--prony {prony}: allowed: auto, or 0 to {MOST_PRONY_TERMS}")

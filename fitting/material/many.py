@@ -6,7 +6,6 @@ what it had again elsewhere, and a result that arrives a second time is dropped.
 """
 
 import json
-import logging
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -84,7 +83,7 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             load_dataset(mode_named(mode), path, None, job.get("noise"), job.get("scene"))
             for mode, path in job["data"].items()
         ]
-        fit, report = calibrate_law(
+        fit, _, report = calibrate_law(
             sets,
             job.get("law", "ogden"),
             job.get("terms"),
@@ -92,7 +91,7 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             prony=job.get("prony", 0),
             mullins=job.get("mullins", False),
         )
-        if job.get("sample", False):
+        if job.get("sample", False) and fit is not None:
             from fitting.material.fit.posterior import sample_material
 
             report["posterior"] = sample_material(
@@ -165,32 +164,3 @@ def calibrate_all(
             added += 1
             progress(len(known), len(jobs), name)
     return added
-
-
-def connect(scheduler: str | None, workers: int) -> Any:
-    """A client of a scheduler, or of a local cluster of worker processes.
-
-    Workers are started fresh, never forked: a fork of a process that runs JAX hangs.
-
-    Raises:
-        ValueError: Dask is not installed.
-        OSError: no scheduler answers at this address.
-    """
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise ValueError(
-            'many calibrations need Dask: pip install "suas-jax[cluster]"'
-        ) from None
-    if scheduler is not None:
-        return Client(scheduler, timeout="10s")
-    dask.config.set({"distributed.worker.multiprocessing-method": "spawn"})
-    cluster = LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=None,
-        silence_logs=logging.ERROR,
-    )
-    return Client(cluster)

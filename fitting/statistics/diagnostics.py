@@ -4,7 +4,8 @@ Residuals of the right law change sign at random along a test; a wrong law leave
 one sign. Runs are counted (Wald and Wolfowitz); smooth patterns, low polynomials along each
 test, are fitted to the residuals beside the constants (a lack-of-fit test: chi-square for
 known noise, else F); and chi-square is compared with what the known noise allows. Where one
-of them is too large by chance, the intervals are widened.
+of them is too large by chance, the intervals are widened. They are widened, too, for
+neighbouring residuals that are correlated: there are fewer independent readings then.
 """
 
 import dataclasses
@@ -17,6 +18,8 @@ from scipy import stats
 # Chance of a false alarm. Small: a widened interval of the right law covers too often.
 _SIGNIFICANT = 0.01
 _MOST_CORRELATED = 0.97
+# Correlations of neighbouring residuals below this many standard errors are chance.
+_CORRELATED = 2.0
 _PATTERNS = 4  # polynomials of degree 0 to 3 along a test
 _FEWEST_SPARE = 4
 # Of a pattern less than this share is left where constants follow it.
@@ -61,7 +64,13 @@ class Misfit:
 
     @property
     def description(self) -> str:
-        """The misfit in a sentence; empty if it looks like noise."""
+        """The misfit or the correlation in a sentence; empty for independent noise."""
+        if not self.significant and self.inflation > 1.0:
+            return (
+                f"neighbouring residuals are correlated ({self.autocorrelation:.2g}), which "
+                f"leaves fewer independent readings; intervals are {self.inflation:.2g} times "
+                f"wider for it"
+            )
         if not self.significant:
             return ""
         reasons = []
@@ -76,7 +85,7 @@ class Misfit:
             )
         if self.pattern_p < _SIGNIFICANT:
             reasons.append(
-                f"residuals bend smoothly along the tests (by chance: {self.pattern_p:.1g})"
+                f"residuals bend smoothly along the tests (p-value {self.pattern_p:.1g})"
             )
         return (
             "the law does not follow the data to within their noise: "
@@ -137,8 +146,10 @@ def misfit(
     bent = bool(pattern_p < _SIGNIFICANT)
     too_large = bool(chi_square_p < _SIGNIFICANT)
     inflation = 1.0
-    if patterned:
-        rho = min(max(correlation, 0.0), _MOST_CORRELATED)
+    if patterned or (correlation > _CORRELATED / np.sqrt(max(count, 1)) and not rounding):
+        # Constants take part of the correlation away from the residuals.
+        rho = correlation + (constants + 1) * (1.0 + correlation) / max(count, 1)
+        rho = min(max(rho, 0.0), _MOST_CORRELATED)
         inflation *= np.sqrt((1.0 + rho) / (1.0 - rho))
     if bent:
         # Constants follow smooth patterns, not scatter: theirs is the noise that they see.

@@ -12,10 +12,35 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from numpy.typing import NDArray
 
 from suas_jax.runtime.compiled import OPTIONS
 
 LogProbability = Callable[[Float[Array, "point p"]], Float[Array, " point"]]
+
+
+class NumpyBatch:
+    """A log-probability that NumPy evaluates, of any number of points.
+
+    Args:
+        function: log-probability of points [n, p].
+
+    Attributes:
+        evaluations: how many there were.
+        seconds: spent in them.
+    """
+
+    def __init__(self, function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
+        self._function = function
+        self.evaluations, self.seconds = 0, 0.0
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        """Log-probability of points [n, p]; -inf where it is not finite."""
+        begin = time.perf_counter()
+        found = self._function(np.asarray(points, float))
+        self.seconds += time.perf_counter() - begin
+        self.evaluations += len(points)
+        return np.where(np.isfinite(found), found, -np.inf)
 
 
 class Batch:

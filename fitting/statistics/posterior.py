@@ -15,7 +15,7 @@ import numpy as np
 
 from fitting.statistics.chain import LONG_ENOUGH, TAU_SETTLED, Posterior
 from fitting.statistics.laplace import Gaussian, laplace
-from fitting.statistics.log_probability import Batch, LogProbability
+from fitting.statistics.log_probability import Batch, LogProbability, NumpyBatch
 from suas_jax.files.command import allow_replacing
 from suas_jax.files.reading import MEGABYTE, check_readable
 from suas_jax.files.writing import written
@@ -67,7 +67,7 @@ class Settings:
 
 
 def sample(
-    log_probability: LogProbability,
+    log_probability: LogProbability | NumpyBatch,
     start: Gaussian,
     names: Sequence[str],
     settings: Settings | None = None,
@@ -78,7 +78,8 @@ def sample(
     """Sample a posterior with emcee's ensemble.
 
     Args:
-        log_probability: of points [n, p], as a JAX function; not finite where impossible.
+        log_probability: of points [n, p], as a JAX function or evaluated by NumPy; not finite
+            where impossible.
         start: walkers start from this distribution, such as a least-squares fit's.
         names: of the parameters.
         settings: how to sample.
@@ -101,7 +102,10 @@ def sample(
             f"--walkers {chosen.walkers}: an even number of at least {2 * p} is needed for "
             f"{p} parameters"
         )
-    batch = Batch(log_probability, p, chosen.walkers // 2)
+    if isinstance(log_probability, NumpyBatch):
+        batch: Batch | NumpyBatch = log_probability
+    else:
+        batch = Batch(log_probability, p, chosen.walkers // 2)
     gaussian = laplace(batch, start)
     backend = _Chain(chosen, names, key)
     sampler = emcee.EnsembleSampler(
@@ -147,7 +151,9 @@ def sample(
     )
 
 
-def _walkers(batch: Batch, start: Gaussian, count: int, rng: np.random.Generator) -> np.ndarray:
+def _walkers(
+    batch: Batch | NumpyBatch, start: Gaussian, count: int, rng: np.random.Generator
+) -> np.ndarray:
     """Possible points around the start, drawn ever closer to its mean."""
     points = rng.multivariate_normal(start.mean, start.covariance, count, method="svd")
     for _ in range(20):

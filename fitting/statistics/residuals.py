@@ -54,6 +54,12 @@ class AbstractResiduals(eqx.Module):
     def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for constants in SI units, shape [n]."""
 
+    def linearised(
+        self, constants: Float[Array, " p"]
+    ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+        """Residuals and their derivatives by the constants in SI units."""
+        return linearised(self.of_constants, constants)
+
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for unconstrained parameters, shape [n]."""
         return self.of_constants(self.constants(theta))
@@ -103,7 +109,7 @@ def sensitivity(
 
 @eqx.filter_jit
 def _sensitivity(residuals: AbstractResiduals, constants: Array) -> tuple[Array, Array]:
-    return linearised(residuals.of_constants, constants)
+    return residuals.linearised(constants)
 
 
 def linearised(

@@ -1,11 +1,10 @@
 """Cards for Abaqus and CalculiX, which share a format.
 
 A term of Ogden's law is 2 mu/alpha^2 (sum l^alpha - 3), with mu = mu_p alpha_p / 2. The
-hyperelastic constants are the long-term ones.
+hyperelastic constants are the long-term ones. D1 is 2/K.
 """
 
 from fitting.material.cards.settings import (
-    BULK,
     CardSettings,
     degree_of,
     missing,
@@ -19,9 +18,10 @@ from suas_jax.config.laws.ogden import OgdenSpec
 
 
 def abaqus(law: LawSpec, settings: CardSettings) -> str:
-    """The card for Abaqus; D is zero, incompressible (hybrid elements)."""
+    """The card for Abaqus; D1 is zero without a bulk modulus: hybrid elements."""
     moduli = ", MODULI=LONG TERM" if law.relaxation is not None else ""
-    text = _head(law, settings) + _hyperelastic(law, "abaqus", 6, 0.0, moduli)
+    d = settings.compressibility_there
+    text = _head(law, settings) + _hyperelastic(law, "abaqus", 6, d, moduli)
     if law.relaxation is not None:
         text += "*VISCOELASTIC, TIME=PRONY\n"
         for g, tau in zip(law.relaxation.g, law.relaxation.tau, strict=True):
@@ -34,7 +34,7 @@ def abaqus(law: LawSpec, settings: CardSettings) -> str:
 
 def calculix(law: LawSpec, settings: CardSettings) -> str:
     """The card for CalculiX; it chooses a D of its own for zero, so that it gets one."""
-    d = 2.0 / (BULK * shear_modulus(law))
+    d = 2.0 / settings.bulk_of(law)
     return _head(law, settings) + _hyperelastic(law, "calculix", 4, d)
 
 

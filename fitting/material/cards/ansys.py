@@ -1,7 +1,8 @@
 """Cards for ANSYS.
 
 A term of Ogden's law is mu/alpha (sum l^alpha - 3) with mu = mu_p, and the neo-Hookean law
-takes mu. With TB,PRONY the hyperelastic constants are the instantaneous ones.
+takes mu. The volume's energy is (J - 1)^2/d with d = 2/K. With TB,PRONY the hyperelastic
+constants are the instantaneous ones.
 """
 
 from fitting.material.cards.settings import (
@@ -19,15 +20,16 @@ from suas_jax.config.laws.ogden import OgdenSpec
 
 
 def ansys(law: LawSpec, settings: CardSettings) -> str:
-    """The card for ANSYS: incompressible, d is zero."""
-    unit = settings.stress
+    """The card for ANSYS; without a bulk modulus d is zero: incompressible."""
+    unit, d = settings.stress, settings.compressibility_there
+    volume = "d = 2/K" if d else "incompressible (d = 0)"
     head = (
-        f"! {settings.name}: {law.law}, {unit}, incompressible (d = 0), shear modulus "
+        f"! {settings.name}: {law.law}, {unit}, {volume}, shear modulus "
         f"{shear_modulus(law):.6g} {unit}\n"
     )
     if settings.density_there is not None:
         head += f"MP,DENS,1,{settings.density_there:.12g}\n"
-    text = head + _hyperelastic(instantaneous(law))
+    text = head + _hyperelastic(instantaneous(law), d)
     if law.relaxation is not None:
         pairs = zip(law.relaxation.g, law.relaxation.tau, strict=True)
         values = [x for pair in pairs for x in pair]
@@ -40,18 +42,18 @@ def ansys(law: LawSpec, settings: CardSettings) -> str:
     return text
 
 
-def _hyperelastic(law: LawSpec) -> str:
+def _hyperelastic(law: LawSpec, d: float) -> str:
     if isinstance(law, OgdenSpec):
         terms = ogden_terms(law)
-        values = [x for term in terms for x in term] + [0.0] * len(terms)
+        values = [x for term in terms for x in term] + [d] + [0.0] * (len(terms) - 1)
         return _table(f"TB,HYPER,1,1,{len(terms)},OGDEN", values)
     if isinstance(law, NeoHookeanSpec):
-        return _table("TB,HYPER,1,1,1,NEO", [shear_modulus(law), 0.0])
+        return _table("TB,HYPER,1,1,1,NEO", [shear_modulus(law), d])
     coefficients = law.coefficients()
     if coefficients is None:
         raise missing(law, "ansys", "ogden, neo-hookean, mooney-rivlin, yeoh, polynomial")
     degree = degree_of(coefficients)
-    values = polynomial_terms(coefficients) + [0.0] * degree
+    values = polynomial_terms(coefficients) + [d] + [0.0] * (degree - 1)
     return _table(f"TB,HYPER,1,1,{degree},POLY", values)
 
 

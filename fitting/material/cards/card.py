@@ -6,8 +6,9 @@ have the same coefficients everywhere except in ANSYS, whose neo-Hookean law tak
 FEBio, whose Mooney-Rivlin has c1 and c2. C3 (I2 - 3)^2 is the coefficient C02 of a polynomial
 of degree two.
 
-All cards are incompressible, or nearly so where a program demands a bulk modulus: then it
-is `BULK` times the shear modulus, which the card says. Units are SI (m, kg, s, Pa), or those of
+Without a bulk modulus cards are incompressible, or nearly so where a program demands one: then
+it is `BULK` times the shear modulus, which the card says. The [material] table has none: a
+skin's law is incompressible. Units are SI (m, kg, s, Pa), or those of
 engineers who count in millimetres (mm, t, s, MPa).
 """
 
@@ -67,7 +68,7 @@ def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> st
     Args:
         law: the law; constants that were not given are left out.
         program: one of `PROGRAMS`.
-        settings: units, name and density.
+        settings: units, name, density and bulk modulus.
 
     Raises:
         CardError: the program is unknown or doesn't have this law.

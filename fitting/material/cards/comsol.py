@@ -8,9 +8,8 @@ from suas_jax.config.laws.ogden import OgdenSpec
 def comsol(law: LawSpec, settings: CardSettings) -> str:
     """Parameters to load from a file; the law is long-term, shares are of the instantaneous."""
     unit = settings.stress
-    lines = [
-        f"% {settings.name}, {law.law}: Parameters > Load from File; incompressible material"
-    ]
+    volume = "incompressible" if settings.bulk_there is None else "nearly incompressible"
+    lines = [f"% {settings.name}, {law.law}: Parameters > Load from File; {volume} material"]
     if isinstance(law, OgdenSpec):
         for i, (mu, alpha) in enumerate(ogden_terms(law), 1):
             lines += [f"mu_{i} {mu:.12g}[{unit}]", f"alpha_{i} {alpha:.12g}"]
@@ -20,6 +19,8 @@ def comsol(law: LawSpec, settings: CardSettings) -> str:
         for key, declared in law.declared().items():
             shown = f"[{unit}]" if declared.unit == "Pa" else ""
             lines.append(f"{key} {getattr(law, key):.12g}{shown}")
+    if settings.bulk_there is not None:
+        lines.append(f"kappa {settings.bulk_there:.12g}[{unit}]")
     if law.relaxation is not None:
         pairs = zip(law.relaxation.g, law.relaxation.tau, strict=True)
         for i, (g, tau) in enumerate(pairs, 1):

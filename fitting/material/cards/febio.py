@@ -5,12 +5,10 @@ c2. Shares of the relaxation are over the long-term modulus, whose own share is 
 """
 
 from fitting.material.cards.settings import (
-    BULK,
     CardSettings,
     degree_of,
     missing,
     ogden_terms,
-    shear_modulus,
 )
 from suas_jax.config.law import LawSpec
 from suas_jax.config.laws.ogden import OgdenSpec
@@ -19,16 +17,14 @@ _MOST_TERMS = 6
 
 
 def febio(law: LawSpec, settings: CardSettings) -> str:
-    """The card for FEBio; nearly incompressible, by a bulk modulus of `BULK` shear moduli."""
+    """The card for FEBio, whose bulk modulus k is `BULK` shear moduli if none is known."""
     kind, entries = _law(law)
+    entries.append(("k", settings.bulk_of(law)))
     lines = [f"<{key}>{value:.12g}</{key}>" for key, value in entries]
     density = []
     if settings.density_there is not None:
         density = [f"<density>{settings.density_there:.12g}</density>"]
-    note = (
-        f"<!-- {law.law}, {settings.stress}; k is {BULK:g} shear moduli, nearly "
-        f"incompressible -->"
-    )
+    note = f"<!-- {law.law}, {settings.stress}; k is {settings.bulk_in_words()} -->"
     opening = f'<material id="1" name="{settings.name}" type="{{}}">'
     if law.relaxation is None:
         body = [opening.format(kind), *_inside([*density, *lines]), "</material>"]
@@ -50,17 +46,16 @@ def _inside(lines: list[str]) -> list[str]:
 
 
 def _law(law: LawSpec) -> tuple[str, list[tuple[str, float]]]:
-    """FEBio's name of the law, and its constants."""
-    bulk = ("k", BULK * shear_modulus(law))
+    """FEBio's name of the law, and its constants of shape."""
     if isinstance(law, OgdenSpec):
         terms = ogden_terms(law)
         if len(terms) > _MOST_TERMS:
             raise missing(law, "febio", f"Ogden with at most {_MOST_TERMS} terms")
         entries = [(f"c{i}", mu * alpha) for i, (mu, alpha) in enumerate(terms, 1)]
         entries += [(f"m{i}", alpha) for i, (_, alpha) in enumerate(terms, 1)]
-        return "Ogden", [*entries, bulk]
+        return "Ogden", entries
     coefficients = {k: v for k, v in (law.coefficients() or {}).items() if v}
     if coefficients and degree_of(coefficients) == 1:
         c1, c2 = coefficients.get((1, 0), 0.0), coefficients.get((0, 1), 0.0)
-        return "Mooney-Rivlin", [("c1", c1), ("c2", c2), bulk]
+        return "Mooney-Rivlin", [("c1", c1), ("c2", c2)]
     raise missing(law, "febio", "ogden, neo-hookean, mooney-rivlin with C1 and C2 only")

@@ -1,7 +1,7 @@
 """Cards for FElupe: a Python module whose `umat` is the material.
 
 A term of Ogden's law is 2 mu/alpha^2 (sum l^alpha - 3), with mu = mu_p alpha_p / 2. The law is
-isochoric: a solid adds the bulk modulus.
+isochoric: a solid adds the bulk modulus, `SolidBodyNearlyIncompressible(umat, field, bulk)`.
 """
 
 from fitting.material.cards.settings import (
@@ -38,6 +38,8 @@ def felupe(law: LawSpec, settings: CardSettings) -> str:
     text = head + "import felupe.constitution.tensortrax as mat\n" + imports + "\n"
     if settings.density_there is not None:
         text += f"density = {settings.density_there:.12g}\n"
+    if settings.bulk_there is not None:
+        text += f"bulk = {settings.bulk_there:.12g}\n"
     arguments = [energy, *constants]
     if law.softening is not None:
         part = law.softening

@@ -8,7 +8,6 @@ viscoelastic solid, so that it is that of the fit at small strain only.
 from collections.abc import Iterable
 
 from fitting.material.cards.settings import (
-    BULK,
     CardError,
     CardSettings,
     missing,
@@ -25,7 +24,7 @@ _MOST_TERMS, _MOST_PRONY = 8, 12
 def lsdyna(law: LawSpec, settings: CardSettings) -> str:
     """The card for LS-DYNA; nearly incompressible, by Poisson's ratio."""
     unit, g = settings.stress, shear_modulus(law)
-    k = BULK * g
+    k = settings.bulk_of(law)
     poisson = (3.0 * k - 2.0 * g) / (2.0 * (3.0 * k + g))
     density = settings.density_there
     if density is None:

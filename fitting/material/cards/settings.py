@@ -27,11 +27,13 @@ class CardSettings:
         units: "SI" or "mm-N-MPa".
         name: of the material.
         density: [kg/m³]; None leaves it to the user where a program needs none.
+        bulk_modulus: [Pa]; None stands for an incompressible material, or `BULK` shear moduli.
     """
 
     units: str = "SI"
     name: str = "membrane"
     density: float | None = None
+    bulk_modulus: float | None = None
 
     def __post_init__(self) -> None:
         if self.units not in UNITS:
@@ -45,6 +47,8 @@ class CardSettings:
             )
         if self.density is not None and not self.density > 0.0:
             raise CardError(f"--density {self.density}: must be greater than zero")
+        if self.bulk_modulus is not None and not self.bulk_modulus > 0.0:
+            raise CardError(f"--bulk-modulus {self.bulk_modulus} Pa: must be greater than zero")
 
     @property
     def stress(self) -> str:
@@ -55,6 +59,26 @@ class CardSettings:
     def density_there(self) -> float | None:
         """Density in the card's units."""
         return None if self.density is None else self.density * UNITS[self.units][2]
+
+    @property
+    def bulk_there(self) -> float | None:
+        """Bulk modulus in the card's units, if it is known."""
+        return None if self.bulk_modulus is None else self.bulk_modulus * UNITS[self.units][1]
+
+    @property
+    def compressibility_there(self) -> float:
+        """2/K in the card's units: D1 of Abaqus, d of ANSYS; zero if incompressible."""
+        return 0.0 if self.bulk_there is None else 2.0 / self.bulk_there
+
+    def bulk_of(self, law: LawSpec) -> float:
+        """The bulk modulus, or the usual one where a program demands one; the law's unit."""
+        return BULK * shear_modulus(law) if self.bulk_there is None else self.bulk_there
+
+    def bulk_in_words(self) -> str:
+        """Where `bulk_of` comes from."""
+        if self.bulk_there is None:
+            return f"{BULK:g} shear moduli, nearly incompressible"
+        return f"{self.bulk_there:.6g} {self.stress}"
 
 
 def in_units(law: LawSpec, pascal: float) -> LawSpec:

@@ -4,213 +4,25 @@ import re
 from typing import NamedTuple
 
 from fitting.column_units import UNITS, unit_size
+from fitting.material.data.column_quantities import QUANTITIES, Quantity
+from fitting.material.data.column_words import plain_words
 
 STRESS_UNITS = "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
-
-
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
 # Units of quantities that are no concern of a material's law.
 _OTHER_UNITS = frozenset(
     (
         *_SECONDS,
         *("seconds", "secs", "minutes", "cycles", "hz", "mm/min", "mm/s", "1/s", "%/s"),
-        *(
-            "°c",
-            "c",
-            "k",
-            "°f",
-            "v",
-            "mv",
-            "mv/v",
-            "mpa/s",
-            "n/s",
-            "kn/s",
-            "nm",
-            "n*m",
-            "j",
-            "w",
-        ),
+        *("°c", "c", "k", "°f", "v", "mv", "mv/v", "mpa/s", "n/s", "kn/s"),
+        *("nm", "n*m", "j", "w"),
     )
 )
 
-
-class Quantity(NamedTuple):
-    """What a column can measure.
-
-    Attributes:
-        name: how this project calls it.
-        dimension: kind of unit; "area" is a length squared, "word" has none.
-        pattern: regular expression of its names, blanks as underscores.
-    """
-
-    name: str
-    dimension: str
-    pattern: str
-
-
-_QUANTITIES = tuple(
-    Quantity(name, dimension, pattern)
-    for name, dimension, pattern in (
-        (
-            "cauchy_difference",
-            "stress",
-            r"(?:cauchy|true)_stress_difference_(?:22_minus_11|2_minus_1)",
-        ),
-        (
-            "cauchy_difference_reversed",
-            "stress",
-            r"(?:cauchy|true)_stress_difference_(?:11_minus_22|1_minus_2)",
-        ),
-        ("sigma_displacement", "length", r"(?:sigma|noise|uncertainty|std)_displacement"),
-        (
-            "sigma",
-            "stress",
-            r"(?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)"
-            r"(?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?"
-            r"(?:_(?:oil_)?pressure)?",
-        ),
-        ("nominal_shear", "stress", r"(?:nominal_|engineering_|cauchy_)?shear_stress"),
-        ("cauchy", "stress", r"(?:cauchy|true|kirchhoff)_?stress"),
-        ("second_pk", "stress", r"(?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?"),
-        (
-            "nominal",
-            "stress",
-            r"(?:nominal|engineering|eng|first_piola_kirchhoff|pk1|1st_pk|first_pk|tensile"
-            r"|compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff",
-        ),
-        ("stress", "stress", r"(?:axial_)?stress"),
-        ("pressure", "pressure", r"(?:inflation_|gauge_|differential_|oil_)?pressure|p"),
-        (
-            "force",
-            "force",
-            r"(?:axial_|standard_|tensile_|tension_|compressive_|compression_|test_|load_cell_)*"
-            r"(?:force|load)(?:_cell)?",
-        ),
-        ("time", "time", r"(?:test_|running_|total_|elapsed_)*time|t(?=_s$|_min$|$)"),
-        ("cycle", "number", r"(?:total_|elapsed_)?cycles?(?:_(?:count|number|no))?"),
-        ("shear_angle", "angle", r"shear_angle"),
-        ("shear", "number", r"shear_strain|amount_of_shear|shear|gamma|γ"),
-        ("log_strain", "number", r"(?:log|true|hencky|logarithmic|natural|ln)_?strain"),
-        ("green_strain", "number", r"green(?:_lagrange)?_?strain"),
-        (
-            "strain",
-            "number",
-            r"(?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_"
-            r"|corrected_|extensometer_)*strain|elongation_percent|epsilon",
-        ),
-        ("stretch", "number", r"(?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam"),
-        (
-            "displacement",
-            "length",
-            r"(?:crosshead_|cross_head_|loads_0_|axial_|standard_|tensile_|compressive_|actuator_"
-            r"|corrected_|extensometer_|video_|machine_)*"
-            r"(?:displacement|extension|elongation|stroke|travel|deflection|crosshead"
-            r"|distance|position|extensometer)",
-        ),
-        (
-            "grip_separation",
-            "length",
-            r"(?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?_(?:separation|distance"
-            r"|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length",
-        ),
-        ("height", "length", r"(?:apex_|pole_|bulge_|dome_)?height|apex_displacement"),
-        (
-            "length",
-            "length",
-            r"(?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]",
-        ),
-        ("width", "length", r"(?:specimen_|initial_)?width(?:_[bw][0o]?)?|b0|w0"),
-        (
-            "thickness",
-            "length",
-            r"(?:specimen_|wall_|initial_|membrane_)?thickness(?:_[abht][0o]?)?|h0|t0",
-        ),
-        ("diameter", "length", r"(?:specimen_|initial_)?diameter(?:_d[0o]?)?|d0"),
-        ("rest_radius", "length", r"(?:initial|undeformed|reference|rest)_radius|r0"),
-        ("radius", "length", r"(?:current_|balloon_|membrane_|diaphragm_)?radius"),
-        (
-            "area",
-            "area",
-            r"(?:specimen_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?|cross_section|a0|s0",
-        ),
-        ("thickness_ratio", "number", r"thickness_ratio|h_over_r"),
-        ("weight", "number", r"weight"),
-        ("use", "word", r"use|mask|valid|include"),
-        ("specimen", "word", r"specimen|sample|specimen_id|sample_id"),
-    )
-)
-
-
-# Words of other languages, spelled without accents, longest first.
-_WORDS = {
-    # German
-    "standardkraft": "standard_force",
-    "pruefkraft": "test_force",
-    "zugkraft": "tensile_force",
-    "druckkraft": "compressive_force",
-    "kraft": "force",
-    "standardweg": "standard_travel",
-    "traversenweg": "crosshead_travel",
-    "kolbenweg": "actuator_travel",
-    "verlaengerung": "extension",
-    "laengenaenderung": "extension",
-    "verschiebung": "displacement",
-    "weg": "travel",
-    "wahre_dehnung": "true_strain",
-    "technische_dehnung": "nominal_strain",
-    "nenndehnung": "nominal_strain",
-    "stauchung": "compressive_strain",
-    "dehnung": "strain",
-    "wahre_spannung": "true_stress",
-    "technische_spannung": "nominal_stress",
-    "nennspannung": "nominal_stress",
-    "zugspannung": "tensile_stress",
-    "druckspannung": "compressive_stress",
-    "schubspannung": "shear_stress",
-    "spannung": "stress",
-    "streckverhaeltnis": "stretch",
-    "ueberdruck": "pressure",
-    "innendruck": "pressure",
-    "druck": "pressure",
-    "pruefzeit": "test_time",
-    "versuchszeit": "test_time",
-    "zeit": "time",
-    "zyklus": "cycle",
-    "anfangsquerschnitt": "initial_area",
-    "querschnittsflaeche": "area",
-    "querschnitt": "area",
-    "einspannlaenge": "grip_separation",
-    "klemmlaenge": "clamping_length",
-    "messlaenge": "gauge_length",
-    "anfangslaenge": "initial_length",
-    "probendicke": "specimen_thickness",
-    "dicke": "thickness",
-    "probenbreite": "specimen_width",
-    "breite": "width",
-    "probendurchmesser": "specimen_diameter",
-    "durchmesser": "diameter",
-    "hoehe": "height",
-    # French
-    "allongement": "elongation",
-    "deplacement": "displacement",
-    "deformation": "strain",
-    "contrainte": "stress",
-    "epaisseur": "thickness",
-    "largeur": "width",
-    "longueur_initiale": "initial_length",
-    "longueur": "length",
-    "diametre": "diameter",
-    "temps": "time",
-}
-_ACCENTS = str.maketrans(
-    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "é": "e", "è": "e", "ê": "e", "à": "a"}
-)
-_FOREIGN = re.compile(rf"(?<![a-z])(?:{'|'.join(_WORDS)})(?![a-z])")
 # Which specimen of a file a column or a size belongs to.
 _SPECIMEN = re.compile(
     r"(?:^|_)(?:specimen|sample|probekoerper|probe|eprouvette)_*(?:no_|nr_)?#?(\d+)(?=_|$)"
 )
-
 
 SIZES = (
     "length",
@@ -256,7 +68,7 @@ def understand(name: str, where: str) -> Column | None:
         ValueError: the quantity is known but its unit is missing or unknown.
     """
     plain, explicit = _name_and_unit(name)
-    for quantity in _QUANTITIES:
+    for quantity in QUANTITIES:
         found = re.match(rf"(?:{quantity.pattern})(?![a-z])", plain)
         if not found:
             continue
@@ -275,7 +87,7 @@ def understand(name: str, where: str) -> Column | None:
 def quantity_of(name: str) -> str | None:
     """Which quantity a name means, whatever its unit; None for others."""
     plain, _ = _name_and_unit(name)
-    for quantity in _QUANTITIES:
+    for quantity in QUANTITIES:
         if re.match(rf"(?:{quantity.pattern})(?![a-z])", plain):
             return quantity.name
     return None
@@ -303,14 +115,6 @@ def is_unit(text: str) -> bool:
     """Whether a cell holds a unit, in brackets or without."""
     bare = text.strip("()[]{}<> ").casefold().replace("²", "2").replace("^2", "2")
     return bare in UNITS or bare in _OTHER_UNITS
-
-
-def plain_words(text: str) -> str:
-    """A name in English, lower case, without accents, words joined by underscores."""
-    text = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])(?!Pa)", "_", text.strip())
-    text = text.casefold().translate(_ACCENTS)
-    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_")
-    return _FOREIGN.sub(lambda found: _WORDS[found.group()], text)
 
 
 def _name_and_unit(name: str) -> tuple[str, str | None]:

@@ -16,7 +16,9 @@ from fitting.material.experiments.measurements import Predictor
 from fitting.material.experiments.prediction import AbstractExperiment
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
+from fitting.statistics.parameters import AbstractFamily
 from suas_jax.constitutive import AbstractLaw, inflated_diaphragm
+from suas_jax.runtime.compiled import COMPILED
 
 _NEWTON_STEPS = 7
 
@@ -49,15 +51,33 @@ class Bulge(AbstractExperiment):
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Pressures [Pa]; not a number where the law has no bulge of that height."""
-        (log_p, log_h), (slope_p, slope_h) = _inflated(self, law)
-        along = jax.lax.stop_gradient(slope_p / slope_h)
-        return jnp.exp(log_p + along * (jnp.log(self.height) - log_h))
+        # What is differentiated once more, by the constants, is not the slope.
+        _, (slope_p, slope_h) = self.inflated(jax.lax.stop_gradient(law))
+        log_p, log_h = self._at(law, self.apex)
+        return jnp.exp(log_p + slope_p / slope_h * (jnp.log(self.height) - log_h))
+
+    def linearised(
+        self, family: AbstractFamily, constants: Float[Array, " p"]
+    ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+        """Pressures and their derivatives: by the constants and the apex stretch at once."""
+
+        def at(x: Array) -> tuple[Array, Array]:
+            return self._at(family.law(x[:-1]), self.apex * jnp.exp(x[-1]))
+
+        def push(tangent: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+            return jax.jvp(at, (jnp.append(constants, 0.0),), (tangent,))
+
+        basis = jnp.eye(constants.size + 1, dtype=constants.dtype)
+        (log_p, log_h), (of_p, of_h) = jax.vmap(push, out_axes=(None, 1))(basis)
+        along = of_p[:, -1] / of_h[:, -1]
+        pressure = jnp.exp(log_p + along * (jnp.log(self.height) - log_h))
+        return pressure, pressure[:, None] * (of_p - along[:, None] * of_h)[:, :-1]
 
     def settled(self, law: AbstractLaw) -> Self:
         """The same test at the apex stretches that give the measured heights."""
         test = self
         for _ in range(_NEWTON_STEPS):
-            (_, log_h), (_, slope_h) = _inflated(test, law)
+            (_, log_h), (_, slope_h) = COMPILED.run(_inflated, test, law)
             miss = jnp.log(test.height) - log_h
             # Where a law has no such bulge the estimate stays; `predict` says so.
             step = jnp.where(jnp.isfinite(miss / slope_h), miss / slope_h, 0.0)
@@ -71,19 +91,18 @@ class Bulge(AbstractExperiment):
         """Largest relative difference of the logarithms of the apex stretches."""
         return float(jnp.max(jnp.abs(self.apex / other.apex - 1.0)))
 
-    def _inflated(self, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    def inflated(self, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Pressure and height at the apex stretches as log p, log h; slopes in log e."""
+        return jax.jvp(lambda e: self._at(law, e), (self.apex,), (self.apex,))
 
-        def at(e: Array) -> tuple[Array, Array]:
-            bulge = inflated_diaphragm(law, jnp.exp(e), 1.0, self.thickness)
-            return jnp.log(bulge.pressure), jnp.log(bulge.apex_height)
-
-        return jax.jvp(at, (self.apex,), (self.apex,))
+    def _at(self, law: AbstractLaw, apex: Array) -> tuple[Array, Array]:
+        bulge = inflated_diaphragm(law, jnp.exp(apex), 1.0, self.thickness)
+        return jnp.log(bulge.pressure), jnp.log(bulge.apex_height)
 
 
 @eqx.filter_jit
 def _inflated(test: Bulge, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    return test._inflated(law)
+    return test.inflated(law)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -96,9 +96,9 @@ def refuse_without_information(data: Dataset) -> None:
 
 def warnings_of(data: Dataset) -> list[str]:
     """What a person should look at in one data set."""
+    found = [f"{data.file}: {text}" for text in data.warnings]
     if not isinstance(data, StressTest):
-        return [f"{data.file}: {text}" for text in data.warnings]
-    found = []
+        return found
     path = branches(data)
     if path.unloading.any() and not data.follows_history:
         rows = data.line[path.unloading]

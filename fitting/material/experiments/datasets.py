@@ -18,6 +18,7 @@ from fitting.material.experiments.stress_tests import (
     simple_shear,
 )
 from fitting.material.experiments.table_reader import Reader
+from fitting.material.experiments.volumetric import volumetric
 from suas_jax.config import load_scene
 from suas_jax.config.quantities import parse_quantity
 
@@ -27,6 +28,7 @@ TESTS: dict[str, Callable[[Reader], Dataset]] = {
     "simple_shear": simple_shear,
     "balloon": balloon,
     "bulge": bulge,
+    "volumetric": volumetric,
 }
 """Tests that are read in a way of their own; the others are tests of one stretch."""
 

@@ -26,6 +26,7 @@ MODES = (
     "simple_shear",
     "balloon",
     "bulge",
+    "volumetric",
     "skin",
 )
 _ALIASES = {

@@ -6,6 +6,8 @@ from typing import ClassVar, Self
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from fitting.statistics.parameters import AbstractFamily
+from fitting.statistics.residuals import linearised
 from suas_jax.constitutive import AbstractLaw
 
 
@@ -34,6 +36,14 @@ class AbstractExperiment(eqx.Module):
     def distance(self, other: Self) -> float:
         """How far its states are from those of another prediction, relative."""
         return 0.0
+
+    def linearised(
+        self, family: AbstractFamily, constants: Float[Array, " p"]
+    ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+        """Readings of a family's law and their derivatives by its constants, SI units."""
+        return linearised(
+            lambda c: self.shifted(family.zeros(c)).predict(family.law(c)), constants
+        )
 
     @abc.abstractmethod
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:

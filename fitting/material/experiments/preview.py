@@ -17,6 +17,8 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.selection import loadings
 from fitting.material.experiments.stress_tests import StressTest
 
+_MODULUS = {"volumetric": "bulk_modulus_Pa"}
+
 
 def preview(
     path: str | os.PathLike[str],
@@ -115,7 +117,7 @@ def _test(data: Dataset) -> dict[str, Any]:
         "abscissa": data.abscissa_label,
         "abscissa_min": float(np.min(data.abscissa)),
         "abscissa_max": float(np.max(data.abscissa)),
-        "shear_modulus_Pa": float(data.modulus),
+        _MODULUS.get(data.mode, "shear_modulus_Pa"): float(data.modulus),
     }
     if isinstance(data, StressTest):
         report |= {

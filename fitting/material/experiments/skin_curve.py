@@ -1,6 +1,6 @@
 """A whole skin as test specimen: force in, displacement and oil pressure read.
 
-Every force of the curve is one lane of the lumped shell's equilibrium, and so is every
+Every force of the curve is one lane of the corrected shell's equilibrium, and so is every
 walker or start: an ensemble is one call. Displacement is the mid-surface's under the first
 line load of the scene, along that load; several loads grow together, their pattern kept.
 """
@@ -23,6 +23,7 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import Equilibrium, Problem, State, equilibrium
 from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.shell.shell import Shell
@@ -70,7 +71,7 @@ class SkinCurve(AbstractExperiment):
         """Equilibria of all forces for a law with scalar constants."""
         in_lane = jax.tree.map(lambda x: jnp.asarray(x)[..., None], law)
         problem = eqx.tree_at(lambda p: p.mechanics.law, self.problem, in_lane)
-        return problem, equilibrium(problem, self.start)
+        return problem, equilibrium(problem, self.start, omitted=True)
 
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Displacements [m] and pressures [Pa]; NaN where there is no equilibrium."""
@@ -78,9 +79,10 @@ class SkinCurve(AbstractExperiment):
 
     def read(self, problem: Problem, found: Equilibrium) -> Float[Array, " n"]:
         """Readings of solved states; NaN where there is no equilibrium."""
-        shape = section_of(problem.mechanics).at_angle(found.state.q, self.angle)
+        _, shown, shell = corrected(problem, found.state, found.change)
+        shape = section_of(shell).at_angle(shown.q, self.angle)
         moved = jnp.sum(shape.mid_displacement[:, 0, 0] * self.direction, 0)
-        both = jnp.stack([moved, found.state.pressure])
+        both = jnp.stack([moved, shown.pressure])
         both = jnp.where(found.result == 0, both, jnp.nan)
         return both[self.channel, self.lane]
 
@@ -127,7 +129,7 @@ class Specimen:
         curve: the readings' forward model.
         modulus: shear modulus that the readings suggest [Pa].
         stretch: largest hoop stretch on the inner face under the largest force.
-        model_error: standard deviation of the lumped shell's own error under the largest
+        model_error: standard deviation of the corrected shell's own error under the largest
             force, relative to displacement and pressure; all readings share it.
     """
 

@@ -86,7 +86,7 @@ class SkinTest(Dataset):
 
     @property
     def model_error(self) -> float:
-        """The lumped shell's own error."""
+        """The corrected shell's own error."""
         return self.as_specimen.model_error
 
     @property

@@ -1,36 +1,29 @@
-"""Columns of a table of measurements, as the tests of every mode read them."""
+"""What a specimen was subjected to and what was measured, from the columns of a table."""
 
 import contextlib
 import dataclasses
 import math
-import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from fitting.material.data.columns import Column, plain_words, quantity_of, understand
 from fitting.material.data.errors import DataError
-from fitting.material.data.numbers import is_missing
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
 from fitting.material.experiments.measurements import Kind, Origin
-from suas_jax.config.errors import listed
+from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
 from suas_jax.config.quantities import parse_quantity
 
 
-class Reader:
+class Reader(NamedColumns):
     """One file on its way to a data set.
 
     Attributes:
-        mode: kind of test.
-        table: the file.
         noise: standard deviation of the readings, where the file doesn't state it.
-        columns: position and meaning by quantity and direction.
         sizes: of the specimen, SI units.
         machine_stiffness: of the machine with its grips [N/m], if its travel is corrected.
-        warnings: what a person should know.
     """
 
     def __init__(
@@ -41,104 +34,12 @@ class Reader:
         noise: str | None,
         machine_stiffness: float | None = None,
     ) -> None:
-        self.machine_stiffness = machine_stiffness
-        self.mode, self.table, self.noise = mode, table, noise
-        self.warnings: list[str] = list(table.remarks)
-        self.columns: dict[tuple[str, int], tuple[int, Column]] = {}
-        # Known quantities in units that are missing or unknown: an error once asked for.
-        self._faulty: dict[str, DataError] = {}
-        self._read_names()
+        super().__init__(mode, table)
+        self.noise, self.machine_stiffness = noise, machine_stiffness
         # Of a whole test, as the command line states it.
         self.given = {key: text for key, text in specimen.items() if key in timing.KEYS}
         sizes = {key: text for key, text in specimen.items() if key not in timing.KEYS}
         self.sizes = {**stated_sizes(table), **given_sizes(table, sizes)}
-
-    def _read_names(self) -> None:
-        """Find out what the columns measure."""
-        ignored = []
-        for index, name in enumerate(self.table.names):
-            if not name:
-                continue
-            try:
-                column = understand(name, self.table.file)
-            except ValueError as error:
-                meant = quantity_of(name)
-                self._faulty.setdefault(meant or name, DataError(str(error)))
-                continue
-            if column is None:
-                ignored.append(name)
-                continue
-            key = (column.quantity, column.direction)
-            if key not in self.columns:
-                self.columns[key] = (index, column)
-                continue
-            other = self.columns[key][0]
-            kept = self._better_of(other, index)
-            self.columns[key] = (kept, column) if kept == index else self.columns[key]
-        if ignored:
-            names = ", ".join(f'"{name}"' for name in ignored)
-            self.warnings.append(f"column {names} is not used: not a quantity known here")
-
-    def _better_of(self, first: int, second: int) -> int:
-        """Which of two columns of the same meaning to use.
-
-        Raises:
-            DataError: neither is the better one.
-        """
-        names = [self.table.names[i] for i in (first, second)]
-        ranks = [_closeness(name) for name in names]
-        same = np.array_equal(
-            self.table.cells[:, first], self.table.cells[:, second], equal_nan=True
-        )
-        if ranks[0] == ranks[1] and not same:
-            raise DataError(
-                f'{self.table.file}: columns "{names[0]}" and "{names[1]}" mean the same; keep '
-                f"one, or choose one: --columns QUANTITY={first + 1}"
-            )
-        kept, left = (second, first) if ranks[1] > ranks[0] else (first, second)
-        if not same:
-            self.warnings.append(
-                f'column "{self.table.names[left]}" is not used: "{self.table.names[kept]}" is '
-                f"measured closer to the specimen; --columns QUANTITY={left + 1} chooses it"
-            )
-        return kept
-
-    def column(self, quantity: str, direction: int = 0) -> np.ndarray | None:
-        """Values of a column in SI units, NaN where missing; None if there is none.
-
-        Raises:
-            DataError: a cell holds neither a number nor a usual sign of a missing one.
-        """
-        wanted = (0, 1) if direction in (0, 1) else (direction,)
-        if quantity in self._faulty and not any((quantity, d) in self.columns for d in wanted):
-            raise self._faulty[quantity]
-        for d in wanted:
-            if (quantity, d) in self.columns:
-                index, column = self.columns[quantity, d]
-                values = self.table.cells[:, index]
-                for row in np.flatnonzero(np.isnan(values)):
-                    text = self.table.texts[row][index]
-                    if not is_missing(text):
-                        raise DataError(
-                            f'{self.at(int(row), index)}: "{text[:40]}" is no number; leave '
-                            f"the cell empty if the value is missing"
-                        )
-                return values * column.factor
-        return None
-
-    def at(self, row: int, index: int) -> str:
-        """Where a cell is, for messages."""
-        return (
-            f"{self.table.file}: line {self.table.lines[row]}, "
-            f'column "{self.table.names[index]}"'
-        )
-
-    def position(self, quantity: str, direction: int = 0) -> int:
-        """Which column of the table holds a quantity."""
-        for d in (direction, 0, 1):
-            if (quantity, d) in self.columns:
-                return self.columns[quantity, d][0]
-        return 0
 
     def size(self, name: str) -> np.ndarray | None:
         """A size of the specimen, per row [m]; a column goes before a single value."""
@@ -149,30 +50,6 @@ class Reader:
         if name in self.sizes:
             return np.full(len(self.table.lines), self.sizes[name])
         return None
-
-    def require_positive(self, values: np.ndarray, quantity: str, why: str = "") -> None:
-        """Refuse values that are impossible.
-
-        Raises:
-            DataError: names the first of them, and why.
-        """
-        bad = np.flatnonzero(values <= 0.0)
-        if bad.size:
-            index = self.position(quantity)
-            text = self.table.texts[bad[0]][index]
-            raise DataError(
-                f"{self.at(bad[0], index)}: {text} is impossible: "
-                f"{why or 'it must be greater than zero'}"
-            )
-
-    def need(self, what: str, *names: str) -> DataError:
-        """What is missing, and what the file has."""
-        have = ", ".join(f'"{name}"' for name in self.table.names if name)
-        choices = listed(f'"{name}"' for name in names)
-        return DataError(
-            f"{self.table.file}: {what} is missing for the mode {self.mode}; expected a "
-            f"column such as {choices} (the file has {have})"
-        )
 
     def stretch(self, direction: int = 0) -> np.ndarray:
         """Stretch in a direction, whatever measure states it."""
@@ -261,7 +138,7 @@ class Reader:
         if gauge is None or grips is None:
             return grips if gauge is None else gauge
         name = self.table.names[self.position(quantity, direction)]
-        return grips if _closeness(name) < 0 else gauge
+        return grips if closeness_to_specimen(name) < 0 else gauge
 
     def area(self) -> np.ndarray:
         """Undeformed cross-section of the specimen [m²]."""
@@ -418,13 +295,3 @@ class Reader:
         if np.any(size < 0.0) or not np.any(size > 0.0):
             raise DataError(f'{self.table.file}: noise "{text}" must be greater than zero')
         return np.where(size > 0.0, size, np.max(size))
-
-
-def _closeness(name: str) -> int:
-    """1 for an extensometer on the specimen, -1 for the machine's own travel, else 0."""
-    plain = plain_words(name)
-    if re.search(r"extensom|video|dic|gauge|gage|corrected|strain_1(?!\d)", plain):
-        return 1
-    if re.search(r"crosshead|cross_head|traverse|stroke|grip|machine|position|actuator", plain):
-        return -1
-    return 0

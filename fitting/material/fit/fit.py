@@ -157,7 +157,7 @@ def _fitted(
         starts = min(starts, SKIN_LANES)
     if problem.model_error and residual != "noise":
         notes.append(
-            f"the lumped shell's own error, about {100.0 * problem.model_error:.2g} % of "
+            f"the corrected shell's own error, about {100.0 * problem.model_error:.2g} % of "
             f"displacement and pressure, is in no interval; state the noise and use "
             f"--residual noise, which allows for it"
         )

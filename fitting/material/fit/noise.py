@@ -59,7 +59,7 @@ def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.nd
     models: list[NoiseModel | None] = []
     ratio = np.ones(len(error))
     for data, place in zip(sets, problem.places, strict=True):
-        model = _estimated(data, error[place], predicted[place], inverse[place])
+        model = estimated_noise(data, error[place], predicted[place], inverse[place])
         models.append(model)
         if model is not None and model.excludes_assumed:
             # Of a mean of several readings, which count as often, it is that of one of them.
@@ -96,9 +96,17 @@ def with_noise(sets: Sequence[Dataset], noise: Noise, sizes: list[np.ndarray]) -
     return found
 
 
-def _estimated(
+def estimated_noise(
     data: Dataset, error: np.ndarray, predicted: np.ndarray, inverse: np.ndarray
 ) -> NoiseModel | None:
+    """The noise of a test that is one curve; None where it can't be estimated.
+
+    Args:
+        data: the test.
+        error: predicted less measured readings, shape [n].
+        predicted: readings, shape [n].
+        inverse: of the scale of each residual, shape [n].
+    """
     if not data.is_curve or np.any(inverse <= 0.0):
         return None
     paths = data.paths()

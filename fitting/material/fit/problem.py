@@ -22,7 +22,7 @@ class MaterialProblem:
         places: positions of each data set's readings in the residuals.
         floors: smallest scale of relative residuals for each data set [Pa].
         kind: "relative", "absolute" or "noise".
-        model_error: of the lumped shell, where a skin was tested, relative to its
+        model_error: of the corrected shell, where a skin was tested, relative to its
             displacement: a standard deviation.
     """
 
@@ -93,7 +93,7 @@ def pose(
     value, inverse_scale = np.zeros(size), np.zeros(size)
     for data, place in zip(sets, places, strict=True):
         value[place] = data.value
-        inverse_scale[place] = np.sqrt(data.weight) / _scale(data, sets, kind)
+        inverse_scale[place] = np.sqrt(data.weight) / reading_scale(data, sets, kind)
     residuals = Residuals(
         experiments=tuple(predictions),
         value=jnp.asarray(value),
@@ -122,7 +122,7 @@ def settle(problem: MaterialProblem, constants: np.ndarray) -> tuple[MaterialPro
     return dataclasses.replace(problem, residuals=residuals), change
 
 
-def _scale(data: Dataset, sets: Sequence[Dataset], kind: str) -> np.ndarray:
+def reading_scale(data: Dataset, sets: Sequence[Dataset], kind: str) -> np.ndarray:
     """Which misfit of each reading counts as one."""
     if kind == "noise":
         return data.sigma

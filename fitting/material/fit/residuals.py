@@ -6,6 +6,7 @@ r_i(θ) = √w_i (y_i(θ) − y_i) / s_i; the scale s_i says which misfit counts
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -74,6 +75,14 @@ class Residuals(AbstractResiduals):
     def of_constants(self, constants: Float[Array, " p"]) -> Float[Array, " n"]:
         """Residuals for constants in SI units."""
         return self.weighed(self.predict(constants) - self.value)
+
+    def linearised(
+        self, constants: Float[Array, " p"]
+    ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
+        """Residuals and their derivatives by the constants in SI units."""
+        parts = [test.linearised(self.family, constants) for test in self.experiments]
+        value, slope = (jnp.concatenate(part) for part in zip(*parts, strict=True))
+        return self.weighed(value - self.value), jax.vmap(self.weighed, 1, 1)(slope)
 
     def weighed(self, misfit: Float[Array, " n"]) -> Float[Array, " n"]:
         """Misfit [Pa] over its scale; exactly zero for padding.

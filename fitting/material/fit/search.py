@@ -15,8 +15,8 @@ from fitting.statistics.parameters import AbstractFamily
 SKIN_LANES = 4
 """Most starts for data of a skin, where every residual is an equilibrium."""
 # A reading is wrong by the square of how far its apex stretch still is from settled.
-_BULGE_LANES, _BULGE_ROUNDS, _SETTLED = 2, 8, 3e-3
-_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 8, 40, 3e-2
+_BULGE_ROUNDS, _SETTLED = 8, 3e-3
+_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 4, 40, 3e-2
 
 
 # Starts of what is beside the law, and steps of each; the stiffness of a long-term law and of a
@@ -58,21 +58,24 @@ def search(
     # Membranes are expensive: explore with spherical caps, then fit the best with
     # membranes, whose apex stretches follow the constants.
     estimate = pose(sets, chosen, kind, estimate=True).residuals
-    found = minimise(estimate, points, finish=False)
-    for _ in range(_BULGE_ROUNDS):
+    rough = minimise(estimate, points, finish=False)
+    found = rough
+    for done in range(_BULGE_ROUNDS):
         if not np.isfinite(found.cost[0]):
-            break
+            return problem, found
         best = chosen.constants(jnp.asarray(found.theta[0]), problem.residuals.scales)
         problem, change = settle(problem, np.asarray(best))
-        if change < _SETTLED:
+        if done and change < _SETTLED and found.converged[0]:
             break
         # States follow the constants, so there is no need to go on before they do.
         steps = _BULGE_STEPS if change > _NEARLY else _BULGE_STEPS_AT_LAST
-        nearer = minimise_one_by_one(problem.residuals, found.theta[:_BULGE_LANES], steps)
+        nearer = minimise_one_by_one(problem.residuals, found.theta[:1], steps)
         if not np.isfinite(nearer.cost[0]):
-            break
+            return problem, found
         found = nearer
-    return problem, found
+    # Whether another start ends there, too.
+    others = np.concatenate([found.theta, rough.theta[1:2]])
+    return problem, minimise_one_by_one(problem.residuals, others, _BULGE_STEPS_AT_LAST)
 
 
 def _with_effects(

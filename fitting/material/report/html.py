@@ -6,15 +6,15 @@ The page may be opened anywhere: it asks no host for anything, and its own polic
 import base64
 import io
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from matplotlib.figure import Figure
 
+from fitting.html.page import page
 from fitting.material.cards.card import card
+from fitting.material.fit.bulk_modulus import BulkModulus
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.plots import plot_material
 from fitting.material.report.provenance import data_provenance, versions
@@ -22,38 +22,54 @@ from suas_jax.config.quantities import format_quantity
 from suas_jax.config.schema_material import LAWS
 from suas_jax.files.writing import write_text
 
-_TEMPLATE = "report.html.j2"
 _DOTS_PER_INCH = 110
 
 
-def write_html(fit: MaterialFit, report: dict[str, Any], file: Path) -> None:
+def write_html(
+    fit: MaterialFit | None,
+    report: dict[str, Any],
+    file: Path,
+    bulk: BulkModulus | None = None,
+) -> None:
     """Write the report of a fit.
 
     Args:
-        fit: the fit.
+        fit: the fit; None where only a bulk modulus was fitted.
         report: its JSON, with whatever the command added.
         file: where to write it.
+        bulk: the bulk modulus, if there is one.
     """
-    text = files("fitting.material.report").joinpath(_TEMPLATE).read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    page = environment.from_string(text).render(
+    text = page(
+        "fitting.material.report",
+        "report.html.j2",
         report=report,
-        title=fit.family.title,
-        constants=_constants(fit),
+        title="bulk modulus" if fit is None else fit.family.title,
+        constants=[*_constants(fit), *_bulk_modulus(report)],
         modes=_modes(report),
-        figure=_embedded(plot_material(fit)),
-        data=data_provenance(fit.sets),
+        figure=_embedded(plot_material(fit, bulk=bulk)),
+        data=data_provenance([*(fit.sets if fit else ()), *(bulk.sets if bulk else ())]),
         versions=versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
-        material=card(fit.material(), "toml") if fit.family.law_name in LAWS else "",
+        material=card(fit.material(), "toml") if fit and fit.family.law_name in LAWS else "",
     )
-    write_text(file, page)
+    write_text(file, text)
 
 
-def _constants(fit: MaterialFit) -> list[list[str]]:
+def _bulk_modulus(report: dict[str, Any]) -> list[list[str]]:
+    """The row of the bulk modulus, if there is one."""
+    if "bulk_modulus_Pa" not in report:
+        return []
+    found = report["bulk_modulus_Pa"]
+    error = report["volumetric"]["standard_error_Pa"]
+    numbers = (found["value"], error, found["low95"], found["high95"])
+    energy = report["volumetric"]["energy"]
+    return [[f"bulk modulus K, energy {energy}", *(_text(x, "Pa") for x in numbers)]]
+
+
+def _constants(fit: MaterialFit | None) -> list[list[str]]:
     """Name, value, standard error and 95 % interval of each constant, as text."""
+    if fit is None:
+        return []
     low, high = fit.intervals(0.95)
     errors = fit.uncertainty.standard_errors
     rows = [
@@ -67,9 +83,10 @@ def _constants(fit: MaterialFit) -> list[list[str]]:
 def _modes(report: dict[str, Any]) -> list[dict[str, Any]]:
     """One row a mode: misfit where it was measured, stable stretches."""
     rows = []
-    for mode in {**report["modes"], **report["stable_range"]}:
+    stable = report.get("stable_range", {})
+    for mode in {**report["modes"], **stable}:
         measured = report["modes"].get(mode)
-        window, shown = report["stable_range"].get(mode), ""
+        window, shown = stable.get(mode), ""
         if window is not None:
             is_open = report["stable_range_open"][mode]
             low = "open" if is_open[0] else f"{window[0]:.4g}"

@@ -9,7 +9,9 @@ from matplotlib.figure import Figure
 from fitting.material.experiments.history import HistoryTest
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.fit.bulk_modulus import ENERGY, BulkModulus
 from fitting.material.fit.result import MaterialFit
+from suas_jax.config.quantities import format_quantity
 from suas_jax.figures.style import written
 
 if TYPE_CHECKING:
@@ -19,19 +21,38 @@ _MARKERS = ("o", "s")
 _POINTS = 120
 
 
-def plot_material(fit: MaterialFit, file: Path | None = None) -> Figure:
+def plot_material(
+    fit: MaterialFit | None, file: Path | None = None, bulk: BulkModulus | None = None
+) -> Figure:
     """Draw every mode's data with the fitted law, its band, and relative residuals.
 
     Modes that were not measured are drawn too: there the band says how little is known.
 
     Args:
-        fit: what to draw.
+        fit: what to draw; None where there is a bulk modulus only.
         file: where to write the figure; its ending chooses the format.
+        bulk: the bulk modulus, if there is one; its tests come last.
     """
-    modes = list(dict.fromkeys(data.mode for data in fit.sets))
-    modes += [mode for mode in PATHS if mode not in modes]
-    figure = Figure(figsize=(3.6 * len(modes), 6.0), layout="constrained")
-    axes = figure.subplots(2, len(modes), height_ratios=(3, 1), squeeze=False)
+    modes = []
+    if fit is not None:
+        modes = list(dict.fromkeys(data.mode for data in fit.sets))
+        modes += [mode for mode in PATHS if mode not in modes]
+    count = len(modes) + (bulk is not None)
+    figure = Figure(figsize=(max(3.6 * count, 5.0), 6.0), layout="constrained")
+    axes = figure.subplots(2, count, height_ratios=(3, 1), squeeze=False)
+    titles = []
+    if fit is not None:
+        _draw_law(fit, modes, axes[:, : len(modes)])
+        titles.append(f"{fit.family.title}, {fit.problem.kind} residuals: {fit.status}")
+    if bulk is not None:
+        _draw_bulk_modulus(bulk, *axes[:, -1])
+        titles.append(f"bulk modulus {format_quantity(bulk.value, 'stress')}")
+    figure.suptitle("; ".join(titles))
+    return written(figure, file)
+
+
+def _draw_law(fit: MaterialFit, modes: list[str], axes: np.ndarray) -> None:
+    """Modes of a law, one a column of axes."""
     misfits = fit.misfits()
     for (upper, lower), mode in zip(axes.T, modes, strict=True):
         members = [
@@ -40,8 +61,22 @@ def plot_material(fit: MaterialFit, file: Path | None = None) -> Figure:
             if data.mode == mode
         ]
         _draw_mode(fit, mode, members, upper, lower)
-    figure.suptitle(f"{fit.family.title}, {fit.problem.kind} residuals: {fit.status}")
-    return written(figure, file)
+
+
+def _draw_bulk_modulus(bulk: BulkModulus, upper: "Axes", lower: "Axes") -> None:
+    """Volumetric tests with the line of the bulk modulus."""
+    for number, test in enumerate(bulk.sets):
+        error = bulk.predict(test.coordinate) - test.value
+        _draw_readings(test, error, upper, lower, f"C{number}", True)
+    ratios = np.concatenate([test.coordinate for test in bulk.sets])
+    ends = np.array([min(ratios.min(), 1.0), max(ratios.max(), 1.0)])
+    low, high = bulk.interval(0.95)
+    upper.plot(ends, bulk.predict(ends) / 1e6, "k-", lw=1.2, label=ENERGY)
+    unit = (1.0 - ends) / 1e6
+    upper.fill_between(ends, low * unit, high * unit, color="0.8", label="95 %")
+    upper.set_title("volumetric")
+    lower.set_xlabel(bulk.sets[0].abscissa_label)
+    _finish(upper, lower)
 
 
 def _draw_mode(
@@ -61,14 +96,19 @@ def _draw_mode(
         _draw_readings(data, error, upper, lower, f"C{number}", banded)
     upper.set_title(mode.replace("_", " ") + ("" if members else " (not measured)"))
     lower.set_xlabel(members[0][0].abscissa_label if members else "stretch")
-    lower.set_ylabel("residual [%]")
-    lower.axhline(0.0, color="0.6", lw=0.8)
-    limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
-    lower.set_ylim(-min(1.1 * limit, 100.0) - 0.1, min(1.1 * limit, 100.0) + 0.1)
     if any(isinstance(data, HistoryTest) and data.is_relaxation for data, _ in members):
         upper.set_xscale("log")
         lower.set_xscale("log")
         lower.set_xlim(upper.get_xlim())
+    _finish(upper, lower)
+
+
+def _finish(upper: "Axes", lower: "Axes") -> None:
+    """Limits and names of the residuals, and the legend."""
+    lower.set_ylabel("residual [%]")
+    lower.axhline(0.0, color="0.6", lw=0.8)
+    limit = max((np.max(np.abs(line.get_ydata())) for line in lower.lines), default=1.0)
+    lower.set_ylim(-min(1.1 * limit, 100.0) - 0.1, min(1.1 * limit, 100.0) + 0.1)
     upper.legend(*_once(upper), frameon=False, fontsize="small")
 
 

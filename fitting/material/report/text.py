@@ -13,14 +13,44 @@ from suas_jax.config.quantities import format_quantity
 from suas_jax.config.schema_material import LAWS
 
 
-def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
+def print_report(report: dict[str, Any], fit: MaterialFit | None) -> None:
     """Print what was found.
 
     Args:
         report: the JSON of `suas fit material`.
-        fit: the fit it came from.
+        fit: the fit it came from; None where only a bulk modulus was fitted.
     """
     console = Console(highlight=False)
+    if fit is not None:
+        _print_law(console, report, fit)
+    if "bulk_modulus_Pa" in report:
+        _print_bulk_modulus(console, report)
+    for text in report["warnings"]:
+        console.print(f"[yellow]warning:[/] {escape(text)}")
+    if fit is not None and fit.family.law_name in LAWS:
+        console.print("\n" + card(fit.material(), "toml"), markup=False)
+
+
+def _print_bulk_modulus(console: Console, report: dict[str, Any]) -> None:
+    """The bulk modulus, its energy, and how closely it follows the tests."""
+    found, about, mode = (
+        report["bulk_modulus_Pa"],
+        report["volumetric"],
+        report["modes"]["volumetric"],
+    )
+    value, low, high = (_text(found[key], "Pa") for key in ("value", "low95", "high95"))
+    console.print(
+        f"bulk modulus {value} (95 %: {low} to {high}), energy {about['energy']}, "
+        f"{mode['n']} readings, relative RMS {100.0 * mode['relative_rms']:.3g} %"
+    )
+    if about["poisson_ratio"] is not None:
+        console.print(
+            f"Poisson's ratio {about['poisson_ratio']:.6f}; the law is fitted as if it were 1/2"
+        )
+
+
+def _print_law(console: Console, report: dict[str, Any], fit: MaterialFit) -> None:
+    """The law: constants, modes, comparison, and what the data leave open."""
     colour = "green" if fit.status == "converged" else "yellow"
     console.print(
         f"[{colour}]{fit.status}[/] {fit.family.title}: {report['starts_agreeing']} of the "
@@ -80,10 +110,6 @@ def print_report(report: dict[str, Any], fit: MaterialFit) -> None:
         console.print(f"[yellow]at a limit:[/] {escape(text)}")
     for text in report["unidentifiable"]:
         console.print(f"[yellow]not determined:[/] {escape(text)}")
-    for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {escape(text)}")
-    if fit.family.law_name in LAWS:
-        console.print("\n" + card(fit.material(), "toml"), markup=False)
 
 
 def _print_specimens(console: Console, found: dict[str, Any]) -> None:

@@ -1,0 +1,130 @@
+"""Quantities that a file of a material test may hold, and the names they go by."""
+
+from typing import NamedTuple
+
+
+class Quantity(NamedTuple):
+    """What a column can measure.
+
+    Attributes:
+        name: how this project calls it.
+        dimension: kind of unit; "area" is a length squared, "word" has none.
+        pattern: regular expression of its names, blanks as underscores.
+    """
+
+    name: str
+    dimension: str
+    pattern: str
+
+
+QUANTITIES = tuple(
+    Quantity(name, dimension, pattern)
+    for name, dimension, pattern in (
+        (
+            "cauchy_difference",
+            "stress",
+            r"(?:cauchy|true)_stress_difference_(?:22_minus_11|2_minus_1)",
+        ),
+        (
+            "cauchy_difference_reversed",
+            "stress",
+            r"(?:cauchy|true)_stress_difference_(?:11_minus_22|1_minus_2)",
+        ),
+        ("sigma_displacement", "length", r"(?:sigma|noise|uncertainty|std)_displacement"),
+        (
+            "sigma",
+            "stress",
+            r"(?:sigma|noise|uncertainty|std|stdev|standard_deviation|error)"
+            r"(?:_(?:nominal|cauchy|engineering|true))?(?:_stress)?"
+            r"(?:_(?:oil_)?pressure)?",
+        ),
+        ("nominal_shear", "stress", r"(?:nominal_|engineering_|cauchy_)?shear_stress"),
+        ("cauchy", "stress", r"(?:cauchy|true|kirchhoff)_?stress"),
+        ("second_pk", "stress", r"(?:second_piola_kirchhoff|pk2|2nd_pk|second_pk)(?:_stress)?"),
+        (
+            "nominal",
+            "stress",
+            r"(?:nominal|engineering|eng|first_piola_kirchhoff|pk1|1st_pk|first_pk|tensile"
+            r"|compressive|compression|standard)_?stress|pk1|first_piola_kirchhoff",
+        ),
+        ("stress", "stress", r"(?:axial_)?stress"),
+        (
+            "pressure",
+            "pressure",
+            r"(?:inflation_|gauge_|differential_|oil_|hydrostatic_|confining_|chamber_)?pressure|p",
+        ),
+        (
+            "force",
+            "force",
+            r"(?:axial_|standard_|tensile_|tension_|compressive_|compression_|test_|load_cell_)*"
+            r"(?:force|load)(?:_cell)?",
+        ),
+        ("time", "time", r"(?:test_|running_|total_|elapsed_)*time|t(?=_s$|_min$|$)"),
+        ("cycle", "number", r"(?:total_|elapsed_)?cycles?(?:_(?:count|number|no))?"),
+        (
+            "volume_ratio",
+            "number",
+            r"(?:relative_)?volume_(?:ratio|stretch)|relative_volume|v/v_?[0o]|jacobian|j",
+        ),
+        (
+            "volumetric_compression",
+            "number",
+            r"(?:volumetric|volume)_(?:compression|reduction|loss)"
+            r"|compressive_(?:volumetric|volume)_strain",
+        ),
+        (
+            "volumetric_strain",
+            "number",
+            r"(?:volumetric|volume|bulk)_strain|(?:relative_)?volume_change|dilatation|dv/v_?[0o]?",
+        ),
+        ("shear_angle", "angle", r"shear_angle"),
+        ("shear", "number", r"shear_strain|amount_of_shear|shear|gamma|γ"),
+        ("log_strain", "number", r"(?:log|true|hencky|logarithmic|natural|ln)_?strain"),
+        ("green_strain", "number", r"green(?:_lagrange)?_?strain"),
+        (
+            "strain",
+            "number",
+            r"(?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_"
+            r"|corrected_|extensometer_)*strain|elongation_percent|epsilon",
+        ),
+        ("stretch", "number", r"(?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam"),
+        (
+            "displacement",
+            "length",
+            r"(?:crosshead_|cross_head_|loads_0_|axial_|standard_|tensile_|compressive_|actuator_"
+            r"|corrected_|extensometer_|video_|machine_)*"
+            r"(?:displacement|extension|elongation|stroke|travel|deflection|crosshead"
+            r"|distance|position|extensometer)",
+        ),
+        (
+            "grip_separation",
+            "length",
+            r"(?:initial_)?(?:grip|jaw|clamp)(?:_to_(?:grip|jaw|clamp))?_(?:separation|distance"
+            r"|length)(?:_at_(?:the_)?start(?:_position)?)?|clamping_length",
+        ),
+        ("height", "length", r"(?:apex_|pole_|bulge_|dome_)?height|apex_displacement"),
+        (
+            "length",
+            "length",
+            r"(?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]",
+        ),
+        ("width", "length", r"(?:specimen_|initial_)?width(?:_[bw][0o]?)?|b0|w0"),
+        (
+            "thickness",
+            "length",
+            r"(?:specimen_|wall_|initial_|membrane_)?thickness(?:_[abht][0o]?)?|h0|t0",
+        ),
+        ("diameter", "length", r"(?:specimen_|initial_)?diameter(?:_d[0o]?)?|d0"),
+        ("rest_radius", "length", r"(?:initial|undeformed|reference|rest)_radius|r0"),
+        ("radius", "length", r"(?:current_|balloon_|membrane_|diaphragm_)?radius"),
+        (
+            "area",
+            "area",
+            r"(?:specimen_|initial_|cross_section(?:al)?_)*area(?:_[as][0o]?)?|cross_section|a0|s0",
+        ),
+        ("thickness_ratio", "number", r"thickness_ratio|h_over_r"),
+        ("weight", "number", r"weight"),
+        ("use", "word", r"use|mask|valid|include"),
+        ("specimen", "word", r"specimen|sample|specimen_id|sample_id"),
+    )
+)
