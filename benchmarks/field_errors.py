@@ -18,12 +18,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
 
-from benchmarks.inverse_load import NOISE, skin_of_40
+from benchmarks.inverse_load import NOISE, skin_of_40, with_thickness
 from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure, jit
-from suas_jax.config import SkinSpec, UncertainQuantity, continuous_inputs
+from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, skin_of
 
 REGION = 0.999
@@ -66,17 +66,6 @@ CASES = (
     Case("contacts 20 mm wide", {}, width=20e-3),
     Case("contacts 20 mm wide, no baseline", {}, baseline=False, width=20e-3),
 )
-
-
-def with_thickness(spec: SkinSpec, deviation: float | None) -> SkinSpec:
-    """The same skin with its thickness known to within a deviation [m]; None: not stated.
-
-    A skin whose file states one deviation, be it zero, has no default tolerances.
-    """
-    own = float(spec.geometry.thickness)
-    thickness = own if deviation is None else UncertainQuantity(own, deviation)
-    geometry = spec.geometry.model_copy(update={"thickness": thickness})
-    return spec.model_copy(update={"geometry": geometry})
 
 
 def drawn(loads: int, random: np.random.Generator) -> np.ndarray:

@@ -1,6 +1,6 @@
 """How fast loads are estimated: docs/inverse_load.md.
 
-    python benchmarks/inverse_load_speed.py [--live SECONDS]
+    python -m benchmarks.inverse_load_speed [--live SECONDS]
 
 1. single frames of a sliding contact, one after the other, as a stream gives them;
 2. a log of 10,000 frames in batches;
@@ -20,9 +20,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from inverse_load import SKIN, measured, skin_of_40
 from scipy.optimize import least_squares
 
+from benchmarks.inverse_load import SKIN, measured, skin_of_40
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure, jit
 from suas_jax.scene.forward import Loads, forward

@@ -224,9 +224,9 @@ def test_wall_contact_states_no_error(
     assert found.status == "wall_contact"
     assert found.wall_contact
     assert all(contact.covariance is None for contact in found.contacts)
-    # First contact of the lumped shell there is at 38.2 N.
-    assert found.at_least == pytest.approx(38.2, rel=0.02)
-    assert found.status_text.startswith("saturated by wall contact: at least 38")
+    # The corrected shell touches there at 38.1 N; 95 % sure is a little less.
+    assert 0.97 * 38.1 < found.at_least < 38.2
+    assert found.status_text.startswith("saturated by wall contact: at least 37")
 
 
 def test_errors_of_a_calibration_are_covered_as_stated(
@@ -538,6 +538,7 @@ def test_taxels_that_never_speak_are_named(folder: Path, estimator: LoadEstimato
     assert "taxels 0.40 have no count in any frame" in note
 
 
+@pytest.mark.long
 def test_posterior_agrees_with_the_covariance(
     study: ModuleType, estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:

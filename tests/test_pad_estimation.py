@@ -10,29 +10,32 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
+from fitting.force_range.pad import range_from_table
 from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
+from fitting.inverse_load.pad.columns import LEVELS, Columns
+from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.solved import READ
 from fitting.inverse_load.pad.spline import TensorSpline
-from fitting.inverse_load.pad.table import (
-    LEVELS,
-    Columns,
-    PadTable,
-    build_pad_table,
-    mirror_images,
-)
+from fitting.inverse_load.pad.table import PadTable
+from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table
+from fitting.inverse_load.posterior import frame_posterior, likely_modes
+from fitting.inverse_load.report.posterior_text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.shapes import pad_deformations
+from fitting.statistics.posterior import Settings
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.runtime import compiled
 from suas_jax.runtime.compiled import COMPILED
@@ -98,7 +101,7 @@ def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> PadSkin:
 
 @pytest.fixture(scope="module")
 def table(skin: PadSkin) -> PadTable:
-    return build_pad_table(skin, DIAMETER, spacing=14e-3, probes_at=(3, 3))
+    return build_pad_table(skin, DIAMETER, PadResolution(ELEMENTS, 14e-3, (3, 3)))
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +178,22 @@ def test_mirrored_quarters_are_what_a_solve_says(table: PadTable, solved: Solve)
     np.testing.assert_allclose(found[:, -1], pressure, rtol=2e-4)
 
 
+def test_workers_solve_what_this_process_does(
+    skin: PadSkin, solved: Solve, contacts: np.ndarray
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    images, where = mirror_images(skin)
+    few = contacts[:6]  # more than a worker is sent at once
+    done: list[int] = []
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as client:
+        columns = Columns(images, DIAMETER, lambda k, _: done.append(k), MANY, client)
+        found = columns.solve(few[:, :2], few[:, 2], LEVELS[LEVELS != 0])
+    assert done[-1] == len(few)
+    np.testing.assert_allclose(found.so[:, -1, where[0]], solved(few)[0], rtol=1e-12)
+
+
 def test_slopes_of_the_interpolant_are_its_own(table: PadTable) -> None:
     wider = dataclasses.replace(table, diameter=2 * DIAMETER, u=1.01 * table.u)
     between = dataclasses.replace(table, diameter=1.5 * DIAMETER, u=1.004 * table.u)
@@ -208,6 +227,32 @@ def test_single_contacts_reach_their_bound(
     assert 0.85 < np.mean([e.chi2_per_dof for e in found]) < 1.15
 
 
+def test_the_range_of_a_pad_is_the_bound_of_its_readings(
+    estimator: LoadEstimator, skin: PadSkin, table: PadTable
+) -> None:
+    fitter = estimator.selection.fitter
+    assert isinstance(fitter, PadFitter)
+    radius, taxels = float(skin.geometry.outer_radius[0]), np.zeros((0, 2))
+    found = range_from_table(table, radius, taxels, (5, 3), 2.0)
+    place = found.angle[3], found.axial[1]
+    # The inverse of the information that the estimator's own weights and slopes hold.
+    own = fitter.interpolant(np.array([[*place, found.force[3, 1, 6]]]), 1)
+    weight = estimator.weigh(own.readings[:, :-1])[1][0, :-1]
+    jacobian = own.jacobian[0, :, :-1]
+    covariance = np.linalg.inv((jacobian * weight) @ jacobian.T)
+    np.testing.assert_allclose(found.error[:, 3, 1, 6], np.sqrt(np.diag(covariance)), rtol=1e-6)
+    # A contact is told from where its force is five times its error.
+    told = found.smallest[3, 1]
+    slopes = fitter.interpolant(np.array([[*place, told]]), 1).jacobian[0, :, :-1]
+    spread = np.sqrt(np.linalg.inv(slopes @ slopes.T * weight.max())[2, 2])
+    assert spread == pytest.approx(0.2 * told, rel=0.1)
+    # The wall is where a solved state has no gap left.
+    columns = Columns(mirror_images(skin)[0], DIAMETER, lambda *_: None, MANY)
+    touch = np.array([found.first_contact[3, 1]])
+    (gap,) = columns.solve(np.array([place]), touch, LEVELS[LEVELS != 0]).min_gap[:, -1]
+    assert abs(gap) < 0.05 * float(skin.geometry.oil_gap[0])
+
+
 def test_measured_pressure_adds_to_the_force(
     estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -219,6 +264,25 @@ def test_measured_pressure_adds_to_the_force(
         spread = b.contacts[0].deviation("force")
         assert spread < a.contacts[0].deviation("force")
         assert abs(b.contacts[0].force - true[2]) < 4 * spread
+
+
+def test_posterior_agrees_with_the_covariance(
+    estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
+) -> None:
+    so, pressure = noisy(singles[0][0], 5), float(singles[1][0])
+    settings = Settings(steps=1500, walkers=16)
+    (mode,) = frame_posterior(estimator, so, settings=settings, pressure=pressure)
+    assert mode.probability > 0.99
+    assert mode.chain is not None
+    spread = np.sqrt(np.diag(mode.covariance))
+    np.testing.assert_allclose(mode.chain.samples.std(0), spread, rtol=0.25)
+    shift = (mode.chain.samples.mean(0) - mode.parameters) / spread
+    np.testing.assert_allclose(shift, 0.0, atol=0.3)
+    shown = posterior_json([mode])["modes"][0]["loads"][0]
+    assert shown["axial_m"]["mean"] == pytest.approx(mode.parameters[1], abs=1e-3)
+    # The measured pressure is part of what is known of the force.
+    without, _ = likely_modes(estimator, *estimator.weigh(so[None]))
+    assert mode.covariance[2, 2] < covariance_of(without, 3)[0, 2, 2]
 
 
 def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: PadSkin) -> None:
@@ -237,6 +301,29 @@ def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: PadSkin) ->
             assert contact.covariance is not None
             off = np.array([contact.angle, contact.axial, contact.force]) - place
             assert off @ np.linalg.solve(contact.covariance, off) < 25
+
+
+def test_a_direction_is_estimated_as_well_as_the_readings_tell(
+    estimator: LoadEstimator, spec: SkinSpec
+) -> None:
+    free = LoadEstimator(spec, direction=True, diameter=DIAMETER, most_contacts=1)
+    assert free.names == ("angle", "axial", "force", "direction", "tilt")
+    true = np.array([-0.3, 0.012, 14.0, 0.35, -0.3])
+    fitter = free.selection.fitter
+    assert isinstance(fitter, PadFitter)
+    solved = fitter.correction(true, 1)
+    so = fitter.interpolant(true[None], 1, solved).readings[:, :-1]
+    (found,) = free.estimate(noisy(so, 3))
+    (contact,) = found.contacts
+    assert contact.covariance is not None
+    off = np.array([getattr(contact, name) for name in free.names]) - true
+    assert off @ np.linalg.solve(contact.covariance, off) < chi2.ppf(0.999, 5)
+    turn = contact.deviation("direction")
+    assert turn < np.deg2rad(4)
+    assert contact.deviation("tilt") > turn  # along the axis the membrane is stiffer
+    # Radial forces don't explain it, or elsewhere: the readings do tell a direction.
+    (radial,) = estimator.estimate(noisy(so, 3))
+    assert radial.chi2_per_dof > 1.3 * found.chi2_per_dof
 
 
 def test_faulty_taxels_are_left_out(
@@ -285,6 +372,22 @@ def test_a_right_skin_file_is_not_suspected(
     verdict = model_verdict(estimator, so, faulty, singles[1], estimates)
     assert verdict is not None
     assert verdict.right
+
+
+def test_at_the_wall_a_force_that_acts_at_least_is_stated(
+    estimator: LoadEstimator, table: PadTable, solved: Solve
+) -> None:
+    # Beyond first contact the wall takes the rest: the readings are those of first contact.
+    place = np.array([0.2, 0.01])
+    (touch,) = table.first_contact_at(*place[:, None])
+    (found,) = estimator.estimate(noisy(solved(np.array([[*place, touch]]))[0], 8))
+    assert found.wall_contact
+    assert found.status == "wall_contact"
+    assert found.at_least is not None
+    assert 0.6 * touch < found.at_least < touch
+    (contact,) = found.contacts
+    assert contact.covariance is None
+    assert contact.angle == pytest.approx(place[0], abs=0.01)
 
 
 def test_a_pull_is_named(estimator: LoadEstimator, solved: Solve) -> None:
@@ -346,7 +449,6 @@ def test_json_of_a_log(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--direction"], "directions"),
         (["--diameter", "6"], "--diameter"),
         (["--diameter", "90 mm"], "diameter"),
         (["--pressure-noise", "0 Pa"], "pressure_noise"),

@@ -120,6 +120,7 @@ def test_a_killed_run_resumes_to_the_same_chain(tmp_path: pathlib.Path) -> None:
         sample(normal, START, NAMES, Settings(chain=path), key=b"other")
 
 
+@pytest.mark.long
 def test_devices_share_the_ensemble() -> None:
     program = (
         "import jax; jax.config.update('jax_enable_x64', True)\n"
@@ -143,29 +144,28 @@ def test_devices_share_the_ensemble() -> None:
 
 CLUSTER = """
 import os, pathlib, signal, sys, threading, time, json
-from fitting.material.many import calibrate_all, connect, load_jobs
+from fitting.dask_client import dask_client
+from fitting.material.many import calibrate_all, load_jobs
 
 def main():
     results = pathlib.Path(sys.argv[2])
-    client = connect(None, 2)
-    workers = list(client.run(os.getpid).values())
-    assert len(set(workers)) == 2
-    killed = []
-    def kill(done, total, name):
-        if not killed:
-            os.kill(workers[0], signal.SIGKILL)
-            killed.append(name)
-    calibrate_all(load_jobs(pathlib.Path(sys.argv[1])), results, client, kill)
-    assert killed
-    cluster = client.cluster
-    client.close()
-    cluster.close()
+    with dask_client(2) as client:
+        workers = list(client.run(os.getpid).values())
+        assert len(set(workers)) == 2
+        killed = []
+        def kill(done, total, name):
+            if not killed:
+                os.kill(workers[0], signal.SIGKILL)
+                killed.append(name)
+        calibrate_all(load_jobs(pathlib.Path(sys.argv[1])), results, client, kill)
+        assert killed
 
 if __name__ == "__main__":
     main()
 """
 
 
+@pytest.mark.long
 def test_a_lost_worker_neither_loses_nor_repeats_results(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("distributed")
     data = ROOT / "configs" / "data" / "treloar1944_uniaxial.csv"

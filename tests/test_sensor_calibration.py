@@ -17,7 +17,7 @@ from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.logs.data import NoCalibration, load_sensor_data
 from fitting.sensor.report.skin_file import calibrated_skin
-from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 
 ROOT = Path(__file__).parent.parent
 SKIN = ROOT / "configs/skins/suas.toml"
@@ -131,6 +131,7 @@ def test_coverage_on_seeded_experiments(reference: SensorFit) -> None:
     assert np.all(((z**2).sum(0) > 4.5) & ((z**2).sum(0) < 34.5))
 
 
+@pytest.mark.long
 def test_known_force_and_joint_material(truth: dict, tmp_path: Path) -> None:
     """Material and electrical constants at once; what plane strain hides is said."""
     log = write_log(tmp_path / "a.csv", truth["so"], known(truth, "force"))
@@ -163,6 +164,21 @@ def test_one_static_log_determines_the_ratio_only(truth: dict, tmp_path: Path) -
     permittivity, spread = value(fit, "relative_permittivity")
     assert abs(permittivity - PERMITTIVITY) < 2 * spread
     assert not np.isfinite(fit.alone).any()
+
+
+def test_an_open_constant_has_the_tolerance_of_the_skin_file(
+    truth: dict, tmp_path: Path
+) -> None:
+    rest = np.repeat(truth["so"][:, :1], 300, 1)
+    log = write_log(tmp_path / "a.csv", rest)
+    spec = load_skin(SKIN)
+    for deviation, wanted in ((1e-4, 1e-4), (0.0, 1e-6 * spec.geometry.oil_gap)):
+        gap = UncertainQuantity(spec.geometry.oil_gap, deviation)
+        geometry = spec.geometry.model_copy(update={"oil_gap": gap})
+        stated = spec.model_copy(update={"geometry": geometry})
+        fit = fit_sensor(load_sensor_data(stated, [log]))
+        assert fit.priors["oil_gap"].sd == pytest.approx(wanted)
+        assert value(fit, "oil_gap")[1] == pytest.approx(wanted, rel=1e-3)
 
 
 def test_air_adds_the_gap(truth: dict, tmp_path: Path) -> None:
@@ -231,6 +247,7 @@ def test_drift_is_taken_out(truth: dict, reference: SensorFit, tmp_path: Path) -
     assert error < 5e-3 * GAP
 
 
+@pytest.mark.long
 def test_posterior_agrees_with_the_bound(reference: SensorFit) -> None:
     """Two well-known constants: the posterior is the Gaussian of the least squares."""
     from fitting.sensor.fit.posterior import sample_sensor
@@ -243,6 +260,7 @@ def test_posterior_agrees_with_the_bound(reference: SensorFit) -> None:
         assert report["standard_deviations"][name] == pytest.approx(error, rel=0.15)
 
 
+@pytest.mark.long
 def test_gaps_of_single_taxels(truth: dict, reference: SensorFit, tmp_path: Path) -> None:
     """Electrodes at different heights, and what a pair of log and skin file says of them."""
     data = load_sensor_data(

@@ -1,15 +1,21 @@
 """`suas range`: where a skin's range of forces ends."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.pad_options import Workers, pad_settings
 from fitting.cli.progress import spinner
 from fitting.cli.solve import AsJson, Plot
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
+
+if TYPE_CHECKING:
+    from fitting.force_range.bound import ForceRange
+    from fitting.force_range.pad import PadForceRange
 
 
 def register(app: typer.Typer) -> None:
@@ -23,6 +29,14 @@ def find_range(
     angles: Annotated[
         int, typer.Option(min=1, help="How many angles, from clamp to clamp.")
     ] = 17,
+    axials: Annotated[
+        int, typer.Option(min=1, help="On a pad: how many places along the axis.")
+    ] = 11,
+    diameter: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="On a pad: of the contact; default 6 mm."),
+    ] = None,
+    workers: Workers = None,
     noise: Annotated[
         float | None,
         typer.Option(help="Standard deviation of a reading, in counts; else the skin file's."),
@@ -31,6 +45,8 @@ def find_range(
     overwrite: Overwrite = False,
 ) -> None:
     """Find where loads reach the wall, and where a force can no longer be told.
+
+    On a pad: of a round contact, over the pad, with the least errors of its place and force.
 
     Exit status: 0 done, 2 bad input.
     """
@@ -43,45 +59,99 @@ def find_range(
 
             check_figure_file(plot)
         check_outputs([plot], overwrite=overwrite)
+        settings = pad_settings(diameter, None, workers)
         with spinner("finding the range") as show:
             from suas_jax.runtime.settings import configure
 
             configure()
-            from fitting.force_range.bound import force_range
+            if spec.geometry.dimension == 3:
+                from fitting.force_range.figure import plot_pad_range
+                from fitting.force_range.pad import pad_force_range
 
-            found = force_range(spec, angles, noise, show)
-            if plot is not None:
+                if diameter == "free":
+                    raise ValueError("--diameter free: a length is needed")
+                on_pad = pad_force_range(
+                    spec,
+                    (angles, axials),
+                    noise,
+                    progress=show,
+                    **settings,  # type: ignore[arg-type]
+                )
+                if plot is not None:
+                    plot_pad_range(on_pad, plot)
+                report, table = on_pad.report(), _pad_rows(on_pad)
+                where = "in the middle of the pad; --plot and --json show all of it"
+            else:
+                from fitting.force_range.bound import force_range
                 from fitting.force_range.figure import plot_range
 
-                plot_range(found, plot)
+                if settings:
+                    raise ValueError("--diameter and --workers are for pads")
+                found = force_range(spec, angles, noise, show)
+                if plot is not None:
+                    plot_range(found, plot)
+                report, table, where = found.report(), _section_rows(found), None
     if as_json:
-        typer.echo(json_text(found.report()))
+        typer.echo(json_text(report))
         return
     from rich.console import Console
     from rich.table import Table
 
-    console = Console(markup=False)  # which would swallow the units in brackets
-    table = Table(
-        "angle [deg]",
-        "first contact [N]",
-        "oil [kPa]",
-        "told from [N]",
-        "told to [N]",
-        "a taxel saturates at [N]",
-    )
-    for row in found.report()["angles"]:
-        contact = row["first_contact"] or {"force_N": None, "oil_pressure_Pa": None}
-        pressure = contact["oil_pressure_Pa"]
-        table.add_row(
-            f"{row['angle_deg']:.1f}",
-            _shown(contact["force_N"]),
-            _shown(None if pressure is None else 1e-3 * pressure),
-            _shown(row["smallest_force_told_N"]),
-            _shown(row["largest_force_told_N"]),
-            _shown(row["saturation_force_N"]),
+    # Markup would swallow the units in brackets.
+    shown = Table(*table[0], caption=where)
+    for row in table[1:]:
+        shown.add_row(*row)
+    Console(markup=False).print(shown)
+
+
+def _section_rows(found: "ForceRange") -> list[list[str]]:
+    """What a person wants to see of a section: names of the columns, then a row an angle."""
+    rows = [
+        [
+            "angle [deg]",
+            "first contact [N]",
+            "oil [kPa]",
+            "told from [N]",
+            "told to [N]",
+            "a taxel saturates at [N]",
+        ]
+    ]
+    for i, angle in enumerate(found.angle):
+        values = (
+            found.first_contact[i],
+            1e-3 * found.oil_pressure[i],
+            found.smallest[i],
+            found.largest[i],
+            found.saturation[i],
         )
-    console.print(table)
+        rows.append([f"{np.rad2deg(angle):.1f}", *(_shown(x) for x in values)])
+    return rows
 
 
-def _shown(value: float | None) -> str:
-    return "–" if value is None or value != value else f"{value:.4g}"
+def _pad_rows(found: "PadForceRange") -> list[list[str]]:
+    """The same of a pad, halfway between its ends."""
+    force, middle = found.reference, int(np.abs(found.axial).argmin())
+    rows = [
+        [
+            "angle [deg]",
+            "first contact [N]",
+            "oil [kPa]",
+            "told from [N]",
+            f"place at {force:g} N [mm]",
+            f"force at {force:g} N [%]",
+        ]
+    ]
+    for i, angle in enumerate(found.angle):
+        values = (
+            found.first_contact[i, middle],
+            1e-3 * found.oil_pressure[i, middle],
+            found.smallest[i, middle],
+            1e3 * found.position_error[i, middle, -1],
+            100 * found.error[2, i, middle, -1] / force,
+        )
+        rows.append([f"{np.rad2deg(angle):.1f}", *(_shown(x) for x in values)])
+    return rows
+
+
+def _shown(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "–"

@@ -8,6 +8,7 @@ import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
+from fitting.cli.pad_options import Workers, pad_settings
 from fitting.cli.progress import bar, spinner
 from fitting.json_text import json_text
 from suas_jax.files.reading import check_readable
@@ -77,6 +78,7 @@ def invert(
             "used, such as '5 Pa'.",
         ),
     ] = None,
+    workers: Workers = None,
     noise: Annotated[
         float | None,
         typer.Option(metavar="COUNTS", help="Standard deviation; default: the skin file's."),
@@ -147,7 +149,7 @@ def invert(
                     live=live is not None,
                     model_error=model_error,
                     follow_drift=baseline is not None,
-                    **_on_pads(diameter, pressure_noise),
+                    **pad_settings(diameter, pressure_noise, workers),
                 )
             if estimator.input_errors.text:
                 _say(estimator.input_errors.text)
@@ -179,24 +181,6 @@ def invert(
 
             with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
-
-
-def _on_pads(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
-    """What is known of contacts and pressure on a pad, from options to SI units."""
-    from suas_jax.config.quantities import parse_quantity
-
-    option = "--diameter"
-    settings: dict[str, float | None] = {}
-    try:
-        if diameter is not None:
-            free = diameter == "free"
-            settings["diameter"] = None if free else parse_quantity(diameter, "length")
-        if pressure_noise is not None:
-            option = "--pressure-noise"
-            settings["pressure_noise"] = parse_quantity(pressure_noise, "pressure")
-    except ValueError as error:
-        raise ValueError(f"{option}: {error}") from None
-    return settings
 
 
 def _say(text: str) -> None:
@@ -265,8 +249,6 @@ def _offline(
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
         _say(f"{log}: {note}")
-    if posterior is not None and estimator.spec.geometry.dimension == 3:
-        raise ValueError("--posterior: not available on a pad; see the covariances")
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
         estimates = estimator.estimate(
@@ -342,6 +324,12 @@ def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "li
         )
     i = int(frames[0])
     try:
-        return frame_posterior(estimator, readings.so[i], readings.stuck[i], progress=_say)
+        return frame_posterior(
+            estimator,
+            readings.so[i],
+            readings.stuck[i],
+            progress=_say,
+            pressure=float("nan") if readings.pressure is None else readings.pressure[i],
+        )
     except ValueError as error:
         raise ValueError(f"--posterior {seq}: {error}") from None

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.fit.covariance import inverse
 from suas_jax.config import SkinSpec
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
@@ -222,21 +223,19 @@ def _first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
     return np.where(lost, np.nan, high), np.where(lost, np.nan, pressure)
 
 
-def least_errors(jacobian: Floats, weight: Floats) -> tuple[Floats, Floats]:
-    """Least standard deviations of two parameters by the bound of Cramer and Rao.
+def least_errors(jacobian: Floats, weight: Floats) -> Floats:
+    """Least standard deviations [parameter, ...] by the bound of Cramer and Rao.
 
     Args:
         jacobian: derivatives of the readings [parameter, taxel, ...].
         weight: inverse variances of the readings [taxel, ...].
     """
     information = np.einsum("at...,bt...,t...->ab...", jacobian, jacobian, weight)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = np.sqrt(information[0, 0]), np.sqrt(information[1, 1])
-        share = information[0, 1] / (first * second)
-        left = np.sqrt(1 - share**2)
-        errors = 1 / (first * left), 1 / (second * left)
-    known = [np.where(np.isfinite(x), x, np.inf) for x in errors]
-    return known[0], known[1]
+    rows = np.moveaxis(information, (0, 1), (-2, -1))
+    size = len(jacobian)
+    covariance = inverse(rows.reshape(-1, size, size)).reshape(rows.shape)
+    variance = np.moveaxis(np.diagonal(covariance, axis1=-2, axis2=-1), -1, 0)
+    return np.sqrt(np.where(variance > 0, variance, np.inf))
 
 
 @eqx.filter_jit

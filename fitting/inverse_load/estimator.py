@@ -10,14 +10,15 @@
 
 Readings are compared with the skin's own model in counts. A reading's variance is the
 converter's noise, its rounding (1/12), a baseline's own error, and the model's error: the
-lumped shell is within MODEL_ERROR of the continuum, in terms of the change from rest. What the
-skin file's own numbers leave open (`suas_jax.config.input_errors`) is the same in all frames.
+corrected shell is within MODEL_ERROR of the continuum, in terms of the change from rest. What
+the skin file's own numbers leave open (`suas_jax.config.input_errors`) is the same in all
+frames.
 """
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,16 @@ from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import without_errors
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.section import section_parts
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
 from suas_jax.runtime.compiled import COMPILED
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.pad.table_build import PadResolution
 
 __all__ = ["FULL_SCALE", "MODEL_ERROR", "STATUS", "Contact", "LoadEstimate", "LoadEstimator"]
 
@@ -74,6 +79,9 @@ class LoadEstimator:
         pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
         follow_drift: follow the readings at rest in frames without contact, where their times
             are given; in plane strain, with a baseline.
+        workers: that solve a pad's table: a number of local processes, or a Dask scheduler's
+            address; None: this process, on all cores.
+        resolution: of a pad's table; None: fine enough for thin membranes.
 
     Raises:
         ValueError: an argument or the skin's electrodes can't be used.
@@ -92,6 +100,8 @@ class LoadEstimator:
     diameter: float | None = DIAMETER
     pressure_noise: float = float("inf")
     follow_drift: bool = False
+    workers: int | str | None = None
+    resolution: "PadResolution | None" = None
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
     table: Any = field(init=False)
@@ -130,15 +140,19 @@ class LoadEstimator:
     def _make_parts(self) -> EstimationParts:
         if self.spec.geometry.dimension == 3:
             from fitting.inverse_load.pad.parts import pad_parts
+            from fitting.inverse_load.pad.table_build import FINE
 
             parts, self.skin, self.table = pad_parts(
                 self.spec,
                 self.input_errors,
                 diameter=self.diameter,
+                direction=self.direction,
                 live=self.live,
                 most_contacts=self.most_contacts,
                 from_rest=self.rest is not None,
                 progress=self.progress,
+                workers=self.workers,
+                resolution=self.resolution or FINE,
             )
             return parts
         parts, self.skin, self.table = section_parts(
@@ -171,14 +185,16 @@ class LoadEstimator:
             raise ValueError(
                 "diameter and pressure_noise are for pads; this skin is in plane strain"
             )
+        elif self.workers is not None:
+            raise ValueError(
+                "workers solve the tables of pads; that of a skin in plane strain takes seconds"
+            )
         if self.model_error is None:
             self.model_error = PAD_MODEL_ERROR if pad else MODEL_ERROR
         if not (np.isfinite(self.model_error) and self.model_error >= 0):
             raise ValueError(f"model_error = {self.model_error:g}: zero or more is needed")
 
     def _check_pad(self) -> None:
-        if self.direction:
-            raise ValueError("directions of contacts on a pad can't be freed: they are radial")
         if self.diameter is not None and not 0 < self.diameter < self.spec.geometry.width / 4:
             raise ValueError(
                 f"diameter = {self.diameter:g} m: a length above zero and below a quarter of "
@@ -213,6 +229,11 @@ class LoadEstimator:
     def names(self) -> tuple[str, ...]:
         """What is estimated of a contact, in the order of its covariance."""
         return tuple(self._parts.fitter.parameters.names)
+
+    @property
+    def posterior(self) -> AbstractLoadPosterior:
+        """What sampling a frame's loads needs of the skin."""
+        return self._parts.posterior
 
     @property
     def model_rest(self) -> NDArray[np.float64]:

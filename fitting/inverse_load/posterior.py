@@ -7,7 +7,7 @@ probabilities are ratios of evidence by Laplace's approximation::
 
     Z = exp(-chi2 / 2) (2 pi)^(p/2) sqrt(det C) k! / V^k
 
-with the prior even over angle, force and (where free) direction: V is their volume, and k
+with the prior even over place, force and (where free) direction: V is their volume, and k
 contacts can't be told by their order. What a calibration leaves open is not in it.
 """
 
@@ -16,27 +16,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from fitting.inverse_load.estimate.load_array import FIELDS
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
-from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
-from fitting.inverse_load.model.evaluation import loads_from
-from fitting.inverse_load.search.nearest import APART
+from fitting.inverse_load.fit.explanation import Explanations
 from fitting.statistics.chain import Posterior
 from fitting.statistics.laplace import Gaussian
 from fitting.statistics.posterior import Settings, sample
-from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.equilibrium import equilibrium
 
 PROBABLE = 0.01
 """Modes less probable than this are neither sampled nor reported."""
 _SINGLE_STARTS = 4
 _WORTH_FITTING = 60.0  # chi2, on the table, above its smallest
-_SAME = np.deg2rad(1.0)  # modes whose contacts lie closer than this are one
 _FELT = 2.0  # standard deviations of a force that is there
 _STEPS = 6000
 
@@ -47,7 +41,8 @@ class LoadMode:
 
     Attributes:
         contacts: their number.
-        parameters: of the fit: all angles [rad], all forces [N], all directions [rad].
+        names: of a contact's parameters.
+        parameters: of the fit, all of a name together [rad], [m], [N].
         covariance: of the fit.
         chi2: of the fit.
         probability: of this mode.
@@ -57,6 +52,7 @@ class LoadMode:
     """
 
     contacts: int
+    names: tuple[str, ...]
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
     chi2: float
@@ -72,6 +68,8 @@ def frame_posterior(
     faulty: NDArray[np.bool_] | None = None,
     settings: Settings | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    *,
+    pressure: float = float("nan"),
 ) -> list[LoadMode]:
     """Sample what one frame's readings say about its loads.
 
@@ -81,6 +79,7 @@ def frame_posterior(
         faulty: taxels to leave out [taxel].
         settings: of the sampler.
         progress: called with what is being done.
+        pressure: measured of the oil [Pa], on a pad; NaN where it was not.
 
     Returns:
         Its modes, the most probable first.
@@ -89,17 +88,19 @@ def frame_posterior(
         ValueError: nothing touches the skin, or nothing explains the frame.
     """
     faulty = None if faulty is None else faulty[None]
-    estimate = estimator.estimate(so[None], faulty)[0]
+    measured = np.array([pressure])
+    estimate = estimator.estimate(so[None], faulty, pressure=measured)[0]
     if not estimate.contacts or estimate.wall_contact:
         raise ValueError(f"there is no load to sample in this frame: {estimate.status}")
-    y, weight = estimator.weigh(so[None], faulty)
+    y, weight = estimator.weigh(so[None], faulty, measured)
     weight[0, list(estimate.left_out)] = 0.0
     found, probability = likely_modes(estimator, y, weight)
     modes: list[LoadMode] = []
     for i in np.flatnonzero(probability >= PROBABLE):
         one = found.rows(np.array([i]))
-        progress(f"sampling mode {len(modes) + 1}: {int(one.contacts[0])} contacts")
-        kind = "best" if not modes else _kind(modes[0], one)
+        count = int(one.contacts[0])
+        progress(f"sampling mode {len(modes) + 1}: {count} contact{'s' * (count > 1)}")
+        kind = "best" if not modes else _kind(estimator, modes[0], one)
         modes.append(_sampled(estimator, y, one, float(probability[i]), kind, settings))
     return modes
 
@@ -111,34 +112,33 @@ def likely_modes(
 
     Args:
         estimator: of the skin.
-        y: readings as the model has them [1, taxel], see `LoadEstimator.weigh`.
-        weight: their inverse variances [1, taxel].
+        y: readings as the model has them [1, channel], see `LoadEstimator.weigh`.
+        weight: their inverse variances [1, channel].
 
     Raises:
         ValueError: the readings determine no load.
     """
-    selection, fitter = estimator.selection, _section_fitter(estimator)
+    selection = estimator.selection
+    fitter, search = selection.fitter, selection.nodes
     per_contact = fitter.per_contact
     best, _ = selection.explain(y, weight)
-    nodes = _single_starts(estimator, y, weight)
+    nodes = search.minima(y[0], weight[0], _SINGLE_STARTS, _WORTH_FITTING)
     ys, weights = (np.repeat(x, len(nodes), 0) for x in (y, weight))
-    start = selection.nodes.near(ys, weights, nodes)
-    fits = [best, fitter.fit(ys, weights, start, estimator.table.start(nodes), 1)]
+    start = search.near(ys, weights, nodes)
+    fits = [best, fitter.fit(ys, weights, start, search.states(nodes), 1)]
     if selection.most_contacts > 1 and (weight > 0).sum() > 2 * per_contact:
         pairs = selection.pairs.of_two(y[0], weight[0])
         if pairs:
             ys, weights = (np.repeat(x, len(pairs), 0) for x in (y, weight))
-            state = estimator.table.start(np.array([node for _, node in pairs]))
+            state = search.states(np.array([node for _, node in pairs]))
             fits.append(fitter.fit(ys, weights, np.array([p for p, _ in pairs]), state, 2))
-    cap = 3 * estimator.table.forces[:, -1].max()
-    volume = 2 * fitter.edge * cap * (np.pi if per_contact == 3 else 1.0)
     rows: list[tuple[float, Explanations]] = []
     for fit in fits:
         for i in range(len(fit)):
             one = fit.rows(np.array([i]))
-            known = any(_same(one, other) for _, other in rows)
-            if np.isfinite(one.chi2[0]) and _distinct(one, per_contact) and not known:
-                rows.append((_log_evidence(one, per_contact, volume), one))
+            known = any(_same(estimator, one, other) for _, other in rows)
+            if np.isfinite(one.chi2[0]) and _distinct(estimator, one) and not known:
+                rows.append((_log_evidence(estimator, one), one))
     rows.sort(key=lambda row: -row[0])
     if not rows:
         raise ValueError("the readings determine no load")
@@ -150,70 +150,43 @@ def likely_modes(
     return whole, probability / probability.sum()
 
 
-def _section_fitter(estimator: LoadEstimator) -> LoadFitter:
-    """The fitter of a skin in plane strain.
-
-    Raises:
-        ValueError: the skin is a pad.
-    """
-    fitter = estimator.selection.fitter
-    if not isinstance(fitter, LoadFitter):
-        raise ValueError("posteriors are sampled in plane strain only; see the covariances")
-    return fitter
-
-
-def _single_starts(estimator: LoadEstimator, y: Any, weight: Any) -> NDArray[np.intp]:
-    """Nodes at the table's lowest minima along the angle."""
-    search, table = estimator.selection.nodes, estimator.table
-    forces = table.forces.shape[1]
-    cost = search.costs(y, weight).reshape(-1, forces)
-    lowest = cost.min(1)
-    chosen: list[int] = []
-    limit = lowest.min() + _WORTH_FITTING
-    while len(chosen) < _SINGLE_STARTS and lowest.min() < limit:
-        k = int(lowest.argmin())
-        chosen.append(k * forces + int(cost[k].argmin()))
-        lowest[np.abs(table.angles - table.angles[k]) < APART] = np.inf
-    return np.array(chosen)
-
-
-def _log_evidence(one: Explanations, per_contact: int, volume: float) -> float:
-    count = int(one.contacts[0])
+def _log_evidence(estimator: LoadEstimator, one: Explanations) -> float:
+    count, per_contact = int(one.contacts[0]), estimator.selection.fitter.per_contact
     width = per_contact * count
     covariance = covariance_of(one, per_contact)[0, :width, :width]
     log_det = float(np.linalg.slogdet(covariance)[1])
     spread = (width * math.log(2 * math.pi) + log_det) / 2
-    prior = count * math.log(volume) - math.log(math.factorial(count))
+    prior = count * math.log(estimator.posterior.volume) - math.log(math.factorial(count))
     # A mode can't be wider than its prior.
     return -float(one.chi2[0]) / 2 + min(spread - prior, 0.0)
 
 
-def _distinct(one: Explanations, per_contact: int) -> bool:
+def _distinct(estimator: LoadEstimator, one: Explanations) -> bool:
     """Whether every contact is one of its own: apart from the others, and with a force."""
-    count = int(one.contacts[0])
-    angle, force = one.parameters[0, :count], one.parameters[0, count : 2 * count]
-    covariance = covariance_of(one, per_contact)[0]
-    spread = np.sqrt(np.maximum(np.diag(covariance)[count : 2 * count], 0.0))
-    apart = np.diff(np.sort(angle))
-    bounded = np.isfinite(covariance[: count * per_contact, : count * per_contact]).all()
-    felt = count == 1 or bool((np.abs(force) > _FELT * spread).all())
-    return bool(bounded and felt and (apart > APART / 2).all())
+    parameters, count = estimator.selection.fitter.parameters, int(one.contacts[0])
+    forces = parameters.rows("force", count)
+    covariance = covariance_of(one, parameters.per_contact)[0]
+    spread = np.sqrt(np.maximum(np.diag(covariance)[forces], 0.0))
+    width = count * parameters.per_contact
+    bounded = np.isfinite(covariance[:width, :width]).all()
+    felt = count == 1 or bool((np.abs(one.parameters[0, forces]) > _FELT * spread).all())
+    apart = estimator.posterior.apart(estimator.posterior.places(one.parameters[0], count))
+    return bool(bounded and felt and apart)
 
 
-def _same(a: Explanations, b: Explanations) -> bool:
-    count = int(a.contacts[0])
+def _same(estimator: LoadEstimator, a: Explanations, b: Explanations) -> bool:
+    posterior, count = estimator.posterior, int(a.contacts[0])
     if count != int(b.contacts[0]):
         return False
-    apart = np.sort(a.parameters[0, :count]) - np.sort(b.parameters[0, :count])
-    return bool((np.abs(apart) < _SAME).all())
+    return posterior.same(*(posterior.places(x.parameters[0], count) for x in (a, b)))
 
 
-def _kind(best: LoadMode, one: Explanations) -> str:
-    count = int(one.contacts[0])
+def _kind(estimator: LoadEstimator, best: LoadMode, one: Explanations) -> str:
+    posterior, count = estimator.posterior, int(one.contacts[0])
     if count != best.contacts:
         return "contacts"
-    mirrored = np.sort(-best.parameters[:count]) - np.sort(one.parameters[0, :count])
-    return "mirror" if (np.abs(mirrored) < APART).all() else "place"
+    both = (posterior.places(x, count) for x in (best.parameters, one.parameters[0]))
+    return "mirror" if posterior.mirrored(*both) else "place"
 
 
 def _sampled(
@@ -228,15 +201,11 @@ def _sampled(
     width = per_contact * count
     parameters = one.parameters[0, :width]
     covariance = covariance_of(one, per_contact)[0, :width, :width]
-    names = [
-        f"{name}.{k}"
-        for name in ("angle_rad", "force_N", "direction_rad")[:per_contact]
-        for k in range(count)
-    ]
+    names = [f"{FIELDS[name]}.{k}" for name in estimator.names for k in range(count)]
     settings = settings or Settings(steps=_STEPS)
     try:
         chain = sample(
-            _log_probability(estimator, y, one),
+            estimator.posterior.log_probability(y[0], one),
             Gaussian(parameters, covariance),
             names,
             settings,
@@ -244,29 +213,14 @@ def _sampled(
         message = chain.message
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         chain, message = None, f"not sampled: {error}"
-    chi2 = float(one.chi2[0])
-    return LoadMode(count, parameters, covariance, chi2, probability, kind, chain, message)
-
-
-def _log_probability(
-    estimator: LoadEstimator, y: Any, one: Explanations
-) -> Callable[[Float[Array, "point p"]], Float[Array, " point"]]:
-    """Likelihood of loads under an even prior inside the bounds."""
-    count, skin = int(one.contacts[0]), estimator.skin
-    fitter = _section_fitter(estimator)
-    pull = bool(one.parameters[0, count] < 0)
-    low, high = (x[..., 0] for x in fitter.limits(count, 1, pull))
-    state, reading, weight = one.state, jnp.asarray(y[0]), jnp.asarray(one.weight[0])
-
-    def log_probability(points: Float[Array, "point p"]) -> Float[Array, " point"]:
-        lanes = points.shape[0]
-        inside = jnp.all((points >= low) & (points <= high), 1)
-        problem = skin.problem(loads_from(jnp.clip(points, low, high).T, count))
-        near = State(*(jnp.repeat(jnp.asarray(x), lanes, -1) for x in state))
-        found = equilibrium(problem, near)
-        so = skin.electrodes.read(problem.mechanics, found.state.q).so
-        residual = jnp.where(weight[:, None] > 0, reading[:, None] - so, 0.0)
-        chi2 = jnp.sum(weight[:, None] * residual**2, 0)
-        return jnp.where(inside & (found.result == 0), -chi2 / 2, -jnp.inf)
-
-    return log_probability
+    return LoadMode(
+        count,
+        estimator.names,
+        parameters,
+        covariance,
+        float(one.chi2[0]),
+        probability,
+        kind,
+        chain,
+        message,
+    )

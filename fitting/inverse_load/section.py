@@ -8,6 +8,7 @@ from fitting.inverse_load.estimate.assessment import SectionAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.explanation import LoadFitter
+from fitting.inverse_load.fit.load_posterior import SectionPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.nearest import NodeSearch
@@ -56,13 +57,15 @@ def section_parts(
     if len(errors):
         progress("building the table of the inputs' errors")
         systematic = SectionErrors(spec, errors, skin, table, from_rest=from_rest, live=live)
+    nodes = NodeSearch(skin, table)
     parts = EstimationParts(
         table.rest,
         ArcDetector(table.signatures),
-        NodeSearch(skin, table),
+        nodes,
         fitter,
         assessment,
         (single, pair),
+        SectionPosterior(fitter, nodes),
         systematic,
         None
         if direction

@@ -59,6 +59,7 @@ float64 axial            # [m] from the middle of the skin along its axis; NaN i
 float64 force            # [N] inwards; negative where the skin is pulled
 float64 diameter         # [m] of the contact; NaN where it was not estimated
 float64 direction        # [rad] counter-clockwise from the inward radial; 0 where held radial
+float64 tilt             # [rad] of the force towards +axial; 0 where held radial
 geometry_msgs/Point position  # [m] on the undeformed outer face, in the skin's frame
 string[] names           # what was estimated, in the order of the covariance
 float64[] covariance     # of these, by rows, in rad, m and N; empty where none can be stated

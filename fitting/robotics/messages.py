@@ -107,7 +107,9 @@ def wrench(stamp: int, k: int, contact: Contact | None) -> dict[str, Any]:
     """The force of a contact on the skin, in the contact's frame; zero where there is none."""
     force = 0.0 if contact is None else contact.force
     turn = 0.0 if contact is None else contact.direction or 0.0
-    along = (force * np.sin(turn), 0.0, force * np.cos(turn))
+    tilt = 0.0 if contact is None else contact.tilt or 0.0
+    plane = force * np.cos(tilt)
+    along = (plane * np.sin(turn), force * np.sin(tilt), plane * np.cos(turn))
     return {
         "header": header(stamp, contact_frame(k)),
         "wrench": {"force": _named(along, "xyz"), "torque": _named((0.0, 0.0, 0.0), "xyz")},
@@ -142,6 +144,7 @@ def _contact(contact: Contact, outer_radius: float) -> dict[str, Any]:
         "force": contact.force,
         "diameter": nan if contact.diameter is None else contact.diameter,
         "direction": contact.direction or 0.0,
+        "tilt": contact.tilt or 0.0,
         "position": _named(position(contact, outer_radius), "xyz"),
         "names": list(contact.names),
         "covariance": [] if covariance is None else covariance.reshape(-1).tolist(),

@@ -108,8 +108,8 @@ def _section(section: _Section, inputs: Inputs) -> tuple[Array, ...]:
     own = {k: v for k, v in inputs.items() if not k.startswith(("load.", "environment."))}
     skin, loads = skin_of(names, own), loads_of(section.scene, inputs)
     output = forward(skin, loads)
-    mechanics = section_of(skin.problem(loads).mechanics)
-    shape = mechanics.profile(output.state.q, _SAMPLES)
+    shown = corrected(skin.problem(loads), output.state)
+    shape = section_of(shown.mechanics).profile(shown.state.q, _SAMPLES)
     moved = jnp.moveaxis(shape.inner_displacement[..., 0], 0, -1)  # [sample, element, 2]
     return (
         shape.angle[..., 0].T.ravel(),
@@ -122,7 +122,7 @@ def _section(section: _Section, inputs: Inputs) -> tuple[Array, ...]:
 
 
 class SectionSceneModel(AbstractSceneModel):
-    """A section in plane strain, by the lumped shell."""
+    """A section in plane strain, by the corrected shell."""
 
     def __init__(self, scene: SceneSpec, grid: Grid) -> None:
         super().__init__(_with_a_taxel(scene), grid)
@@ -151,7 +151,7 @@ def _pad(
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
     found = equilibrium(problem)
-    shown = corrected(problem, found.state)[1]
+    shown = corrected(problem, found.state).state
     pad = problem.mechanics
     assert isinstance(pad, Pad)
     moved = pad.faces(shown.q, angle[:, None], axial[:, None]).inner_displacement[..., 0]

@@ -24,7 +24,7 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.input_errors import solved_channels
-from fitting.inverse_load.pad.table import rest_readings
+from fitting.inverse_load.pad.rest import rest_readings
 from suas_jax.config import continuous_inputs
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.scene.pad_forward import pad_skin_of
@@ -43,7 +43,7 @@ def model_verdict(
     pressure: NDArray[np.float64] | None,
     estimates: Sequence[LoadEstimate],
 ) -> ModelVerdict | None:
-    """Look at the single contacts of a log; None where they are too few.
+    """Look at the single contacts of a log; None for too few, or with free directions.
 
     Args:
         estimator: of a pad.
@@ -54,7 +54,10 @@ def model_verdict(
     """
     fitter = estimator.selection.fitter
     assert isinstance(fitter, PadFitter)
-    frames = np.array([i for i, e in enumerate(estimates) if e.status in USABLE], np.intp)
+    if estimator.direction:  # the readings' few hints are taken by the directions
+        return None
+    single = [e.status in USABLE and len(e.contacts) < 2 for e in estimates]
+    frames = np.flatnonzero(single)
     if len(frames) < FEWEST:
         return None
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]

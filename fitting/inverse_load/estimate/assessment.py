@@ -1,6 +1,7 @@
 """From explanations to estimates: covariances, statuses, what can't be said."""
 
 import abc
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +22,6 @@ _BEYOND_MODEL = 9.0  # chi2 per degree of freedom beyond which no number is give
 _AMBIGUOUS = 6.0  # difference of chi2 below which a second mode is reported
 _SURE = 2.0  # standard deviations within which first contact can't be excluded
 _ONE_SIDED = 1.645  # standard deviations below which one in twenty lies
-_LIMIT_ERROR = 0.01  # of the force at first contact, between the shell and the continuum
 _NEVER = 1e9  # stands for an infinite force of first contact [N]
 _UNSETTLED = 0.1  # decrease of chi2 still predicted for a fit that has not converged
 
@@ -33,7 +33,12 @@ class AbstractLoadAssessment(abc.ABC):
         parameters: of a contact.
         outer_radius: of the undeformed skin [m].
         taxels: their number; further columns of explanations are no taxels.
+
+    Attributes:
+        limit_error: of the force at first contact, relative.
     """
+
+    limit_error = 0.01  # between the shell and the continuum
 
     def __init__(self, parameters: ContactParameters, outer_radius: float, taxels: int) -> None:
         self._parameters, self._per_contact = parameters, parameters.per_contact
@@ -130,6 +135,8 @@ class AbstractLoadAssessment(abc.ABC):
             None if wall else spread,
             None if wall else systematic,
             best.spread[i],
+            # At the wall no error is stated that would tell which of them are there at all.
+            self._felt(best.parameters[i], count, spread) if wall else None,
         )
         alternatives: tuple[Contact, ...] = ()
         if count == 1 and other is not None and other.chi2 < chi2 + _AMBIGUOUS:
@@ -175,18 +182,27 @@ class AbstractLoadAssessment(abc.ABC):
         all frames share move both alike.
         """
         forces = self._parameters.rows("force", count)
-        total = float(np.sum(parameters[forces]))
-        variance = float(np.sum(covariance[forces, forces]))
-        shared = 0.0 if systematic is None else float(np.sum(systematic[forces, forces]))
-        sigma, whole = (
-            np.sqrt(x) if np.isfinite(x) and x > 0 else 0.0
-            for x in (variance, variance + shared)
-        )
-        limit = np.inf
-        if count == 1:
-            limit = self.first_contact(parameters[: self._parameters.places])
-        near = total + _SURE * sigma >= (1 - _LIMIT_ERROR) * limit
-        return max(min(total, limit) - _ONE_SIDED * whole, 0.0), near
+        force, own = parameters[forces], covariance[forces, forces]
+        shared = np.zeros_like(own) if systematic is None else systematic[forces, forces]
+        places = parameters[: self._parameters.places * count].reshape(-1, count).T
+        limit = np.array([self.first_contact(place) for place in places])
+        near = count == 1 and force[0] + _SURE * _root(own) >= (1 - self.limit_error) * limit[0]
+        # No force pulls: together they are at least what any of them are.
+        bounds = [
+            min(force[rows].sum(), limit[rows].sum())
+            - _ONE_SIDED * _root((own + shared)[np.ix_(rows, rows)])
+            for size in range(1, count + 1)
+            for rows in map(list, itertools.combinations(range(count), size))
+        ]
+        return max(*bounds, 0.0), bool(near)
+
+    def _felt(self, parameters: Any, count: int, covariance: Any) -> NDArray[np.intp]:
+        """Contacts whose force is twice its error; the strongest where none is."""
+        forces = self._parameters.rows("force", count)
+        force, own = parameters[forces], np.diag(covariance)[forces]
+        felt = force > _SURE * np.sqrt(np.where(own > 0, own, 0.0))
+        felt[force.argmax()] = True
+        return np.flatnonzero(felt)
 
     def _contacts(
         self,
@@ -195,9 +211,10 @@ class AbstractLoadAssessment(abc.ABC):
         covariance: Any,
         systematic: Any,
         spread: Any = (np.nan, np.nan),
+        chosen: NDArray[np.intp] | None = None,
     ) -> tuple[Contact, ...]:
         contacts = []
-        for k in range(count):
+        for k in range(count) if chosen is None else chosen:
             rows = slice(k, self._per_contact * count, count)
             names = self._parameters.names
             values = dict(zip(names, parameters[rows].tolist(), strict=True))
@@ -214,9 +231,16 @@ class AbstractLoadAssessment(abc.ABC):
                     values.get("axial"),
                     values.get("diameter"),
                     None if np.isnan(spread[0]) else (float(spread[0]), float(spread[1])),
+                    values.get("tilt"),
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.angle))
+
+
+def _root(covariance: NDArray[np.float64]) -> float:
+    """Standard deviation of a sum; zero where it is not known."""
+    variance = float(np.sum(covariance))
+    return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0 else 0.0
 
 
 class SectionAssessment(AbstractLoadAssessment):

@@ -11,6 +11,7 @@ WANTED = {
     "axial": 2e-3,
     "force": 0.2,  # of the force
     "direction": np.deg2rad(10.0),
+    "tilt": np.deg2rad(10.0),
 }
 
 STATUS = {
@@ -53,6 +54,8 @@ class Contact:
         diameter: of a round contact on a pad [m]; None where it was not estimated.
         spread: arc of the outer face that a wide contact presses, and its standard deviation
             [m]; None where a line explains the readings.
+        tilt: of the force out of the section's plane towards +axial [rad]; None in plane
+            strain, and where held radial.
     """
 
     angle: float
@@ -64,11 +67,12 @@ class Contact:
     axial: float | None = None
     diameter: float | None = None
     spread: tuple[float, float] | None = None
+    tilt: float | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
         """What was estimated, in the order of the covariance."""
-        order = ("angle", "axial", "force", "diameter", "direction")
+        order = ("angle", "axial", "force", "diameter", "direction", "tilt")
         return tuple(name for name in order if getattr(self, name) is not None)
 
     @property

@@ -7,13 +7,15 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.estimate import Contact
 
-_FIELDS = {
+FIELDS = {
     "angle": "angle_rad",
     "axial": "axial_m",
     "force": "force_N",
     "diameter": "diameter_m",
     "direction": "direction_rad",
+    "tilt": "tilt_rad",
 }
+"""Names of a contact's quantities with their units."""
 
 
 def load_type(names: Sequence[str]) -> np.dtype:
@@ -26,7 +28,7 @@ def load_type(names: Sequence[str]) -> np.dtype:
         names: of the quantities, as `Contact.names` has them.
     """
     size = len(names)
-    fields = [(_FIELDS.get(name, name), float) for name in names]
+    fields = [(FIELDS.get(name, name), float) for name in names]
     return np.dtype([*fields, ("covariance", float, (size, size))])
 
 
@@ -43,7 +45,7 @@ def load_array(contacts: Sequence[Contact], names: Sequence[str]) -> NDArray[np.
     for load, contact in zip(loads, contacts, strict=True):
         for name in names:
             value = getattr(contact, name)
-            load[_FIELDS.get(name, name)] = np.nan if value is None else value
+            load[FIELDS.get(name, name)] = np.nan if value is None else value
         covariance = np.full((len(names), len(names)), np.nan)
         if contact.covariance is not None:
             known = [name for name in names if name in contact.names]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch
 
@@ -23,6 +24,7 @@ class EstimationParts:
         fitter: fits loads to readings.
         assessment: turns fits into estimates.
         trials: readings of one and of two contacts, to compile or load what they need.
+        posterior: of a frame's loads.
         systematic: errors that all frames share: those of the skin file's numbers, and the
             model's own; None where there are none.
         wide_fitter: fits one contact of unknown width; None where there is no such model.
@@ -34,5 +36,6 @@ class EstimationParts:
     fitter: AbstractLoadFitter
     assessment: AbstractLoadAssessment
     trials: tuple[NDArray[np.float64], NDArray[np.float64]]
+    posterior: AbstractLoadPosterior
     systematic: AbstractSystematicErrors | None = None
     wide_fitter: AbstractLoadFitter | None = None

@@ -4,12 +4,11 @@ Every contact beyond the first adds a penalty to chi2, and so does every taxel t
 out. The explanation of lowest score wins, as with an information criterion; others than one
 contact are only tried where it leaves more than noise.
 
-Every explanation that leaves more than noise is fitted with the errors of the skin's inputs as
-well, each of which adds its square, in standard deviations, to chi2: what they explain is no
-further contact, and no faulty taxel.
+What errors of the skin's inputs explain is no further contact, and no faulty taxel
+(`fitting.inverse_load.fit.loads_and_errors`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -17,19 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
+from fitting.inverse_load.fit.outliers import OUTLIER, inliers, least_trimmed
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 
-SUSPECT = 2e-3
-"""p-value of chi2 below which other explanations are tried."""
 _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
-_OUTLIER = 4.5  # residual in standard deviations of a taxel that is left out
 _MOST_OUTLIERS = 0.2  # share of the taxels
 _TRIMMED_FITS = 3
-_ERROR_FITS = 4  # of errors and loads in turn
-_WORTH = 0.5  # share of chi2 that errors must explain, or nearly all, to be fitted
-_ENDED = 0.1  # decrease of chi2 below which errors and loads have settled
 
 
 class Alternative(NamedTuple):
@@ -68,6 +63,7 @@ class Selection:
     wide_fitter: AbstractLoadFitter | None = None
 
     def __post_init__(self) -> None:
+        self._loads = LoadsAndErrors(self.fitter, self.errors)
         self._pairs: AbstractSeveralSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
@@ -113,9 +109,9 @@ class Selection:
             before = (weight * (y - last.so) ** 2).sum()
             table = (weight * (y - self.nodes.readings[node]) ** 2).sum()
             if before < table:
-                return self._fit(y, weight, self._predicted(y, weight), last.state, 1)
+                return self._loads.fit(y, weight, self._predicted(y, weight), last.state, 1)
         start = self.nodes.near(y, weight, node)
-        return self._fit(y, weight, start, self.nodes.states(node), 1)
+        return self._loads.fit(y, weight, start, self.nodes.states(node), 1)
 
     def _predicted(self, y: Any, weight: Any) -> NDArray[np.float64]:
         """Live: parameters from the last frame's by its own derivatives."""
@@ -143,7 +139,7 @@ class Selection:
         node = second[frames]
         start = self.nodes.near(y[frames], weight[frames], node)
         state = self.nodes.states(node)
-        found = self._fit(y[frames], weight[frames], start, state, 1)
+        found = self._loads.fit(y[frames], weight[frames], start, state, 1)
         apart = self.nodes.apart(found.parameters, best.parameters[frames])
         rows = np.flatnonzero(apart & np.isfinite(found.chi2))
         better = found.chi2[rows] < best.chi2[frames[rows]]
@@ -164,91 +160,6 @@ class Selection:
         gain = (along**2 / np.maximum(size, 1e-300)).max(1)
         return np.asarray(gain > self.penalty / 2)
 
-    # --- errors of the skin's inputs ------------------------------------------------
-
-    def _fit(
-        self,
-        y: Any,
-        weight: Any,
-        start: NDArray[np.float64],
-        state: State,
-        count: int,
-        *,
-        pull: bool = False,
-        fitter: AbstractLoadFitter | None = None,
-    ) -> Explanations:
-        """Fit loads, and errors of the inputs where loads alone leave more than noise."""
-        fitter = fitter or self.fitter
-        found = fitter.fit(y, weight, start, state, count, pull=pull)
-        if self.errors is None or not self.errors.names:
-            return found
-        poor = np.isfinite(found.chi2) & (self._p_value(found) < SUSPECT)
-        rows = np.flatnonzero(poor)
-        if not rows.size:
-            return found
-        per_contact, own = self.fitter.per_contact, found.rows(rows)
-        told = self.errors.of(own, y[rows] - own.so, per_contact)
-        # Where errors leave most of it, another explanation is sought instead.
-        left = own.chi2 - told.decrease
-        explained = replace(own, chi2=left)
-        worth = (left < _WORTH * own.chi2) | (explained.p_value(per_contact) >= SUSPECT)
-        kept = np.flatnonzero(worth)
-        if kept.size:
-            rows, begin, errors = rows[kept], own.rows(kept), told.likely[kept]
-            better = self._with_errors(fitter, y[rows], weight[rows], begin, errors, pull=pull)
-            found = found.cheapest(rows, better)[0]
-        return found
-
-    def _with_errors(
-        self,
-        fitter: AbstractLoadFitter,
-        y: Any,
-        weight: Any,
-        begin: Explanations,
-        errors: Any,
-        *,
-        pull: bool,
-    ) -> Explanations:
-        """Loads and errors of the inputs in turn, from explanations by loads alone.
-
-        Args:
-            fitter: of the loads.
-            y: readings [frame, taxel].
-            weight: inverse variances.
-            begin: by loads alone.
-            errors: most likely there, in standard deviations [frame, error].
-            pull: whether forces pull outwards.
-        """
-        assert self.errors is not None
-        per_contact, count = self.fitter.per_contact, int(begin.contacts[0])
-        width = per_contact * count
-        best, size = begin, len(self.errors.names)
-        known, now = np.zeros_like(errors), begin
-        slopes = self.errors.of(begin, y - begin.so, per_contact).slopes
-        for _ in range(_ERROR_FITS):
-            shift = np.einsum("fe,fet->ft", errors, slopes)
-            fit = fitter.fit(
-                y - shift, weight, now.parameters[:, :width], now.state, count, pull=pull
-            )
-            cost = fit.chi2 + (errors**2).sum(1)
-            fit = replace(
-                fit,
-                score=cost,
-                chi2=cost,
-                so=fit.so + shift,
-                absorbed=np.ones(len(y), bool),
-            )
-            gained = best.score - cost
-            best, _ = best.cheapest(np.arange(len(y)), fit)
-            if not (gained > _ENDED).any():
-                break
-            known, now = errors, fit
-            told = self.errors.of(fit, y - fit.so, per_contact)
-            slopes = told.slopes
-            step = told.spread @ (told.pull - known)[..., None]
-            errors = known + step.reshape(-1, size)
-        return best
-
     # --- wide contacts ------------------------------------------------------------------
 
     def _or_wide(
@@ -262,7 +173,7 @@ class Selection:
             return best, frames
         own = best.rows(frames)
         start = own.parameters[:, : self.fitter.per_contact]
-        found = self._fit(
+        found = self._loads.fit(
             y[frames], weight[frames], start, own.state, 1, fitter=self.wide_fitter
         )
         found = found.penalised(np.log(np.maximum((weight[frames] > 0).sum(1), 2)))
@@ -305,7 +216,7 @@ class Selection:
         self, y: Any, weight: Any, start: Any, state: State, count: int
     ) -> Explanations:
         """Fits by several contacts, each beyond the first with its penalty."""
-        found = self._fit(y, weight, start, state, count)
+        found = self._loads.fit(y, weight, start, state, count)
         return found.penalised((count - 1) * self.penalty)
 
     def _starts(
@@ -368,7 +279,7 @@ class Selection:
         force = -np.maximum(along[frame, place] / size[frame, place], 0.0)
         start = np.concatenate([self.nodes.places[place], force[:, None]], 1)
         rest = self.nodes.rest_states(len(y))
-        return self._fit(y, weight, start, rest, 1, pull=True)
+        return self._loads.fit(y, weight, start, rest, 1, pull=True)
 
     def _or_pulled(self, y: Any, weight: Any, frames: Any, best: Explanations) -> Explanations:
         """A pull may look like several contacts around it; its penalty is that of two."""
@@ -387,11 +298,11 @@ class Selection:
         """Fit frames without the taxels that stand out, each counted against the fit."""
         y, weight = y[frames], weight[frames]
         most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
-        node, trimmed = self._least_trimmed(y, weight, most)
+        node, trimmed = least_trimmed(self.nodes, y, weight, most)
         start, states = self.nodes.loads[node], self.nodes.states(node)
         for _ in range(_TRIMMED_FITS):
-            found = self._fit(y, trimmed, start, states, 1)
-            trimmed = _inliers(y, weight, found.so)
+            found = self._loads.fit(y, trimmed, start, states, 1)
+            trimmed = inliers(y, weight, found.so)
             better = found.parameters[:, : start.shape[1]]
             start = np.where(np.isfinite(found.chi2)[:, None], better, start)
         best = self._if_cheaper(frames, weight, best, found, most)
@@ -406,24 +317,10 @@ class Selection:
                 so = best.so[frames[rows]]
                 start = best.parameters[frames[rows]][:, :width]
                 states = self.nodes.states(self.nodes.nearest_to(start, count))
-                kept = _inliers(y[rows], weight[rows], so)
+                kept = inliers(y[rows], weight[rows], so)
                 found = self._fit_several(y[rows], kept, start, states, count)
                 best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
         return best
-
-    def _least_trimmed(self, y: Any, weight: Any, most: Any) -> tuple[Any, Any]:
-        """Nodes that explain all but the worst taxels best, and weights without those."""
-        trimmed, node = weight.copy(), np.zeros(len(y), int)
-        values = self.nodes.readings
-        for k in range(len(y)):
-            squares = weight[k] * (y[k] - values) ** 2
-            squares[:, weight[k] <= 0] = np.inf
-            squares[~self.nodes.known] = np.inf
-            keep = int((weight[k] > 0).sum() - most[k])
-            node[k] = np.partition(squares, keep - 1)[:, :keep].sum(1).argmin()
-            own = squares[node[k]]
-            trimmed[k, own > np.partition(own, keep - 1)[keep - 1]] = 0.0
-        return node, trimmed
 
     def _if_cheaper(
         self, frames: Any, weight: Any, best: Explanations, found: Explanations, most: Any
@@ -431,7 +328,7 @@ class Selection:
         """The fits of some frames where they are cheaper, taxels left out counted."""
         left_out = (weight > 0).sum(1) - found.used()
         rows = np.flatnonzero(left_out <= most)
-        candidates = found.penalised(left_out * _OUTLIER**2).rows(rows)
+        candidates = found.penalised(left_out * OUTLIER**2).rows(rows)
         return best.cheapest(frames[rows], candidates)[0]
 
 
@@ -441,10 +338,3 @@ def _mode(explanations: Explanations, i: int) -> Alternative:
         explanations.parameters[i].copy(),
         explanations.information[i].copy(),
     )
-
-
-def _inliers(y: Any, weight: Any, so: Any) -> NDArray[np.float64]:
-    """Weights without the taxels that stand out from a model."""
-    residual = np.abs(np.where(np.isfinite(so), y - so, np.inf))
-    limit = np.where(weight > 0, _OUTLIER / np.sqrt(np.where(weight > 0, weight, 1.0)), 0.0)
-    return np.where(residual < limit, weight, 0.0)

@@ -36,8 +36,8 @@ class LoadFrame:
             trusted where it is `ok`.
         loads: structured array [load] with the fields `angle_rad` from the symmetry axis,
             `force_N` inwards, and `covariance` [2, 2] of these two in rad and N; on a pad
-            `axial_m` stands between them, `diameter_m` and `direction_rad` follow where they
-            are estimated, and the covariance is as much larger.
+            `axial_m` stands between them, `diameter_m`, `direction_rad` and `tilt_rad` follow
+            where they are estimated, and the covariance is as much larger.
         filtered: the same, followed over time; None where that wasn't asked for.
         oil_pressure_Pa: above ambient [Pa]; NaN where unknown.
         latency_s: from the arrival of the frame's last byte to its estimate [s].

@@ -11,8 +11,8 @@ class ContactParameters:
     In a vector of several contacts all of one name stand together: all angles come first.
 
     Attributes:
-        names: among "angle" [rad], "axial" [m], "force" [N], "diameter" [m] and "direction"
-            [rad].
+        names: among "angle" [rad], "axial" [m], "force" [N], "diameter" [m], "direction" [rad]
+            and "tilt" [rad].
     """
 
     names: tuple[str, ...]
@@ -35,5 +35,15 @@ class ContactParameters:
 
 SECTION = ContactParameters(("angle", "force"))
 SECTION_WITH_DIRECTION = ContactParameters(("angle", "force", "direction"))
-PAD = ContactParameters(("angle", "axial", "force"))
-PAD_WITH_DIAMETER = ContactParameters(("angle", "axial", "force", "diameter"))
+
+
+def pad_parameters(*, diameter: bool, direction: bool) -> ContactParameters:
+    """Parameters of a contact on a pad.
+
+    Args:
+        diameter: whether it is estimated.
+        direction: whether turn and tilt of the force are.
+    """
+    names = ("angle", "axial", "force")
+    more = ("diameter",) * diameter + ("direction", "tilt") * direction
+    return ContactParameters((*names, *more))

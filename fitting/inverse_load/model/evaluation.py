@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
@@ -26,7 +27,7 @@ class Evaluation(NamedTuple):
         jacobian: derivatives of `so` by the parameters [counts/rad, counts/N, counts/rad].
         pressure: of the oil, above ambient [Pa].
         min_gap: between membrane and wall [m].
-        state: the equilibrium, to start a neighbouring one from.
+        state: the shell's equilibrium, to start a neighbouring one from.
         result: index of the outcome, 0 where converged (see `suas_jax.equilibrium.outcomes`).
     """
 
@@ -92,9 +93,11 @@ def evaluate(
         return wide_load(parameters, skin) if wide else loads_from(parameters, contacts)
 
     problem = skin.problem(loads(parameters))
-    found = equilibrium(problem, start)
+    found = equilibrium(problem, start, omitted=True)
     state = jax.lax.stop_gradient(found.state)
-    min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
+    _, shown, shell = corrected(problem, state, found.change)
+    min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
+    readings = skin.electrodes.read(shell, shown.q).so
 
     def beside(values: Array) -> Array:
         return jnp.concatenate([values] * count, -1)
@@ -107,20 +110,19 @@ def evaluate(
 
     # Lane block k carries the derivative by parameter k.
     units = jnp.repeat(jnp.eye(count, dtype=parameters.dtype), lanes, axis=1)
-    values, columns = jax.jvp(so, (beside(parameters),), (units,))
+    _, columns = jax.jvp(so, (beside(parameters),), (units,))
     jacobian = jnp.moveaxis(columns.reshape(-1, count, lanes), 1, 0)
-    readings = values[:, :lanes]
-    return Evaluation(readings, jacobian, state.pressure, min_gap, state, found.result)
+    return Evaluation(readings, jacobian, shown.pressure, min_gap, state, found.result)
 
 
 def _read(
     skin: Skin, angle: Array, force: Array, start: State
 ) -> tuple[Array, Array, State, Array]:
     problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
-    found = equilibrium(problem, start)
-    state = found.state
-    min_gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
-    return skin.electrodes.read(problem.mechanics, state.q).so, min_gap, state, found.result
+    found = equilibrium(problem, start, omitted=True)
+    root, shown, shell = corrected(problem, found.state, found.change)
+    min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
+    return skin.electrodes.read(shell, shown.q).so, min_gap, root, found.result
 
 
 read_program = eqx.filter_jit(_read)

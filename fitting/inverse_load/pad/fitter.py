@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
-from fitting.inverse_load.model.contact_parameters import PAD, PAD_WITH_DIAMETER
-from fitting.inverse_load.pad.interpolant import LEAST, MOST, PadInterpolant
-from fitting.inverse_load.pad.solved import Correction, SolvedContacts
-from fitting.inverse_load.pad.table import edge_of
+from fitting.inverse_load.pad.interpolant import LEAST, MOST, Correction, PadInterpolant
+from fitting.inverse_load.pad.solved import SolvedContacts, near
+from fitting.inverse_load.pad.table_build import edge_of
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.pad_forward import PadSkin
 
 DIAMETER_PRIOR = (6e-3, 3e-3)
 """Mean and standard deviation of a contact's diameter where it is estimated [m]."""
+MOST_TURN = np.pi / 3
+"""Largest turn and tilt of a force from the radial where directions are free [rad]."""
 _STEPS = 100
 _SETTLED = 1e-4  # decrease of chi2 below which a fit has ended
 _CHUNK = 64  # frames whose coefficients are gathered together
@@ -63,8 +64,9 @@ class PadFitter(AbstractLoadFitter):
         diameter: float,
     ) -> None:
         self.interpolant, self.live = interpolant, live
-        self.free_diameter = interpolant.per_contact > 3
-        self.parameters = PAD_WITH_DIAMETER if self.free_diameter else PAD
+        self.table = interpolant.tables[0]
+        self.parameters = interpolant.parameters
+        self.free_diameter = "diameter" in self.parameters.names
         self._width = self.per_contact * most_contacts
         smallest = interpolant.tables[0].diameter
         self.edge = edge_of(skin, interpolant.tables[-1].diameter)
@@ -73,7 +75,6 @@ class PadFitter(AbstractLoadFitter):
         self._gap = float(skin.geometry.oil_gap[0])
         self._solved = SolvedContacts(skin, interpolant, most_contacts, diameter)
         self._kept: dict[int, Correction] = {}
-        self._touch = interpolant.tables[0]
 
     def fit(
         self,
@@ -87,9 +88,9 @@ class PadFitter(AbstractLoadFitter):
     ) -> Explanations:
         """See the base class; no states are needed."""
         del state
-        start = self._completed(start, contacts)
-        if contacts == 1:
-            fit = self._fitted(y, weight, start, 1, 0.0, pull)
+        start = self.completed(start, contacts)
+        if contacts == 1 and (pull or not self.interpolant.direction):
+            fit = self._fitted(y, weight, start, 1, None, pull)
             return self._gathered(fit, weight, 1, self._gap_sign(fit.parameters))
         fits, gaps = [], []
         for i in range(len(y)):
@@ -102,7 +103,7 @@ class PadFitter(AbstractLoadFitter):
 
     def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
         """See the base class."""
-        low, high = self._bounds(parameters, contacts, False)
+        low, high = self.bounds(parameters, contacts, False)
         return np.clip(parameters, low, high)
 
     def screened(
@@ -119,8 +120,8 @@ class PadFitter(AbstractLoadFitter):
         None where even that is no better than what is known: the interpolant is exact for a
         contact beside one that hardly presses.
         """
-        start = self._completed(start, contacts)
-        fit = self._fitted(y, weight, start, contacts, 0.0, False)
+        start = self.completed(start, contacts)
+        fit = self._fitted(y, weight, start, contacts, None, False)
         best = [
             rows[np.argmin(fit.chi2[rows])]
             for rows in (np.flatnonzero(frames == i) for i in np.unique(frames))
@@ -128,16 +129,23 @@ class PadFitter(AbstractLoadFitter):
         chosen = np.array(best, np.intp)
         return chosen[fit.chi2[chosen] < to_beat[chosen]]
 
-    def _completed(self, start: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
-        if start.shape[1] < self.per_contact * contacts:
-            mean = np.full((len(start), contacts), DIAMETER_PRIOR[0])
-            start = np.concatenate([start, mean], 1)
-        return start
+    def completed(self, start: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+        """Starting points with all parameters: the prior's diameter, radial forces."""
+        missing = self.parameters.names[start.shape[1] // contacts :]
+        values = [DIAMETER_PRIOR[0] if name == "diameter" else 0.0 for name in missing]
+        more = np.tile(np.repeat(values, contacts), (len(start), 1))
+        return np.concatenate([start, more], 1) if missing else start
 
-    def _bounds(
+    def bounds(
         self, parameters: NDArray[np.float64], contacts: int, pull: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Lower and upper bounds [frame, parameter]; those of forces depend on places."""
+        """Lower and upper bounds [frame, parameter]; those of forces depend on places.
+
+        Args:
+            parameters: where they are wanted [frame, parameter].
+            contacts: their number.
+            pull: whether forces pull outwards.
+        """
         frames = len(parameters)
         angle, axial = (
             np.clip(parameters[:, self.parameters.rows(name, contacts)], -edge, edge)
@@ -152,12 +160,57 @@ class PadFitter(AbstractLoadFitter):
         if self.free_diameter:
             low.append(self._diameters[0] * ones)
             high.append(self._diameters[1] * ones)
+        if self.interpolant.direction:
+            low += [-MOST_TURN * ones] * 2
+            high += [MOST_TURN * ones] * 2
         return np.concatenate(low, 1), np.concatenate(high, 1)
+
+    # --- posterior ----------------------------------------------------------------------
+
+    def prior_volume(self) -> float:
+        """Of one contact's parameters: even, but normal in the diameter."""
+        force = MOST * float(self.interpolant.tables[0].cap.mean())
+        size = 4 * self.edge[0] * self.edge[1] * force
+        if self.free_diameter:
+            size *= np.sqrt(2 * np.pi) * DIAMETER_PRIOR[1]
+        if self.interpolant.direction:
+            size *= (2 * MOST_TURN) ** 2
+        return float(size)
+
+    def correction(self, parameters: NDArray[np.float64], contacts: int) -> Correction | None:
+        """What the interpolant leaves out at some contacts; None for nothing, or unknown.
+
+        Args:
+            parameters: of the contacts [parameter].
+            contacts: their number.
+        """
+        if contacts == 1 and not self.interpolant.direction:
+            return None
+        return self._solved.correction(parameters, contacts)
+
+    def chi2(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        parameters: NDArray[np.float64],
+        contacts: int,
+        correction: Correction | None,
+    ) -> NDArray[np.float64]:
+        """Weighted squares of the residuals, and of the diameters' from their prior [frame].
+
+        Args:
+            y: readings [frame, channel].
+            weight: inverse variances [frame, channel].
+            parameters: [frame, parameter].
+            contacts: their number.
+            correction: of the interpolant.
+        """
+        return self._judged(y, weight, parameters, contacts, correction).chi2
 
     # --- least squares ----------------------------------------------------------------
 
     def _judged(
-        self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Any
+        self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Correction | None
     ) -> _Fit:
         found = self.interpolant(parameters, contacts, correction)
         used = weight > 0
@@ -177,20 +230,32 @@ class PadFitter(AbstractLoadFitter):
         return _Fit(parameters, found.readings, found.jacobian, chi2, gradient, information)
 
     def _fitted(
-        self, y: Any, weight: Any, start: Any, contacts: int, correction: Any, pull: bool
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None,
+        pull: bool,
     ) -> _Fit:
         """Fit frames, a few together: what they need fits in the cache."""
         parts = []
         for begin in range(0, len(y), _CHUNK):
             rows = slice(begin, begin + _CHUNK)
-            own = correction if np.ndim(correction) < 2 else correction[rows]
-            parts.append(self._walk(y[rows], weight[rows], start[rows], contacts, own, pull))
+            part = (y[rows], weight[rows], start[rows])
+            parts.append(self._walk(*part, contacts, correction, pull))
         return _Fit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
     def _walk(
-        self, y: Any, weight: Any, start: Any, contacts: int, correction: Any, pull: bool
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None,
+        pull: bool,
     ) -> _Fit:
-        low, high = self._bounds(start, contacts, pull)
+        low, high = self.bounds(start, contacts, pull)
         best = self._judged(y, weight, np.clip(start, low, high), contacts, correction)
         damping = np.full(len(y), _DAMPING)
         live = np.arange(len(y))
@@ -198,10 +263,9 @@ class PadFitter(AbstractLoadFitter):
             old = best.rows(live)
             step, decrease = _step(old, low[live], high[live], damping[live])
             there = old.parameters + step
-            lowest, highest = self._bounds(there, contacts, pull)
+            lowest, highest = self.bounds(there, contacts, pull)
             there = np.clip(there, lowest, highest)
-            own = correction if np.ndim(correction) < 2 else correction[live]
-            new = self._judged(y[live], weight[live], there, contacts, own)
+            new = self._judged(y[live], weight[live], there, contacts, correction)
             better = new.chi2 <= old.chi2
             bounds = (low, lowest), (high, highest)
             for whole, part in (*zip(best, new, strict=True), *bounds):
@@ -218,56 +282,41 @@ class PadFitter(AbstractLoadFitter):
     # --- several contacts -------------------------------------------------------------
 
     def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[_Fit, float]:
-        """Fit one frame by several contacts, solving them on the way."""
+        """Fit one frame by several contacts or free directions, solving them on the way."""
         kept, gap = self._kept.get(contacts), 1.0
-        zero = np.zeros(y.shape[1])
         # A coarse start is near enough to try what is known.
-        near = kept is not None and self._near(kept, start[0], contacts, live=True)
-        correction = kept.change if near and kept is not None else zero
-        fit = self._fitted(y, weight, start, contacts, correction, False)
+        close = self._near(kept, start[0], contacts, live=True)
+        fit = self._fitted(y, weight, start, contacts, kept if close else None, False)
         for _ in range(_ROUNDS):
             now = fit.parameters[0]
-            if near and kept is not None and self._near(kept, now, contacts, live=self.live):
+            if kept is not None and close and self._near(kept, now, contacts, live=self.live):
                 gap = kept.min_gap
                 break
-            found = self._solved.correction(now, contacts)
+            nearby = self._near(kept, now, contacts, live=True)
+            found = self._solved.correction(now, contacts, kept if nearby else None)
             if found is None:
                 return fit._replace(chi2=np.full(1, np.inf)), gap
             self._kept[contacts] = kept = found
-            near, gap = True, found.min_gap
-            fit = self._fitted(y, weight, now[None], contacts, found.change, False)
+            close, gap = True, found.min_gap
+            fit = self._fitted(y, weight, now[None], contacts, found, False)
             moved = fit.parameters[0] - now
             if moved @ fit.information[0] @ moved < _MOVED**2:
                 break
         return fit, gap
 
-    def _near(self, kept: Correction, now: Any, contacts: int, *, live: bool) -> bool:
-        return kept.near(now, contacts, self._radius, live=live)
+    def _near(self, kept: Correction | None, now: Any, contacts: int, *, live: bool) -> bool:
+        return kept is not None and near(kept, now, contacts, self._radius, live=live)
 
     def _gap_sign(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
         """Below zero where a contact is beyond the force of first contact."""
-        angle, axial, force = parameters[:, :3].T
-        return self._gap * (1 - force / self.first_contact(angle, axial))
-
-    def first_contact(self, angle: NDArray, axial: NDArray) -> NDArray[np.float64]:
-        """Force of one contact at which the membrane reaches the wall [N]."""
-        table = self._touch
-        inverse = np.where(np.isfinite(table.first_contact), 1 / table.first_contact, 0.0)
-        i, j = (
-            np.clip(np.searchsorted(x, v, side="right") - 1, 0, len(x) - 2)
-            for x, v in ((table.angle, angle), (table.axial, axial))
-        )
-        a = (angle - table.angle[i]) / (table.angle[i + 1] - table.angle[i])
-        b = (axial - table.axial[j]) / (table.axial[j + 1] - table.axial[j])
-        value = (1 - a) * ((1 - b) * inverse[i, j] + b * inverse[i, j + 1])
-        value = value + a * ((1 - b) * inverse[i + 1, j] + b * inverse[i + 1, j + 1])
-        return np.asarray(1 / np.maximum(value, 1e-9))
+        angle, axial, force = parameters[:, :3].T  # of single contacts
+        return self._gap * (1 - force / self.table.first_contact_at(angle, axial))
 
     def _gathered(
         self, fit: _Fit, weight: Any, contacts: int, gaps: NDArray[np.float64]
     ) -> Explanations:
         frames, wide = len(fit.chi2), self._width
-        low, high = self._bounds(fit.parameters, contacts, False)
+        low, high = self.bounds(fit.parameters, contacts, False)
         low = np.where(fit.parameters < low, -np.inf, low)
         _, decrease = _step(fit, low, high, np.zeros(frames))
         return Explanations(

@@ -6,6 +6,9 @@ contacts nearby, as a correction that is kept while they move::
 
     u(x) = u_rest + sum_c (u_c(x_c) - u_rest) + correction
 
+Where directions are free, a contact is the table's under its radial component alone; what its
+tangential components add is linear, with slopes from solved states nearby.
+
 Columns of readings ("channels") are all taxels and, last, the oil's pressure.
 """
 
@@ -14,11 +17,42 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.pad.table import LEVELS, PadTable
+from fitting.inverse_load.model.contact_parameters import pad_parameters
+from fitting.inverse_load.pad.columns import LEVELS
+from fitting.inverse_load.pad.table import PadTable
 
-LEAST, MOST = -0.3, 1.06
-"""Shares of the table's largest force between which it is used."""
+LEAST, MOST = -0.3, 1.2
+"""Shares of the table's largest force between which it is used, over first contact at most."""
 _LEAST_GAP = 1e-3  # smallest u in terms of that at rest
+
+
+class Correction(NamedTuple):
+    """What the interpolant leaves out at some contacts.
+
+    Attributes:
+        parameters: of the contacts [parameter].
+        change: to add to u and the oil's pressure [channel].
+        min_gap: between membrane and wall there [m].
+        across: derivatives of u and the oil's pressure by the tangential components of the
+            forces, along arc and axis [contact, component, channel]; None where forces are
+            radial.
+    """
+
+    parameters: NDArray[np.float64]
+    change: NDArray[np.float64]
+    min_gap: float
+    across: NDArray[np.float64] | None = None
+
+
+def force_components(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Radial force and those along arc and axis [N], of contacts with a direction.
+
+    Args:
+        x: of contacts: parameters [..., parameter], force third, direction and tilt last.
+    """
+    force, turn, tilt = x[..., 2], x[..., -2], x[..., -1]
+    plane = force * np.cos(tilt)
+    return np.stack([plane * np.cos(turn), plane * np.sin(turn), force * np.sin(tilt)], -1)
 
 
 class Interpolated(NamedTuple):
@@ -41,19 +75,16 @@ class PadInterpolant:
     Args:
         tables: of one diameter, or of several, ascending: then the diameter is a parameter,
             and readings are polynomials of its square.
+        direction: whether turn and tilt of the forces are parameters.
     """
 
-    def __init__(self, tables: tuple[PadTable, ...]) -> None:
-        self.tables = tables
+    def __init__(self, tables: tuple[PadTable, ...], *, direction: bool = False) -> None:
+        self.tables, self.direction = tables, direction
+        self.parameters = pad_parameters(diameter=len(tables) > 1, direction=direction)
         first = tables[0]
         self._stray = first.stray
         self._rest = 1 / (first.rest - first.stray)
         self._squares = np.array([table.diameter**2 for table in tables])
-
-    @property
-    def per_contact(self) -> int:
-        """Parameters of a contact."""
-        return 3 + (len(self.tables) > 1)
 
     @property
     def rest(self) -> NDArray[np.float64]:
@@ -70,24 +101,26 @@ class PadInterpolant:
         self,
         parameters: NDArray[np.float64],
         contacts: int,
-        correction: NDArray[np.float64] | float = 0.0,
+        correction: Correction | None = None,
     ) -> Interpolated:
         """Readings and derivatives.
 
         Args:
             parameters: [frame, parameter], all of a name together.
             contacts: their number.
-            correction: of u and the pressure [frame, channel].
+            correction: of u and the pressure; none where not given.
         """
         frames, taxels = len(parameters), len(self._rest)
         by_contact = parameters.reshape(frames, -1, contacts)
         change = np.zeros((frames, taxels + 1))
-        slopes = np.zeros((frames, self.per_contact, contacts, taxels + 1))
+        slopes = np.zeros((frames, self.parameters.per_contact, contacts, taxels + 1))
+        across = None if correction is None else correction.across
         for c in range(contacts):
-            value, slope = self._one(by_contact[:, :, c])
+            own = None if across is None else across[c]
+            value, slope = self._turned(by_contact[:, :, c], own)
             change += value
             slopes[:, :, c] = slope
-        total = change + correction
+        total = change if correction is None else change + correction.change
         u = self._rest + total[:, :taxels]
         least = _LEAST_GAP * self._rest
         open_ = u > least
@@ -98,6 +131,38 @@ class PadInterpolant:
         jacobian = slopes.reshape(frames, -1, taxels + 1)
         jacobian[..., :taxels] *= by_u[:, None]
         return Interpolated(readings, jacobian, change)
+
+    def _turned(
+        self, x: NDArray[np.float64], across: NDArray[np.float64] | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same of a contact whose force may not be radial.
+
+        Args:
+            x: parameters [frame, parameter].
+            across: slopes by its tangential forces [component, channel]; zero if None.
+        """
+        if not self.direction:
+            return self._one(x)
+        components = force_components(x)
+        base = x[:, :-2].copy()
+        base[:, 2] = components[:, 0]
+        value, slope = self._one(base)
+        by_force = np.zeros((len(x), 3, value.shape[1]))
+        by_force[:, 0] = slope[:, 2]
+        if across is not None:
+            by_force[:, 1:] = across
+            value = value + components[:, 1:] @ across
+        force, turn, tilt = x[:, 2], x[:, -2], x[:, -1]
+        zero = np.zeros_like(force)
+        flat = np.stack([np.cos(turn), np.sin(turn), zero], -1) * force[:, None]
+        by_turn = np.cos(tilt)[:, None] * np.stack([-flat[:, 1], flat[:, 0], zero], -1)
+        by_tilt = -np.sin(tilt)[:, None] * flat
+        by_tilt[:, 2] = force * np.cos(tilt)
+        unit = x.copy()
+        unit[:, 2] = 1.0
+        rows = np.stack([force_components(unit), by_turn, by_tilt], 1) @ by_force
+        slope[:, 2] = rows[:, 0]
+        return value, np.concatenate([slope, rows[:, 1:]], 1)
 
     def _one(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Change of u by one contact [frame, channel], and its slopes [frame, 3 or 4, ...]."""
@@ -122,7 +187,7 @@ def _from_table(
     log_cap, by_place = table.largest(angle, axial)
     cap = np.exp(log_cap[:, 0])
     share = force / cap
-    inside = np.clip(share, LEVELS[0] * 2, MOST + 0.1)
+    inside = np.clip(share, LEVELS[0] * 2, MOST)
     value, slopes = table.spline(angle, axial, inside)
     by_share = slopes[:, 2]
     # Beyond the table the last slope goes on.

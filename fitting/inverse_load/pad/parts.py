@@ -11,8 +11,10 @@ from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.posterior import PadPosterior
 from fitting.inverse_load.pad.search import APART, PadNodeSearch
-from fitting.inverse_load.pad.table import PadTable, pad_table_of
+from fitting.inverse_load.pad.table import PadTable
+from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
 
@@ -31,6 +33,8 @@ class PadAssessment(AbstractLoadAssessment):
         taxels: angle and axial position [taxel, 2].
     """
 
+    limit_error = 0.03  # of the table, which knows it at a few places
+
     def __init__(
         self,
         fitter: PadFitter,
@@ -43,7 +47,7 @@ class PadAssessment(AbstractLoadAssessment):
 
     def first_contact(self, place: NDArray[np.float64]) -> float:
         """See the base class."""
-        return float(self._fitter.first_contact(place[:1], place[1:2])[0])
+        return float(self._fitter.table.first_contact_at(place[:1], place[1:2])[0])
 
     def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
         """See the base class."""
@@ -59,10 +63,13 @@ def pad_parts(
     errors: InputErrors,
     *,
     diameter: float | None,
+    direction: bool,
     live: bool,
     most_contacts: int,
     from_rest: bool,
     progress: Callable[[str], None],
+    workers: int | str | None,
+    resolution: PadResolution,
 ) -> tuple[EstimationParts, PadSkin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
 
@@ -70,15 +77,18 @@ def pad_parts(
         spec: the pad.
         errors: of its inputs.
         diameter: of the contacts [m]; None estimates it.
+        direction: whether directions are free.
         live: whether frames come one by one.
         most_contacts: to tell apart.
         from_rest: whether readings count from a baseline.
         progress: called with what is being done.
+        workers: that solve the table's states; None: this process.
+        resolution: of the tables.
     """
-    skin = pad_skin_of(spec, contact=False)
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
-    tables = tuple(_table(spec, d, progress) for d in diameters)
-    interpolant = PadInterpolant(tables)
+    skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
+    tables = tuple(_table(spec, d, progress, workers, resolution) for d in diameters)
+    interpolant = PadInterpolant(tables, direction=direction)
     fitter = PadFitter(
         skin,
         interpolant,
@@ -94,10 +104,11 @@ def pad_parts(
     detector = PadDetector(nodes.signatures, (len(middle.angle), len(middle.axial)))
     a, z = 0.3 * fitter.edge[0], 0.3 * fitter.edge[1]
     force = 0.3 * float(middle.cap.min())
-    extra = [] if diameter is not None else [_FALLBACK]
-    single = interpolant(np.array([[a, z, force, *extra]]), 1).readings[0, :-1]
-    pair = np.array([[a, -a, z, -z, force, force, *(2 * extra)]])
-    several = interpolant(pair, 2).readings[0, :-1]
+    one, two = np.array([[a, z, force]]), np.array([[a, -a, z, -z, force, force]])
+    single, several = (
+        interpolant(fitter.completed(x, k + 1), k + 1).readings[0, :-1]
+        for k, x in enumerate((one, two))
+    )
     parts = EstimationParts(
         middle.rest,
         detector,
@@ -105,12 +116,36 @@ def pad_parts(
         fitter,
         PadAssessment(fitter, nodes, radius, places),
         (single, several),
+        PadPosterior(fitter, nodes),
         PadErrors(spec, errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
     )
     return parts, skin, middle
 
 
-def _table(spec: SkinSpec, diameter: float, progress: Callable[[str], None]) -> PadTable:
+def table_of_pad(
+    spec: SkinSpec,
+    diameter: float,
+    progress: Callable[[str], None],
+    workers: int | str | None,
+) -> tuple[PadSkin, PadTable]:
+    """A pad's model and its table of solved states.
+
+    Args:
+        spec: the pad.
+        diameter: of the contacts [m].
+        progress: called with what is being done.
+        workers: that solve the table's states; None: this process.
+    """
+    return pad_skin_of(spec, contact=False), _table(spec, diameter, progress, workers)
+
+
+def _table(
+    spec: SkinSpec,
+    diameter: float,
+    progress: Callable[[str], None],
+    workers: int | str | None,
+    resolution: PadResolution = FINE,
+) -> PadTable:
     def shown(done: int, total: int) -> None:
         if done == 1 or done % 10 == 0 or done == total:
             progress(
@@ -118,4 +153,4 @@ def _table(spec: SkinSpec, diameter: float, progress: Callable[[str], None]) -> 
                 f"{done} of {total} columns"
             )
 
-    return pad_table_of(spec, diameter, progress=shown)
+    return pad_table_of(spec, diameter, resolution, progress=shown, workers=workers)

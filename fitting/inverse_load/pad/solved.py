@@ -1,13 +1,11 @@
 """Solved states of several contacts: what the interpolant is corrected by."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, force_components
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.pad_forward import PadSkin, Patches, readings
 
@@ -17,38 +15,36 @@ READ = eqx.filter_jit(readings)
 # share; in a log by a fifth of that.
 _NEAR, _SHARE = 2.5e-3, 0.15
 _STRICT = 0.2
+_SMALL = 0.03  # tangential force of differences in terms of the whole force
+_LEAST = 0.01  # and of at least this force [N]
 
 
-class Correction(NamedTuple):
-    """What the interpolant leaves out at some contacts.
+def near(
+    kept: Correction,
+    parameters: NDArray[np.float64],
+    contacts: int,
+    radius: float,
+    *,
+    live: bool,
+) -> bool:
+    """Whether a correction holds well enough for other contacts.
 
-    Attributes:
+    Args:
+        kept: the correction.
         parameters: of the contacts [parameter].
-        change: to add to u and the oil's pressure [channel].
-        min_gap: between membrane and wall there [m].
+        contacts: their number.
+        radius: of the outer face [m].
+        live: whether time counts more than accuracy.
     """
-
-    parameters: NDArray[np.float64]
-    change: NDArray[np.float64]
-    min_gap: float
-
-    def near(
-        self, parameters: NDArray[np.float64], contacts: int, radius: float, *, live: bool
-    ) -> bool:
-        """Whether it holds well enough for other contacts.
-
-        Args:
-            parameters: of the contacts [parameter].
-            contacts: their number.
-            radius: of the outer face [m].
-            live: whether time counts more than accuracy.
-        """
-        share = 1.0 if live else _STRICT
-        old, new = (x.reshape(-1, contacts) for x in (self.parameters, parameters))
-        moved = np.hypot(radius * (old[0] - new[0]), old[1] - new[1])
-        force = np.abs(old[2] - new[2])
-        still = (moved < share * _NEAR) & (force < share * _SHARE * np.abs(new[2]))
-        return bool(still.all())
+    share = 1.0 if live else _STRICT
+    old, new = (x.reshape(-1, contacts).T for x in (kept.parameters, parameters))
+    moved = np.hypot(radius * (old[:, 0] - new[:, 0]), old[:, 1] - new[:, 1])
+    if kept.across is None:
+        change = np.abs(old[:, 2] - new[:, 2])
+    else:
+        change = np.linalg.norm(force_components(old) - force_components(new), axis=-1)
+    still = (moved < share * _NEAR) & (change < share * _SHARE * np.abs(new[:, 2]))
+    return bool(still.all())
 
 
 class SolvedContacts:
@@ -69,28 +65,75 @@ class SolvedContacts:
         table = interpolant.tables[0]
         self._stray, self._rest = table.stray, 1 / (table.rest - table.stray)
 
-    def correction(self, parameters: NDArray[np.float64], contacts: int) -> Correction | None:
+    def correction(
+        self, parameters: NDArray[np.float64], contacts: int, kept: Correction | None = None
+    ) -> Correction | None:
         """Solve some contacts; None where no state was found.
 
         Args:
             parameters: [parameter], all of a name together.
             contacts: their number.
+            kept: a correction nearby, whose slopes by tangential forces still hold.
         """
-        columns = np.full((4, self._most), self._diameter)
-        by_name = parameters.reshape(-1, contacts)
-        columns[: len(by_name), :contacts] = by_name
+        by_contact = parameters.reshape(-1, contacts).T
+        found = self._solve(by_contact)
+        if found is None:
+            return None
+        change, gap = found
+        across = None
+        if self._interpolant.direction:
+            across = None if kept is None else kept.across
+            if across is None:
+                across = self._across(by_contact, change)
+        known = Correction(parameters.copy(), np.zeros_like(change), gap, across)
+        own = self._interpolant(parameters[None], contacts, known).change[0]
+        # A taxel that the membrane touches is left to the interpolant.
+        missing = np.where(np.isfinite(change), change - own, 0.0)
+        return known._replace(change=missing)
+
+    def _across(
+        self, by_contact: NDArray[np.float64], change: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Differences by small tangential forces at constant radial ones; zero if unknown."""
+        slopes = np.zeros((len(by_contact), 2, len(change)))
+        for contact in range(len(by_contact)):
+            for component in range(2):
+                force = force_components(by_contact)
+                step = _SMALL * max(float(np.linalg.norm(force[contact])), _LEAST)
+                force[contact, 1 + component] += step
+                found = self._solve(_along(by_contact, force))
+                if found is not None:
+                    slopes[contact, component] = np.nan_to_num((found[0] - change) / step)
+        return slopes
+
+    def _solve(
+        self, by_contact: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float] | None:
+        """Change of u and the oil's pressure [channel], and smallest gap, under contacts."""
+        count = len(by_contact)
+        names = self._interpolant.parameters.names
+        given = dict(zip(names, by_contact.T, strict=True))
+        rows = [given["angle"], given["axial"], given["force"]]
+        rows.append(given.get("diameter", np.full(count, self._diameter)))
+        if self._interpolant.direction:
+            rows += [given["direction"], given["tilt"]]
         # What is not used lies where the first one is, without a force.
-        columns[:, contacts:] = columns[:, :1]
-        columns[2, contacts:] = 0.0
+        columns = np.array([np.append(x, np.full(self._most - count, x[0])) for x in rows])
+        columns[2, count:] = 0.0
         patches = Patches(*(jnp.asarray(row) for row in columns))
-        used = Patches(*(jnp.asarray(row[:contacts]) for row in columns))
+        used = Patches(*(jnp.asarray(row[:count]) for row in columns))
         plan = self._skin.plan(used, slots=self._most)
         found = COMPILED.run(READ, self._skin, patches, plan)
         if not bool(found.found):
             return None
         u = 1 / (np.asarray(found.so) - self._stray)
-        change = np.append(u - self._rest, float(found.pressure))
-        own = self._interpolant(parameters[None], contacts).change[0]
-        # A taxel that the membrane touches is left to the interpolant.
-        missing = np.where(np.isfinite(change), change - own, 0.0)
-        return Correction(parameters.copy(), missing, float(found.min_gap))
+        return np.append(u - self._rest, float(found.pressure)), float(found.min_gap)
+
+
+def _along(by_contact: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Contacts with other components of their forces."""
+    changed = by_contact.copy()
+    changed[:, 2] = np.linalg.norm(force, axis=-1)
+    changed[:, -2] = np.arctan2(force[:, 1], force[:, 0])
+    changed[:, -1] = np.arcsin(force[:, 2] / np.maximum(changed[:, 2], 1e-300))
+    return changed

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -11,10 +12,14 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from suas_jax.figures.style import written
 
 _BAND = 1.96  # standard deviations of the 95 % interval
+_LONGEST = 3.0  # intervals shown whole, in terms of their median
 _LABELS = {
     "angle": (180 / np.pi, "angle [°]"),
     "axial": (1e3, "axial [mm]"),
     "force": (1.0, "force [N]"),
+    "diameter": (1e3, "diameter [mm]"),
+    "direction": (180 / np.pi, "direction [°]"),
+    "tilt": (180 / np.pi, "tilt [°]"),
 }
 
 
@@ -33,9 +38,9 @@ def plot_loads(
         filtered: loads filtered over time, drawn as a line.
     """
     rows = [(t, c) for t, e in zip(time, estimates, strict=True) for c in e.contacts]
-    on_pad = any(c.axial is not None for _, c in rows)
-    names = [name for name in _LABELS if name != "axial" or on_pad]
-    figure = Figure(figsize=(9, 7 + 2 * on_pad), layout="constrained")
+    estimated = {"angle", "force"}.union(*(c.names for _, c in rows))
+    names = [name for name in _LABELS if name in estimated]
+    figure = Figure(figsize=(9, 3 + 2 * len(names)), layout="constrained")
     panels = figure.subplots(len(names) + 1, 1, sharex=True)
     misfit = panels[-1]
     for axes, name in zip(panels, names, strict=False):
@@ -50,7 +55,10 @@ def plot_loads(
         )
         at = np.array([t for t, _ in rows])
         axes.errorbar(at, values, errors, fmt=".", ms=4, lw=0.8, color="C0", label="frames")
-        if filtered is not None:
+        _limit(axes, values, errors)
+        if name == "force":
+            _draw_bounds(axes, time, estimates)
+        if filtered is not None and name in ("angle", "axial", "force"):
             smooth = [(t, c) for t, cs in zip(time, filtered, strict=True) for c in cs]
             axes.plot(
                 [t for t, _ in smooth],
@@ -61,7 +69,8 @@ def plot_loads(
                 zorder=3,  # over the frames, which they lie among
                 label="filtered",
             )
-            axes.legend()
+        if len(axes.get_legend_handles_labels()[0]) > 1:
+            axes.legend(fontsize="small")
     statuses = sorted({e.status for e in estimates})
     for name in statuses:
         chosen = [
@@ -75,3 +84,25 @@ def plot_loads(
     if statuses:
         misfit.legend(loc="upper right", fontsize="small")
     return written(figure, file)
+
+
+def _draw_bounds(
+    axes: Axes, time: NDArray[np.float64], estimates: Sequence[LoadEstimate]
+) -> None:
+    """What acts at least where the wall takes the rest."""
+    bounds = [
+        (t, e.at_least) for t, e in zip(time, estimates, strict=True) if e.at_least is not None
+    ]
+    if bounds:
+        axes.plot(*zip(*bounds, strict=True), "^", ms=5, color="C3", label="at least")
+
+
+def _limit(axes: Axes, values: NDArray[np.float64], errors: NDArray[np.float64]) -> None:
+    """Show all values, and of their intervals what the few widest don't hide."""
+    if not np.isfinite(errors).any():
+        return
+    shown = np.minimum(np.nan_to_num(errors), _LONGEST * np.nanmedian(errors))
+    low, high = (values - shown).min(), (values + shown).max()
+    margin = 0.05 * (high - low)
+    if margin > 0:
+        axes.set_ylim(low - margin, high + margin)

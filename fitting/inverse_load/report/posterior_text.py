@@ -6,6 +6,17 @@ import numpy as np
 
 from fitting.inverse_load.posterior import LoadMode
 
+_DEGREES = 180 / np.pi
+# A quantity's key in JSON and its factor from SI units, then the text's from JSON and unit.
+_SHOWN = {
+    "angle": ("angle_deg", _DEGREES, 1.0, "°"),
+    "axial": ("axial_m", 1.0, 1e3, " mm"),
+    "force": ("force_N", 1.0, 1.0, " N"),
+    "diameter": ("diameter_m", 1.0, 1e3, " mm wide"),
+    "direction": ("direction_deg", _DEGREES, 1.0, "° off radial"),
+    "tilt": ("tilt_deg", _DEGREES, 1.0, "° along the axis"),
+}
+
 
 def posterior_json(modes: list[LoadMode]) -> dict[str, Any]:
     """What `suas invert --posterior --json` prints."""
@@ -31,11 +42,8 @@ def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
     """Mean, standard deviation and 95 % interval of one contact's quantities."""
     rows = range(contact, len(mode.parameters), mode.contacts)
     load: dict[str, Any] = {}
-    for (name, scale), row in zip(
-        (("angle_deg", 180 / np.pi), ("force_N", 1.0), ("direction_deg", 180 / np.pi)),
-        rows,
-        strict=False,
-    ):
+    for quantity, row in zip(mode.names, rows, strict=True):
+        name, scale, _, _ = _SHOWN[quantity]
         if mode.chain is None:
             load[name] = {"mean": scale * float(mode.parameters[row])}
             continue
@@ -55,15 +63,13 @@ def posterior_lines(modes: list[LoadMode]) -> list[str]:
         loads = []
         for k in range(mode.contacts):
             parts = []
-            for name, value in _load(mode, k).items():
-                unit = {"angle_deg": "°", "force_N": " N", "direction_deg": "° off radial"}[
-                    name
-                ]
+            for quantity, value in zip(mode.names, _load(mode, k).values(), strict=True):
+                _, _, scale, unit = _SHOWN[quantity]
+                text = f"{scale * value['mean']:.4g}"
                 if "interval_95" in value:
-                    low, high = value["interval_95"]
-                    parts.append(f"{value['mean']:.4g} ({low:.4g} to {high:.4g}){unit}")
-                else:
-                    parts.append(f"{value['mean']:.4g}{unit}")
+                    low, high = (scale * x for x in value["interval_95"])
+                    text += f" ({low:.4g} to {high:.4g})"
+                parts.append(text + unit)
             loads.append(", ".join(parts))
         lines.append(f"  {100 * mode.probability:.1f} % ({mode.kind}): " + "; ".join(loads))
         lines.append(f"    {mode.message}")

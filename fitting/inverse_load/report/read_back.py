@@ -67,16 +67,18 @@ def _line(path: Path, k: int, text: str) -> tuple[int, LoadEstimate]:
 
 
 def _contact(load: dict[str, Any]) -> Contact:
-    direction = _optional(load, "direction_deg")
+    turns = (_optional(load, key) for key in ("direction_deg", "tilt_deg"))
+    direction, tilt = (None if x is None else float(np.deg2rad(x)) for x in turns)
     return Contact(
         float(np.deg2rad(float(load["angle_deg"]))),
         float(load["force_N"]),
-        None if direction is None else float(np.deg2rad(direction)),
+        direction,
         _matrix(load.get("covariance")),
         _optional(load, "arc_position_m"),
         _matrix(load.get("systematic_covariance")),
         _optional(load, "axial_m"),
         _optional(load, "diameter_m"),
+        tilt=tilt,
     )
 
 

@@ -23,6 +23,8 @@ def contact_json(contact: Contact) -> dict[str, Any]:
         entry["spread_m"], entry["spread_deviation_m"] = contact.spread
     if contact.direction is not None:
         entry["direction_deg"] = float(np.rad2deg(contact.direction))
+    if contact.tilt is not None:
+        entry["tilt_deg"] = float(np.rad2deg(contact.tilt))
     known = contact.covariance is not None
     entry["covariance"] = contact.covariance.tolist() if known else None  # type: ignore[union-attr]
     if contact.systematic is not None:
@@ -85,6 +87,9 @@ def contact_text(contact: Contact) -> str:
     if contact.direction is not None:
         turn, error = np.rad2deg(contact.direction), np.rad2deg(sigma["direction"])
         parts.append(f"{turn:.1f} ± {error:.1f}° off radial")
+    if contact.tilt is not None:
+        turn, error = np.rad2deg(contact.tilt), np.rad2deg(sigma["tilt"])
+        parts.append(f"{turn:.1f} ± {error:.1f}° along the axis")
     return ", ".join(parts)
 
 

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from suas_jax.equilibrium.equilibrium import State
 
+NEARLY = 40.0
+"""Difference of chi2, on the table, below which a second mode is fitted."""
+
 Start = tuple[NDArray[np.float64], int]
 """Parameters of several contacts, and the node of the strongest one."""
 
@@ -52,6 +55,8 @@ class AbstractNodeSearch(abc.ABC):
         rest: readings at rest [taxel].
         places: of the table [place, coordinate].
         signatures: change of readings per newton of a light contact there [place, taxel].
+        levels: nodes of one place, which follow one another.
+        separate: distance below which contacts are one mode, see `distance`.
     """
 
     def __init__(
@@ -61,9 +66,14 @@ class AbstractNodeSearch(abc.ABC):
         rest: NDArray[np.float64],
         places: NDArray[np.float64],
         signatures: NDArray[np.float64],
+        *,
+        levels: int,
+        separate: float,
     ) -> None:
         self.loads, self.readings, self.rest = loads, readings, rest
         self.places, self.signatures = places, signatures
+        self.levels, self.separate = levels, separate
+        self._first = loads[::levels]  # of every place
         self.known = np.all(np.isfinite(readings), 1)
         """Nodes that have a state [node]."""
         # Changes from rest, so that single precision leaves no error that matters.
@@ -81,10 +91,49 @@ class AbstractNodeSearch(abc.ABC):
         return np.asarray(cost)
 
     @abc.abstractmethod
+    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Between places [..., coordinate], in radians in plane strain, in metres on a pad.
+
+        Coordinates after those of places don't count.
+        """
+
     def nearest(
         self, y: NDArray[np.float64], weight: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The nearest node of every frame, and the nearest of those far from it, or -1."""
+        cost = self.costs(y, weight).reshape(len(y), -1, self.levels)
+        frame = np.arange(len(y))
+        row = cost.argmin(2)  # [frame, place]
+        lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
+        first = lowest.argmin(1)
+        best = lowest[frame, first].copy()
+        far = self.distance(self._first[None], self._first[first][:, None])
+        lowest[far < self.separate] = np.inf
+        second = lowest.argmin(1)
+        close = lowest[frame, second] < best + NEARLY
+        other = np.where(close, second * self.levels + row[frame, second], -1)
+        return first * self.levels + row[frame, first], other
+
+    def minima(
+        self, y: NDArray[np.float64], weight: NDArray[np.float64], most: int, within: float
+    ) -> NDArray[np.intp]:
+        """The nodes of the lowest minima of one frame over the skin, best first.
+
+        Args:
+            y: readings [taxel].
+            weight: inverse variances [taxel].
+            most: how many at most.
+            within: chi2, on the table, above its smallest.
+        """
+        cost = self.costs(y[None], weight[None]).reshape(-1, self.levels)
+        lowest = cost.min(1)
+        limit = lowest.min() + within
+        chosen: list[int] = []
+        while len(chosen) < most and lowest.min() < limit:
+            k = int(lowest.argmin())
+            chosen.append(k * self.levels + int(cost[k].argmin()))
+            lowest[self.distance(self._first, self._first[k]) < self.separate] = np.inf
+        return np.array(chosen, np.intp)
 
     @abc.abstractmethod
     def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
@@ -104,9 +153,9 @@ class AbstractNodeSearch(abc.ABC):
     def rest_states(self, frames: int) -> State:
         """The undeformed state, a lane a frame."""
 
-    @abc.abstractmethod
     def apart(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether the first contacts of parameters are different modes [frame]."""
+        """Whether single contacts are different modes [frame]."""
+        return np.asarray(self.distance(a, b) > self.separate)
 
     @abc.abstractmethod
     def several(self) -> AbstractSeveralSearch:

@@ -12,7 +12,6 @@ from suas_jax.scene.forward import Skin
 
 APART = np.deg2rad(10.0)
 """Contacts closer than this are one mode of the search."""
-_NEARLY = 40.0  # difference of chi2, on the table, below which a second mode is fitted
 _REFINEMENTS = 3
 _ANGLES, _FORCES = 60, 8  # of the thinned table that pairs are made of
 _CLOSEST = np.deg2rad(4.0)  # contacts of a pair are at least so far apart
@@ -32,7 +31,15 @@ class NodeSearch(AbstractNodeSearch):
         angle = np.repeat(table.angles, table.forces.shape[1])
         loads = np.stack([angle, table.forces.reshape(-1)], 1)
         places = table.angles[:, None]
-        super().__init__(loads, table.nodes, table.rest, places, table.signatures)
+        super().__init__(
+            loads,
+            table.nodes,
+            table.rest,
+            places,
+            table.signatures,
+            levels=table.forces.shape[1],
+            separate=APART,
+        )
 
     def states(self, node: NDArray[np.intp]) -> State:
         """See the base class."""
@@ -42,9 +49,9 @@ class NodeSearch(AbstractNodeSearch):
         """See the base class."""
         return at_rest(self._skin, frames)
 
-    def apart(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """See the base class."""
-        return np.asarray(np.abs(a[:, 0] - b[:, 0]) > APART)
+    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Between angles [..., (angle, ...)] [rad]."""
+        return np.asarray(np.abs(a[..., 0] - b[..., 0]))
 
     def several(self) -> PairSearch:
         """See the base class."""
@@ -57,28 +64,10 @@ class NodeSearch(AbstractNodeSearch):
             self,
             (np.unique(j)[:, None] * forces + i).reshape(-1),
             np.broadcast_to(stray, table.rest.shape),
-            lambda a, b: np.abs(a[..., 0] - b[..., 0]),
+            self.distance,
             closest=_CLOSEST,
             apart=_ONE_START,
         )
-
-    def nearest(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The nearest node of every frame, and the nearest of those far from it, or -1."""
-        forces = self._table.forces.shape[1]
-        cost = self.costs(y, weight).reshape(len(y), -1, forces)
-        frame = np.arange(len(y))
-        row = cost.argmin(2)  # [frame, angle]
-        lowest = np.take_along_axis(cost, row[..., None], 2)[..., 0]
-        first = lowest.argmin(1)
-        best = lowest[frame, first].copy()
-        angles = self._table.angles
-        lowest[np.abs(angles - angles[first][:, None]) < APART] = np.inf
-        second = lowest.argmin(1)
-        close = lowest[frame, second] < best + _NEARLY
-        other = np.where(close, second * forces + row[frame, second], -1)
-        return first * forces + row[frame, first], other
 
     def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
         """See the base class; the lightest of an angle where there is no state."""

@@ -21,6 +21,7 @@ from fitting.sensor.model.constants import (
     is_gap,
     is_material,
 )
+from suas_jax.config.tolerance import deviation_of
 
 OPEN = 0.05
 """Share of its size up to which a standard error leaves a constant known."""
@@ -28,6 +29,7 @@ OPEN = 0.05
 # to natural sizes.
 TOLERANCE = {PERMITTIVITY: 0.1, GAP: 0.05, SCALE: 0.01, STRAY: 0.1, LAYERS: 0.1}
 _MATERIAL_TOLERANCE = 0.1
+_EXACT = 1e-6  # of a constant that the file declares exact (+- 0), relative to its size
 # What gets a prior first.
 _LEAST_KNOWN = (LAYERS, STRAY, SCALE)
 # Constants that are linked to one with a prior are no better known than it.
@@ -44,12 +46,18 @@ def is_static(problem: SensorProblem) -> bool:
 def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
     """The prior of a constant that the data leave open.
 
+    Its standard deviation is the skin file's (``+-``), or `TOLERANCE` where that states none.
+
     Args:
         part: the constant.
         stated: what the skin file says, SI; None where it says nothing.
         reason: why it is needed.
     """
     mean = stated if stated is not None else (part.size if part.positive else 0.0)
+    deviation = deviation_of(stated)
+    if deviation is not None:
+        sd = max(deviation, _EXACT * part.size)
+        return Prior(float(mean), sd, f"{reason}; the skin file states its tolerance")
     share = TOLERANCE.get(part.name.split(".")[0], _MATERIAL_TOLERANCE)
     return Prior(mean, share * part.size, reason)
 

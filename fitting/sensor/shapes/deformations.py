@@ -91,9 +91,10 @@ def deform(
         return jnp.concatenate(xs, -1)[..., :count]
 
     state = jax.tree.map(joined, *(r.state for r in found))
+    pressure = np.asarray(joined(*(r.pressure for r in found)))
     face = jax.tree.map(joined, *(r.face for r in found))
     moved = np.concatenate([np.asarray(r.displacement) for r in found], -1)[:, :count]
-    return Deformed(press, force, moved, np.asarray(state.pressure), face, state)
+    return Deformed(press, force, moved, pressure, face, state)
 
 
 def _layer(geometry: SkinGeometry, law: AbstractLaw, loads: KnownLoads) -> float:

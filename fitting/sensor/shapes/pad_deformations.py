@@ -175,7 +175,7 @@ def _respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
     """Radii along the taxels' rays, displacements of mid-surface and inner face, result."""
     problem = skin.problem(patches, plan)
     found = equilibrium(problem)
-    q = corrected(problem, found.state)[1].q
+    q = corrected(problem, found.state).state.q
     electrodes, pad = skin.electrodes, problem.mechanics
     rays = electrodes.taxels.rays(DISC, skin.geometry.wall_radius)
     gaps = pad.face(q, skin.geometry.inner_radius).gaps(rays, skin.geometry.wall_radius)

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import Problem, State, equilibrium
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.section import section_of
@@ -121,7 +122,8 @@ class Response(NamedTuple):
     """What some forces do; every entry has a state axis.
 
     Attributes:
-        state: the equilibrium.
+        state: the shell's equilibrium.
+        pressure: of the oil [state, Pa].
         displacement: under each load, along it [load, state, m].
         compliance: derivative of the displacements by the forces [of, by, state, m/N].
         face: the deformed inner face.
@@ -129,6 +131,7 @@ class Response(NamedTuple):
     """
 
     state: State
+    pressure: Array
     displacement: Array
     compliance: Array
     face: PolarFace
@@ -146,15 +149,16 @@ def respond(
 ) -> Response:
     """Equilibria under given forces, and how displacements change with them."""
 
-    def solve(force: Array) -> tuple[Array, tuple[State, PolarFace, Array]]:
+    def solve(force: Array) -> tuple[Array, tuple[State, Array, PolarFace, Array]]:
         problem = press.problem(geometry, law, oil, force)
-        found = equilibrium(problem, start)
-        face = section_of(problem.mechanics).face(found.state.q, geometry.inner_radius)
-        moved = press.displacements(problem.mechanics, found.state.q)
-        return moved, (found.state, face, found.result)
+        found = equilibrium(problem, start, omitted=True)
+        root, shown, shell = corrected(problem, found.state, found.change)
+        face = section_of(shell).face(shown.q, geometry.inner_radius)
+        moved = press.displacements(shell, shown.q)
+        return moved, (root, shown.pressure, face, found.result)
 
-    moved, push, (state, face, result) = jax.linearize(solve, force, has_aux=True)
+    moved, push, (state, pressure, face, result) = jax.linearize(solve, force, has_aux=True)
     loads = force.shape[0]
     unit = jnp.broadcast_to(jnp.eye(loads)[:, :, None], (loads, *force.shape))
     compliance = jnp.moveaxis(jax.vmap(push)(unit), 0, 1)
-    return Response(state, moved, compliance, face, result)
+    return Response(state, pressure, moved, compliance, face, result)

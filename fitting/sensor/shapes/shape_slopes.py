@@ -16,6 +16,7 @@ from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.press import Press
 from suas_jax.config import SkinSpec
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, equilibrium
 from suas_jax.mechanics.section import section_of
 from suas_jax.runtime.compiled import COMPILED
@@ -39,9 +40,9 @@ def _slopes(
         geometry, law, answer, _ = parts_of(spec, inputs | moving, oil)
         problem = press.problem(geometry, law, answer, force)
         found = equilibrium(problem, start)
-        face = section_of(problem.mechanics).face(found.state.q, geometry.inner_radius)
-        moved = press.displacements(problem.mechanics, found.state.q)
-        return moved, face.edges, face.radius
+        _, shown, shell = corrected(problem, found.state)
+        face = section_of(shell).face(shown.q, geometry.inner_radius)
+        return press.displacements(shell, shown.q), face.edges, face.radius
 
     _, push = jax.linearize(shape, moving, force)
     still = jax.tree.map(jnp.zeros_like, moving)

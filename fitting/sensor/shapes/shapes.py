@@ -21,7 +21,9 @@ from fitting.sensor.shapes.solid_correction import (
     corrected,
     corrections,
 )
-from suas_jax.config import continuous_inputs
+from suas_jax.config import UncertainQuantity, continuous_inputs
+from suas_jax.config.inputs import given_inputs
+from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.skin.geometry import SkinGeometry
@@ -99,10 +101,17 @@ class ShapeSolver:
             )
 
     def stated(self, name: str) -> float | None:
-        """What the skin file says of a constant, SI; None where it says nothing."""
+        """What the skin file says of a constant, SI; None where it says nothing.
+
+        An `UncertainQuantity` where the file states its standard deviation.
+        """
         own = GAP if is_gap(name) else name
-        value = self.inputs.get(PATHS.get(own, own))
-        return None if value is None else float(value)
+        path = PATHS.get(own, own)
+        value = self.inputs.get(path)
+        if value is None:
+            return None
+        deviation = deviation_of(given_inputs(self._data.spec).get(path))
+        return float(value) if deviation is None else UncertainQuantity(value, deviation)
 
     def at(self, constants: np.ndarray) -> Shapes:
         """Shapes at some constants.
@@ -245,7 +254,7 @@ class ShapeSolver:
             self._corrections = found or []
             if not found:
                 self.warnings.append(
-                    "shapes are the shell's, exact to about 2e-3 of a displacement: the solid "
+                    "shapes are the shell's, exact to about 3e-4 of a displacement: the solid "
                     f"corrects single loads at up to {MOST_PLACES} places"
                 )
         if not self._corrections:

@@ -1,0 +1,88 @@
+"""The README's two tables, accuracy and speed, computed and measured again.
+
+    python -m benchmarks.readme_tables
+
+Rewrites them in README.md. Nothing else should run meanwhile: the times are those of the clock.
+"""
+
+import statistics
+
+from benchmarks.demo import CASES, ROOT
+from benchmarks.inverse_load import skin_of_40
+from benchmarks.inverse_load_speed import slide, timed
+from benchmarks.pages import write_section
+from benchmarks.shell_speed import BATCH, measured
+from fitting import LoadEstimator
+from suas_jax import configure, load_scene, solve, sweep
+
+SCENES = ROOT / "configs" / "scenes"
+PAD_PRESSURE, PAD_DISPLACEMENT, PAD_CONTACT = 1557.5, 2.120, 17.05  # continuum: Pa, mm, N
+
+
+def accuracy() -> list[str]:
+    """The paper's cases and the pad beside finite elements and the paper."""
+    rows = ["| | reference | suas_jax |", "|---|---|---|"]
+    contacts = []
+    for name, case in CASES.items():
+        scene = load_scene(SCENES / case.scene)
+        force = solve(scene).report["loads"][0]["force_N"]
+        curve = sweep(scene, forces=[case.contact * 1.05 * i / 10 for i in range(11)])
+        contacts.append(curve.first_contact["force_N"] if curve.first_contact else float("nan"))
+        rows.append(
+            f"| case {name[0]} at 10 kPa: force | {case.reference} N (finite elements), "
+            f"{case.paper} N (paper) | {force:.3f} N |"
+        )
+    wanted = ", ".join(f"{case.contact} N" for case in CASES.values())
+    found = ", ".join(f"{force:.1f} N" for force in contacts)
+    rows.append(
+        f"| case A, B: first contact with the wall | {wanted} (finite elements) | {found} |"
+    )
+    pad = load_scene(SCENES / "pad_crown.toml")
+    report = solve(pad).report
+    moved = 1e3 * report["loads"][0]["inner_displacement_m"]
+    rows.append(
+        f"| pad, 6 N on 6 x 6 mm: oil pressure, displacement | {PAD_PRESSURE:,} Pa, "
+        f"{PAD_DISPLACEMENT:.3f} mm (continuum) | {report['oil_pressure_Pa']:,.0f} Pa, "
+        f"{moved:.3f} mm |"
+    )
+    curve = sweep(pad, forces=[0.0, 8.0, 14.0, 18.0])
+    touch = curve.first_contact["force_N"] if curve.first_contact else float("nan")
+    rows.append(
+        f"| pad: first contact with the wall | {PAD_CONTACT} N (continuum) | {touch:.2f} N |"
+    )
+    return rows
+
+
+def speed() -> list[str]:
+    """One equilibrium, many, and one frame to its load."""
+    _, found = measured()
+    alone = found["solve from zero"].seconds
+    with_gradient = found["solve and gradient by all inputs"].seconds
+    batches = (f"batch of {BATCH}, two threads", "  from 95 % of the loads")
+    from_rest, from_near = (found[name].rate for name in batches)
+    spec = skin_of_40()
+    live = LoadEstimator(spec, live=True)
+    counts = slide(LoadEstimator(spec))
+    live.warm_up()
+    frame = statistics.median(timed(live, counts[:2000])[0])
+    return [
+        "| | two quiet CPU cores |",
+        "|---|---|",
+        "| section: one equilibrium from rest, one with the gradient by all inputs | "
+        f"{1e3 * alone:.2f} ms, {1e3 * with_gradient:.2f} ms |",
+        "| section: equilibria in a batch, two threads, from rest, from a neighbouring state | "
+        f"{from_rest:,.0f} per second, {from_near:,.0f} per second |",
+        f"| section: one frame of 40 taxels to its load, warm | {1e3 * frame:.1f} ms |",
+    ]
+
+
+def main() -> None:
+    """Rewrite both tables."""
+    configure()
+    for name, rows in (("accuracy", accuracy()), ("speed", speed())):
+        write_section("../README.md", name, rows)
+        print("\n".join([*rows, ""]))
+
+
+if __name__ == "__main__":
+    main()

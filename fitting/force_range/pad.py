@@ -1,0 +1,232 @@
+"""How well a contact on a pad can be told from its taxels, over the pad.
+
+The bound of Cramer and Rao as for a section (`bound`), for the angle, the axial position and
+the force of one round radial contact, from the table of solved states that estimates begin
+with. Its states pass through the wall: nothing is said of forces beyond first contact.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.force_range.bound import LADDER, TOLD, least_errors
+from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
+from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
+from fitting.inverse_load.pad.parts import table_of_pad
+from fitting.inverse_load.pad.table import PadTable
+from suas_jax.config import SkinSpec
+from suas_jax.sensing.converter import Converter
+
+Floats = NDArray[np.float64]
+
+_NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
+_REFERENCE = 0.3  # force of the map of errors in terms of the smallest first contact
+
+
+@dataclass(frozen=True)
+class PadForceRange:
+    """The range of one round contact over a pad.
+
+    Attributes:
+        angle: of the contact [angle] [rad].
+        axial: of the contact [axial] [m].
+        diameter: of the contact [m].
+        radius: of the outer face [m].
+        first_contact: force at which the membrane reaches the wall [angle, axial] [N]; NaN
+            where it is far beyond the table.
+        oil_pressure: there [angle, axial] [Pa]; NaN beyond the table.
+        force: at which the bound is evaluated [angle, axial, force] [N]; the last one is the
+            same everywhere.
+        error: least standard deviations of angle [rad], axial position [m] and force [N]
+            [parameter, angle, axial, force].
+        saturated: taxels at the converter's limit [angle, axial, force].
+        noise: standard deviation of a reading, rounding included [counts].
+        taxels: angle [rad] and axial position [m] [taxel, 2].
+    """
+
+    angle: Floats
+    axial: Floats
+    diameter: float
+    radius: float
+    first_contact: Floats
+    oil_pressure: Floats
+    force: Floats
+    error: Floats
+    saturated: NDArray[np.int64]
+    noise: float
+    taxels: Floats
+
+    @property
+    def reference(self) -> float:
+        """The force at which errors are compared over the pad [N]."""
+        return float(self.force[0, 0, -1])
+
+    @property
+    def smallest(self) -> Floats:
+        """Force from which on it can be told to `TOLD` of itself [angle, axial] [N]; or NaN.
+
+        Between the forces evaluated, the relative error is taken as a power of the force;
+        below them its error is that of the lightest, as readings are then linear.
+        """
+        force = self.force[..., :-1].reshape(-1, self.force.shape[-1] - 1)
+        relative = self.error[2][..., :-1].reshape(force.shape) / force
+        found = np.full(len(force), np.nan)
+        for row, (f, r) in enumerate(zip(force, relative, strict=True)):
+            told = np.flatnonzero(r <= TOLD)
+            if told.size and told[0] == 0:
+                found[row] = r[0] * f[0] / TOLD
+            elif told.size:
+                near = [told[0], told[0] - 1]
+                found[row] = np.exp(np.interp(np.log(TOLD), np.log(r[near]), np.log(f[near])))
+        return found.reshape(self.force.shape[:2])
+
+    @property
+    def position_error(self) -> Floats:
+        """Of the place on the outer face [angle, axial, force] [m]."""
+        return np.hypot(self.radius * self.error[0], self.error[1])
+
+    def report(self) -> dict[str, Any]:
+        """What `suas range --json` prints of a pad."""
+        return {
+            "dimension": 3,
+            "noise_counts": self.noise,
+            "told_relative_error": TOLD,
+            "diameter_m": self.diameter,
+            "contact_modelled": False,
+            "places": [
+                self._row(i, j) for i in range(len(self.angle)) for j in range(len(self.axial))
+            ],
+        }
+
+    def _row(self, i: int, j: int) -> dict[str, Any]:
+        known = bool(np.isfinite(self.first_contact[i, j]))
+        touch = {
+            "force_N": float(self.first_contact[i, j]),
+            "oil_pressure_Pa": float(self.oil_pressure[i, j]),
+        }
+        points = [
+            {
+                "force_N": float(self.force[i, j, k]),
+                "force_error_N": float(self.error[2, i, j, k]),
+                "angle_error_deg": float(np.rad2deg(self.error[0, i, j, k])),
+                "axial_error_m": float(self.error[1, i, j, k]),
+                "saturated_taxels": int(self.saturated[i, j, k]),
+            }
+            for k in range(self.force.shape[2])
+        ]
+        saturated = self.force[i, j][self.saturated[i, j] > 0]
+        return {
+            "angle_deg": float(np.rad2deg(self.angle[i])),
+            "axial_m": float(self.axial[j]),
+            "first_contact": touch if known else None,
+            "smallest_force_told_N": float(self.smallest[i, j]),
+            "saturation_force_N": float(saturated.min()) if saturated.size else float("nan"),
+            "points": sorted(points, key=lambda point: point["force_N"]),
+        }
+
+
+def pad_force_range(
+    spec: SkinSpec,
+    places: tuple[int, int] = (17, 11),
+    noise: float | None = None,
+    *,
+    diameter: float = DIAMETER,
+    progress: Callable[[str], None] = lambda text: None,
+    workers: int | str | None = None,
+) -> PadForceRange:
+    """Find the range of a round radial contact over a pad.
+
+    The table of a new skin takes minutes; it is kept.
+
+    Args:
+        spec: the pad, with electrodes.
+        places: how many along the arc and along the axis, from edge to edge.
+        noise: standard deviation of a reading [counts]; the skin file's if None.
+        diameter: of the contact [m].
+        progress: called with what is being done.
+        workers: that solve the table, see `pad_table_of`.
+
+    Raises:
+        ValueError: the skin has no electrodes, or an argument makes no sense.
+    """
+    if spec.electrodes is None:
+        raise ValueError("the skin has no [electrodes], so there is nothing to tell loads from")
+    if min(places) < 1:
+        raise ValueError(f"{places[0]} by {places[1]} places: at least one is needed")
+    if not 0 < diameter < spec.geometry.width / 4:
+        raise ValueError(
+            f"diameter = {diameter:g} m: a length above zero and below a quarter of the pad's "
+            "width is needed"
+        )
+    deviation = spec.electrodes.noise if noise is None else noise
+    if not (np.isfinite(deviation) and deviation >= 0):
+        raise ValueError(f"noise = {deviation}: zero or more counts are needed")
+    skin, table = table_of_pad(spec, diameter, progress, workers)
+    progress("what the taxels tell")
+    own = skin.electrodes.taxels
+    taxels = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+    return range_from_table(
+        table, float(skin.geometry.outer_radius[0]), taxels, places, deviation
+    )
+
+
+def range_from_table(
+    table: PadTable, radius: float, taxels: Floats, places: tuple[int, int], noise: float
+) -> PadForceRange:
+    """The range of a contact over a pad whose states are known.
+
+    Args:
+        table: the states.
+        radius: of the outer face [m].
+        taxels: angle and axial position [taxel, 2].
+        places: how many along the arc and along the axis.
+        noise: standard deviation of a reading [counts].
+    """
+    angle, axial = (
+        np.linspace(-x[-1], x[-1], n) if n > 1 else np.zeros(1)
+        for x, n in zip((table.angle, table.axial), places, strict=True)
+    )
+    interpolant = PadInterpolant((table,))
+    at = np.stack([x.reshape(-1) for x in np.meshgrid(angle, axial, indexing="ij")], 1)
+    most = MOST * interpolant.largest(*at.T)
+    touch = table.first_contact_at(*at.T)
+    known = touch < _NEVER
+    end = np.minimum(touch, most)
+    reference = np.minimum(_rounded(_REFERENCE * end.min()), most)
+    force = np.column_stack([end[:, None] * np.array(LADDER), reference])
+    loads = np.concatenate([np.repeat(at, force.shape[1], 0), force.reshape(-1, 1)], 1)
+    reading = noise**2 + 1 / 12
+    so, jacobian = [], []
+    for rows in np.array_split(loads, max(1, len(loads) // 256)):
+        found = interpolant(rows, 1)
+        so.append(found.readings[:, :-1])
+        jacobian.append(found.jacobian[..., :-1])
+    values = np.concatenate(so)
+    saturated = values >= Converter().full_scale
+    variance = reading + (PAD_MODEL_ERROR * (values - table.rest)) ** 2
+    weight = np.where(saturated, 0.0, 1 / variance)
+    error = least_errors(np.moveaxis(np.concatenate(jacobian), 0, -1), weight.T)
+    shape = (*places, force.shape[1])
+    at_touch = interpolant(np.column_stack([at, end]), 1).readings[:, -1]
+    at_touch[end < touch] = np.nan
+    return PadForceRange(
+        angle,
+        axial,
+        table.diameter,
+        radius,
+        np.where(known, touch, np.nan).reshape(places),
+        at_touch.reshape(places),
+        force.reshape(shape),
+        error.reshape(3, *shape),
+        saturated.sum(1).reshape(shape),
+        float(np.sqrt(reading)),
+        taxels,
+    )
+
+
+def _rounded(value: float) -> float:
+    """To one significant digit."""
+    return float(f"{value:.0e}")

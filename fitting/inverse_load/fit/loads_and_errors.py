@@ -1,0 +1,117 @@
+"""Least squares for loads and, where they leave more than noise, errors of the skin's inputs.
+
+Each error adds its square, in standard deviations, to chi2.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from suas_jax.equilibrium.equilibrium import State
+
+SUSPECT = 2e-3
+"""p-value of chi2 below which other explanations are tried."""
+_ERROR_FITS = 4  # of errors and loads in turn
+_WORTH = 0.5  # share of chi2 that errors must explain, or nearly all, to be fitted
+_ENDED = 0.1  # decrease of chi2 below which errors and loads have settled
+
+
+@dataclass(frozen=True)
+class LoadsAndErrors:
+    """Fits explanations of frames by a number of contacts.
+
+    Args:
+        fitter: least squares on the skin.
+        errors: of the skin's inputs; None where they are known exactly.
+    """
+
+    fitter: AbstractLoadFitter
+    errors: AbstractSystematicErrors | None
+
+    def fit(
+        self,
+        y: Any,
+        weight: Any,
+        start: NDArray[np.float64],
+        state: State,
+        count: int,
+        *,
+        pull: bool = False,
+        fitter: AbstractLoadFitter | None = None,
+    ) -> Explanations:
+        """Fit loads, and errors of the inputs where loads alone leave more than noise."""
+        fitter = fitter or self.fitter
+        found = fitter.fit(y, weight, start, state, count, pull=pull)
+        if self.errors is None or not self.errors.names:
+            return found
+        per_contact = self.fitter.per_contact
+        poor = np.isfinite(found.chi2) & (found.p_value(per_contact) < SUSPECT)
+        rows = np.flatnonzero(poor)
+        if not rows.size:
+            return found
+        own = found.rows(rows)
+        told = self.errors.of(own, y[rows] - own.so, per_contact)
+        # Where errors leave most of it, another explanation is sought instead.
+        left = own.chi2 - told.decrease
+        explained = replace(own, chi2=left)
+        worth = (left < _WORTH * own.chi2) | (explained.p_value(per_contact) >= SUSPECT)
+        kept = np.flatnonzero(worth)
+        if kept.size:
+            rows, begin, errors = rows[kept], own.rows(kept), told.likely[kept]
+            better = self._with_errors(fitter, y[rows], weight[rows], begin, errors, pull=pull)
+            found = found.cheapest(rows, better)[0]
+        return found
+
+    def _with_errors(
+        self,
+        fitter: AbstractLoadFitter,
+        y: Any,
+        weight: Any,
+        begin: Explanations,
+        errors: Any,
+        *,
+        pull: bool,
+    ) -> Explanations:
+        """Loads and errors of the inputs in turn, from explanations by loads alone.
+
+        Args:
+            fitter: of the loads.
+            y: readings [frame, taxel].
+            weight: inverse variances.
+            begin: by loads alone.
+            errors: most likely there, in standard deviations [frame, error].
+            pull: whether forces pull outwards.
+        """
+        assert self.errors is not None
+        per_contact, count = self.fitter.per_contact, int(begin.contacts[0])
+        width = per_contact * count
+        best, size = begin, len(self.errors.names)
+        known, now = np.zeros_like(errors), begin
+        slopes = self.errors.of(begin, y - begin.so, per_contact).slopes
+        for _ in range(_ERROR_FITS):
+            shift = np.einsum("fe,fet->ft", errors, slopes)
+            fit = fitter.fit(
+                y - shift, weight, now.parameters[:, :width], now.state, count, pull=pull
+            )
+            cost = fit.chi2 + (errors**2).sum(1)
+            fit = replace(
+                fit,
+                score=cost,
+                chi2=cost,
+                so=fit.so + shift,
+                absorbed=np.ones(len(y), bool),
+            )
+            gained = best.score - cost
+            best, _ = best.cheapest(np.arange(len(y)), fit)
+            if not (gained > _ENDED).any():
+                break
+            known, now = errors, fit
+            told = self.errors.of(fit, y - fit.so, per_contact)
+            slopes = told.slopes
+            step = told.spread @ (told.pull - known)[..., None]
+            errors = known + step.reshape(-1, size)
+        return best

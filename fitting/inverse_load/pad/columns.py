@@ -1,0 +1,195 @@
+"""Solved states of a pad under one contact: columns of all forces at one place."""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.settings import configure
+from suas_jax.scene.pad_forward import PadSkin, Patches
+from suas_jax.scene.pad_levels import extrapolation, readings_along
+
+LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
+"""Forces as shares of the largest, rest among them."""
+_GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
+_MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces
+_PASSES = 3  # attempts to find the largest force
+_FEW = 20  # columns that aren't worth the compiler's own optimisation
+_AT_ONCE = 4  # columns that a worker is sent
+_RETRIES = 2
+_READ = eqx.filter_jit(readings_along)
+
+
+class Column(NamedTuple):
+    """Readings of one place, or of many with a leading axis; see `PadReadings`."""
+
+    so: NDArray[np.float64]
+    pressure: NDArray[np.float64]
+    min_gap: NDArray[np.float64]
+    found: NDArray[np.bool_]
+
+
+class Columns:
+    """Solves columns of the table: one place, all forces.
+
+    Args:
+        skin: the pad.
+        diameter: of the contacts [m].
+        progress: called with the number of columns solved and their total.
+        total: columns that will be solved.
+        client: of Dask, whose workers solve them; None: this process, on all cores.
+    """
+
+    def __init__(
+        self,
+        skin: PadSkin,
+        diameter: float,
+        progress: Callable[[int, int], None],
+        total: int,
+        client: Any = None,
+    ) -> None:
+        self.skin, self._diameter, self._client = skin, diameter, client
+        self._progress, self._total, self._done = progress, total, 0
+        # Kept, or the workers would forget it between one solve and the next.
+        self._sent = (
+            None if client is None else client.scatter(skin, broadcast=True, hash=False)
+        )
+
+    def solve(
+        self, places: NDArray[np.float64], force: NDArray[np.float64], levels: NDArray
+    ) -> Column:
+        """Readings [place, level, ...] of places [place, 2] under shares of forces."""
+        once = self._total < _FEW
+        diameter = np.full(len(places), self._diameter)
+        numbers = np.column_stack([places, force, diameter])
+        if self._client is not None:
+            return _joined(self._on_workers(numbers, levels, once))
+
+        def column(numbers: NDArray[np.float64]) -> Column:
+            found = solve_column(self.skin, numbers, levels, once)
+            self._count(1)
+            return found
+
+        rows = [column(numbers[0])]  # compiles
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            rows += pool.map(column, numbers[1:])
+        return _joined(rows)
+
+    def _on_workers(
+        self, numbers: NDArray[np.float64], levels: NDArray, once: bool
+    ) -> list[Column]:
+        """Columns in the order of their places, solved on Dask's workers."""
+        from distributed import as_completed
+
+        parts = [numbers[k : k + _AT_ONCE] for k in range(0, len(numbers), _AT_ONCE)]
+        futures = [
+            self._client.submit(
+                _solve_columns, self._sent, part, levels, once, pure=False, retries=_RETRIES
+            )
+            for part in parts
+        ]
+        sizes = {future.key: len(part) for future, part in zip(futures, parts, strict=True)}
+        for future in as_completed(futures):
+            future.result()  # raises what the worker raised
+            self._count(sizes[future.key])
+        return [row for rows in self._client.gather(futures) for row in rows]
+
+    def _count(self, columns: int) -> None:
+        self._done += columns
+        self._progress(min(self._done, self._total), self._total)
+
+
+def solve_column(
+    skin: PadSkin, numbers: NDArray[np.float64], levels: NDArray[np.float64], once: bool
+) -> Column:
+    """Readings under shares of one contact's force.
+
+    Args:
+        skin: the pad.
+        numbers: angle [rad], axial position [m], force [N] and diameter [m].
+        levels: shares of the force.
+        once: whether few columns will be solved.
+    """
+    patches = Patches(*(jnp.array([float(x)]) for x in numbers))
+    plan, weights = skin.plan(patches), extrapolation(levels)
+    found = COMPILED.run(_READ, skin, patches, plan, levels, weights, once=once)
+    return Column(*(np.asarray(x) for x in found))
+
+
+def _solve_columns(
+    skin: PadSkin, numbers: NDArray[np.float64], levels: NDArray[np.float64], once: bool
+) -> list[Column]:
+    """A few columns [column, number] in a worker's process."""
+    configure()
+    return [solve_column(skin, row, levels, once) for row in numbers]
+
+
+def _joined(rows: list[Column]) -> Column:
+    return Column(*(np.stack(x) for x in zip(*rows, strict=True)))
+
+
+def grid(*axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Places of a grid of coordinates [place, axis]."""
+    return np.stack([x.reshape(-1) for x in np.meshgrid(*axes, indexing="ij")], 1)
+
+
+def largest_forces(
+    columns: Columns, probes: tuple[NDArray[np.float64], ...]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Forces that leave little of the gap, and those that leave none [angle, axial] [N].
+
+    From the linear response at the crown a path of forces is guessed that reaches the wall,
+    and raised until it does, or until it ends.
+    """
+    skin = columns.skin
+    places, levels = grid(*probes), LEVELS[LEVELS != 0]
+    g = skin.geometry
+    gap = float(g.oil_gap[0])
+    tiny = 1e-7 * float(skin.law.shear_modulus[0]) * float(g.thickness[0]) ** 2
+    light = columns.solve(places[:1], np.array([tiny]), levels)
+    linear = tiny * gap / max(gap - float(light.min_gap[0, -1]), 1e-12 * gap)
+    top = np.full(len(places), 1.2 * linear)
+    cap, touch = np.full(len(places), np.nan), np.full(len(places), np.inf)
+    open_ = np.arange(len(places))
+    for _ in range(_PASSES):
+        found = columns.solve(places[open_], top[open_], levels)
+        for row, k in enumerate(open_):
+            share, closes = _reach(found, row, levels, _GAP_LEFT * gap)
+            cap[k], touch[k] = share * top[k], closes * top[k]
+        again = np.isinf(touch[open_]) & (cap[open_] >= top[open_])
+        open_ = open_[again & (top[open_] < _MOST_FORCE * np.nanmin(cap))]
+        if not open_.size:
+            break
+        top[open_] *= 2.5
+    cap = np.minimum(cap, _MOST_FORCE * cap.min())
+    shape = tuple(len(x) for x in probes)
+    return cap.reshape(shape), touch.reshape(shape)
+
+
+def _reach(
+    found: Column, row: int, levels: NDArray[np.float64], left: float
+) -> tuple[float, float]:
+    """Shares of the force at which little of the gap is left, and none."""
+    good = found.found[row] & (levels > 0) & np.isfinite(found.min_gap[row])
+    ends = np.flatnonzero((levels > 0) & ~good)
+    if ends.size:
+        good[ends[0] :] = False
+    share, gap = levels[good], found.min_gap[row][good]
+    if not share.size:
+        return float(levels[levels > 0][0]), np.inf
+
+    def crossing(wanted: float) -> float:
+        below = np.flatnonzero(gap <= wanted)
+        if not below.size:
+            return np.inf
+        k = max(int(below[0]), 1)
+        near = slice(max(k - 2, 0), k + 1)
+        return float(np.interp(-wanted, -gap[near], share[near]))
+
+    return min(crossing(left), float(share[-1])), crossing(0.0)

@@ -1,0 +1,205 @@
+"""Solving the table of a pad, or reading it from the cache."""
+
+import contextlib
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+from fitting.dask_client import dask_client
+from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid, largest_forces
+from fitting.inverse_load.pad.mirror import mirror_images, mirrored
+from fitting.inverse_load.pad.rest import rest_readings, stray_counts
+from fitting.inverse_load.pad.spline import TensorSpline
+from fitting.inverse_load.pad.table import PadTable, reciprocal
+from suas_jax.config import SkinSpec, continuous_inputs, structure
+from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.runtime.content_key import content_key, source_digest
+from suas_jax.scene.pad_forward import ELEMENTS, PadSkin, pad_skin_of
+
+
+@dataclass(frozen=True)
+class PadResolution:
+    """How finely a table is made.
+
+    Attributes:
+        elements: of the meshes, along the arc and along the axis.
+        spacing: of the table's places [m].
+        probes: places along arc and axis at which the largest force is sought.
+    """
+
+    elements: tuple[int, int] = ELEMENTS
+    spacing: float = 5.3e-3
+    probes: tuple[int, int] = (4, 3)
+
+
+FINE = PadResolution()
+"""Right for the paper's membrane of 1.5 mm; a thicker one needs less."""
+
+
+def pad_table_of(
+    spec: SkinSpec,
+    diameter: float,
+    resolution: PadResolution = FINE,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    workers: int | str | None = None,
+) -> PadTable:
+    """The table of a pad, from the cache where it is there.
+
+    Args:
+        spec: the pad, with electrodes.
+        diameter: of the contacts [m].
+        resolution: of the table.
+        progress: called with the number of columns solved and their total.
+        workers: that solve it: a number of local processes or a Dask scheduler's address;
+            None: this process, on all cores.
+    """
+    skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
+    folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
+    name = content_key(
+        {
+            "structure": structure(spec),
+            "inputs": continuous_inputs(spec),
+            "electrodes": repr(spec.electrodes),
+            "diameter": diameter,
+            "resolution": resolution,
+            "source": source_digest(),
+        }
+    )
+    content = folder.get(name)
+    if content is not None:
+        with np.load(io.BytesIO(content)) as data:
+            found = {key: data[key] for key in PadTable.__dataclass_fields__}
+        return PadTable(**{**found, "diameter": float(found["diameter"])})
+    with contextlib.nullcontext() if workers is None else dask_client(workers) as client:
+        table = build_pad_table(skin, diameter, resolution, progress, client)
+    stream = io.BytesIO()
+    np.savez(stream, **{key: getattr(table, key) for key in table.__dataclass_fields__})
+    folder.put(name, stream.getvalue())
+    return table
+
+
+def build_pad_table(
+    skin: PadSkin,
+    diameter: float,
+    resolution: PadResolution = FINE,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    client: Any = None,
+) -> PadTable:
+    """Solve all states of the table, on all cores or on workers.
+
+    Args:
+        skin: the pad, with the resolution's elements.
+        diameter: of the contacts [m].
+        resolution: of the table.
+        progress: called with the number of columns solved and their total.
+        client: of Dask, whose workers solve it; None: this process.
+    """
+    images, where = mirror_images(skin)
+    edge = edge_of(skin, diameter)
+    outer = float(skin.geometry.outer_radius[0])
+    sides = edge[0] * outer, edge[1]
+    counts = [max(4, int(np.ceil(x / resolution.spacing)) + 1) for x in sides]
+    angle, axial = (np.linspace(0, e, n) for e, n in zip(edge, counts, strict=True))
+    places = grid(angle, axial)
+    probes = tuple(np.linspace(0, e, n) for e, n in zip(edge, resolution.probes, strict=True))
+    total = len(places) + 2 * len(grid(*probes))
+    columns = Columns(images, diameter, progress, total, client)
+    cap, touch = largest_forces(columns, probes)
+    force = np.exp(_between(probes, np.log(cap), places))
+    found = columns.solve(places, force, LEVELS[LEVELS != 0])
+    stray = stray_counts(skin)
+    rest = rest_readings(images)
+    return _unfolded(
+        found,
+        where,
+        (angle, axial),
+        force,
+        reciprocal(_between(probes, reciprocal(touch), places)),
+        (rest, stray_counts(images)),
+        (rest[where[0]], stray),
+        diameter,
+    )
+
+
+def edge_of(skin: PadSkin, diameter: float) -> tuple[float, float]:
+    """Largest angle [rad] and axial position [m] of a contact that stays on the pad."""
+    g = skin.geometry
+    margin = diameter / 2 + float(g.thickness[0]) / 4
+    return (
+        float(g.half_angle[0]) - margin / float(g.outer_radius[0]),
+        float(g.width[0]) / 2 - margin,
+    )
+
+
+def _between(
+    axes: tuple[NDArray[np.float64], ...], values: NDArray, places: NDArray
+) -> NDArray[np.float64]:
+    """Values of the probes between them, even in both directions."""
+    whole = [np.concatenate([-x[:0:-1], x]) for x in axes]
+    both = mirrored(values)
+    spline = TensorSpline.through((whole[0], whole[1]), both[..., None])
+    return spline(*places.T)[0][:, 0]
+
+
+def _unfolded(
+    found: Column,
+    where: NDArray[np.intp],
+    axes: tuple[NDArray[np.float64], NDArray[np.float64]],
+    force: NDArray[np.float64],
+    touch: NDArray[np.float64],
+    of_images: tuple[NDArray[np.float64], NDArray[np.float64]],
+    of_taxels: tuple[NDArray[np.float64], NDArray[np.float64]],
+    diameter: float,
+) -> PadTable:
+    """The whole pad's table from the quarter's states of all images."""
+    angle, axial = axes
+    rest, stray = of_images
+    u = 1 / (found.so - stray)
+    # Where the membrane touches nothing parts it from the electrode.
+    u = np.where(np.isfinite(u) & (u > 0), u, 0.0)
+    level = int(np.flatnonzero(LEVELS == 0)[0])
+    u = np.insert(u, level, 1 / (rest - stray), axis=1)
+    pressure = np.insert(found.pressure, level, 0.0, axis=1)
+    u, pressure = _mended(u, found.found, level), _mended(pressure, found.found, level)
+    shape = (len(angle), len(axial))
+    u = u.reshape(*shape, len(LEVELS), -1)
+    quarters = [u[..., image].astype(np.float32) for image in where]
+    # A contact mirrored in the crown's plane does to a taxel what it does to its image.
+    here, crown, middle, both = quarters
+    upper = np.concatenate([middle[:, :0:-1], here], 1)
+    lower = np.concatenate([both[:, :0:-1], crown], 1)
+    whole = np.concatenate([lower[:0:-1], upper], 0)
+
+    def on_whole_pad(x: NDArray) -> NDArray:
+        return mirrored(x.reshape(*shape, *x.shape[1:]))
+
+    return PadTable(
+        np.concatenate([-angle[:0:-1], angle]),
+        np.concatenate([-axial[:0:-1], axial]),
+        on_whole_pad(force),
+        on_whole_pad(touch),
+        whole,
+        on_whole_pad(pressure),
+        *of_taxels,
+        diameter,
+    )
+
+
+def _mended(values: NDArray, found: NDArray[np.bool_], level: int) -> NDArray:
+    """Values with those of states that weren't found replaced by their neighbours' line."""
+    good = np.insert(found, level, True, axis=1)
+    values = values.copy()
+    for k in np.flatnonzero(~good.all(1)):
+        for j in np.flatnonzero(~good[k]):
+            if j >= 2 and j > level:
+                share = (LEVELS[j] - LEVELS[j - 1]) / (LEVELS[j - 1] - LEVELS[j - 2])
+                values[k, j] = values[k, j - 1] + share * (values[k, j - 1] - values[k, j - 2])
+            else:
+                values[k, j] = values[k, level]
+    return values
