@@ -3,14 +3,17 @@
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: demo test check notebooks docs audit lock clean
+.PHONY: demo test test-long check notebooks docs audit lock clean
 
 demo: $(READY)
 	$(BIN)/python benchmarks/demo.py
 
 test: check
 	$(BIN)/python -m pytest -n 2 --dist loadfile
-	$(MAKE) --no-print-directory notebooks
+
+# What takes more than 10 s beside a cheaper test of the same.
+test-long: $(READY)
+	$(BIN)/python -m pytest -n 2 -m long
 
 check: $(READY)
 	$(BIN)/ruff check .
