@@ -125,7 +125,9 @@ def test_converged_everywhere_and_undisturbed_by_a_start(
 def test_its_mesh_serves_loads_anywhere_on_the_arc(batch: SensorOutput) -> None:
     fine = run(skin_of(a_scene(), elements=128), loads())
     np.testing.assert_allclose(batch.so, fine.so, rtol=1e-3)
-    np.testing.assert_allclose(batch.oil_pressure, fine.oil_pressure, rtol=3e-4)
+    # The outermost loads lie two elements from a clamp, whose field the correction takes there.
+    np.testing.assert_allclose(batch.oil_pressure, fine.oil_pressure, rtol=6e-4)
+    np.testing.assert_allclose(batch.oil_pressure[1:-1], fine.oil_pressure[1:-1], rtol=1e-4)
 
 
 def test_the_pad_is_symmetric(pad: object, batch: SensorOutput) -> None:
