@@ -8,6 +8,7 @@ equilibrium with finite numbers, or in a failure with a name, and keep the balan
 
 import functools
 import sys
+import time
 from collections import Counter
 from typing import Any
 
@@ -89,11 +90,12 @@ def _outcome(found: dict[str, Any]) -> str:
 
 
 def study(count: int, seed: int = 0) -> list[tuple[SceneSpec, dict[str, Any]]]:
-    """Press random pads, laws and oils in turn."""
+    """Press random pads, laws and oils in turn, with a line for each of these pairs."""
     rng = np.random.default_rng(seed)
-    outcomes = []
+    outcomes: list[tuple[SceneSpec, dict[str, Any]]] = []
     for law in LAWS:
         for oil in OILS:
+            started, first = time.process_time(), len(outcomes)
             for _ in range(-(-count // (len(LAWS) * len(OILS)))):
                 scene = sample(rng, law, oil)
                 numbers = {
@@ -104,6 +106,9 @@ def study(count: int, seed: int = 0) -> list[tuple[SceneSpec, dict[str, Any]]]:
                 found = plain(_press(Structure(scene), plan, numbers))
                 found["result"] = _outcome(found)
                 outcomes.append((scene, found))
+            results = dict(Counter(found["result"] for _, found in outcomes[first:]))
+            seconds = time.process_time() - started
+            print(f"{law}, {oil}: {results}, {seconds:.0f} CPU s", flush=True)
     return outcomes
 
 

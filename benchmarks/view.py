@@ -5,6 +5,7 @@ given, so that what is measured is the page's share alone; a page is open in hea
 with software WebGL, or none is.
 
     python benchmarks/view.py --seconds 60
+    python benchmarks/view.py --endure 60       # memory over minutes with a page open
 """
 
 import argparse
@@ -77,16 +78,37 @@ def with_a_page(
     print(f"  memory grew by {grown / 1e6:.2f} MB in {elapsed:.0f} s")
 
 
+def endure(source: LiveSource, pictures: ReadingsPictures, url: str, minutes: int) -> None:
+    """Print the server's memory every five minutes while a page is open."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=NONE)
+        browser.new_page().goto(url)
+        for passed in range(0, minutes + 1, 5):
+            memory = psutil.Process().memory_info().rss
+            print(f"{passed:4d} min: {memory / 1e6:.1f} MB", flush=True)
+            if passed < minutes:
+                frames(source, pictures, 300.0)
+        browser.close()
+
+
 def main() -> None:
     """Measure without a page, then with one."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="of each run")
-    seconds = parser.parse_args().seconds
+    parser.add_argument("--endure", type=int, metavar="MINUTES", help="memory alone")
+    arguments = parser.parse_args()
+    seconds = arguments.seconds
     configure()
     pictures = ReadingsPictures(load_skin(SKIN), None)
     source = LiveSource(pictures, "benchmark")
     with ViewServer(source.hub, "127.0.0.1", 0) as server:
         frames(source, pictures, 3.0)
+        if arguments.endure:
+            endure(source, pictures, server.url, arguments.endure)
+            return
         begin = time.process_time()
         frames(source, pictures, seconds)
         spent = time.process_time() - begin
