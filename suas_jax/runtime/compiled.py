@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.export
+import numpy as np
 
 from suas_jax.runtime.frame import Hole, filled_by
 from suas_jax.runtime.program_store import KeptProgram, ProgramStore
@@ -142,8 +143,10 @@ class _Flat:
 
 
 def _type_of(x: Any) -> str:
+    if isinstance(x, np.ndarray | jax.Array):  # what follows takes ten times as long
+        return f"{x.dtype.name}{x.shape} {getattr(x, 'weak_type', False)}"
     array = jax.api_util.shaped_abstractify(x)
-    return f"{array.str_short()} {array.weak_type}"
+    return f"{array.dtype.name}{array.shape} {array.weak_type}"
 
 
 COMPILED = Compiled()
