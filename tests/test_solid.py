@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from skins import EPDM, check, find, line, problem_of, quick, scene, status
 
-from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs
+from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs, with_solve
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
 from suas_jax.constitutive.specimens.inflation import tube
 from suas_jax.equilibrium.balance import State
+from suas_jax.mechanics.solid.model import SOLID
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.solve import solve
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 
@@ -314,9 +316,39 @@ def test_shell_and_solid_agree_in_the_thin_limit() -> None:
     assert differences[1] < 0.5 * differences[0]
 
 
+@pytest.mark.parametrize("half", [False, True])
+def test_a_state_carried_to_a_finer_mesh_is_the_same_deformation(half: bool) -> None:
+    spec = scene(line(0, 24.0))
+    fine = plan_for(spec, "solid", (16, 4))
+    coarse = fine.comparison()
+    solid = build_problem(spec, coarse, continuous_inputs(spec)).mechanics
+    assert isinstance(solid, Solid)
+    q = random_state(solid)
+    if half:  # the left half of a state that is its own mirror image
+        q = solid.mirrored(q[:, : coarse.counts[0] // 2 + 1])
+    target = fine.reduced() if half else fine
+    finer = build_problem(spec, target, continuous_inputs(spec)).mechanics
+    found = SOLID.carried(np.asarray(q), coarse, target)
+    assert found.shape == finer.rest().shape
+    back = np.asarray(finer.to_comparison_mesh(jnp.asarray(found)))
+    kept = np.asarray(q)[:, : back.shape[1]].copy()
+    kept[solid.layout.dof :, -1] = 0  # the last station has no column
+    size = sizes(solid).max((1, 2))[:, None, None]
+    np.testing.assert_allclose(back / size, kept / size, atol=1e-12)
+
+
+def test_a_refined_solve_starts_from_the_coarser_mesh() -> None:
+    spec = scene(line(30, 12.0))
+    refined = solve(with_solve(spec, model="solid", rtol=2.4e-3))  # 64 x 2 has 2.5e-3
+    assert refined.plan.counts == (96, 4)
+    given = solve(with_solve(spec, model="solid", mesh=(96, 4)))
+    assert refined.report["iterations"] < given.report["iterations"]
+    for key in ("oil_pressure_Pa", "max_displacement_m", "strain_energy_J"):
+        assert refined.report[key] == pytest.approx(given.report[key], rel=1e-9)
+
+
 def test_scene_of_a_solid_reports_like_the_shell() -> None:
     from suas_jax.scene.gradient import gradient
-    from suas_jax.scene.solve import solve
 
     table = {
         "geometry": {

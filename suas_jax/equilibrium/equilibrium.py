@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.equilibrium.balance import (
     Problem,
@@ -74,13 +74,13 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     rest = problem.mechanics.rest()
     rest = jnp.broadcast_to(rest, (*rest.shape[:-1], lanes))
     zero = jnp.zeros(lanes, rest.dtype)
-    near = start is not None
     if problem.oil_pressure is None:
         border = zero if problem.oil.trapped else None
         y, level = BorderedVector(rest, border), zero
+        near: Bool[Array, " lane"] | bool = False
         if start is not None:
             y = BorderedVector(start.q, None if border is None else start.pressure)
-            level = start.factor
+            level, near = start.factor, start.factor != 0
         return follow(problem, y, level, zero + 1, stepping, near=near)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
     # The pressure grows with the square of the factor: a step longer than the
@@ -88,7 +88,7 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     careful = dataclasses.replace(stepping, largest_step=1.0)
     if start is not None:
         y = BorderedVector(start.q, start.factor)
-        return follow(problem, y, start.pressure, wanted, careful, jnp.array(True), near=near)
+        return follow(problem, y, start.pressure, wanted, careful, jnp.array(True), near=True)
     return from_rest_to_pressure(problem, rest, wanted, careful)
 
 
@@ -229,7 +229,8 @@ def equilibrium(
 
     Args:
         problem: membrane, oil and loads.
-        start: an equilibrium of the same membrane to continue from.
+        start: an equilibrium of the same membrane to continue from; one at rest (factor zero)
+            is where paths begin anyway.
         stepping: settings of the load stepping.
         wall_on_demand: solve without the wall first and with it only where the membrane
             reaches it: for many lanes few of which do.

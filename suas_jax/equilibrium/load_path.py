@@ -95,7 +95,7 @@ def follow(
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None = None,
     *,
-    near: bool,
+    near: Bool[Array, "..."] | bool,
     finished: Bool[Array, " lane"] | None = None,
 ) -> Found:
     """Follow the path, to the wall and on if the membrane has one.
@@ -118,7 +118,7 @@ def follow(
     if finished is None:
         finished = jnp.zeros(target.shape, bool)
     goal = jnp.where(finished, start, target)
-    phase = none + (_ATTEMPT if near else _LOAD)
+    phase = none + jnp.where(near, _ATTEMPT, _LOAD).astype(none.dtype)
     return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given)
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
+import numpy as np
 
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
@@ -37,6 +38,11 @@ class AbstractPlan(eqx.Module):
     @abc.abstractmethod
     def counts(self) -> Counts:
         """Numbers of elements."""
+
+    @property
+    @abc.abstractmethod
+    def unknowns_shape(self) -> tuple[int, int]:
+        """Unknowns of a station, and stations, of the mechanics on it."""
 
     @property
     @abc.abstractmethod
@@ -96,8 +102,13 @@ class AbstractModel(abc.ABC):
         """The mesh to try first for a curve, where some load is harder than the others."""
 
     @abc.abstractmethod
-    def finer(self, counts: Counts) -> Counts | None:
-        """The mesh to try next, or None where the limit is reached."""
+    def finer(self, counts: Counts, excess: float) -> Counts | None:
+        """The mesh to try next, or None where the limit is reached.
+
+        Args:
+            counts: size of the mesh that was too coarse.
+            excess: its estimated error over the one that is allowed.
+        """
 
     @abc.abstractmethod
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> AbstractPlan:
@@ -126,6 +137,22 @@ class AbstractModel(abc.ABC):
             law: material, its constants with a lane axis.
             loads: what acts on the outer face.
         """
+
+    def carried(
+        self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan
+    ) -> np.ndarray | None:
+        """A state of one mesh on another one, as a start for Newton's method.
+
+        Args:
+            q: its unknowns.
+            origin: the mesh that it belongs to.
+            target: the other one, of the same scene.
+
+        Returns:
+            The unknowns there; None where a start gains too little.
+        """
+        del q, origin, target
+        return None
 
     def given(self, scene: SceneSpec) -> Counts | None:
         """The mesh that the scene insists on, if it is one of this model."""

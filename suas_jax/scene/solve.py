@@ -23,7 +23,7 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import force_balance, validity
-from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
+from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
@@ -57,6 +57,13 @@ class Structure(Keyed):
         self.key = (structure(scene), wall)
 
 
+class Tried(NamedTuple):
+    """A mesh, and the state found there on the part of it that is solved."""
+
+    plan: AbstractPlan
+    part: State
+
+
 class Attempt(NamedTuple):
     """One model on one mesh, in arrays.
 
@@ -67,6 +74,7 @@ class Attempt(NamedTuple):
         outcome: how it was found.
         plan: its mesh.
         wall: whether the wall was there.
+        coarsest: the smallest mesh tried, with or without the wall as this one.
     """
 
     report: dict[str, Any]
@@ -74,7 +82,8 @@ class Attempt(NamedTuple):
     shown: State
     outcome: dict[str, Any]
     plan: AbstractPlan
-    wall: bool = False
+    wall: bool
+    coarsest: Tried
 
     @property
     def converged(self) -> bool:
@@ -100,10 +109,10 @@ class Attempt(NamedTuple):
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
         return not self.model_error < _MODEL_SHARE * rtol
 
-    def mesh_too_coarse(self, rtol: float) -> bool:
-        """Whether a finer mesh would help."""
+    def mesh_excess(self, rtol: float) -> float:
+        """Error by the mesh over the one allowed; infinite where it is unknown."""
         left = rtol if self.model_too_coarse(rtol) else rtol - self.model_error
-        return self.converged and not self.mesh_error <= left
+        return self.mesh_error / left if np.isfinite(self.mesh_error) else np.inf
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,6 +127,7 @@ class Solution:
         plan: its mesh.
         scene: what was solved.
         wall: whether the wall was there.
+        coarsest: the smallest mesh tried on the way, whose program is at hand.
         once: whether its program was compiled to run once.
     """
 
@@ -126,7 +136,8 @@ class Solution:
     shown: State
     plan: AbstractPlan
     scene: SceneSpec
-    wall: bool = False
+    wall: bool
+    coarsest: Tried
     once: bool = True
 
     @property
@@ -208,12 +219,16 @@ def assess(
 
 @eqx.filter_jit
 def _program(
-    scene: Structure, meshes: Meshes, inputs: Inputs
-) -> tuple[dict[str, Any], State, State, dict[str, Any]]:
-    """Solve the whole membrane or a part of it, then assess the whole."""
+    scene: Structure, meshes: Meshes, inputs: Inputs, start: State
+) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
+    """Solve the whole membrane or a part of it, then assess the whole.
+
+    One program serves solves from rest and from a state nearby: at rest the factor is zero.
+    """
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
-    found = equilibrium(problem)
+    near = start if problem.oil_pressure is None else None
+    found = equilibrium(problem, near)
     report, state, shown = assess(parts, meshes, problem, found.state, wall=scene.wall)
     outcome = {
         "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
@@ -222,7 +237,7 @@ def _program(
         "smallest_pivot": found.smallest_pivot,
         "unknowns": jnp.full(1, problem.mechanics.unknowns() + int(problem.oil.trapped)),
     }
-    return report, state, shown, outcome
+    return report, state, shown, found.state, outcome
 
 
 def unloaded(scene: SceneSpec) -> bool:
@@ -275,13 +290,13 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": statistics.median(seconds),
     }
-    return Solution(
-        report, found.state, found.shown, found.plan, scene, found.wall, repeat == 1
-    )
+    state, shown, plan = found.state, found.shown, found.plan
+    once = repeat == 1
+    return Solution(report, state, shown, plan, scene, found.wall, found.coarsest, once)
 
 
 def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, Any] | None:
-    """What a solution's own program and mesh report for other numbers of the scene.
+    """What the smallest mesh of a solution reports for other numbers of the scene.
 
     Args:
         solution: of the scene; nothing is compiled anew.
@@ -290,16 +305,32 @@ def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, An
     Returns:
         The observed quantities; None where no solution was found.
     """
-    scene, plan = solution.scene, solution.plan
+    scene, (plan, start) = solution.scene, solution.coarsest
     values = {**continuous_inputs(scene), **inputs}
     arrays = {k: jnp.asarray(v, float) for k, v in values.items()}
     static = Structure(_pattern(scene), wall=solution.wall)
     if unloaded(scene):
         report, _ = COMPILED.run(_rest_program, static, plan, arrays, once=solution.once)
         return plain(report)
-    arguments = (static, plan.meshes(), arrays)
-    report, _, _, outcome = COMPILED.run(_program, *arguments, once=solution.once)
-    return plain(report) if int(np.ravel(outcome["result"])[0]) == 0 else None
+    meshes = plan.meshes()
+    report, *_, outcome = _run(static, meshes, arrays, start, once=solution.once)
+    return plain(report) if int(outcome["result"][0]) == 0 else None
+
+
+def _run(
+    static: Structure, meshes: Meshes, inputs: Inputs, start: State, *, once: bool
+) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
+    """The program of a scene from a start; from rest where that leads nowhere."""
+    found: Any = COMPILED.run(_program, static, meshes, inputs, start, once=once)
+    if start.factor[0] != 0 and int(found[-1]["result"][0]) != 0:
+        rest = _at_rest(meshes.solved)
+        found = COMPILED.run(_program, static, meshes, inputs, rest, once=once)
+    return found
+
+
+def _at_rest(plan: AbstractPlan) -> State:
+    none = jnp.asarray(np.zeros(1))
+    return State(jnp.asarray(np.zeros((*plan.unknowns_shape, 1))), none, none)
 
 
 class _Prepared(NamedTuple):
@@ -308,6 +339,7 @@ class _Prepared(NamedTuple):
     plan: AbstractPlan
     meshes: Meshes
     inputs: dict[str, np.ndarray]
+    rest: State
 
 
 # A scene that is solved again costs its program's time, not that of planning its mesh.
@@ -315,7 +347,8 @@ class _Prepared(NamedTuple):
 def _prepared(scene: SceneSpec, name: str, counts: Counts) -> _Prepared:
     plan = plan_for(scene, name, counts)
     inputs = {k: np.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-    return _Prepared(plan, plan.meshes(), inputs)
+    meshes = plan.meshes()
+    return _Prepared(plan, meshes, inputs, _at_rest(meshes.solved))
 
 
 @functools.lru_cache(maxsize=32)
@@ -353,6 +386,8 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
         if at_the_wall and not shell.wall:
             shell = _attempt(scene, "shell", None, once=once, wall=True)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
+    if solid.wall == shell.wall:
+        solid = solid._replace(coarsest=shell.coarsest)
     return solid, (
         f"Solid chosen: the corrected shell's model error, estimated as "
         f"{shell.model_error:.1e}, exceeds rtol {rtol:.1e}."
@@ -376,24 +411,38 @@ def _attempt(
     """
     model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     counts = given or model.first(scene)
+    coarsest: Tried | None = None
+    coarser: Attempt | None = None
     while True:
-        plan, meshes, inputs = _prepared(scene, name, counts)
+        plan, meshes, inputs, rest = _prepared(scene, name, counts)
         static = _structure(scene, wall=wall)
         if unloaded(scene):
             report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
-            return Attempt(report, state, state, outcome, plan)
-        arguments = (static, meshes, inputs)
-        report, state, shown, outcome = COMPILED.run(_program, *arguments, once=once)
-        found = Attempt(report, state, shown, outcome, plan, wall)
+            return Attempt(report, state, state, outcome, plan, False, Tried(plan, rest))
+        start = None if coarser is None else _carried(model, coarser, meshes.solved)
+        solved = _run(static, meshes, inputs, start or rest, once=once)
+        report, state, shown, part, outcome = solved
+        coarsest = coarsest or Tried(plan, part)
+        found = Attempt(report, state, shown, outcome, plan, wall, coarsest)
         # Where another model is tried next, a finer mesh of this one is wasted.
         other_next = scene.solve.model == "auto" and name == "shell" and not given
         other_next = other_next and found.converged and found.model_too_coarse(rtol)
         if found.at_the_wall and scene.wall.contact and not (wall or other_next):
-            wall = True
+            wall, coarsest = True, None
             continue
-        finer = model.finer(counts)
-        if given or finer is None or other_next or not found.mesh_too_coarse(rtol):
+        coarser = found
+        excess = found.mesh_excess(rtol)
+        if given or other_next or not found.converged or excess <= 1:
+            return found
+        finer = model.finer(counts, excess)
+        if finer is None:
             return found
         counts = finer
+
+
+def _carried(model: AbstractModel, found: Attempt, target: AbstractPlan) -> State | None:
+    """The state of a coarser mesh as a start on another one."""
+    q = model.carried(np.asarray(found.state.q), found.plan, target)
+    return None if q is None else found.state._replace(q=jnp.asarray(q))

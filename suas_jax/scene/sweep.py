@@ -223,8 +223,9 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
             name = "solid"
             counts = models[name].first_of_sweep(scene)
             continue
-        finer = models[name].finer(counts)
-        if given[name] or worst <= max(rtol, 1.1 * of_model) or finer is None:
+        excess = worst / max(rtol, 1.1 * of_model)
+        finer = None if given[name] or excess <= 1 else models[name].finer(counts, excess)
+        if finer is None:
             return Sweep(points, curve.first_contact(levels, points), scene)
         counts = finer
 

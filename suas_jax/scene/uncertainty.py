@@ -5,9 +5,10 @@ each (`suas_jax.config.input_errors`), and J the derivatives of a report by the 
 
     sigma^2 = diag(J^T D^T D J)
 
-The derivatives along D are central differences of the solution's own compiled program: a few
-more solves cost less than a program of derivatives takes to compile. On a pad, whose solves
-take longest, they are one-sided.
+The derivatives along D are central differences of a program that the solution had compiled, on
+the smallest mesh that it tried (its own where only one was): a few more solves cost less than a
+program of derivatives takes to compile, and a standard deviation is wanted to two digits. On a
+pad, whose solves take longest, the differences are one-sided.
 """
 
 import math

@@ -8,6 +8,7 @@ from typing import ClassVar
 from suas_jax.config import LineLoadSpec, PatchLoadSpec, SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
+from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.skin.geometry import SkinGeometry
@@ -38,6 +39,12 @@ class PadMesh(AbstractPlan):
     def counts(self) -> Counts:
         """Elements of the whole pad, along the arc and along the axis."""
         return self.plan.elements
+
+    @property
+    def unknowns_shape(self) -> tuple[int, int]:
+        """See the base class."""
+        dof, stations = NetTopology(*self.plan.axes).free.shape
+        return dof, stations
 
     @property
     def symmetric(self) -> bool:
@@ -73,8 +80,9 @@ class PadModel(AbstractModel):
         """The same as for a solve."""
         return self.first(scene)
 
-    def finer(self, counts: Counts) -> Counts | None:
+    def finer(self, counts: Counts, excess: float) -> Counts | None:
         """More elements in both directions."""
+        del excess  # the next mesh does for what the first one misses
         if max(counts) >= _MOST_ELEMENTS:
             return None
         return tuple(2 * math.ceil(_FINER * n / 2) for n in counts)

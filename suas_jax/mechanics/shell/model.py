@@ -36,6 +36,11 @@ class ShellPlan(AbstractPlan):
         return (self.arc.elements,)
 
     @property
+    def unknowns_shape(self) -> tuple[int, int]:
+        """See the base class."""
+        return (4, self.arc.elements + 1)
+
+    @property
     def symmetric(self) -> bool:
         """Whether it covers the left half only."""
         return self.arc.symmetric
@@ -65,8 +70,9 @@ class ShellModel(AbstractModel):
         """More than for one solve."""
         return (32,)
 
-    def finer(self, counts: Counts) -> Counts | None:
-        """Twice as many elements."""
+    def finer(self, counts: Counts, excess: float) -> Counts | None:
+        """Twice as many elements: its programs compile and run in little time."""
+        del excess
         return (2 * counts[0],) if 2 * counts[0] <= _MOST_ELEMENTS else None
 
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> ShellPlan:
