@@ -6,6 +6,7 @@ equilibrium with finite numbers, or in a failure with a name, and keep the balan
 (see `benchmarks.contact_scenes`). Run: ``python -m benchmarks.pad_scenes [COUNT]``.
 """
 
+import dataclasses
 import functools
 import sys
 import time
@@ -24,6 +25,7 @@ from benchmarks.random_scenes import LAWS, OILS
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.build import plan_for
@@ -34,6 +36,7 @@ from suas_jax.scene.solve import Structure
 ELEMENTS = (16, 14)
 BEYOND = 1.1  # times the load of first contact
 _PATCHES = 3
+_DISC = (10, 24)  # points along the radius of a disc and around it
 _NO_CONTACT = 1e3  # factor on forces of 1 N at which the way to the wall is given up
 
 
@@ -82,6 +85,14 @@ def _press(structure: Structure, plan: AbstractPlan, inputs: dict[str, Array]) -
     return press(scene_parts(structure.scene, inputs), plan, BEYOND)
 
 
+def _plan(scene: SceneSpec) -> PadMesh:
+    """One program for all pads of a law and an oil: as many points for every patch."""
+    mesh = plan_for(scene, "shell", ELEMENTS)
+    assert isinstance(mesh, PadMesh)
+    spread = tuple(_DISC if disc else ELEMENTS for disc in mesh.plan.discs)
+    return PadMesh(dataclasses.replace(mesh.plan, spread=spread))
+
+
 def _outcome(found: dict[str, Any]) -> str:
     """Name of how the way to the wall ended, or of the state beyond it."""
     if found["way"]:
@@ -101,8 +112,7 @@ def study(count: int, seed: int = 0) -> list[tuple[SceneSpec, dict[str, Any]]]:
                 numbers = {
                     k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()
                 }
-                # One program for all pads of a law and an oil: as many points for each disc.
-                plan = plan_for(scene, "shell", ELEMENTS)
+                plan = _plan(scene)
                 found = plain(_press(Structure(scene), plan, numbers))
                 found["result"] = _outcome(found)
                 outcomes.append((scene, found))

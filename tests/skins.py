@@ -12,7 +12,9 @@ from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
+from suas_jax.mechanics.model import Counts
 from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.solve import Structure, _prepared, _program
 
 WIDTH = 0.123
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
@@ -82,6 +84,18 @@ def problem_of(
     counts = (elements, layers) if layers else (elements,)
     plan = plan_for(spec, "solid" if layers else "shell", counts)
     return build_problem(spec, plan.reduced() if half else plan, continuous_inputs(spec))
+
+
+def program_text(spec: SceneSpec, model: str, counts: Counts) -> str:
+    """The program that `solve` compiles for a scene on a mesh, wall and all, as StableHLO.
+
+    LAPACK's calls for stacks of matrices wait for XLA's threads: two of them at once, on two
+    cores, wait for each other for ever. None may be in it.
+    """
+    _, meshes, inputs, rest = _prepared(spec, model, counts)
+    text = _program.lower(Structure(spec, wall=True), meshes, inputs, rest).as_text()
+    assert "stablehlo.while" in text
+    return str(text)
 
 
 def status(result: Equilibrium) -> str:

@@ -21,6 +21,7 @@ from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.parts import scene_parts
+from tests.skins import program_text
 
 # Force [N], oil pressure [Pa], displacement of the inner face under the patch [m].
 REFERENCE = np.loadtxt(
@@ -182,6 +183,10 @@ def test_derivatives_by_place_size_and_direction_are_exact() -> None:
         ahead, behind = (both(x + s * direction, direction)[0] for s in (1, -1))
         slope = both(x, direction)[1]
         np.testing.assert_allclose(slope, (ahead - behind) / 2, rtol=2e-6, err_msg=name)
+
+
+def test_its_program_calls_no_library_that_waits_for_threads() -> None:
+    assert "lapack" not in program_text(pad({"angle": "20 deg"}), "shell", (8, 8))
 
 
 @pytest.mark.parametrize(

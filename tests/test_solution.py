@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 
 from suas_jax.config import SceneSpec, with_solve
+from suas_jax.mechanics.model import Counts
 from suas_jax.scene.gradient import UnknownQuantityError, gradient
 from suas_jax.scene.solve import solve
-from tests.skins import LAWS, line, scene
+from tests.skins import LAWS, line, program_text, scene
 
 SCENES: dict[str, SceneSpec] = {
     "case A": scene(line(0, 24.4)),
@@ -80,3 +81,8 @@ def test_pressure_under_no_load_but_external_is_that_pressure(law: str) -> None:
     report = solve(with_solve(scene(uniform, material=LAWS[law]), elements=16)).report
     assert report["oil_pressure_Pa"] == pytest.approx(800, rel=1e-9)
     assert report["max_displacement_m"] < 1e-12
+
+
+@pytest.mark.parametrize("case", [("shell", (8,)), ("solid", (8, 2))])
+def test_programs_call_no_library_that_waits_for_threads(case: tuple[str, Counts]) -> None:
+    assert "lapack" not in program_text(scene(line(20, 5.0)), *case)

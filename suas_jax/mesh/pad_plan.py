@@ -187,7 +187,7 @@ def plan_pad(
         if f.disc:
             sizes = _smallest_near(arc * half_angle, f.angle, f.arc) * mid_radius
             sizes = min(sizes, _smallest_near(axial * length / 2, f.axial, f.length))
-            across = int(np.ceil(f.length / sizes))
+            across = _even(f.length / sizes)
             spread.append((2 + 2 * across, 8 + 4 * across))
         else:
             spread.append(
@@ -367,7 +367,9 @@ def _breakpoints(
         x, size, elements = x[:2001], size[:2001], elements and elements // 2
     density = (1 / size[1:] + 1 / size[:-1]) / 2 * np.diff(x)
     total = np.concatenate([[0.0], np.cumsum(density)])
-    count = elements or max(4, int(np.ceil(total[-1] * scale)))
+    # Loads elsewhere on the same pad shall find their program compiled.
+    step = 2 if mirrored else 4
+    count = elements or max(4, step * int(np.ceil(total[-1] * scale / step - 0.25)))
     places = np.interp(np.arange(count + 1) / count, total / total[-1], x / extent)
     places[0], places[-1] = -1.0, 0.0 if mirrored else 1.0
     return places
@@ -387,7 +389,12 @@ def _reach(breaks: np.ndarray, half: float) -> int:
     if half == 0:
         return 0
     last = np.searchsorted(breaks, breaks + 2 * half * (1 + 1e-9), side="right")
-    return int(min(np.max(last - np.arange(len(breaks))) + 1, len(breaks) - 1))
+    return min(_even(np.max(last - np.arange(len(breaks))) + 1), len(breaks) - 1)
+
+
+def _even(number: float) -> int:
+    """The next even number: fewer shapes, so fewer programs, for nearby scenes."""
+    return 2 * int(np.ceil(number / 2))
 
 
 def _smallest_near(breaks: np.ndarray, centre: float, half: float) -> float:
