@@ -16,9 +16,10 @@ os.environ["XLA_FLAGS"] = (
     os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
 )
 jax.config.update("jax_enable_x64", True)
-jax.config.update(
-    "jax_compilation_cache_dir", str(pathlib.Path(__file__).parent.parent / ".jax_cache")
-)
+CACHE = pathlib.Path(__file__).parent.parent / ".jax_cache"
+# What commands keep between runs: the suite neither uses nor fills the user's own folder.
+os.environ["XDG_CACHE_HOME"] = str(CACHE / "commands")
+jax.config.update("jax_compilation_cache_dir", str(CACHE))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 

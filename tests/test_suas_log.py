@@ -426,7 +426,7 @@ def test_a_scene_played_live(tmp_path):
     assert player.stdout
     player.stdout.readline()  # the port is there
     path = tmp_path / "log.csv"
-    logger = suas("log", link, "--format", "text", "-o", path, "--duration", 2.5)
+    logger = suas("log", link, "--format", "text", "-o", path, "--duration", 5)
     totals, _ = ended(player)
     logger.communicate(timeout=10)
     np.testing.assert_array_equal(read_log(path).so, read_log(truth).so)
