@@ -93,7 +93,8 @@ def program_text(spec: SceneSpec, model: str, counts: Counts) -> str:
     cores, wait for each other for ever. None may be in it.
     """
     _, meshes, inputs, rest = _prepared(spec, model, counts)
-    text = _program.lower(Structure(spec, wall=True), meshes, inputs, rest).as_text()
+    arguments = (Structure(spec, wall=True), meshes, inputs, rest, np.asarray(True))
+    text = _program.lower(*arguments).as_text()
     assert "stablehlo.while" in text
     return str(text)
 

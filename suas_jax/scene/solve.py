@@ -12,30 +12,22 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import Array, ArrayLike, Bool
 
 from suas_jax.config import SceneSpec, continuous_inputs, structure, with_solve
-from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
-from suas_jax.equilibrium.correction import corrected
+from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
 from suas_jax.runtime.precision import require_float64
+from suas_jax.scene.assessment import assess
 from suas_jax.scene.build import build_problem, decay_angle, plan_for, problem_of
-from suas_jax.scene.error_estimate import (
-    correction_mesh_error,
-    discretisation_error,
-    model_error,
-)
 from suas_jax.scene.observables import observe
-from suas_jax.scene.parts import SceneParts, scene_parts
+from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
 
 Inputs = Mapping[str, ArrayLike]
@@ -151,85 +143,21 @@ class Solution:
         return build_problem(self.scene, self.plan, inputs, wall=self.wall)
 
 
-def assess(
-    parts: SceneParts, meshes: Meshes, solved: Problem, found: State, *, wall: bool
-) -> tuple[dict[str, Any], State, State]:
-    """Observe a state on the whole membrane, and check it.
-
-    One assembly on the mesh for the error answers two questions: whether the state is stable
-    and how far it is from the exact solution. Sway needs the whole membrane: where the error
-    is judged on a part, the state is assembled on the whole as well, which also gives the
-    first-order effect of what the mechanics leaves out.
-
-    Args:
-        parts: of the scene.
-        meshes: of the solve.
-        solved: the problem that was solved, of the whole or of a part.
-        found: its state.
-        wall: whether the wall is there.
-
-    Returns:
-        What is observed, the state on the whole membrane, and the one that is observed.
-    """
-    problem, state = solved, found
-    if meshes.solved.symmetric:
-        problem = problem_of(parts, meshes.whole, wall=wall)
-        state = found._replace(q=solved.mechanics.mirrored(found.q))
-    check = None
-    if meshes.stability is not None:  # the error is judged on a part, which can't sway
-        check, change = verify(problem, state)
-        if problem.mechanics.corrected:
-            assert change is not None
-            shown = jax.tree.map(lambda a, b: a + b, state, change)
-        report = observe(parts, problem, shown, state)
-        report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
-        report["model_error"] = model_error(problem, state, change, parts)
-        forces = check.unbalanced, check.balanced
-        origin, start = solved, found
-    else:
-        shown = corrected(problem, state).state
-        report = observe(parts, problem, shown, state)
-        report["volume_residual"] = volume_residual(problem, state)
-        change = None
-        if problem.mechanics.corrected:
-            change = jax.tree.map(lambda a, b: a - b, shown, state)
-        report["model_error"] = model_error(problem, state, change, parts)
-        forces = force_balance(solved, found)
-        origin, start = problem, state
-    finer = problem_of(parts, meshes.error, wall=wall)
-    begin = start._replace(q=origin.mechanics.to_comparison_mesh(start.q))
-    finer_check, finer_change = verify(finer, begin, omitted=check is None)
-    report["stable"] = finer_check.stable if check is None else check.stable
-    better = finer_check.correction
-    error = discretisation_error(origin, start, finer, better, parts.forces)
-    if check is None and change is not None and finer_change is not None:
-        pair = (origin, change), (finer, finer_change)
-        error = error + correction_mesh_error(*pair, better, parts.forces)
-    same = meshes.whole.counts == meshes.error.counts
-    report["discretisation_error"] = jnp.full_like(error, jnp.nan) if same else error
-    verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
-    if wall and problem.oil_pressure is not None:
-        # Loads that grow against the wall hardly raise the pressure. To reach more of it the
-        # solver finds states of a membrane crushed on the wall, which no growing load leads to.
-        lost = (verdict == 0) & report["wall_contact"] & ~report["stable"]
-        verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
-    report["validity"] = verdict
-    return report, state, shown
-
-
 @eqx.filter_jit
 def _program(
-    scene: Structure, meshes: Meshes, inputs: Inputs, start: State
+    scene: Structure, meshes: Meshes, inputs: Inputs, start: State, judged: Bool[Array, ""]
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """Solve the whole membrane or a part of it, then assess the whole.
 
-    One program serves solves from rest and from a state nearby: at rest the factor is zero.
+    One program serves solves from rest and from a state nearby (at rest the factor is zero),
+    those whose error is judged and those of which only the outputs are wanted.
     """
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
     near = start if problem.oil_pressure is None else None
     found = equilibrium(problem, near)
-    report, state, shown = assess(parts, meshes, problem, found.state, wall=scene.wall)
+    at = (problem, found.state, judged)
+    report, state, shown = assess(parts, meshes, *at, wall=scene.wall)
     outcome = {
         "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
         "level": found.level,
@@ -313,18 +241,25 @@ def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, An
         report, _ = COMPILED.run(_rest_program, static, plan, arrays, once=solution.once)
         return plain(report)
     meshes = plan.meshes()
-    report, *_, outcome = _run(static, meshes, arrays, start, once=solution.once)
+    report, *_, outcome = _run(static, meshes, arrays, start, once=solution.once, judged=False)
     return plain(report) if int(outcome["result"][0]) == 0 else None
 
 
 def _run(
-    static: Structure, meshes: Meshes, inputs: Inputs, start: State, *, once: bool
+    static: Structure,
+    meshes: Meshes,
+    inputs: Inputs,
+    start: State,
+    *,
+    once: bool,
+    judged: bool = True,
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere."""
-    found: Any = COMPILED.run(_program, static, meshes, inputs, start, once=once)
+    known, flag = (static, meshes, inputs), np.asarray(judged)
+    found: Any = COMPILED.run(_program, *known, start, flag, once=once)
     if start.factor[0] != 0 and int(found[-1]["result"][0]) != 0:
         rest = _at_rest(meshes.solved)
-        found = COMPILED.run(_program, static, meshes, inputs, rest, once=once)
+        found = COMPILED.run(_program, *known, rest, flag, once=once)
     return found
 
 

@@ -26,10 +26,11 @@ from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
+from suas_jax.scene.assessment import assess
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.solve import Inputs, Structure, assess
+from suas_jax.scene.solve import Inputs, Structure
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
@@ -110,7 +111,7 @@ def _program(
     found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
 
     def one(state: State) -> dict[str, Any]:
-        return assess(parts, meshes, problem, state, wall=scene.wall)[0]
+        return assess(parts, meshes, problem, state, True, wall=scene.wall)[0]
 
     reports = jax.lax.map(one, found.state)
     result = jnp.where(found.result == 0, reports.pop("validity"), found.result)

@@ -62,9 +62,12 @@ class ShellModel(AbstractModel):
     setting: ClassVar[str] = "elements"
 
     def first(self, scene: SceneSpec) -> Counts:
-        """Enough for every interval between loads."""
-        intervals = 2 * (1 + len(scene.loads))
-        return (max(16 if scene.rtol >= 1e-4 else 32, 4 * intervals),)
+        """Enough for every interval between loads, and for most scenes.
+
+        Twice as many cost less than a second program to compile, or to load.
+        """
+        least = 4 * 2 * (1 + len(scene.loads))
+        return (max(least, 64 if scene.rtol <= 2e-4 else 32 if scene.rtol <= 2e-3 else 16),)
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """More than for one solve."""
