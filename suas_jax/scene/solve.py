@@ -80,22 +80,22 @@ class Attempt(NamedTuple):
     @property
     def converged(self) -> bool:
         """Whether the equilibrium was found."""
-        return int(np.ravel(self.outcome["result"])[0]) == 0
+        return _number(self.outcome["result"]) == 0
 
     @property
     def mesh_error(self) -> float:
         """Estimated error by the mesh."""
-        return float(np.ravel(self.report["discretisation_error"])[0])
+        return _number(self.report["discretisation_error"])
 
     @property
     def model_error(self) -> float:
         """Estimated error by the model."""
-        return float(np.ravel(self.report["model_error"])[0])
+        return _number(self.report["model_error"])
 
     @property
     def at_the_wall(self) -> bool:
         """Whether the inner face reaches the wall, or has passed it."""
-        return bool(np.ravel(self.report["wall_contact"])[0])
+        return bool(_number(self.report["wall_contact"]))
 
     def model_too_coarse(self, rtol: float) -> bool:
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
@@ -242,7 +242,7 @@ def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, An
         return plain(report)
     meshes = plan.meshes()
     report, *_, outcome = _run(static, meshes, arrays, start, once=solution.once, judged=False)
-    return plain(report) if int(outcome["result"][0]) == 0 else None
+    return plain(report) if _number(outcome["result"]) == 0 else None
 
 
 def _run(
@@ -257,10 +257,15 @@ def _run(
     """The program of a scene from a start; from rest where that leads nowhere."""
     known, flag = (static, meshes, inputs), np.asarray(judged)
     found: Any = COMPILED.run(_program, *known, start, flag, once=once)
-    if start.factor[0] != 0 and int(found[-1]["result"][0]) != 0:
+    if _number(start.factor) != 0 and _number(found[-1]["result"]) != 0:
         rest = _at_rest(meshes.solved)
         found = COMPILED.run(_program, *known, rest, flag, once=once)
     return found
+
+
+def _number(lane: ArrayLike) -> float:
+    """The value of the only lane; by NumPy, as JAX compiles programs for an index."""
+    return float(np.ravel(lane)[0])
 
 
 def _at_rest(plan: AbstractPlan) -> State:
