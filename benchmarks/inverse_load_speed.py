@@ -78,7 +78,7 @@ def against_scipy(
             so = run(batch.skin, Loads.line(x[0], x[1]), state).so
             return np.asarray(root * (np.asarray(so)[:, 0] - y[k]))
 
-        node = [batch.selection.nodes.angle[nodes[k]], batch.selection.nodes.force[nodes[k]]]
+        node = batch.selection.nodes.loads[nodes[k]]
         found.append(least_squares(residual, node, x_scale=[0.02, 0.2]).x)
         seconds.append(time.perf_counter() - begin)
     begin = time.perf_counter()
