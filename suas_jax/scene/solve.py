@@ -101,6 +101,11 @@ class Attempt(NamedTuple):
         """Whether no mesh brings the error below rtol; true of an error that is unknown."""
         return not self.model_error < _MODEL_SHARE * rtol
 
+    def better_than(self, coarser: "Attempt") -> bool:
+        """Whether a finer mesh has helped: zones of contact may move from mesh to mesh."""
+        same = self.wall == coarser.wall
+        return self.converged and not (same and self.mesh_error >= coarser.mesh_error)
+
     def mesh_excess(self, rtol: float) -> float:
         """Error by the mesh over the one allowed; infinite where it is unknown."""
         left = rtol if self.model_too_coarse(rtol) else rtol - self.model_error
@@ -366,6 +371,8 @@ def _attempt(
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
         found = Attempt(report, state, shown, outcome, plan, wall, coarsest)
+        if coarser is not None and not found.better_than(coarser):
+            return coarser
         # Where another model is tried next, a finer mesh of this one is wasted.
         other_next = scene.solve.model == "auto" and name == "shell" and not given
         other_next = other_next and found.converged and found.model_too_coarse(rtol)

@@ -212,6 +212,7 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
     if automatic:
         name = next((n for n in reversed(given) if given[n] is not None), "shell")
     counts = given[name] or models[name].first_of_sweep(scene)
+    coarser: tuple[float, _Curve, list[dict[str, Any]]] | None = None
     while True:
         curve = _Curve(scene, name, counts)
         points = curve.points(levels)
@@ -221,14 +222,19 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
         )
         other = "solid" in models and name == "shell"
         if automatic and not given[name] and other and of_model > rtol:
-            name = "solid"
+            name, coarser = "solid", None
             counts = models[name].first_of_sweep(scene)
             continue
         excess = worst / max(rtol, 1.1 * of_model)
+        if coarser is not None and worst >= coarser[0]:  # no finer mesh has helped
+            _, curve, points = coarser
+            break
+        coarser = (worst, curve, points)
         finer = None if given[name] or excess <= 1 else models[name].finer(counts, excess)
         if finer is None:
-            return Sweep(points, curve.first_contact(levels, points), scene)
+            break
         counts = finer
+    return Sweep(points, curve.first_contact(levels, points), scene)
 
 
 class _Curve:

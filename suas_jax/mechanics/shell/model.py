@@ -13,6 +13,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
 _MOST_ELEMENTS = 512
+_STRICT = 2e-3  # tolerance that the smallest meshes rarely meet
 
 
 class ShellPlan(AbstractPlan):
@@ -67,11 +68,13 @@ class ShellModel(AbstractModel):
         Twice as many cost less than a second program to compile, or to load.
         """
         least = 4 * 2 * (1 + len(scene.loads))
-        return (max(least, 64 if scene.rtol <= 2e-4 else 32 if scene.rtol <= 2e-3 else 16),)
+        if scene.rtol <= _STRICT / 10:
+            return (max(64, least),)
+        return (max(32 if scene.rtol <= _STRICT else 16, least),)
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
-        """More than for one solve."""
-        return (32,)
+        """More than for one solve: points near the wall need them."""
+        return (64 if scene.rtol < _STRICT else 32,)
 
     def finer(self, counts: Counts, excess: float) -> Counts | None:
         """Twice as many elements: its programs compile and run in little time."""
