@@ -15,7 +15,8 @@ import dataclasses
 import functools
 import sys
 from collections import Counter
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,6 +37,7 @@ from suas_jax.scene.report import plain
 from suas_jax.scene.solve import Inputs, Structure, solve
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
+Found = TypeVar("Found")
 RUBBER = {
     "law": "ogden",
     "mu": ["0.63 MPa", "1.2 kPa", "-10 kPa"],
@@ -184,18 +186,31 @@ def cases_of(scene: SceneSpec) -> list[Case]:
     ]
 
 
+def studied(
+    count: int, seed: int, case_of: Callable[[np.random.Generator, int], Found | None]
+) -> list[Found]:
+    """What is found of random scenes, each drawn again until it has a valid equilibrium.
+
+    Args:
+        count: number of scenes.
+        seed: of the generator.
+        case_of: draws the scene of a number; None or nothing for one without equilibrium.
+    """
+    rng = np.random.default_rng(seed)
+    cases: list[Found] = []
+    for i in range(count):
+        found = None
+        while not found:
+            found = case_of(rng, i)
+        cases.append(found)
+        print(i, found, file=sys.stderr, flush=True)
+    return cases
+
+
 def study(count: int, seed: int) -> list[Case]:
     """Random scenes, pattern by pattern."""
-    rng = np.random.default_rng(seed)
-    cases: list[Case] = []
-    for i in range(count):
-        found: list[Case] = []
-        while not found:
-            found = cases_of(sample(rng, i % len(PATTERNS)))
-        cases += found
-        for case in found:
-            print(case, file=sys.stderr, flush=True)
-    return cases
+    found = studied(count, seed, lambda rng, i: cases_of(sample(rng, i % len(PATTERNS))))
+    return [case for cases in found for case in cases]
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ and of taxels' gaps to the largest displacement of the mid-surface.
 import argparse
 import dataclasses
 import functools
-import sys
 from typing import Any
 
 import equinox as eqx
@@ -23,7 +22,7 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.error_estimate import EPDM, FLOOR, RUBBER, TRAPPED, TRUTH, YEOH
+from benchmarks.error_estimate import EPDM, FLOOR, RUBBER, TRAPPED, TRUTH, YEOH, studied
 from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
 from suas_jax.equilibrium.balance import State
@@ -187,15 +186,7 @@ def case_of(scene: SceneSpec) -> Case | None:
 
 def study(count: int, seed: int) -> list[Case]:
     """Random scenes, pattern by pattern."""
-    rng = np.random.default_rng(seed)
-    cases: list[Case] = []
-    for i in range(count):
-        found = None
-        while found is None:
-            found = case_of(sample(rng, i % len(PATTERNS)))
-        cases.append(found)
-        print(i, found, file=sys.stderr, flush=True)
-    return cases
+    return studied(count, seed, lambda rng, i: case_of(sample(rng, i % len(PATTERNS))))
 
 
 def main() -> None:

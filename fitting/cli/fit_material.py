@@ -8,6 +8,7 @@ import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.progress import fitting_spinner
+from fitting.cli.quantity_option import quantity_of
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
@@ -187,7 +188,10 @@ def material(
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
 
-        settings = CardSettings(card_units, card_name, density, _stress(bulk_modulus))
+        bulk_value = None
+        if bulk_modulus is not None:
+            bulk_value = quantity_of("--bulk-modulus", bulk_modulus, "stress")
+        settings = CardSettings(card_units, card_name, density, bulk_value)
         for name, _ in cards:
             if name not in PROGRAMS:
                 allowed = ", ".join(PROGRAMS)
@@ -319,18 +323,6 @@ def _written(
             message = str(error)
         found.append({"program": name, "file": file, "message": message})
     return found
-
-
-def _stress(text: str | None) -> float | None:
-    """A bulk modulus of the command line [Pa]."""
-    if text is None:
-        return None
-    from suas_jax.config.quantities import parse_quantity
-
-    try:
-        return parse_quantity(text, "stress")
-    except ValueError as error:
-        raise ValueError(f'--bulk-modulus "{text}": {error}') from None
 
 
 def _on_skin(sets: list[Any]) -> bool:

@@ -4,6 +4,8 @@ from typing import Annotated
 
 import typer
 
+from fitting.cli.quantity_option import quantity_of
+
 Workers = Annotated[
     str | None,
     typer.Option(
@@ -28,19 +30,14 @@ def pad_settings(
         ValueError: an option can't be understood.
     """
     from fitting.dask_client import parse_workers
-    from suas_jax.config.quantities import parse_quantity
 
-    option = "--diameter"
     settings: dict[str, float | int | str | None] = {}
     if workers is not None:
         settings["workers"] = parse_workers(workers)
-    try:
-        if diameter is not None:
-            free = diameter == "free"
-            settings["diameter"] = None if free else parse_quantity(diameter, "length")
-        if pressure_noise is not None:
-            option = "--pressure-noise"
-            settings["pressure_noise"] = parse_quantity(pressure_noise, "pressure")
-    except ValueError as error:
-        raise ValueError(f"{option}: {error}") from None
+    if diameter is not None:
+        free = diameter == "free"
+        settings["diameter"] = None if free else quantity_of("--diameter", diameter, "length")
+    if pressure_noise is not None:
+        noise = quantity_of("--pressure-noise", pressure_noise, "pressure")
+        settings["pressure_noise"] = noise
     return settings

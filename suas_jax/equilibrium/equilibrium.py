@@ -132,26 +132,6 @@ def _with_change(problem: Problem, found: Found, *, omitted: bool) -> _Root:
     return _Root(found, eliminate(operator, pull).solution)
 
 
-def _find(
-    problem: Problem,
-    start: State | None,
-    stepping: LoadStepping,
-    on_demand: bool,
-    omitted: bool,
-) -> _Root:
-    """Solve all lanes in chunks; `jax.vmap` adds lanes instead of a batch axis."""
-    rest = problem.mechanics.rest()
-    chunk = max(4, _CHUNK * rest.shape[-1] // rest.size)
-
-    def solve(arguments: tuple[Problem, State | None]) -> _Root:
-        problem, start = arguments
-        if on_demand:
-            return _solve_on_demand(problem, start, stepping, omitted=omitted)
-        return _with_change(problem, _solve_lanes(problem, start, stepping), omitted=omitted)
-
-    return in_chunks(solve, (problem, start), chunk)
-
-
 def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
     """Tangent of a root by the implicit function theorem."""
     level = jax.lax.stop_gradient(found.level)
@@ -181,7 +161,17 @@ def _root(
     on_demand: bool,
     omitted: bool,
 ) -> _Root:
-    return _find(problem, start, stepping, on_demand, omitted)
+    """Solve all lanes in chunks; `jax.vmap` adds lanes instead of a batch axis."""
+    rest = problem.mechanics.rest()
+    chunk = max(4, _CHUNK * rest.shape[-1] // rest.size)
+
+    def solve(arguments: tuple[Problem, State | None]) -> _Root:
+        problem, start = arguments
+        if on_demand:
+            return _solve_on_demand(problem, start, stepping, omitted=omitted)
+        return _with_change(problem, _solve_lanes(problem, start, stepping), omitted=omitted)
+
+    return in_chunks(solve, (problem, start), chunk)
 
 
 @_root.def_jvp

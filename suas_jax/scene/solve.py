@@ -161,8 +161,7 @@ def _program(
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
     near = start if problem.oil_pressure is None else None
     found = equilibrium(problem, near)
-    at = (problem, found.state, judged)
-    report, state, shown = assess(parts, meshes, *at, wall=scene.wall)
+    report, state, shown = assess(parts, meshes, problem, found.state, judged, wall=scene.wall)
     outcome = {
         "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
         "level": found.level,
@@ -210,10 +209,10 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
     require_float64()
     compiled_before = COMPILED.seconds
     decay_angle(scene)  # its small program is compiled, and kept, outside the time measured
-    seconds = []
+    seconds, once = [], repeat == 1
     for run in range(repeat + (repeat > 1)):
         begin, compiling = time.perf_counter(), COMPILED.seconds
-        found, reason = _choose(scene, once=repeat == 1)
+        found, reason = _choose(scene, once=once)
         elapsed = time.perf_counter() - begin - (COMPILED.seconds - compiling)
         if run > 0 or repeat == 1:  # of several, the first one compiles
             seconds.append(elapsed)
@@ -223,9 +222,9 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": statistics.median(seconds),
     }
-    state, shown, plan = found.state, found.shown, found.plan
-    once = repeat == 1
-    return Solution(report, state, shown, plan, scene, found.wall, found.coarsest, once)
+    return Solution(
+        report, found.state, found.shown, found.plan, scene, found.wall, found.coarsest, once
+    )
 
 
 def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, Any] | None:
@@ -239,14 +238,13 @@ def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, An
         The observed quantities; None where no solution was found.
     """
     scene, (plan, start) = solution.scene, solution.coarsest
-    values = {**continuous_inputs(scene), **inputs}
-    arrays = {k: jnp.asarray(v, float) for k, v in values.items()}
-    static = Structure(_pattern(scene), wall=solution.wall)
+    known = _prepared(scene, plan.model, plan.counts)
+    arrays = known.inputs | {k: np.asarray(v, float) for k, v in inputs.items()}
+    static, once = _structure(scene, wall=solution.wall), solution.once
     if unloaded(scene):
-        report, _ = COMPILED.run(_rest_program, static, plan, arrays, once=solution.once)
+        report, _ = COMPILED.run(_rest_program, static, plan, arrays, once=once)
         return plain(report)
-    meshes = plan.meshes()
-    report, *_, outcome = _run(static, meshes, arrays, start, once=solution.once, judged=False)
+    report, *_, outcome = _run(static, known.meshes, arrays, start, once=once, judged=False)
     return plain(report) if _number(outcome["result"]) == 0 else None
 
 
@@ -262,7 +260,8 @@ def _run(
     """The program of a scene from a start; from rest where that leads nowhere."""
     known, flag = (static, meshes, inputs), np.asarray(judged)
     found: Any = COMPILED.run(_program, *known, start, flag, once=once)
-    if _number(start.factor) != 0 and _number(found[-1]["result"]) != 0:
+    free = static.scene.solve.oil_pressure is None  # a wanted pressure is sought from rest
+    if free and _number(start.factor) != 0 and _number(found[-1]["result"]) != 0:
         rest = _at_rest(meshes.solved)
         found = COMPILED.run(_program, *known, rest, flag, once=once)
     return found
