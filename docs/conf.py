@@ -25,6 +25,7 @@ copyright = f"2026, {author}"
 version = release = installed_version("suas-jax")
 
 extensions = [
+    "breakable_names",
     "mathml",
     "myst_nb",
     "sphinx.ext.autodoc",
@@ -60,6 +61,7 @@ html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
+html_context = {"default_mode": "auto"}  # without it the theme complains in the console
 html_theme_options = {
     "header_links_before_dropdown": 8,
     "navbar_align": "left",
@@ -127,6 +129,7 @@ _TYPES = {
     r"~numpy.ndarray\[tuple\[~typing.Any, ...], ~numpy.dtype\[~numpy.(\w+)]]": r"NDArray[\1]",
     r"~?jaxlib._jax.Array": "Array",
     r"<function .*?<lambda>>": "...",
+    r"<factory>": "...",  # isn't Python: the whole signature would stay unread, in one piece
 }
 
 
