@@ -286,6 +286,19 @@ def test_a_taxel_in_contact_keeps_its_series_layers(in_contact: Solution) -> Non
     assert far["so"] < 200
 
 
+@pytest.mark.long
+def test_where_no_mesh_of_the_shell_meets_rtol_the_solid_does() -> None:
+    expected = references()["A 90"]
+    spec = with_solve(pressed("A", 90.0), model="auto", rtol=2e-3)
+    report = solve(spec).report
+    assert "mesh error of the shell's finest mesh" in report["message"]
+    assert report["model"] == "solid"
+    assert report["rtol_met"]
+    pressure, force = report["oil_pressure_Pa"], report["wall"]["force_N"]
+    assert pressure == pytest.approx(expected["oil_pressure_Pa"], rel=2e-3)
+    assert force == pytest.approx(expected["contact_force_N"], abs=2e-3 * 90)
+
+
 @pytest.fixture(scope="module")
 def passed_through() -> Solution:
     return solve(with_solve(sensing([], contact=False), model="shell", elements=SHELL[0]))

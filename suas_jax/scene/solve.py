@@ -322,7 +322,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     shell = _attempt(scene, "shell", None, once=once)
     if not shell.converged:
         return shell, "Shell tried; the solid was not, as it starts no other path."
-    if not shell.model_too_coarse(rtol):
+    if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
         return shell, _shell_chosen(shell, rtol)
     at_the_wall = shell.at_the_wall and scene.wall.contact
     solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall)
@@ -330,12 +330,19 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
         if at_the_wall and not shell.wall:
             shell = _attempt(scene, "shell", None, once=once, wall=True)
         return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
+    if not (shell.model_too_coarse(rtol) or solid.mesh_error < shell.mesh_error):
+        return shell, f"{_shell_chosen(shell, rtol)} The solid's mesh error is no smaller."
     if solid.wall == shell.wall:
         solid = solid._replace(coarsest=shell.coarsest)
-    return solid, (
-        f"Solid chosen: the corrected shell's model error, estimated as "
-        f"{shell.model_error:.1e}, exceeds rtol {rtol:.1e}."
-    )
+    return solid, f"Solid chosen: {_shell_rejected(shell, rtol)}"
+
+
+def _shell_rejected(shell: Attempt, rtol: float) -> str:
+    if shell.model_too_coarse(rtol):
+        stated = f"the corrected shell's model error, estimated as {shell.model_error:.1e},"
+        return f"{stated} exceeds rtol {rtol:.1e}."
+    stated = f"the mesh error of the shell's finest mesh, estimated as {shell.mesh_error:.1e},"
+    return f"{stated} is more than rtol {rtol:.1e} leaves."
 
 
 def _shell_chosen(shell: Attempt, rtol: float) -> str:

@@ -220,20 +220,20 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
             max((p[key] for p in points if p[key] is not None), default=0.0)
             for key in ("error_estimate", "model_error")
         )
-        other = "solid" in models and name == "shell"
-        if automatic and not given[name] and other and of_model > rtol:
+        excess = worst / max(rtol, 1.1 * of_model)
+        stalled = coarser is not None and worst >= coarser[0]  # no finer mesh has helped
+        finer = None if given[name] or excess <= 1 else models[name].finer(counts, excess)
+        missed = of_model > rtol or (excess > 1 and (stalled or finer is None))
+        if automatic and missed and name == "shell" and not given[name] and "solid" in models:
             name, coarser = "solid", None
             counts = models[name].first_of_sweep(scene)
             continue
-        excess = worst / max(rtol, 1.1 * of_model)
-        if coarser is not None and worst >= coarser[0]:  # no finer mesh has helped
+        if stalled:
+            assert coarser is not None
             _, curve, points = coarser
+        if stalled or finer is None:
             break
-        coarser = (worst, curve, points)
-        finer = None if given[name] or excess <= 1 else models[name].finer(counts, excess)
-        if finer is None:
-            break
-        counts = finer
+        coarser, counts = (worst, curve, points), finer
     return Sweep(points, curve.first_contact(levels, points), scene)
 
 
