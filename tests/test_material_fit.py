@@ -14,9 +14,11 @@ from fitting.material.experiments.bulge import Bulge
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, shear_factors
 from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.spherical_cap import SphericalCap
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
+from fitting.material.fit.search import NoFit
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
 from fitting.statistics.diagnostics import misfit
@@ -173,12 +175,83 @@ def test_balloon_file_is_read_as_the_balloon_formula(tmp_path: pathlib.Path) -> 
     np.testing.assert_allclose(fit.constants, 4e5, rtol=1e-8)
 
 
-def test_settled_bulge_predicts_the_membranes_pressure() -> None:
+def test_bulges_of_a_height_have_the_pressure_of_the_inflated_membrane() -> None:
     law = MooneyRivlin(2e5, 3e4)
-    exact = inflated_diaphragm(law, jnp.array([1.2, 1.6]), 1.0, 0.03)
-    height = jnp.asarray(exact.apex_height)
-    rough = Bulge(height, jnp.full(2, 0.03), jnp.log1p(height**2))
-    np.testing.assert_allclose(rough.settled(law).predict(law), exact.pressure, rtol=1e-8)
+    exact = inflated_diaphragm(law, jnp.array([1.02, 1.2, 1.6, 3.0]), 1.0, 0.03)
+    bulge = Bulge(jnp.asarray(exact.apex_height), jnp.full(4, 0.03))
+    np.testing.assert_allclose(bulge.predict(law), exact.pressure, rtol=1e-9)
+
+
+def test_bulges_have_no_pressure_at_heights_that_a_law_does_not_reach() -> None:
+    """A soft law's membrane bulges to a largest height, beyond which it has no equilibrium."""
+    bulge = Bulge(jnp.array([0.9, 1.0, 1.3]), jnp.full(3, 0.03))
+    found = bulge.predict(Ogden(4e5, 1.0))
+    np.testing.assert_array_equal(np.isfinite(found), [True, True, False])
+
+
+def test_derivatives_of_bulges_are_those_of_their_pressures() -> None:
+    chosen, constants = family("ogden", 2), np.array([6.3e5, -1e4, 1.3, -2.0])
+    bulge = Bulge(jnp.array([0.3, 0.8]), jnp.full(2, 0.03))
+    linearised = jax.jit(lambda c: bulge.linearised(chosen, c))
+    _, slope = linearised(jnp.asarray(constants))
+    for i, size in enumerate(constants):
+        moved = [constants + step * size * np.eye(4)[i] for step in (1e-5, -1e-5)]
+        high, low = (linearised(jnp.asarray(c))[0] for c in moved)
+        np.testing.assert_allclose(slope[:, i], (high - low) / (2e-5 * size), rtol=1e-6)
+
+
+def test_a_spherical_cap_estimates_the_pressure_of_a_membrane() -> None:
+    """At small heights of any law, and of a neo-Hookean one at all."""
+    for law, apex in ((NeoHookean(4e5), [1.001, 1.3, 2.0, 3.0]), (Gent(3e5, 30.0), [1.001])):
+        exact = inflated_diaphragm(law, jnp.asarray(apex), 1.0, 0.03)
+        height = np.asarray(exact.apex_height)
+        cap = SphericalCap.of_heights(height, np.full(len(apex), 0.03))
+        np.testing.assert_allclose(cap.predict(law), exact.pressure, rtol=0.01)
+
+
+def bulge_file(tmp_path: pathlib.Path, law: AbstractLaw, count: int) -> pathlib.Path:
+    """A bulge test of a law with 1 % noise."""
+    exact = inflated_diaphragm(law, np.exp(np.linspace(0.02, 0.75, count)), 40e-3, 1.5e-3)
+    noise = 1.0 + 0.01 * np.random.default_rng(1).standard_normal(count)
+    file = tmp_path / "bulge.csv"
+    rows = "".join(
+        f"{1e3 * float(h)},{1e-3 * float(p) * e}\n"
+        for h, p, e in zip(exact.apex_height, exact.pressure, noise, strict=True)
+    )
+    file.write_text(
+        f"# radius: 40 mm\n# thickness: 1.5 mm\napex_height_mm,pressure_kPa\n{rows}"
+    )
+    return file
+
+
+def test_bulge_tests_determine_the_law(tmp_path: pathlib.Path) -> None:
+    """Also where the law is written as Ogden's: μ_p α_p / 2 of exponents ±2 are 2C₁ and 2C₂."""
+    data = [load_dataset("bulge", bulge_file(tmp_path, MooneyRivlin(2e5, 3e4), 20))]
+    fit = fit_material(data, "mooney-rivlin", 2)
+    assert fit.status == "converged"
+    low, high = fit.intervals(0.95)
+    assert np.all((low < [2e5, 3e4]) & (high > [2e5, 3e4]))
+    other = fit_material(data, "ogden", 2)
+    assert other.status == "converged"
+    assert fit.cost * 0.9 < other.cost < fit.cost
+    np.testing.assert_allclose(other.shear_modulus()[0], fit.shear_modulus()[0], rtol=0.02)
+
+
+def test_a_valley_of_bulge_tests_is_followed_to_its_bottom(tmp_path: pathlib.Path) -> None:
+    """Two terms that one curve hardly tells apart: the truth costs more than the minimum."""
+    truth = Ogden(np.array([6.3e5, -1e5]), np.array([1.3, -2.0]))
+    fit = fit_material([load_dataset("bulge", bulge_file(tmp_path, truth, 20))], "ogden", 2)
+    assert fit.status == "converged"
+    exact = fit.problem.residuals.of_constants(jnp.array([6.3e5, -1e5, 1.3, -2.0]))
+    assert fit.cost < 0.5 * float(jnp.sum(exact**2))
+
+
+def test_bounds_without_a_bulge_of_the_measured_height_are_named(
+    tmp_path: pathlib.Path,
+) -> None:
+    data = [load_dataset("bulge", bulge_file(tmp_path, MooneyRivlin(2e5, 3e4), 6))]
+    with pytest.raises(NoFit, match="--bound leaves no constants with finite stresses"):
+        fit_material(data, "ogden", 1, bounds={"alpha.0": (1.0, 1.02)}, starts=16)
 
 
 def test_a_user_defined_energy_is_fitted(treloar: list[Dataset]) -> None:

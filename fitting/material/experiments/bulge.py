@@ -2,9 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Self
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,35 +12,36 @@ from fitting.material.data.errors import DataError
 from fitting.material.experiments.homogeneous import mode_factors
 from fitting.material.experiments.measurements import Predictor
 from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.spherical_cap import SphericalCap
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
 from fitting.statistics.parameters import AbstractFamily
 from suas_jax.constitutive import AbstractLaw, inflated_diaphragm
-from suas_jax.runtime.compiled import COMPILED
 
-_NEWTON_STEPS = 7
+# Newton steps in log e over log h. A step below the last is taken, too; what it leaves is its
+# square, and the pressure is exact up to the square of that. Laws end at large stretches:
+# where there is no bulge, the next is sought at a smaller one.
+_NEWTON_STEPS, _LONGEST, _BACK, _LAST = 10, 0.5, -0.25, 1e-3
 
 
 class Bulge(AbstractExperiment):
     """Points of a circular-diaphragm bulge test: pressure at a given apex height.
 
-    A membrane is inflated to a given apex stretch, and its height follows. Near the apex
-    stretch that gives the measured height h_i, pressure follows height along
+    A membrane is inflated to a given apex stretch, and its height follows. The apex stretch
+    that gives the measured height h_i is found by Newton's method. Near it pressure follows
+    height along
 
         log p = log p(e) + (d log p / d log h) (log h_i − log h(e)),
 
-    exact, with exact derivatives in the constants, where h(e) = h_i. `settled` moves e
-    there for a law; a fit alternates it with steps in the constants.
+    exact, with exact derivatives in the constants, where h(e) = h_i.
 
     Attributes:
         height: apex height over the diaphragm's radius, shape [n].
         thickness: undeformed thickness over radius, shape [n].
-        apex: e, logarithm of the apex stretch, shape [n].
     """
 
     height: Float[Array, " n"]
     thickness: Float[Array, " n"]
-    apex: Float[Array, " n"]
 
     @property
     def size(self) -> int:
@@ -52,17 +51,20 @@ class Bulge(AbstractExperiment):
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Pressures [Pa]; not a number where the law has no bulge of that height."""
         # What is differentiated once more, by the constants, is not the slope.
-        _, (slope_p, slope_h) = self.inflated(jax.lax.stop_gradient(law))
-        log_p, log_h = self._at(law, self.apex)
-        return jnp.exp(log_p + slope_p / slope_h * (jnp.log(self.height) - log_h))
+        known = jax.lax.stop_gradient(law)
+        apex = self._apex(known)
+        _, (slope_p, slope_h) = self._inflated(known, apex)
+        log_p, log_h = self._at(law, apex)
+        return self._pressure(log_p, log_h, slope_p / slope_h)
 
     def linearised(
         self, family: AbstractFamily, constants: Float[Array, " p"]
     ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:
         """Pressures and their derivatives: by the constants and the apex stretch at once."""
+        apex = self._apex(family.law(constants))
 
         def at(x: Array) -> tuple[Array, Array]:
-            return self._at(family.law(x[:-1]), self.apex * jnp.exp(x[-1]))
+            return self._at(family.law(x[:-1]), apex * jnp.exp(x[-1]))
 
         def push(tangent: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
             return jax.jvp(at, (jnp.append(constants, 0.0),), (tangent,))
@@ -70,39 +72,44 @@ class Bulge(AbstractExperiment):
         basis = jnp.eye(constants.size + 1, dtype=constants.dtype)
         (log_p, log_h), (of_p, of_h) = jax.vmap(push, out_axes=(None, 1))(basis)
         along = of_p[:, -1] / of_h[:, -1]
-        pressure = jnp.exp(log_p + along * (jnp.log(self.height) - log_h))
+        pressure = self._pressure(log_p, log_h, along)
         return pressure, pressure[:, None] * (of_p - along[:, None] * of_h)[:, :-1]
 
-    def settled(self, law: AbstractLaw) -> Self:
-        """The same test at the apex stretches that give the measured heights."""
-        test = self
-        for _ in range(_NEWTON_STEPS):
-            (_, log_h), (_, slope_h) = COMPILED.run(_inflated, test, law)
-            miss = jnp.log(test.height) - log_h
-            # Where a law has no such bulge the estimate stays; `predict` says so.
-            step = jnp.where(jnp.isfinite(miss / slope_h), miss / slope_h, 0.0)
-            apex = test.apex * jnp.exp(jnp.clip(step, -0.5, 0.5))
-            test = eqx.tree_at(lambda t: t.apex, test, apex)
-            if float(jnp.max(jnp.abs(step))) < 1e-6:
-                break
-        return test
+    def _apex(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """e, logarithms of the apex stretches that give the measured heights."""
 
-    def distance(self, other: Self) -> float:
-        """Largest relative difference of the logarithms of the apex stretches."""
-        return float(jnp.max(jnp.abs(self.apex / other.apex - 1.0)))
+        def going_on(state: tuple[Array, Array, Array]) -> Array:
+            _, size, count = state
+            return (size > _LAST) & (count < _NEWTON_STEPS)
 
-    def inflated(self, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        def newton(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            apex, _, count = state
+            (_, log_h), (_, slope_h) = self._inflated(law, apex)
+            step = (jnp.log(self.height) - log_h) / slope_h
+            step = jnp.where(jnp.isfinite(step), jnp.clip(step, -_LONGEST, _LONGEST), _BACK)
+            return apex * jnp.exp(step), jnp.max(jnp.abs(step)), count + 1
+
+        # That of a spherical cap, which a neo-Hookean membrane stays below by as much.
+        square = self.height**2
+        guess = jnp.log1p(square) * (1.0 - 0.35 * jnp.exp(-square))
+        first = guess, jnp.asarray(jnp.inf), jnp.asarray(0)
+        apex, _, _ = jax.lax.while_loop(going_on, newton, first)
+        return apex
+
+    def _pressure(self, log_p: Array, log_h: Array, along: Array) -> Float[Array, " n"]:
+        """Pressures at the measured heights, from those near to them."""
+        miss = jnp.log(self.height) - log_h
+        return jnp.where(jnp.abs(miss) < _LAST, jnp.exp(log_p + along * miss), jnp.nan)
+
+    def _inflated(
+        self, law: AbstractLaw, apex: Float[Array, " n"]
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Pressure and height at the apex stretches as log p, log h; slopes in log e."""
-        return jax.jvp(lambda e: self._at(law, e), (self.apex,), (self.apex,))
+        return jax.jvp(lambda e: self._at(law, e), (apex,), (apex,))
 
-    def _at(self, law: AbstractLaw, apex: Array) -> tuple[Array, Array]:
+    def _at(self, law: AbstractLaw, apex: Float[Array, " n"]) -> tuple[Array, Array]:
         bulge = inflated_diaphragm(law, jnp.exp(apex), 1.0, self.thickness)
         return jnp.log(bulge.pressure), jnp.log(bulge.apex_height)
-
-
-@eqx.filter_jit
-def _inflated(test: Bulge, law: AbstractLaw) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    return test.inflated(law)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -131,15 +138,22 @@ class BulgeTest(StressTest):
         return self.height
 
     def predictor(self, *, estimate: bool) -> Predictor:
-        """A spherical cap, which is a homogeneous test, or a membrane."""
-        return super().predictor(estimate=estimate) if estimate else membranes
+        """A spherical cap, or a membrane."""
+        return caps if estimate else membranes
 
 
 def membranes(tests: Sequence[BulgeTest]) -> Bulge:
-    """Bulge tests as inflated membranes, at the apex stretches of spherical caps."""
+    """Bulge tests as inflated membranes."""
     height = np.concatenate([test.height for test in tests])
     thickness = np.concatenate([test.thickness for test in tests])
-    return Bulge(jnp.asarray(height), jnp.asarray(thickness), jnp.log1p(height**2))
+    return Bulge(jnp.asarray(height), jnp.asarray(thickness))
+
+
+def caps(tests: Sequence[BulgeTest]) -> SphericalCap:
+    """Bulge tests as spherical caps."""
+    height = np.concatenate([test.height for test in tests])
+    thickness = np.concatenate([test.thickness for test in tests])
+    return SphericalCap.of_heights(height, thickness)
 
 
 def bulge(reader: Reader) -> BulgeTest:
@@ -178,7 +192,7 @@ def bulge(reader: Reader) -> BulgeTest:
         values = np.where(flat, np.nan, values)
         relative = np.where(flat, 1.0, relative)
     # The spherical cap of this height (Hill's special solution): stretch 1 + η² at the
-    # apex, p = 4 σ η (T/a) / ((1 + η²) λ²). It starts the fit; a membrane finishes it.
+    # apex, p = 4 σ η (T/a) / ((1 + η²) λ²).
     stretch = 1.0 + relative**2
     e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
     share = 4.0 * relative * thickness / radius / stretch**3

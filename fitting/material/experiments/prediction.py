@@ -33,10 +33,6 @@ class AbstractExperiment(eqx.Module):
         """The same tests with other zeros; by default a test has none that are free."""
         return self
 
-    def distance(self, other: Self) -> float:
-        """How far its states are from those of another prediction, relative."""
-        return 0.0
-
     def linearised(
         self, family: AbstractFamily, constants: Float[Array, " p"]
     ) -> tuple[Float[Array, " n"], Float[Array, "n p"]]:

@@ -169,9 +169,17 @@ def _fitted(
         from fitting.statistics.bounded import minimise_in_box
 
         others = wider.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
-        constants, minima, at_bounds = minimise_in_box(
-            problem.residuals, wider, constants, others, bounds
-        )
+        if any(data.mode == "bulge" for data in used):
+            others = minima.theta[1:2]  # membranes are expensive
+        try:
+            constants, minima, at_bounds = minimise_in_box(
+                problem.residuals, wider, constants, others, bounds
+            )
+        except np.linalg.LinAlgError as error:
+            raise NoFit(
+                f"{chosen.title}: --bound leaves no constants with finite stresses for all "
+                f"readings; widen the bounds, or choose another law"
+            ) from error
         if at_bounds:
             notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known_noise = residual == "noise"

@@ -180,7 +180,7 @@ def sample_material(
         ValueError: settings are not allowed, or a chain file belongs to something else.
         PosteriorError: no possible point was found.
     """
-    problem, _ = settle(fit.problem, fit.constants)
+    problem = settle(fit.problem, fit.constants)
     fit = dataclasses.replace(fit, problem=problem)
     family, residuals = fit.family, problem.residuals
     known = problem.kind == "noise"

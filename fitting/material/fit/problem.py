@@ -107,19 +107,12 @@ def pose(
     return MaterialProblem(residuals, tuple(places), floors, kind, model_error)
 
 
-def settle(problem: MaterialProblem, constants: np.ndarray) -> tuple[MaterialProblem, float]:
-    """Move tests to the states that fit a law's constants.
-
-    Returns:
-        The problem, and how far the states moved, relative; zero where none depend on the
-        constants.
-    """
+def settle(problem: MaterialProblem, constants: np.ndarray) -> MaterialProblem:
+    """Move tests to the states of a law, from which those of laws near to it are found fast."""
     law = problem.residuals.family.law(jnp.asarray(constants))
-    before = problem.residuals.experiments
-    after = tuple(test.settled(law) for test in before)
-    change = max(new.distance(old) for new, old in zip(after, before, strict=True))
+    after = tuple(test.settled(law) for test in problem.residuals.experiments)
     residuals = eqx.tree_at(lambda r: r.experiments, problem.residuals, after)
-    return dataclasses.replace(problem, residuals=residuals), change
+    return dataclasses.replace(problem, residuals=residuals)
 
 
 def reading_scale(data: Dataset, sets: Sequence[Dataset], kind: str) -> np.ndarray:

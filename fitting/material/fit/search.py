@@ -7,17 +7,18 @@ import numpy as np
 
 from fitting.material.experiments.free_zero import Zero
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.fit.problem import MaterialProblem, pose, settle
+from fitting.material.fit.corrected_model import minimise_corrected
+from fitting.material.fit.problem import MaterialProblem, pose
+from fitting.material.fit.residuals import Residuals
 from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 from fitting.statistics.parameters import AbstractFamily
 
 SKIN_LANES = 4
 """Most starts for data of a skin, where every residual is an equilibrium."""
-# A reading is wrong by the square of how far its apex stretch still is from settled.
-_BULGE_ROUNDS, _SETTLED = 8, 3e-3
-_BULGE_STEPS, _BULGE_STEPS_AT_LAST, _NEARLY = 4, 40, 3e-2
-
+# Of a bulge test's fit: most evaluations of a start by either method, how far like starts are
+# moved apart, and the largest parameter that a minimum may have.
+_BULGE_STEPS, _APART, _FARTHEST = 40, 0.1, 300.0
 
 # Starts of what is beside the law, and steps of each; the stiffness of a long-term law and of a
 # virgin one over that of the data taken as elastic.
@@ -55,27 +56,32 @@ def search(
         return problem, _with_effects(sets, chosen, problem, starts, seed)
     if not any(data.mode == "bulge" for data in sets):
         return problem, minimise(problem.residuals, points)
-    # Membranes are expensive: explore with spherical caps, then fit the best with
-    # membranes, whose apex stretches follow the constants.
-    estimate = pose(sets, chosen, kind, estimate=True).residuals
-    rough = minimise(estimate, points, finish=False)
-    found = rough
-    for done in range(_BULGE_ROUNDS):
-        if not np.isfinite(found.cost[0]):
-            return problem, found
-        best = chosen.constants(jnp.asarray(found.theta[0]), problem.residuals.scales)
-        problem, change = settle(problem, np.asarray(best))
-        if done and change < _SETTLED and found.converged[0]:
+    # Membranes are expensive: explore with spherical caps, which then lead the way.
+    caps = pose(sets, chosen, kind, estimate=True).residuals
+    rough = minimise(caps, points, finish=False).theta
+    # The plain guess may have membranes where the rough minima have none. What may be the same
+    # is moved apart, so that it means something if both agree.
+    some = [rough[0], rough[:2][-1] + _APART, points[0], points[0] + _APART]
+    return problem, _with_membranes(problem.residuals, caps, some)
+
+
+def _with_membranes(
+    membranes: Residuals, caps: Residuals, starts: Sequence[np.ndarray]
+) -> Minima:
+    """Minima from a few starts, one after the other until two agree."""
+    found: list[Minima] = []
+    for start in starts:
+        near = minimise_corrected(membranes, caps, start, _BULGE_STEPS)
+        end = minimise_one_by_one(membranes, near[None], _BULGE_STEPS)
+        # Beyond this, a law's constants are zero or have no number.
+        sound = np.max(np.abs(end.theta)) < _FARTHEST
+        found.append(end if sound else end._replace(cost=np.array([np.inf])))
+        parts = [np.concatenate(part) for part in zip(*found, strict=True)]
+        order = np.argsort(parts[1], kind="stable")
+        minima = Minima(*(part[order] for part in parts))
+        if minima.agreeing > 1:
             break
-        # States follow the constants, so there is no need to go on before they do.
-        steps = _BULGE_STEPS if change > _NEARLY else _BULGE_STEPS_AT_LAST
-        nearer = minimise_one_by_one(problem.residuals, found.theta[:1], steps)
-        if not np.isfinite(nearer.cost[0]):
-            return problem, found
-        found = nearer
-    # Whether another start ends there, too.
-    others = np.concatenate([found.theta, rough.theta[1:2]])
-    return problem, minimise_one_by_one(problem.residuals, others, _BULGE_STEPS_AT_LAST)
+    return minima
 
 
 def _with_effects(

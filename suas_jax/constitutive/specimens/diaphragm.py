@@ -12,32 +12,34 @@ Radius and pressure enter through X alone, so one integration outwards from an a
 stretched by λ₀ serves every size: the rim is where e₂ returns to zero, and X there is
 the pressure. There is no search over pressures, and a pressure maximum is no obstacle.
 
-The apex is a regular singular point. Perturbations die out as R⁻² from there, and a
-series to second order starts the integration close to it.
+The apex is a regular singular point: perturbations die out as R⁻² from there, and a series
+to second order starts the integration close to it. What is integrated are the coefficients
+that this series would have, e_i = log λ₀ + a_i ξ² and φ = a₃ ξ, in t: they hardly change
+before the membrane bends, where steps may be long. The step that would cross the rim is
+taken again with e₂ as the independent variable, which ends on the rim itself.
 """
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 
-# Gauss collocation on panels of t. Repeated substitution converges like (width)^k / k!, so
-# that a fixed number of sweeps solves a panel. With sixteen stages the polynomial is exact
-# to rounding throughout its panel: the rim is found on it, without integrating again.
-_STAGES, _SWEEPS, _PANEL = 16, 20, 0.125
 # Radii are measured by ξ, the slope that the apex curvature alone would give. Integration
-# runs from 5e-4 (times √e₀ at small strain, as the rim does) over more than four decades.
-_START, _PANELS = 5e-4, 79
+# runs from 5e-4 (times √e₀ at small strain, as the rim does) over more than four decades,
+# in steps of t that are shorter where the membrane bends: how many, and how long.
+_START = 5e-4
+_STEPS = ((8, 0.5), (8, 0.25), (78, 0.05))
 # Largest relative violation of vertical equilibrium at the rim.
 _BALANCE = 1e-9
-# Steps to the rim from the middle of its panel, and the largest last one of them.
-_NEWTON_STEPS, _AT_RIM = 6, 1e-10
+# How far a lane is: under way, in front of the rim with its next step, or there.
+_UNDER_WAY, _IN_FRONT, _THERE = 0, 1, 2
 
 
 class Diaphragm(NamedTuple):
@@ -89,133 +91,106 @@ def _unit_diaphragms(law: AbstractLaw, apex_stretch: Array) -> tuple[Array, Arra
 def _unit_diaphragm(law: AbstractLaw, apex_stretch: Array) -> tuple[Array, Array, Array]:
     """X at the rim [Pa], apex height and rim slope, for a radius of one."""
     e0 = jnp.log(apex_stretch)
-    start = _START * jnp.sqrt(jnp.clip(e0, 0.0, 1.0))
+    inflates = e0 > 0.0
+    e0 = jnp.where(inflates, e0, 1.0)
     tau_0, _ = kirchhoff(law, e0, e0)
     scale = 2.0 * tau_0 * jnp.exp(-3.0 * e0)  # X/ξ
+    first = _beside_apex(law, e0, tau_0)
 
-    first = _beside_apex(law, e0, tau_0, start)
-
-    def panel(state: Array, index: Array) -> tuple[Array, tuple[Array, Array]]:
+    def step(carry: tuple[Array, Array], length: Array) -> tuple[tuple[Array, Array], None]:
+        y, place = carry
+        rimward = place == _IN_FRONT
         # Past the rim nothing may be computed: a state that is not a number would spoil
         # the derivatives of those that are.
-        inside = state[1] > 0.0
-        xi = jnp.where(inside, start * jnp.exp(_PANEL * index), start)
-        rates = _rates(law, jnp.where(inside, state, first), xi, scale)
-        following = state + _PANEL * (rates @ _gauss_collocation(_STAGES).weights)
-        return jnp.where(inside, following, state), (state, rates)
+        y_safe = jnp.where(place == _THERE, first, y)
+        e2 = _state(e0, y_safe)[1]
+        to = _advanced(law, e0, scale, y_safe, jnp.where(rimward, -e2, length), rimward)
+        inside = _state(e0, to)[1] > 0.0
+        moves = rimward | ((place == _UNDER_WAY) & inside)
+        onward = jnp.where(inside, _UNDER_WAY, _IN_FRONT)
+        return (
+            jnp.where(moves, to, y),
+            jnp.where(place == _UNDER_WAY, onward, _THERE),
+        ), None
 
-    _, (states, rates) = jax.lax.scan(panel, first, jnp.arange(_PANELS, dtype=first.dtype))
-    hoop = states[:, 1]
-    found = (hoop[0] > 0.0) & ~jnp.all(hoop > 0.0)
-    crossing = jnp.where(found, jnp.argmin(hoop > 0.0) - 1, 0)
-
-    # A law can fail on the panel of the rim; the search then runs on a straight line instead,
-    # so that derivatives of what is not a number spoil no others.
-    state, slopes = states[crossing], rates[crossing]
-    found &= (e0 > 0.0) & jnp.all(jnp.isfinite(state)) & jnp.all(jnp.isfinite(slopes))
-    state, slopes = (
-        jnp.where(found, value, other)
-        for value, other in ((state, 1.0), (slopes, -1.0 / _PANEL))
-    )
-    fraction, last = _rim(state[1], slopes[1])
-    e1, e2, slope, height = _along_panel(state, slopes, fraction)
-    rim = start * jnp.exp(_PANEL * (crossing + fraction))
+    lengths = np.concatenate([np.full(count, length) for count, length in _STEPS])
+    (y, place), _ = jax.lax.scan(step, (first, jnp.asarray(_UNDER_WAY)), jnp.asarray(lengths))
+    there = inflates & (place == _THERE) & jnp.all(jnp.isfinite(y))
+    y = jnp.where(there, y, first)
+    e1, e2, slope, height = _state(e0, y)
+    rim = jnp.exp(y[4])
     load = scale * rim
     tau_1, _ = kirchhoff(law, e1, e2)
     lift = load * jnp.exp(e1 + 2.0 * e2)
-    balanced = jnp.abs(2.0 * tau_1 * jnp.sin(slope) - lift) < _BALANCE * jnp.abs(lift)
-    good = found & balanced & (jnp.abs(last) < _AT_RIM)
+    good = there & (jnp.abs(2.0 * tau_1 * jnp.sin(slope) - lift) < _BALANCE * jnp.abs(lift))
     load, height, slope = (
         jnp.where(good, value, jnp.nan) for value in (load, height / rim, slope)
     )
     return load, height, slope
 
 
-def _beside_apex(law: AbstractLaw, e0: Array, tau_0: Array, xi: Array) -> Array:
-    """State at a small ξ, to second order: λ_i = λ₀ + c_i ξ², φ = ξ, height λ₀ξ²/2.
+def _beside_apex(
+    law: AbstractLaw, e0: Float[Array, ""], tau_0: Float[Array, ""]
+) -> Float[Array, " 5"]:
+    """Coefficients (a₁, a₂, a₃, a₄) at a small ξ, with log ξ; see `_state`.
 
-    The equations at order ξ² give c₁ = 3c₂ + λ₀/2 and, with P_ij the nominal tangents,
-    c₂ = −(P + (3P₁₁ − P₁₂) λ₀) / (16 P₁₁).
+    With λ_i = λ₀ + c_i ξ² the equations at order ξ² give c₁ = 3c₂ + λ₀/2 and, with P_ij the
+    nominal tangents, c₂ = −(P + (3P₁₁ − P₁₂) λ₀) / (16 P₁₁).
     """
     _, _, m11, m12 = _stresses_and_moduli(law, e0, e0)
     # λ₀ times P, and λ₀² times P₁₁ and P₁₂; the common power of λ₀ is left out.
     p11, p12 = m11 - tau_0, m12
     relative_2 = -(tau_0 + 3.0 * p11 - p12) / (16.0 * p11)
     relative_1 = 3.0 * relative_2 + 0.5
+    start = jnp.log(_START * jnp.sqrt(jnp.minimum(e0, 1.0)))
+    return jnp.stack([relative_1, relative_2, jnp.ones_like(e0), 0.5 * jnp.exp(e0), start])
+
+
+def _state(e0: Float[Array, ""], y: Float[Array, " 5"]) -> Float[Array, " 4"]:
+    """(e₁, e₂, φ, height) = (e₀ + a₁ξ², e₀ + a₂ξ², a₃ξ, a₄ξ²), height in units of ξ/R."""
+    xi = jnp.exp(y[4])
     square = xi * xi
-    return jnp.stack(
-        [e0 + relative_1 * square, e0 + relative_2 * square, xi, 0.5 * jnp.exp(e0) * square]
-    )
+    return jnp.stack([e0 + y[0] * square, e0 + y[1] * square, y[2] * xi, y[3] * square])
 
 
-def _rates(
-    law: AbstractLaw, state: Float[Array, " 4"], xi: Float[Array, ""], scale: Array
-) -> Float[Array, "4 stages"]:
-    """Slopes of (e₁, e₂, φ, height) at the nodes of the panel that starts at `xi`."""
-    scheme = _gauss_collocation(_STAGES)
-    at = xi * jnp.exp(_PANEL * jnp.asarray(scheme.nodes))
+def _advanced(
+    law: AbstractLaw,
+    e0: Float[Array, ""],
+    scale: Float[Array, ""],
+    y: Float[Array, " 5"],
+    length: Float[Array, ""],
+    rimward: Bool[Array, ""],
+) -> Float[Array, " 5"]:
+    """One step of Dormand and Prince's method of eighth order, in t or, rimward, in e₂."""
+    nodes, weights = (jnp.asarray(table) for table in _dormand_prince())
 
-    def sweep(_: int, rates: Array) -> Array:
-        return _slopes(law, state[:, None] + _PANEL * (rates @ scheme.upto), at, scale)
+    def slopes(y: Float[Array, " 5"]) -> Float[Array, " 5"]:
+        xi = jnp.exp(y[4])
+        rates = _slopes(law, _state(e0, y), xi, scale)
+        size = jnp.stack([xi * xi, xi * xi, xi, xi * xi])
+        along_t = jnp.append(rates / size - jnp.array([2.0, 2.0, 1.0, 2.0]) * y[:4], 1.0)
+        return along_t / jnp.where(rimward, rates[1], 1.0)
 
-    return jax.lax.fori_loop(0, _SWEEPS, sweep, jnp.zeros((4, _STAGES), state.dtype))
+    def stage(i: Int[Array, ""], found: Float[Array, "12 5"]) -> Float[Array, "12 5"]:
+        return found.at[i].set(slopes(y + length * (nodes[i] @ found)))
 
-
-def _rim(
-    hoop: Float[Array, ""], rates: Float[Array, " stages"]
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Fraction of a panel at which the hoop strain returns to zero, and the last step to it.
-
-    Newton's method on the polynomial of the strain. The steps at the root carry the
-    derivatives: one makes the first exact, two the first three.
-    """
-
-    def step(x: Array, hoop: Array, rates: Array) -> Array:
-        values, integrals = _polynomials(x)
-        coefficients = rates @ _gauss_collocation(_STAGES).coefficients.T
-        change = -(hoop + _PANEL * coefficients @ integrals) / (_PANEL * coefficients @ values)
-        return jnp.clip(change, -1.0, 1.0)
-
-    root = jnp.array(0.5, hoop.dtype)
-    known = jax.lax.stop_gradient((hoop, rates))
-    root = jax.lax.fori_loop(0, _NEWTON_STEPS, lambda _, x: x + step(x, *known), root)
-    for _ in range(2):
-        last = step(root, hoop, rates)
-        root = root + last
-    return root, last
+    found = jax.lax.fori_loop(0, len(weights), stage, jnp.zeros((len(weights), 5), y.dtype))
+    return y + length * (weights @ found)
 
 
-def _along_panel(
-    state: Float[Array, " 4"], rates: Float[Array, "4 stages"], fraction: Float[Array, ""]
-) -> Float[Array, " 4"]:
-    """State at a fraction of a panel, on the polynomial that has these slopes."""
-    coefficients = _gauss_collocation(_STAGES).coefficients
-    _, integrals = _polynomials(fraction)
-    return state + _PANEL * (rates @ coefficients.T) @ integrals
+@functools.cache
+def _dormand_prince() -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of DOP853, as SciPy has them: of the stages [12, 12], of their sum [12]."""
+    # Imported here: nothing else in the model needs SciPy, which takes a while to import.
+    from scipy.integrate import DOP853
 
-
-def _polynomials(
-    fraction: Float[Array, ""],
-) -> tuple[Float[Array, " stages"], Float[Array, " stages"]]:
-    """Legendre polynomials at a fraction of a panel, and their integrals from its start."""
-    at = 2.0 * fraction - 1.0
-
-    def following(pair: tuple[Array, Array], n: Array) -> tuple[tuple[Array, Array], Array]:
-        before, last = pair
-        found = ((2.0 * n + 1.0) * at * last - n * before) / (n + 1.0)
-        return (last, found), found
-
-    one = jnp.ones_like(at)
-    degrees = jnp.arange(1, _STAGES, dtype=at.dtype)
-    _, further = jax.lax.scan(following, (one, at), degrees)
-    values = jnp.concatenate([jnp.stack([one, at]), further])
-    integrals = 0.5 * (values[2:] - values[:-2]) / (2.0 * degrees + 1.0)
-    return values[:-1], jnp.concatenate([0.5 * (at + 1.0)[None], integrals])
+    count = DOP853.n_stages
+    return np.asarray(DOP853.A)[:count, :count], np.asarray(DOP853.B)
 
 
 def _slopes(
-    law: AbstractLaw, state: Float[Array, "4 n"], xi: Float[Array, " n"], scale: Array
-) -> Float[Array, "4 n"]:
+    law: AbstractLaw, state: Float[Array, " 4"], xi: Float[Array, ""], scale: Float[Array, ""]
+) -> Float[Array, " 4"]:
     """Derivatives of (e₁, e₂, φ, height) with respect to log ξ; height in units of ξ."""
     e1, e2, slope, _ = state
     tau_1, tau_2, m11, m12 = _stresses_and_moduli(law, e1, e2)
@@ -236,27 +211,3 @@ def _stresses_and_moduli(
         lambda e: kirchhoff(law, e, e2), (e1,), (jnp.ones_like(e1),)
     )
     return tau_1, tau_2, m11, m12
-
-
-class _Collocation(NamedTuple):
-    """Gauss nodes on [0, 1] and the polynomials that are one at a node, zero at the others.
-
-    Attributes:
-        nodes: shape [stages].
-        coefficients: of Legendre polynomials in the node polynomials, shape [degree, stages].
-        upto: integrals of the node polynomials from zero up to each node, [stages, node].
-        weights: their integrals over [0, 1], shape [stages].
-    """
-
-    nodes: np.ndarray
-    coefficients: np.ndarray
-    upto: np.ndarray
-    weights: np.ndarray
-
-
-def _gauss_collocation(stages: int) -> _Collocation:
-    legendre = np.polynomial.legendre
-    nodes, weights = legendre.leggauss(stages)
-    coefficients = np.linalg.inv(legendre.legvander(nodes, stages - 1))
-    integrals = legendre.legval(nodes, legendre.legint(coefficients, lbnd=-1.0, axis=0))
-    return _Collocation(0.5 * (nodes + 1.0), coefficients, 0.5 * integrals, 0.5 * weights)
