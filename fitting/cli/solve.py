@@ -117,9 +117,13 @@ def solve(
                 report["uncertainty"] = uncertainty(solution, errors)
             if gradient is not None:
                 from suas_jax.scene.gradient import gradient as differentiate
+                from suas_jax.scene.gradient_error import gradient_error_estimate
 
-                known = solution.converged
-                report["gradient"] = differentiate(solution, gradient) if known else None
+                report["gradient"] = report["gradient_error_estimate"] = None
+                if solution.converged:
+                    report["gradient"] = differentiate(solution, gradient)
+                    found = gradient_error_estimate(solution, gradient)
+                    report["gradient_error_estimate"] = found
             if plot is not None:
                 from suas_jax.figures.solution import plot_solution
 
@@ -142,6 +146,9 @@ def solve(
             from suas_jax.config import continuous_inputs
 
             _print_gradient(report["gradient"], continuous_inputs(spec))
+            error = report["gradient_error_estimate"]
+            text = "unknown" if error is None else f"{error:.1e}"
+            typer.echo(f"estimated error of the gradient: {text}")
     if not solution.converged:
         raise typer.Exit(NO_SOLUTION)
 

@@ -14,9 +14,11 @@ from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.error_estimate import (
-    correction_mesh_error,
-    discretisation_error,
-    model_error,
+    correction_mesh_changes,
+    key_quantities,
+    mesh_changes,
+    model_changes,
+    relative_error,
 )
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts
@@ -62,7 +64,6 @@ def assess(
             shown = jax.tree.map(lambda a, b: a + b, state, change)
         report = observe(parts, problem, shown, state)
         report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
-        report["model_error"] = model_error(problem, state, change, parts)
         forces = check.unbalanced, check.balanced
         origin, start = solved, found
     else:
@@ -72,29 +73,47 @@ def assess(
         change = None
         if problem.mechanics.corrected:
             change = jax.tree.map(lambda a, b: a - b, shown, state)
-        report["model_error"] = model_error(problem, state, change, parts)
         forces = force_balance(solved, found)
         origin, start = problem, state
 
-    def compared() -> tuple[Lanes, Bool[Array, " lane"]]:
-        """Error by the mesh, and stability on the mesh that it is compared with."""
+    values = key_quantities(problem.mechanics, state, parts.forces)
+    unknown = [jnp.full_like(x, jnp.nan) for x in values]
+    by_model = [jnp.zeros_like(x) for x in values]
+    if change is not None:
+        by_model = model_changes(problem, state, change, parts)
+
+    def compared() -> tuple[list[Lanes], list[Lanes], Lanes, Bool[Array, " lane"]]:
+        """Changes by the mesh, its error, stability on the mesh that it is compared with."""
         finer = problem_of(parts, meshes.error, wall=wall)
         begin = start._replace(q=origin.mechanics.to_comparison_mesh(start.q))
         finer_check, finer_change = verify(finer, begin, omitted=check is None)
         better = finer_check.correction
-        error = discretisation_error(origin, start, finer, better, parts.forces)
+        found = key_quantities(finer.mechanics, better, parts.forces)
+        by_mesh = mesh_changes(origin, start, finer, better, parts.forces)
+        by_kinks = [jnp.zeros_like(x) for x in by_mesh]
         if check is None and change is not None and finer_change is not None:
             pair = (origin, change), (finer, finer_change)
-            error = error + correction_mesh_error(*pair, better, parts.forces)
-        same = meshes.whole.counts == meshes.error.counts
-        return jnp.full_like(error, jnp.nan) if same else error, finer_check.stable
+            by_kinks = correction_mesh_changes(*pair, parts.forces)
+        error = relative_error(by_mesh, found) + relative_error(by_kinks, found)
+        if meshes.whole.counts == meshes.error.counts:
+            return unknown, unknown, jnp.full_like(error, jnp.nan), finer_check.stable
+        return by_mesh, by_kinks, error, finer_check.stable
 
-    def left_out() -> tuple[Lanes, Bool[Array, " lane"]]:
-        return jnp.full_like(state.pressure, jnp.nan), jnp.full(state.pressure.shape, True)
+    def left_out() -> tuple[list[Lanes], list[Lanes], Lanes, Bool[Array, " lane"]]:
+        stable = jnp.full(state.pressure.shape, True)
+        return unknown, unknown, jnp.full_like(state.pressure, jnp.nan), stable
 
-    error, stable = compared() if judged is True else jax.lax.cond(judged, compared, left_out)
+    by_mesh, by_kinks, error, stable = (
+        compared() if judged is True else jax.lax.cond(judged, compared, left_out)
+    )
     report["stable"] = stable if check is None else check.stable
     report["discretisation_error"] = error
+    floor = jnp.zeros_like(error)
+    if change is not None:
+        floor += problem.mechanics.omitted_floor
+    report["model_error"] = relative_error(by_model, values) + floor
+    errors = [by_mesh, by_kinks, by_model]
+    report["key_quantities"] = {"values": values, "errors": errors, "floor": floor}
     verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the

@@ -34,16 +34,36 @@ def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:
     return jnp.maximum(mechanics.shape(q).largest_mid_displacement(), _TINY)
 
 
-def _relative(pressure: Lanes, moved: list[Lanes], to: State, size: Lanes) -> Lanes:
-    """Largest of the relative errors; a pressure that is zero has none."""
-    of_pressure = jnp.abs(pressure) / jnp.maximum(jnp.abs(to.pressure), _TINY)
-    return functools.reduce(jnp.maximum, [jnp.abs(x) / size for x in moved], of_pressure)
+def key_quantities(
+    mechanics: AbstractMechanics, state: State, loads: list[DeadLoad]
+) -> list[Lanes]:
+    """What errors are judged by: oil pressure, displacements under loads, the largest one.
+
+    Args:
+        mechanics: the membrane.
+        state: its state.
+        loads: the line loads and patches.
+    """
+    moved = _under_loads(mechanics, state.q, loads)
+    return [state.pressure, *moved, _largest(mechanics, state.q)]
 
 
-def discretisation_error(
+def relative_error(changes: list[Lanes], values: list[Lanes]) -> Lanes:
+    """Largest of the relative errors; displacements are compared with the largest one.
+
+    Args:
+        changes: of the key quantities.
+        values: of the key quantities; a pressure that is zero has no error.
+    """
+    of_pressure = jnp.abs(changes[0]) / jnp.maximum(jnp.abs(values[0]), _TINY)
+    moved = [jnp.abs(x) / values[-1] for x in changes[1:]]
+    return functools.reduce(jnp.maximum, moved, of_pressure)
+
+
+def mesh_changes(
     problem: Problem, state: State, finer: Problem, better: State, loads: list[DeadLoad]
-) -> Lanes:
-    """The mesh's share.
+) -> list[Lanes]:
+    """The mesh's share of the error of every key quantity.
 
     Args:
         problem: what was solved.
@@ -52,21 +72,15 @@ def discretisation_error(
         better: the state there after a Newton correction.
         loads: the line loads.
     """
-    coarse, fine = problem.mechanics, finer.mechanics
-    size = _largest(fine, better.q)
-    here = [*_under_loads(coarse, state.q, loads), _largest(coarse, state.q)]
-    there = [*_under_loads(fine, better.q, loads), size]
-    moved = [a - b for a, b in zip(here, there, strict=True)]
     share = _MESH_MARGIN * problem.mechanics.error_share
-    return share * _relative(state.pressure - better.pressure, moved, better, size)
+    here = key_quantities(problem.mechanics, state, loads)
+    there = key_quantities(finer.mechanics, better, loads)
+    return [share * (a - b) for a, b in zip(here, there, strict=True)]
 
 
-def correction_mesh_error(
-    solved: tuple[Problem, State],
-    finer: tuple[Problem, State],
-    better: State,
-    loads: list[DeadLoad],
-) -> Lanes:
+def correction_mesh_changes(
+    solved: tuple[Problem, State], finer: tuple[Problem, State], loads: list[DeadLoad]
+) -> list[Lanes]:
     """The mesh's share of the correction: first order, by the kinks of a mid-line that shears.
 
     It is kept apart from that of the equilibrium: the two may cancel on one mesh.
@@ -74,23 +88,19 @@ def correction_mesh_error(
     Args:
         solved: what was solved, and the change by what its mechanics leaves out.
         finer: the same on the comparison mesh.
-        better: the equilibrium there.
         loads: the line loads.
     """
-    coarse, fine = solved[0].mechanics, finer[0].mechanics
-    here = _under_loads(coarse, solved[1].q, loads)
-    there = _under_loads(fine, finer[1].q, loads)
-    moved = [a - b for a, b in zip(here, there, strict=True)]
-    pressure = solved[1].pressure - finer[1].pressure
-    return 2.0 * _relative(pressure, moved, better, _largest(fine, better.q))
+    here = _under_loads(solved[0].mechanics, solved[1].q, loads)
+    there = _under_loads(finer[0].mechanics, finer[1].q, loads)
+    moved = [2.0 * (a - b) for a, b in zip(here, there, strict=True)]
+    pressure = 2.0 * (solved[1].pressure - finer[1].pressure)
+    return [pressure, *moved, jnp.zeros_like(pressure)]
 
 
-def model_error(
-    problem: Problem, state: State, change: State | None, parts: SceneParts
-) -> Lanes:
+def model_changes(
+    problem: Problem, state: State, change: State, parts: SceneParts
+) -> list[Lanes]:
     """The model's share: what remains of its error after the correction.
-
-    Zero for the continuum.
 
     Args:
         problem: membrane, oil and loads.
@@ -98,12 +108,10 @@ def model_error(
         change: first-order effect of what the mechanics leaves out.
         parts: of the scene.
     """
-    if change is None:
-        return jnp.zeros_like(state.pressure)
     mechanics, loads = problem.mechanics, parts.forces
-    size = _largest(mechanics, state.q)
     moved = _under_loads(mechanics, change.q, loads)
+    largest = jnp.zeros_like(state.pressure)
     if not loads:
-        moved.append(_largest(mechanics, state.q + change.q) - size)
-    effect = _relative(change.pressure, moved, state, size)
-    return mechanics.omitted_margin * effect + mechanics.omitted_floor
+        largest = _largest(mechanics, state.q + change.q) - _largest(mechanics, state.q)
+    margin = mechanics.omitted_margin
+    return [margin * x for x in (change.pressure, *moved, largest)]

@@ -41,6 +41,8 @@ REPORT_KEYS = {
     "its path in this report; else `null`",
     "gradient": "with `--gradient`: derivative by every continuous input, in SI units and "
     "radians, by its path in the file",
+    "gradient_error_estimate": "with `--gradient`: its relative error by mesh and model, in "
+    "the norm of what a per cent of each input does; `null` where unknown",
 }
 """Keys of `suas solve --json`."""
 

@@ -66,6 +66,7 @@ class Attempt(NamedTuple):
         outcome: how it was found.
         plan: its mesh.
         wall: whether the wall was there.
+        part: the equilibrium on the part of the mesh that is solved.
         coarsest: the smallest mesh tried, with or without the wall as this one.
     """
 
@@ -75,6 +76,7 @@ class Attempt(NamedTuple):
     outcome: dict[str, Any]
     plan: AbstractPlan
     wall: bool
+    part: State
     coarsest: Tried
 
     @property
@@ -124,6 +126,7 @@ class Solution:
         plan: its mesh.
         scene: what was solved.
         wall: whether the wall was there.
+        part: the equilibrium on the part of the mesh that is solved.
         coarsest: the smallest mesh tried on the way, whose program is at hand.
         once: whether its program was compiled to run once.
     """
@@ -134,6 +137,7 @@ class Solution:
     plan: AbstractPlan
     scene: SceneSpec
     wall: bool
+    part: State
     coarsest: Tried
     once: bool = True
 
@@ -222,29 +226,33 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "compile": COMPILED.seconds - compiled_before,
         "solve": statistics.median(seconds),
     }
-    return Solution(
-        report, found.state, found.shown, found.plan, scene, found.wall, found.coarsest, once
-    )
+    states = found.state, found.shown, found.plan
+    return Solution(report, *states, scene, found.wall, found.part, found.coarsest, once)
 
 
-def report_with(solution: Solution, inputs: Mapping[str, float]) -> dict[str, Any] | None:
-    """What the smallest mesh of a solution reports for other numbers of the scene.
+def report_with(
+    solution: Solution, inputs: Mapping[str, float], *, judged: bool = False
+) -> dict[str, Any] | None:
+    """What a solution's scene reports with other numbers.
 
     Args:
         solution: of the scene; nothing is compiled anew.
         inputs: SI values by TOML path that replace the scene's own.
+        judged: whether errors are wanted, on the solution's own mesh; without them it is the
+            smallest mesh that was tried.
 
     Returns:
         The observed quantities; None where no solution was found.
     """
-    scene, (plan, start) = solution.scene, solution.coarsest
+    scene = solution.scene
+    plan, start = (solution.plan, solution.part) if judged else solution.coarsest
     known = _prepared(scene, plan.model, plan.counts)
     arrays = known.inputs | {k: np.asarray(v, float) for k, v in inputs.items()}
     static, once = _structure(scene, wall=solution.wall), solution.once
     if unloaded(scene):
         report, _ = COMPILED.run(_rest_program, static, plan, arrays, once=once)
         return plain(report)
-    report, *_, outcome = _run(static, known.meshes, arrays, start, once=once, judged=False)
+    report, *_, outcome = _run(static, known.meshes, arrays, start, once=once, judged=judged)
     return plain(report) if _number(outcome["result"]) == 0 else None
 
 
@@ -371,12 +379,13 @@ def _attempt(
             report, state = COMPILED.run(_rest_program, static, plan, inputs, once=once)
             report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
             outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
-            return Attempt(report, state, state, outcome, plan, False, Tried(plan, rest))
+            tried = Tried(plan, rest)
+            return Attempt(report, state, state, outcome, plan, False, rest, tried)
         start = None if coarser is None else _carried(model, coarser, meshes.solved)
         solved = _run(static, meshes, inputs, start or rest, once=once)
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
-        found = Attempt(report, state, shown, outcome, plan, wall, coarsest)
+        found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest)
         if coarser is not None and not found.better_than(coarser):
             return coarser
         # Where another model is tried next, a finer mesh of this one is wasted.

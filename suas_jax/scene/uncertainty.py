@@ -23,7 +23,7 @@ from suas_jax.scene.solve import Solution, report_with
 _STEP = 0.01  # of a standard deviation
 # What tells how well the solve went, or is no smooth quantity.
 _NO_OUTPUT = frozenset(
-    {"volume_residual", "error_estimate", "discretisation_error", "model_error"}
+    {"volume_residual", "discretisation_error", "model_error", "key_quantities"}
 )
 _SCALE = "electrodes.lsb"
 _PLACES = (".angle_deg", ".axial_m")  # inputs themselves, left out where they are exact

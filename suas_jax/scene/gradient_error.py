@@ -1,0 +1,84 @@
+"""How far a gradient is from that of the exact solution.
+
+The errors that are estimated of oil pressure and displacements are quantities of the solve like
+any other, so their derivatives by the inputs are the errors of the gradients, which need not be
+as small: an error that grows with the load is small where it starts. With D the inputs
+themselves as their scales, a random vector r of signs and d/dr the derivative along D r::
+
+    |D grad e|^2 = E[(de/dr)^2],    estimate = |D grad e| / |D grad y|
+
+Derivatives along r are central differences of the program that the solution had compiled, from
+the solution's own state: a program of second derivatives would take longer to compile than
+all of them to run.
+"""
+
+import math
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.config import continuous_inputs
+from suas_jax.scene.solve import Solution, report_with, unloaded
+
+_DIRECTIONS = 4
+_STEP = 1e-3  # of the inputs
+
+
+def gradient_error_estimate(solution: Solution, path: str) -> float | None:
+    """Estimate the relative error of a gradient, in the norm of D grad.
+
+    Args:
+        solution: a converged solution.
+        path: of the quantity that was differentiated. Oil pressure and displacement under a
+            line or patch have estimates of their own; others take the largest of these.
+
+    Returns:
+        The estimate, by mesh and model together; None where it is unknown.
+    """
+    if unloaded(solution.scene):
+        return None
+    known = continuous_inputs(solution.scene)
+    random = np.random.default_rng(0)
+    slopes, errors, floor = [], [], 0.0
+    for _ in range(_DIRECTIONS):
+        signs = dict(zip(known, random.choice([-1.0, 1.0], len(known)), strict=True))
+        low, high = (_moved(solution, known, signs, side * _STEP) for side in (-1.0, 1.0))
+        if low is None or high is None:
+            return None
+        (value, error, floor), (other, change, _) = high, low
+        slopes.append((value - other) / (2 * _STEP))
+        errors.append(np.abs(error - change).sum(0) / (2 * _STEP))
+    size = np.sqrt(np.square(slopes).mean(0))
+    error = np.sqrt(np.square(errors).mean(0))
+    own = _position(solution, path)
+    if own is None:
+        size[1:] = size[1:].max()
+    share = np.divide(error, size, out=np.zeros_like(error), where=size > 0)
+    found = floor + float(share.max() if own is None else share[own])
+    return found if math.isfinite(found) else None
+
+
+def _moved(
+    solution: Solution, known: dict[str, float], signs: dict[str, float], by: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
+    """Key quantities, their errors by equilibrium, kinks and model, and those that stay."""
+    inputs = {path: value * (1 + by * signs[path]) for path, value in known.items()}
+    report = report_with(solution, inputs, judged=True)
+    if report is None:
+        return None
+    found = report["key_quantities"]
+    return np.array(found["values"]), np.array(found["errors"]), found["floor"]
+
+
+def _position(solution: Solution, path: str) -> int | None:
+    """Which of the key quantities a path is."""
+    if path == "oil_pressure_Pa":
+        return 0
+    match = re.fullmatch(r"loads\.(\d+)\.displacement_m", path)
+    if match is None:
+        return None
+    kinds = [load.kind for load in solution.scene.loads]
+    if kinds[int(match[1])] == "pressure":
+        return None
+    return 1 + sum(kind != "pressure" for kind in kinds[: int(match[1])])
