@@ -228,6 +228,40 @@ def test_single_contacts_reach_their_bound(
     assert 0.85 < np.mean([e.chi2_per_dof for e in found]) < 1.15
 
 
+def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(
+    estimator: LoadEstimator,
+    spec: SkinSpec,
+    contacts: np.ndarray,
+    singles: tuple[np.ndarray, np.ndarray],
+) -> None:
+    rest = estimator.model_rest
+    settings: dict[str, Any] = {"diameter": DIAMETER, "most_contacts": 1, "rest": rest}
+    following = LoadEstimator(spec, follow_drift=True, **settings)
+    fixed = LoadEstimator(spec, **settings)
+    quiet, time = 512, np.arange(512 + len(contacts)) / 10
+    drift = np.minimum(time / time[quiet], 1)[:, None] * (4 + 0.01 * rest)
+    so = noisy(np.concatenate([np.tile(rest, (quiet, 1)), singles[0]]) + drift, 8)
+    found = following.estimate(so, time=time)
+    assert sum(bool(e.contact) for e in found[:quiet]) < 0.03 * quiet
+    # Where the drift is left in, it is taken for contacts.
+    assert sum(bool(e.contact) for e in fixed.estimate(so[quiet // 2 : quiet])) > 40
+    scaled = []
+    for estimate, true in zip(found[quiet:], contacts, strict=True):
+        (c,) = estimate.contacts
+        assert c.covariance is not None
+        spread = np.sqrt(np.diag(c.covariance))
+        scaled.append((np.array([c.angle, c.axial, c.force]) - true) / spread)
+    assert np.sqrt(np.square(scaled).mean()) < 1.3
+    mean, _ = found[-1].drift or (0.0, 0.0)
+    assert abs(mean - drift[-1].mean()) < 0.5
+    # A stream, frame by frame, learns from sixteen at a time.
+    live = LoadEstimator(spec, follow_drift=True, **settings)
+    for k in range(480, 512):
+        (last,) = live.estimate(so[k : k + 1], time=time[k : k + 1])
+    assert last.drift is not None
+    assert abs(last.drift[0] - drift[480:512].mean()) < 0.7
+
+
 def test_the_range_of_a_pad_is_the_bound_of_its_readings(
     estimator: LoadEstimator, skin: PadSkin, table: PadTable
 ) -> None:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import eigh
 
 from fitting.inverse_load.fit.detection import AbstractDetector
 
@@ -76,8 +77,10 @@ class DriftFollower:
     Args:
         rest: readings at rest that frames count from [taxel] [counts].
         noise_variance: of a reading [counts^2].
-        detector: tells contact from noise.
+        detector: tells contact from noise, by the taxels alone where it knows of more.
         densities: of the random walk.
+        gathered: frames of a stream that are taken together; one follows at once, more cost
+            less where there are many taxels.
     """
 
     def __init__(
@@ -86,9 +89,12 @@ class DriftFollower:
         noise_variance: float,
         detector: AbstractDetector,
         densities: DriftDensities | None = None,
+        gathered: int = 1,
     ) -> None:
         self._rest, self._noise, self._detector = rest, noise_variance, detector
         self._densities = densities or DriftDensities()
+        self._gathered = gathered
+        self._waiting: list[tuple[float, NDArray[np.float64]]] = []
         self.drift = np.zeros(len(rest))
         self.covariance = self._densities.walk(rest, self._densities.before)
         self.known = False
@@ -105,8 +111,12 @@ class DriftFollower:
         drift, variance = np.zeros_like(change), np.zeros_like(change)
         for begin in range(0, len(change), _BLOCK):
             part = slice(begin, begin + _BLOCK)
-            self._walked(float(np.nanmean(time[part])))
-            self._quiet(change[part])
+            self._waiting += zip(time[part].tolist(), change[part], strict=True)
+            if len(change) > 1 or len(self._waiting) >= self._gathered:
+                times, changes = zip(*self._waiting, strict=True)
+                self._waiting = []
+                self._walked(float(np.nanmean(times)))
+                self._quiet(np.array(changes))
             if self.known:
                 drift[part], variance[part] = self.drift, np.diag(self.covariance)
         return Drift(drift, variance)
@@ -122,11 +132,13 @@ class DriftFollower:
         """Learn from the frames without contact among some."""
         used = np.isfinite(change)
         left = np.where(used, change - self.drift, 0.0)
-        widths, axes = np.linalg.eigh(self.covariance)
-        shared = axes[:, -_SHARED:] * np.sqrt(np.maximum(widths[-_SHARED:], 0.0))
+        taxels = len(self._rest)
+        widths, axes = eigh(self.covariance, subset_by_index=(taxels - _SHARED, taxels - 1))
+        shared = axes * np.sqrt(np.maximum(widths, 0.0))
         own = np.maximum(np.diag(self.covariance) - (shared**2).sum(1), 0.0)
         weight = used / (self._noise + own)
-        test = self._detector.test(left, weight, shared.T)
+        beside = ((0, 0), (0, self._detector.channels - taxels))
+        test = self._detector.test(*(np.pad(x, beside) for x in (left, weight, shared.T)))
         quiet = test.p_value > _QUIET
         count = (used & quiet[:, None]).sum(0)
         seen = np.flatnonzero(count)

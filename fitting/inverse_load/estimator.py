@@ -54,6 +54,7 @@ DIAMETER = 6e-3
 
 _FEWEST_TAXELS = 4
 _DRIFTING = 3.0  # counts of drift beyond which a status says so
+_GATHERED_ON_PADS = 16  # frames of a stream between looks at the drift of hundreds of taxels
 _BLOCK = 2048  # frames whose explanations are sought together
 
 
@@ -78,7 +79,7 @@ class LoadEstimator:
         diameter: of the contacts on a pad [m]; None estimates it.
         pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
         follow_drift: follow the readings at rest in frames without contact, where their times
-            are given; in plane strain, with a baseline.
+            are given; with a baseline.
         workers: that solve a pad's table: a number of local processes, or a Dask scheduler's
             address; None: this process, on all cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
@@ -121,9 +122,12 @@ class LoadEstimator:
         self._variance = noise**2 + 1 / 12 + uncertain
         self._systematic = parts.systematic
         self._drift: DriftFollower | None = None
-        if self.follow_drift and self.rest is not None and self.spec.geometry.dimension == 2:
+        if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
-            self._drift = DriftFollower(at_rest, noise**2 + 1 / 12, parts.detector)
+            gathered = 1 if self.spec.geometry.dimension == 2 else _GATHERED_ON_PADS
+            self._drift = DriftFollower(
+                at_rest, noise**2 + 1 / 12, parts.detector, gathered=gathered
+            )
         # What a further contact must gain: as rare as a tenth of a false alarm, and never
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2

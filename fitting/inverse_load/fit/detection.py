@@ -48,6 +48,11 @@ class AbstractDetector(abc.ABC):
         self._patterns = signatures
         self._squares = signatures**2
 
+    @property
+    def channels(self) -> int:
+        """Number of readings: of the taxels, and on a pad the oil's pressure."""
+        return int(self._patterns.shape[1])
+
     @abc.abstractmethod
     def extent(
         self,
