@@ -1,9 +1,7 @@
 """The skin solved with FElupe, as a user of that library would: the peer of the benchmarks.
 
 Taylor-Hood elements (biquadratic displacement, bilinear pressure; plane strain, exactly
-incompressible), follower pressure on the inner face, dead force on the outer one. FElupe
-assembles; Newton's method on the system bordered by the oil's volume is written out here,
-two right-hand sides a step, with PARDISO (pypardiso) or SciPy's SuperLU, FElupe's default.
+incompressible), follower pressure on the inner face, dead force on the outer one.
 Needs the optional dependencies ``peers``.
 """
 
@@ -12,9 +10,8 @@ from typing import Any
 
 import felupe as fem
 import numpy as np
-from scipy.sparse.linalg import spsolve
 
-_TOLERANCE = 1e-9  # of a correction, relative to the displacement
+from benchmarks.felupe_newton import OilFilledBody
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,7 +88,7 @@ class FelupeArch:
     """
 
     def __init__(self, arch: Arch, along: int, across: int, solver: str) -> None:
-        self.arch, self.solver = arch, solver
+        self.arch = arch
         share = (arch.angle + arch.half_angle) / (2 * arch.half_angle)
         left = min(max(round(along * share), 1), along - 1)
         angles = np.concatenate(
@@ -115,33 +112,30 @@ class FelupeArch:
         corner_mesh = fem.Mesh(grid[::2, ::2].reshape(-1, 2), np.stack(coarse, 1), "quad")
         region = fem.RegionBiQuadraticQuad(mesh)
         pressures = fem.RegionQuad(corner_mesh, quadrature=region.quadrature, grad=False)
-        self.field = fem.FieldContainer(
+        field = fem.FieldContainer(
             [fem.FieldPlaneStrain(region, dim=2), fem.Field(pressures, dim=1)]
         )
         inner = np.zeros(len(mesh.points), bool)
         inner[number[:, 0]] = True
-        face = fem.RegionBiQuadraticQuadBoundary(
+        face_region = fem.RegionBiQuadraticQuadBoundary(
             mesh, only_surface=True, mask=inner, ensure_3d=True
         )
-        self.face = fem.FieldContainer([fem.FieldPlaneStrain(face, dim=2)])
-        self.body = fem.SolidBody(_Material(arch.C1 + arch.C2, arch.C3), self.field)
-        self.oil = fem.SolidBodyPressure(self.face)
-        count = sum(f.values.size for f in self.field.fields)
-        held = np.zeros(count, bool)
-        held[: 2 * number.size].reshape(-1, 2)[number[[0, -1]].ravel()] = True
-        self.free = np.flatnonzero(~held)
-        self.displacements = 2 * number.size
+        face = fem.FieldContainer([fem.FieldPlaneStrain(face_region, dim=2)])
+        material = _Material(arch.C1 + arch.C2, arch.C3)
+        held = np.zeros((number.size, 2), bool)
+        held[number[[0, -1]].ravel()] = True
+        far = 10 * arch.inner_radius
+        self.system = OilFilledBody(field, material, face, held, far, solver)
         self.under = number[2 * left, across]
         inward = -np.array([np.sin(arch.angle), np.cos(arch.angle)])
         self.inward = inward
-        self.load = np.zeros(count)
-        start = 2 * number[2 * left, -1]
-        self.load[start : start + 2] = arch.force / arch.width * inward
+        self.load = np.zeros((number.size, 2))
+        self.load[number[2 * left, -1]] = arch.force / arch.width * inward
 
     @property
     def unknowns(self) -> int:
         """Free displacements and pressures, and the oil's pressure."""
-        return len(self.free) + 1
+        return self.system.unknowns
 
     def solve(self, steps: int = 1) -> tuple[float, float, int]:
         """From rest to the full load in equal steps.
@@ -152,47 +146,9 @@ class FelupeArch:
         Raises:
             RuntimeError: a step did not converge.
         """
-        for part in self.field.fields:
-            part.values[:] = 0
-        u, p = (part.values for part in self.field.fields)
-        rest = self._volume_gradient()
-        oil, corrections = 0.0, 0
-        for step in range(1, steps + 1):
-            for _ in range(25):
-                gradient = self._volume_gradient()
-                residual = self.body.assemble.vector(self.field).toarray().ravel()
-                residual = residual - oil * gradient - step / steps * self.load
-                tangent = self.body.assemble.matrix(self.field)
-                stiffness = self.oil.assemble.matrix(self.face, pressure=oil, resize=tangent)
-                volume = (gradient + rest)[: self.displacements] @ u.ravel() / 2
-                both = self._solved(tangent - stiffness, np.stack([-residual, gradient], 1))
-                first, second = both.T
-                change = -(volume + gradient @ first) / (gradient @ second)
-                move = first + change * second
-                u += move[: self.displacements].reshape(u.shape)
-                p += move[self.displacements :].reshape(p.shape)
-                oil, corrections = oil + change, corrections + 1
-                size = np.abs(u).max()
-                if not np.isfinite(size) or size > 10 * self.arch.inner_radius:
-                    raise RuntimeError("diverged")
-                if np.abs(move[: self.displacements]).max() < _TOLERANCE * size:
-                    break
-            else:
-                raise RuntimeError("not converged")
-        return oil, float(u[self.under] @ self.inward), corrections
-
-    def _volume_gradient(self) -> np.ndarray:
-        self.face[0].values[:] = self.field[0].values
-        force = self.oil.assemble.vector(self.face, pressure=1.0).toarray().ravel()
-        return np.pad(force, (0, self.load.size - force.size))
-
-    def _solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
-        out = np.zeros_like(right)
-        inside = matrix.tocsr()[self.free][:, self.free]
-        if self.solver == "pardiso":
-            import pypardiso
-
-            out[self.free] = pypardiso.spsolve(inside, right[self.free])
-        else:
-            out[self.free] = spsolve(inside.tocsc(), right[self.free])
-        return out
+        self.system.rest()
+        corrections = sum(
+            self.system.advance(step / steps * self.load) for step in range(1, steps + 1)
+        )
+        inward = self.system.displacement[self.under] @ self.inward
+        return self.system.oil, float(inward), corrections
