@@ -114,33 +114,40 @@ def on_a_terminal(seconds: float) -> None:
     (folder / "path.csv").write_text(
         "# scene: scene.toml\nt_s,loads.0.force_N,loads.0.angle_deg\n" + "\n".join(lines) + "\n"
     )
+    played = [str(folder / "path.csv"), "--rate", str(int(_RATE))]
+    print(both_ends(played, [str(folder / "skin.toml")], seconds))
+
+
+def both_ends(played: list[str], skin: list[str], seconds: float) -> str:
+    """Play readings to a pseudo-terminal and estimate them there, a program at either end.
+
+    Args:
+        played: arguments of `suas simulate`.
+        skin: arguments of `suas invert`.
+        seconds: how long.
+
+    Returns:
+        Frames and delays, in words.
+    """
     command = [sys.executable, "-c", "from fitting.cli.app import main; main()"]
     environment = {**os.environ, "PYTHONPATH": str(SKIN.parents[2])}
-    port = folder / "port"
+    port = Path(tempfile.mkdtemp()) / "port"
     device = subprocess.Popen(
-        [
-            *(*command, "simulate", str(folder / "path.csv"), "--live", "--json"),
-            *("--rate", str(int(_RATE)), "--port", str(port)),
-        ],
+        [*command, "simulate", *played, "--live", "--json", "--port", str(port)],
         env=environment,
         stdout=subprocess.PIPE,
     )
     while not port.exists():
         time.sleep(0.2)
+    live = ["--live", str(port), "--json", "--duration", str(seconds)]
     done = subprocess.run(
-        [
-            *(*command, "invert", str(folder / "skin.toml"), "--live", str(port), "--json"),
-            *("--duration", str(seconds)),
-        ],
-        env=environment,
-        stdout=subprocess.PIPE,
-        check=True,
+        [*command, "invert", *skin, *live], env=environment, stdout=subprocess.PIPE, check=True
     )
     device.terminate()
     device.wait()
     frames = [json.loads(line) for line in done.stdout.splitlines()]
     delays = 1e3 * np.percentile([frame["latency_s"] for frame in frames], [50, 99, 100])
-    print(
+    return (
         f"pseudo-terminal, {seconds:g} s at {_RATE:g} Hz: {len(frames)} frames estimated, "
         f"{frames[-1]['dropped']} dropped; from the last byte to the estimate {delays[0]:.1f} "
         f"ms median, {delays[1]:.1f} ms at 99 %, {delays[2]:.1f} ms at most"

@@ -254,9 +254,9 @@ def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(
     assert np.sqrt(np.square(scaled).mean()) < 1.3
     mean, _ = found[-1].drift or (0.0, 0.0)
     assert abs(mean - drift[-1].mean()) < 0.5
-    # A stream, frame by frame, learns from sixteen at a time.
+    # A stream, frame by frame, learns from 32 at a time.
     live = LoadEstimator(spec, follow_drift=True, **settings)
-    for k in range(480, 512):
+    for k in range(448, 512):
         (last,) = live.estimate(so[k : k + 1], time=time[k : k + 1])
     assert last.drift is not None
     assert abs(last.drift[0] - drift[480:512].mean()) < 0.7

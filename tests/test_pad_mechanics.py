@@ -272,7 +272,7 @@ def test_in_plane_strain_a_fibre_is_the_section_s(law: AbstractLaw) -> None:
     r2 = u[3, :2] - np.stack([sine, cosine]) / radius
     a = np.sum(r1**2, 0)
     curvature = (r2[0] * r1[1] - r2[1] * r1[0]) / a - 1 / radius
-    wanted = shell.energy_density(jnp.asarray(a - 1), jnp.asarray(curvature))
+    wanted = shell.fibres.energy(jnp.asarray(a - 1), jnp.asarray(curvature))
     np.testing.assert_allclose(density(u, angle, law), wanted.reshape(-1), rtol=1e-9)
 
 

@@ -189,9 +189,9 @@ def test_section_energy_is_that_of_an_incompressible_annulus(
         stretch = (opening * current) ** 2 - 1
         curvature = (opening - 1) / radius
         at = (jnp.full((1, 1, 1), stretch), jnp.full((1, 1, 1), curvature))
-        fine = dataclasses.replace(shell, layers=12).energy_density(*at)
+        fine = dataclasses.replace(shell, layers=12).fibres.energy(*at)
         np.testing.assert_allclose(fine[0, 0], want, rtol=1e-11)
-        three = shell.energy_density(*at)
+        three = shell.fibres.energy(*at)
         np.testing.assert_allclose(three[0, 0], want, rtol=3e-10 if thickness < 0.002 else 3e-5)
 
 

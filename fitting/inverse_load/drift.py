@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from fitting.inverse_load.fit.detection import AbstractDetector
 
 _BLOCK = 32  # frames of a log whose drift is one
 _QUIET = 0.05  # p-value above which a frame is taken for one without contact
 _SHARED = 3  # directions of P that detection keeps as patterns over all taxels
+_ITERATIONS = 3  # of them, from those of the block before
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,7 @@ class DriftFollower:
         self.known = False
         """Whether a frame without contact has been seen."""
         self._time: float | None = None
+        self._axes: NDArray[np.float64] | None = None
 
     def follow(self, time: NDArray[np.float64], change: NDArray[np.float64]) -> Drift:
         """Take frames; return the drift in each of them.
@@ -133,8 +134,7 @@ class DriftFollower:
         used = np.isfinite(change)
         left = np.where(used, change - self.drift, 0.0)
         taxels = len(self._rest)
-        widths, axes = eigh(self.covariance, subset_by_index=(taxels - _SHARED, taxels - 1))
-        shared = axes * np.sqrt(np.maximum(widths, 0.0))
+        shared = self._shared()
         own = np.maximum(np.diag(self.covariance) - (shared**2).sum(1), 0.0)
         weight = used / (self._noise + own)
         beside = ((0, 0), (0, self._detector.channels - taxels))
@@ -152,3 +152,17 @@ class DriftFollower:
         kept = self.covariance - gain @ across.T
         self.covariance = (kept + kept.T) / 2
         self.known = True
+
+    def _shared(self) -> NDArray[np.float64]:
+        """The widest directions of the covariance, as long as they are wide [taxel, _SHARED].
+
+        By subspace iteration, as they hardly turn: decomposing a pad's whole covariance at
+        every look would take longer than its frames.
+        """
+        if self._axes is None:
+            self._axes = np.linalg.eigh(self.covariance)[1][:, -_SHARED:]
+        for _ in range(_ITERATIONS):
+            self._axes, _ = np.linalg.qr(self.covariance @ self._axes)
+        within = self._axes.T @ self.covariance @ self._axes
+        widths, turn = np.linalg.eigh(within)
+        return np.asarray(self._axes @ turn * np.sqrt(np.maximum(widths, 0.0)))

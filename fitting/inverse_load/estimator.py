@@ -54,7 +54,7 @@ DIAMETER = 6e-3
 
 _FEWEST_TAXELS = 4
 _DRIFTING = 3.0  # counts of drift beyond which a status says so
-_GATHERED_ON_PADS = 16  # frames of a stream between looks at the drift of hundreds of taxels
+_GATHERED_ON_PADS = 32  # frames of a stream between looks at the drift of hundreds of taxels
 _BLOCK = 2048  # frames whose explanations are sought together
 
 

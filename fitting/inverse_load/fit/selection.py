@@ -25,6 +25,7 @@ from suas_jax.equilibrium.equilibrium import State
 _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 _MOST_OUTLIERS = 0.2  # share of the taxels
 _TRIMMED_FITS = 3
+_ALIKE = 0.7  # cosine of two patterns of one contact
 
 
 class Alternative(NamedTuple):
@@ -39,6 +40,18 @@ class Alternative(NamedTuple):
     chi2: float
     parameters: NDArray[np.float64]
     information: NDArray[np.float64]
+
+
+class _Doubts(NamedTuple):
+    """Why one contact may not explain a frame of a stream.
+
+    Attributes:
+        place: of the pattern of one more contact that its residuals hold.
+        poor: whether the fit is poor.
+    """
+
+    place: int | None
+    poor: bool
 
 
 @dataclass
@@ -67,6 +80,7 @@ class Selection:
         self._pairs: AbstractSeveralSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
+        self._doubts = _Doubts(None, False)
 
     @property
     def pairs(self) -> AbstractSeveralSearch:
@@ -87,7 +101,7 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        doubtful = (self._p_value(best) < SUSPECT) | self._hinted(y, best)
+        doubtful = self._lasting(y, best) if self.fitter.live else self._doubtful(y, best)
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
         if frames.size:
@@ -151,14 +165,39 @@ class Selection:
 
     def _hinted(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
         """Frames whose residuals hold the pattern of one more contact (a score test)."""
+        return self._hints(y, best)[0]
+
+    def _hints(self, y: Any, best: Explanations) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+        """The same, and the place of the pattern that fits best."""
         if self.most_contacts < 2:
-            return np.zeros(len(y), bool)
+            return np.zeros(len(y), bool), np.zeros(len(y), np.intp)
         pattern = self.nodes.signatures
         residual = np.where(best.weight > 0, y - best.so, 0.0)
         along = np.maximum((best.weight * residual) @ pattern.T, 0.0)
         size = best.weight @ (pattern**2).T
-        gain = (along**2 / np.maximum(size, 1e-300)).max(1)
-        return np.asarray(gain > self.penalty / 2)
+        gain = along**2 / np.maximum(size, 1e-300)
+        return np.asarray(gain.max(1) > self.penalty / 2), gain.argmax(1)
+
+    def _doubtful(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+        """Frames that one contact may not explain."""
+        return (self._p_value(best) < SUSPECT) | self._hinted(y, best)
+
+    def _lasting(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+        """Live: doubts that the frame before gave, too, or that are too strong for noise.
+
+        Noise gives a hint to every twentieth frame and a poor fit to every five-hundredth,
+        whose search on a pad takes as long as many frames; another contact stays.
+        """
+        hinted, place = self._hints(y, best)
+        p_value = float(self._p_value(best)[0])
+        now = _Doubts(int(place[0]) if hinted[0] else None, p_value < SUSPECT)
+        before, self._doubts = self._doubts, now
+        alike = False
+        if before.place is not None and now.place is not None:
+            one, other = self.nodes.signatures[[before.place, now.place]]
+            alike = one @ other > _ALIKE * np.sqrt((one @ one) * (other @ other))
+        poor = p_value < SUSPECT / 100 or (before.poor and now.poor)
+        return np.array([alike or poor])
 
     # --- wide contacts ------------------------------------------------------------------
 

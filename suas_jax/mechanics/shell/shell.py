@@ -25,7 +25,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation import FibreStretch
 from suas_jax.mechanics.base import (
     Assembly,
     ContactState,
@@ -36,6 +35,7 @@ from suas_jax.mechanics.base import (
 from suas_jax.mechanics.section import AbstractSection
 from suas_jax.mechanics.shell.contact import InnerFace
 from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
+from suas_jax.mechanics.shell.fibres import Fibres
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, radial, under
 from suas_jax.mechanics.shell.omitted import Resultants, relaxed_energy, thinning_work
 from suas_jax.mechanics.shell.points import (
@@ -196,64 +196,16 @@ class Shell(AbstractSection):
         d = d.reshape(len(xi), 2, *d.shape[1:])
         return kinematics(d, t, n, self.mid_radius, self.lengths)
 
-    def _layers(self) -> tuple[Array, Array, Array]:
-        """Fibres through the thickness.
-
-        With b = c/a - 1/R a fibre has lambda^2 - 1 = (A + m b) / (1 + Z/R)^2.
-
-        Returns:
-            Weight [m], lever m [m], and (1 + Z/R)^2; each [layer, 1, 1, lane].
-        """
-        points, weights = gauss_legendre(self.layers, -0.5, 0.5)
-        offset = jnp.asarray(points)[:, None, None, None] * self.thickness
-        shell = 1 + offset / self.mid_radius
-        weight = jnp.asarray(weights)[:, None, None, None] * self.thickness * shell
-        return weight, 2 * offset + offset**2 / self.mid_radius, shell**2
-
-    def energy_density(self, stretch: Array, curvature: Array) -> Array:
-        """Strain energy per area of the mid-surface, integrated over the thickness [J/m^2].
-
-        Args:
-            stretch: A = |r'|^2 - 1.
-            curvature: b = c / |r'|^2 - 1/R [1/m].
-        """
-        weight, lever, square = self._layers()
-        energy = self.law.energy(FibreStretch((stretch + lever * curvature) / square))
-        return jnp.sum(weight * energy, 0)
-
-    def _moments(self, stretch: Array, curvature: Array) -> Moments:
-        """Derivatives of the energy density by A and b.
-
-        A fibre depends on one number, linear in both strains: two derivatives of the law
-        are all it takes. The sum over the layers is a reduction on purpose: the compiler
-        keeps its result instead of computing the law again for each of its uses.
-        """
-        weight, lever, square = self._layers()
-
-        def energy(green: Array) -> Array:
-            return self.law.energy(FibreStretch(green))
-
-        def slope(green: Array) -> Array:
-            return jax.jvp(energy, (green,), (jnp.ones_like(green),))[1]
-
-        green = (stretch + lever * curvature) / square
-        first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))
-        first, second = first / square, second / square**2
-
-        def moment(power: Array, derivative: Array) -> Array:
-            return jnp.sum(power * derivative, 0)
-
-        ones, squares = weight * lever, weight * lever**2
-        return Moments(
-            (moment(weight, first), moment(ones, first)),
-            (moment(weight, second), moment(ones, second), moment(squares, second)),
-        )
+    @property
+    def fibres(self) -> Fibres:
+        """The material through the thickness."""
+        return Fibres(self.law, self.mid_radius, self.thickness, self.layers)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
         tables = element_tables(self.gauss)
         points = self._points(tables.xi, mix(tables.derivatives, self._gather(q)))
-        density = self.energy_density(points.stretch, points.curvature)
+        density = self.fibres.energy(points.stretch, points.curvature)
         weights = tables.weights[:, None, None] * self.lengths
         return jnp.sum(weights * density, (0, 1))
 
@@ -294,7 +246,7 @@ class Shell(AbstractSection):
     def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
         tables = element_tables(self.gauss)
         points = self._points(tables.xi, mix(tables.derivatives, self._gather(q)))
-        return points, self._moments(points.stretch, points.curvature)
+        return points, self.fibres.moments(points.stretch, points.curvature)
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
         """Energy of shear, of loads where the membrane thins, and of clamped faces [J/m].
@@ -381,7 +333,7 @@ class Shell(AbstractSection):
         qe = self._gather(q)
         rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
         points = self._points(tables.xi, rows[:-4])
-        moments = self._moments(points.stretch, points.curvature)
+        moments = self.fibres.moments(points.stretch, points.curvature)
         stress, tangents = point_terms(points, moments, self.mid_radius, self.lengths)
         internal = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
@@ -423,7 +375,7 @@ class Shell(AbstractSection):
         """The section around the mid-line that element unknowns describe."""
         own = q if self.equilibrium is None else self.equilibrium
         line = line_of(self._gather(own))
-        shape = recovered(line, self.mid_radius, self.thickness, self.energy_density)
+        shape = recovered(line, self.mid_radius, self.thickness, self.fibres.energy)
         if self.equilibrium is None:
             return shape
         change = line_of(self._gather(q - self.equilibrium))

@@ -1,0 +1,81 @@
+"""Fibres through the shell's thickness: from the strains of the mid-line to energy and stress.
+
+With A = |r'|^2 - 1 the stretch and b = c/a - 1/R the bending of the mid-line, the fibre at
+reference offset Z has ::
+
+    lambda^2 - 1 = (A + m b) / (1 + Z/R)^2,     m = 2 Z + Z^2 / R
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import FibreStretch
+from suas_jax.mechanics.shell.points import Moments
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.quadrature import gauss_legendre
+
+
+class Fibres(eqx.Module):
+    """A membrane's material, integrated over its thickness.
+
+    Attributes:
+        law: the material.
+        mid_radius: radius of the undeformed mid-surface [m].
+        thickness: [m].
+        layers: quadrature points through the thickness.
+    """
+
+    law: AbstractLaw
+    mid_radius: Lanes
+    thickness: Lanes
+    layers: int = eqx.field(static=True)
+
+    def energy(self, stretch: Array, curvature: Array) -> Array:
+        """Strain energy per area of the mid-surface [J/m^2].
+
+        Args:
+            stretch: A = |r'|^2 - 1.
+            curvature: b = c / |r'|^2 - 1/R [1/m].
+        """
+        weight, lever, square = self._layers()
+        energy = self.law.energy(FibreStretch((stretch + lever * curvature) / square))
+        return jnp.sum(weight * energy, 0)
+
+    def moments(self, stretch: Array, curvature: Array) -> Moments:
+        """Derivatives of the energy per area by A and b.
+
+        A fibre depends on one number, linear in both strains: two derivatives of the law
+        are all it takes. The sum over the layers is a reduction on purpose: the compiler
+        keeps its result instead of computing the law again for each of its uses.
+        """
+        weight, lever, square = self._layers()
+
+        def energy(green: Array) -> Array:
+            return self.law.energy(FibreStretch(green))
+
+        def slope(green: Array) -> Array:
+            return jax.jvp(energy, (green,), (jnp.ones_like(green),))[1]
+
+        green = (stretch + lever * curvature) / square
+        first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))
+        first, second = first / square, second / square**2
+
+        def moment(power: Array, derivative: Array) -> Array:
+            return jnp.sum(power * derivative, 0)
+
+        ones, squares = weight * lever, weight * lever**2
+        return Moments(
+            (moment(weight, first), moment(ones, first)),
+            (moment(weight, second), moment(ones, second), moment(squares, second)),
+        )
+
+    def _layers(self) -> tuple[Array, Array, Array]:
+        """Weight [m], lever m [m], and (1 + Z/R)^2 of the fibres; each [layer, 1, 1, lane]."""
+        points, weights = gauss_legendre(self.layers, -0.5, 0.5)
+        offset = jnp.asarray(points)[:, None, None, None] * self.thickness
+        shell = 1 + offset / self.mid_radius
+        weight = jnp.asarray(weights)[:, None, None, None] * self.thickness * shell
+        return weight, 2 * offset + offset**2 / self.mid_radius, shell**2
