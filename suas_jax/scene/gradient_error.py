@@ -14,6 +14,7 @@ all of them to run.
 
 import math
 import re
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,9 +47,9 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
         low, high = (_moved(solution, known, signs, side * _STEP) for side in (-1.0, 1.0))
         if low is None or high is None:
             return None
-        (value, error, floor), (other, change, _) = high, low
-        slopes.append((value - other) / (2 * _STEP))
-        errors.append(np.abs(error - change).sum(0) / (2 * _STEP))
+        slopes.append((high.values - low.values) / (2 * _STEP))
+        errors.append(np.abs(high.errors - low.errors).sum(0) / (2 * _STEP))
+        floor = high.floor
     size = np.sqrt(np.square(slopes).mean(0))
     error = np.sqrt(np.square(errors).mean(0))
     own = _position(solution, path)
@@ -59,16 +60,30 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
     return found if math.isfinite(found) else None
 
 
+class _KeyQuantities(NamedTuple):
+    """What errors are judged by.
+
+    Attributes:
+        values: of the quantities [quantity].
+        errors: by the equilibrium's mesh, the correction's and the model [3, quantity].
+        floor: relative error that no input changes.
+    """
+
+    values: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    floor: float
+
+
 def _moved(
     solution: Solution, known: dict[str, float], signs: dict[str, float], by: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
-    """Key quantities, their errors by equilibrium, kinks and model, and those that stay."""
+) -> _KeyQuantities | None:
+    """Key quantities where every input has moved by a share of itself."""
     inputs = {path: value * (1 + by * signs[path]) for path, value in known.items()}
     report = report_with(solution, inputs, judged=True)
     if report is None:
         return None
     found = report["key_quantities"]
-    return np.array(found["values"]), np.array(found["errors"]), found["floor"]
+    return _KeyQuantities(np.array(found["values"]), np.array(found["errors"]), found["floor"])
 
 
 def _position(solution: Solution, path: str) -> int | None:

@@ -1,43 +1,21 @@
-"""Load-displacement curves: one continuation through many loads."""
+"""Load-displacement curves: levels, columns, and the model and mesh that meet `rtol`."""
 
 import csv
 import dataclasses
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Self
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from suas_jax.config import (
-    SceneSpec,
-    continuous_inputs,
-    with_inputs,
-    with_solve,
-)
-from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.equilibrium import path
+from suas_jax.config import SceneSpec, with_inputs, with_solve
 from suas_jax.files.writing import write_text
-from suas_jax.mechanics.model import Counts, Meshes
+from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.registry import MODELS
-from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
-from suas_jax.scene.assessment import assess
-from suas_jax.scene.build import build_problem, plan_for, problem_of
-from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.solve import Inputs, Structure
+from suas_jax.scene.curve import Curve, total_force
 
-# Width of the bracket of the first wall contact, relative to the load there.
-_CONTACT_TOLERANCE = 1e-7
-# Share of an interval in which the gap's zero is looked for, around that of the secant.
-_SECANT_SHARE = 0.05
-# Points up to which a curve takes less time to follow than to compile for speed.
-_FEW = 40
 # Observables of a point that go into the table.
 _COLUMNS = (
     "oil_pressure_Pa",
@@ -51,11 +29,6 @@ _COLUMNS = (
     "stable",
     "status",
 )
-
-
-def _total_force(report: dict[str, Any]) -> float:
-    forces = [load["force_N"] for load in report["loads"] if load["kind"] != "pressure"]
-    return sum(abs(force) for force in forces)
 
 
 class SweepError(ValueError):
@@ -80,7 +53,7 @@ class Sweep:
         """The curve as a table: total force, each load's entries, the main observables."""
         rows = []
         for point in self.points:
-            row = {"force_N": _total_force(point)}
+            row = {"force_N": total_force(point)}
             for i, load in enumerate(point["loads"]):
                 row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
             wall = point["wall"]
@@ -96,29 +69,6 @@ class Sweep:
         writer.writeheader()
         writer.writerows(rows)
         write_text(path, text.getvalue())
-
-
-@eqx.filter_jit
-def _program(
-    scene: Structure,
-    meshes: Meshes,
-    inputs: Inputs,
-    levels: Array,
-    start: State | None,
-) -> tuple[dict[str, Any], State, dict[str, Any]]:
-    parts = scene_parts(scene.scene, inputs)
-    problem = problem_of(parts, meshes.solved, wall=scene.wall)
-    found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
-
-    def one(state: State) -> dict[str, Any]:
-        return assess(parts, meshes, problem, state, True, wall=scene.wall)[0]
-
-    reports = jax.lax.map(one, found.state)
-    result = jnp.where(found.result == 0, reports.pop("validity"), found.result)
-    outcome = {"result": result, "level": found.level, "iterations": found.iterations}
-    unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
-    outcome["unknowns"] = jnp.full_like(found.result, unknowns)
-    return reports, found.state, outcome
 
 
 def sweep(
@@ -211,154 +161,49 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
     name: str = scene.solve.model
     if automatic:
         name = next((n for n in reversed(given) if given[n] is not None), "shell")
-    counts = given[name] or models[name].first_of_sweep(scene)
-    coarser: tuple[float, _Curve, list[dict[str, Any]]] | None = None
+    best = _Attempt.of(scene, name, given[name] or models[name].first_of_sweep(scene), levels)
     while True:
-        curve = _Curve(scene, name, counts)
-        points = curve.points(levels)
-        worst, of_model = (
-            max((p[key] for p in points if p[key] is not None), default=0.0)
-            for key in ("error_estimate", "model_error")
-        )
-        excess = worst / max(rtol, 1.1 * of_model)
-        stalled = coarser is not None and worst >= coarser[0]  # no finer mesh has helped
-        finer = None if given[name] or excess <= 1 else models[name].finer(counts, excess)
-        missed = of_model > rtol or (excess > 1 and (stalled or finer is None))
-        if automatic and missed and name == "shell" and not given[name] and "solid" in models:
-            name, coarser = "solid", None
-            counts = models[name].first_of_sweep(scene)
-            continue
-        if stalled:
-            assert coarser is not None
-            _, curve, points = coarser
-        if stalled or finer is None:
-            break
-        coarser, counts = (worst, curve, points), finer
-    return Sweep(points, curve.first_contact(levels, points), scene)
+        excess = best.error / max(rtol, 1.1 * best.model_error)
+        wrong_model = best.model_error > rtol
+        solid_is_left = automatic and name == "shell" and not given[name] and "solid" in models
+        refined = excess > 1 and not (given[name] or (solid_is_left and wrong_model))
+        counts = models[name].finer(best.curve.plan.counts, excess) if refined else None
+        finer = None if counts is None else _Attempt.of(scene, name, counts, levels)
+        if finer is not None and finer.error < best.error:
+            best = finer
+        elif solid_is_left and (excess > 1 or wrong_model):
+            name = "solid"
+            best = _Attempt.of(scene, name, models[name].first_of_sweep(scene), levels)
+        else:
+            return Sweep(best.points, best.curve.first_contact(levels, best.points), scene)
 
 
-class _Curve:
-    """One mesh of a scene and the states found on it."""
+class _Attempt(NamedTuple):
+    """A load-displacement curve on one mesh.
 
-    def __init__(self, scene: SceneSpec, model: str, counts: Counts) -> None:
-        self.scene, self.plan = scene, plan_for(scene, model, counts)
-        self.meshes = self.plan.meshes()
-        self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
-
-    def points(self, levels: np.ndarray) -> list[dict[str, Any]]:
-        """Reports at the given levels; a level of zero is the undeformed state."""
-        pressures = self.scene.solve.oil_pressure is not None
-        visit = levels[levels != 0] if pressures else levels
-        rows, states = self.follow(visit, None, wall=False)
-        beyond = [row["wall_contact"] for row in rows]
-        if self.scene.wall.contact and any(beyond):
-            # From the last state that is free of the wall, whatever comes after.
-            k = beyond.index(True)
-            start = jax.tree.map(lambda x: x[k - 1], states) if k else None
-            rows[k:] = self.follow(visit[k:], start, wall=True)[0]
-        if len(visit) < len(levels):
-            rest = self._rest_report()
-            rows_left = iter(rows)
-            rows = [rest if level == 0 else next(rows_left) for level in levels]
-        return rows
-
-    def follow(
-        self, levels: np.ndarray, start: State | None, *, wall: bool
-    ) -> tuple[list[dict[str, Any]], State]:
-        """Reports and states at levels that no rest is among, with or without the wall.
-
-        Args:
-            levels: in the order to visit.
-            start: where to start; None at rest.
-            wall: whether it is there; without it the first state beyond it is repeated.
-        """
-        pressures = self.scene.solve.oil_pressure is not None
-        known = start if start is not None or pressures else self._rest()
-        arguments = (self.meshes, self.inputs, jnp.asarray(levels))
-        static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
-        found = COMPILED.run(_program, static, *arguments, known, once=once)
-        reports, states, outcomes = found
-        rows = [
-            report_of(
-                self.scene,
-                plain(reports, i),
-                plain(outcomes, i) | {"model": self.plan.model, "reason": ""},
-            )
-            for i in range(len(levels))
-        ]
-        return rows, states
-
-    def _rest(self) -> State:
-        problem = build_problem(self.scene, self.meshes.solved, self.inputs)
-        zero = jnp.zeros(1)
-        return State(problem.mechanics.rest(), zero, zero)
-
-    def _rest_report(self) -> dict[str, Any]:
-        """The report of the undeformed state, which no pressure control can reach."""
-        loads_off = with_solve(self.scene, oil_pressure=None)
-        curve = _Curve(loads_off, self.plan.model, self.plan.counts)
-        return curve.points(np.zeros(1))[0]
-
-    def first_contact(
-        self, levels: np.ndarray, points: list[dict[str, Any]]
-    ) -> dict[str, float] | None:
-        """Close in on the load at which the smallest gap vanishes."""
-        hits = [
-            i
-            for i, point in enumerate(points)
-            if point["status"] == "converged" and point["wall_contact"]
-        ]
-        if not hits:
-            return None
-        after = hits[0]
-        if after == 0:
-            return _contact_of(points[0])
-        low, high = float(levels[after - 1]), float(levels[after])
-        gaps = points[after - 1]["min_gap_m"], None
-        best = points[after]
-        start = None
-        count = int(np.count_nonzero(levels)) if self.scene.solve.oil_pressure else len(levels)
-        while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
-            inner = _around_zero(low, high, gaps, count)
-            rows, states = self.follow(inner, start, wall=False)
-            inside = [row["wall_contact"] for row in rows]
-            k = inside.index(True) if any(inside) else len(rows)
-            above, below = gaps
-            if k < len(rows):
-                high, best, below = float(inner[k]), rows[k], rows[k]["min_gap_m"]
-            if k > 0:
-                low, above = float(inner[k - 1]), rows[k - 1]["min_gap_m"]
-                start = jax.tree.map(lambda x, k=k: x[k - 1], states)
-            gaps = above, below
-        return _contact_of(best)
-
-
-def _around_zero(
-    low: float, high: float, gaps: tuple[float, float | None], count: int
-) -> np.ndarray:
-    """Levels close to where the gap vanishes by the secant, all inside an interval.
-
-    Args:
-        low: level at which the gap is open.
-        high: level at which it is closed.
-        gaps: smallest gap there; None where it is not known without the wall [m].
-        count: number of levels.
+    Attributes:
+        curve: the mesh and the states found.
+        points: reports at the levels.
     """
-    above, below = gaps
-    inner = np.linspace(low, high, count + 2)[1:-1]
-    if below is None or not above > 0 > below:
-        return inner
-    root = low + (high - low) * above / (above - below)
-    near = root + _SECANT_SHARE * (inner - (low + high) / 2)
-    return np.clip(near, inner[0], inner[-1])
 
+    curve: Curve
+    points: list[dict[str, Any]]
 
-def _contact_of(report: dict[str, Any]) -> dict[str, float]:
-    contact = {
-        "force_N": _total_force(report),
-        "oil_pressure_Pa": report["oil_pressure_Pa"],
-        "angle_deg": report["min_gap_angle_deg"],
-    }
-    if "min_gap_axial_m" in report:
-        contact["axial_m"] = report["min_gap_axial_m"]
-    return contact
+    @classmethod
+    def of(cls, scene: SceneSpec, model: str, counts: Counts, levels: np.ndarray) -> Self:
+        """Follow the curve."""
+        curve = Curve(scene, model, counts)
+        return cls(curve, curve.points(levels))
+
+    @property
+    def error(self) -> float:
+        """Largest of the points' estimates."""
+        return self._largest("error_estimate")
+
+    @property
+    def model_error(self) -> float:
+        """Largest of the points' errors by the model."""
+        return self._largest("model_error")
+
+    def _largest(self, key: str) -> float:
+        return max((p[key] for p in self.points if p[key] is not None), default=0.0)
