@@ -28,6 +28,7 @@ _FRAMES_SHIFTED = 16
 _BETTER = 0.5  # share of chi2 that a shift may leave to be named
 _SIGMAS = 4.0  # of a stiffness that is named
 _LEAST_STIFFNESS = 0.01  # relative
+_NARROW = 2 / 3  # share of the single contacts that must be lines
 
 
 def section_verdict(
@@ -39,7 +40,7 @@ def section_verdict(
     pressure: NDArray[np.float64] | None = None,
     force: NDArray[np.float64] | None = None,
 ) -> ModelVerdict | None:
-    """Look at the single contacts of a log; None where they are too few.
+    """Look at the single contacts of a log; None where they are too few, or many are wide.
 
     Args:
         estimator: of a skin in plane strain.
@@ -49,14 +50,10 @@ def section_verdict(
         pressure: measured of the oil [frame] [Pa]; None where it was not.
         force: known of the one contact [frame] [N]; NaN where there is none.
     """
-    usable = [
-        i
-        for i, e in enumerate(estimates)
-        if e.status in USABLE
-        and len(e.contacts) < 2
-        and not any(contact.spread for contact in e.contacts)
-    ]
-    if len(usable) < FEWEST:
+    single = [i for i, e in enumerate(estimates) if e.status in USABLE and len(e.contacts) < 2]
+    usable = [i for i in single if not any(c.spread for c in estimates[i].contacts)]
+    # Where many contacts are seen to be wide, others are, too light for it to show.
+    if len(usable) < max(FEWEST, _NARROW * len(single)):
         return None
     frames = np.array(usable, np.intp)
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]

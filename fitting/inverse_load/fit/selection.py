@@ -19,6 +19,7 @@ from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanation
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
 from fitting.inverse_load.fit.outliers import OUTLIER, inliers, least_trimmed
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 
@@ -219,6 +220,7 @@ class Selection:
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
+        explained[wide] &= best.spread[wide, 0] < UNUSUAL
         explained &= ~self._hinted(y, best)
         return best, frames[~explained[frames]]
 

@@ -23,6 +23,11 @@ from suas_jax.scene.forward import Skin
 
 _START = 12e-3  # length of the arc where fits begin [m]
 _SHORTEST, _LONGEST = 1e-3, 60e-3  # [m]
+# Standard deviation of a half-normal prior [m]: two fingers look like one contact as wide as
+# they are apart, which is rarer than they are.
+_USUAL = 15e-3
+UNUSUAL = 25e-3
+"""Length of an arc beyond which two contacts are tried even where it explains a frame [m]."""
 
 
 class WideContactFitter(LoadFitter):
@@ -71,6 +76,7 @@ class WideContactFitter(LoadFitter):
         length = np.sqrt(np.asarray(fit.parameters[2]))
         variance = 1 / np.maximum(own - (share * information[2, :2]).sum(0), 1e-300)
         found.spread[:] = np.stack([length, np.sqrt(variance) / (2 * length)], 1)
+        found.score[:] += (length / _USUAL) ** 2
         # An arc that reaches over the clamp is no contact.
         over = np.abs(found.parameters[:, 0]) + length / 2 / self._radius > self.edge
         found.score[over] = found.chi2[over] = np.inf
