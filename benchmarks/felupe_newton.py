@@ -39,6 +39,7 @@ class OilFilledBody:
         self.displacements = held.size
         self.free = np.flatnonzero(~np.pad(held.ravel(), (0, self.count - held.size)))
         self.oil = 0.0
+        self._rest_gradient = self._volume_gradient(0.0)
 
     @property
     def unknowns(self) -> int:
@@ -78,7 +79,7 @@ class OilFilledBody:
                 self.face, pressure=self.oil, resize=tangent
             )
             # The volume is a polynomial of third degree in the positions: Simpson is exact.
-            mean = (self._volume_gradient(0.0) + 4 * self._volume_gradient(0.5) + gradient) / 6
+            mean = (self._rest_gradient + 4 * self._volume_gradient(0.5) + gradient) / 6
             volume = mean[: self.displacements] @ u.ravel()
             both = self._solved(tangent - stiffness, np.stack([-residual, gradient], 1))
             first, second = both.T

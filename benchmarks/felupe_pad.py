@@ -51,7 +51,7 @@ class Poke:
     size: tuple[float, float] = (6e-3, 6e-3)
     disc: bool = False
 
-    def force_at(self, arc: np.ndarray, along: np.ndarray) -> np.ndarray:
+    def covers(self, arc: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Whether the patch covers points at these distances from its centre [m]."""
         if self.disc:
             return np.asarray(np.hypot(arc, along) <= self.size[0] / 2)
@@ -177,7 +177,6 @@ class FelupePad:
         self.arcs, self.along = axes
         nodes = [_with_middles(x) for x in (axes[0] / outer, axes[1])]
         radii = poke.inner_radius + np.linspace(0, poke.thickness, 2 * across + 1)
-        self.angles, self.axials = nodes
         phi, z, r = np.meshgrid(*nodes, radii, indexing="ij")
         # Angle, axis and radius are right-handed in this order.
         grid = np.stack([r * np.sin(phi), z, r * np.cos(phi)], -1)
@@ -221,7 +220,7 @@ class FelupePad:
             arc, of_arc = _scaled(self.arcs[i : i + 2], nodes, weights)
             for j in range(len(self.along) - 1):
                 along, of_axis = _scaled(self.along[j : j + 2], nodes, weights)
-                covered = poke.force_at(
+                covered = poke.covers(
                     arc[:, None] - outer * poke.angle, along[None] - poke.axial
                 )
                 part = of_arc[:, None] * of_axis * covered

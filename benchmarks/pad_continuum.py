@@ -39,7 +39,7 @@ ROOT = Path(__file__).parent.parent
 CONFIGS = ROOT / "configs"
 READINGS = ROOT / "tests" / "data" / "pad_continuum.csv"
 MEMBRANE = (57.5e-3, 1.5e-3, math.pi / 2, 123e-3, 20.7e6, -4.4e6, 77e3)
-FORCE, PRESSURE, DISPLACEMENT = 6.0, 1557.5, 2.1197e-3  # the reference's second row
+PRESSURE, DISPLACEMENT = 1557.5, 2.1197e-3  # under 6 N: the reference's second row
 LEVELS = [1.5, 3.0, 4.5, 6.0]
 PEERS = ((3e-3, 5e-3, 1), (2e-3, 3e-3, 1), (1.5e-3, 2e-3, 1))
 SHELLS = ((16, 12), (24, 20), (32, 28))
@@ -47,8 +47,6 @@ NOISE = 2.0
 # Angle [deg] and axial position [mm] of the pokes, forces [N] of each.
 PLACES = ((0, 0), (0, 17.3), (21.7, 0), (41.2, 0), (0, 31.4), (-13.4, -9.6), (33, 22.5))
 FORCES = (1.4, 3.6, 6.1, 10.6, 14.0)
-
-
 _ORIGIN = """\
 # Sensor output of configs/skins/suas-pad.toml under discs of 6 mm pressed radially.
 # The membrane is solved by benchmarks/felupe_pad.py (FElupe 11.3: hexahedra of 27 nodes,

@@ -338,7 +338,7 @@ class LoadEstimator:
 
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
-        self.selection.last = None
+        self.selection.forget()
 
     def warm_up(self) -> None:
         """Compile, or load, what a stream needs before the first frame comes."""

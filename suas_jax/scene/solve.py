@@ -197,7 +197,8 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
 
     The mesh is the one the scene asks for (`elements`, `mesh`), or is refined until the
     estimated error meets `rtol`. Where the model is left open too (`auto`), it is the
-    shell unless what its correction leaves out is more than `rtol` allows.
+    shell unless what its correction leaves out is more than `rtol` allows, or no mesh of it
+    meets `rtol`.
 
     Args:
         scene: what to solve.

@@ -83,6 +83,10 @@ class Selection:
         """Live: what explained the last frame that was touched; the next one begins there."""
         self._doubts = _Doubts(None, False)
 
+    def forget(self) -> None:
+        """Live: let nothing of the frames so far count for the next."""
+        self.last, self._doubts = None, _Doubts(None, False)
+
     @property
     def pairs(self) -> AbstractSeveralSearch:
         """The search for several contacts, made when first needed."""
@@ -102,7 +106,8 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        doubtful = self._lasting(y, best) if self.fitter.live else self._doubtful(y, best)
+        doubts = self._lasting_doubts if self.fitter.live else self._doubtful
+        doubtful = doubts(y, best)
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
         if frames.size:
@@ -183,7 +188,7 @@ class Selection:
         """Frames that one contact may not explain."""
         return (self._p_value(best) < SUSPECT) | self._hinted(y, best)
 
-    def _lasting(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+    def _lasting_doubts(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
         """Live: doubts that the frame before gave, too, or that are too strong for noise.
 
         Noise gives a hint to every twentieth frame and a poor fit to every five-hundredth,
