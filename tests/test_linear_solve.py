@@ -16,6 +16,7 @@ from suas_jax.numerics.bordered_solve import (
     BorderedBlockTridiagonal,
     BorderedVector,
     eliminate,
+    solve_bordered,
 )
 
 DOF, LANES = 2, 2
@@ -175,12 +176,17 @@ def by_lineax(operator: BorderedBlockTridiagonal, right: BorderedVector) -> jax.
     return ravel_pytree(lx.linear_solve(operator, right, BlockElimination()).value)[0]
 
 
+def by_elimination(operator: BorderedBlockTridiagonal, right: BorderedVector) -> jax.Array:
+    return ravel_pytree(solve_bordered(operator, right))[0]
+
+
 def by_dense(operator: BorderedBlockTridiagonal, right: BorderedVector) -> jax.Array:
     return jnp.linalg.solve(operator.as_matrix(), ravel_pytree(right)[0])
 
 
+@pytest.mark.parametrize("solved", [by_lineax, by_elimination])
 @pytest.mark.parametrize("distinct", [False, True])
-def test_derivatives_of_solutions(distinct: bool) -> None:
+def test_derivatives_of_solutions(distinct: bool, solved: Any) -> None:
     operator, right = system(4, distinct=distinct, lanes=1)
     other = jax.tree.map(lambda x: jnp.sin(3 * x), (operator, right))
     # The operator stays symmetric along the direction of differentiation.
@@ -188,7 +194,7 @@ def test_derivatives_of_solutions(distinct: bool) -> None:
     other = eqx.tree_at(lambda o: o[0].tangent.diagonal, other, blocks + blocks.swapaxes(0, 1))
 
     def compare(f: Any) -> None:
-        got, want = (jax.jit(f, static_argnums=0)(by) for by in (by_lineax, by_dense))
+        got, want = (jax.jit(f, static_argnums=0)(by) for by in (solved, by_dense))
         assert jax.tree.structure(got) == jax.tree.structure(want)
         for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
             assert float(jnp.max(jnp.abs(b))) > 1e-3
@@ -196,6 +202,12 @@ def test_derivatives_of_solutions(distinct: bool) -> None:
 
     compare(lambda by: jax.jvp(by, (operator, right), other)[1])
     compare(lambda by: jax.grad(lambda s: jnp.sum(jnp.sin(by(*s))))((operator, right)))
+
+
+def test_no_derivative_calls_back_into_python() -> None:
+    operator, right = system(4, lanes=1)
+    gradient = jax.jit(jax.grad(lambda s: jnp.sum(by_elimination(*s))))
+    assert "callback" not in gradient.lower((operator, right)).as_text()
 
 
 def test_vmap_equals_loop() -> None:

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 from jaxtyping import Array, Bool
 
 from suas_jax.equilibrium.balance import (
@@ -33,7 +32,7 @@ from suas_jax.equilibrium.balance import (
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.base import AbstractMechanics, ContactState
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
+from suas_jax.numerics.bordered_solve import BorderedVector, solve_bordered
 
 Given = Bool[Array, ""] | None
 
@@ -75,7 +74,7 @@ def _solved(
     problem: Problem, y: BorderedVector, level: Lanes, given: Given, right: BorderedVector
 ) -> BorderedVector:
     operator = residual(problem, y, level, given)[1]
-    return lx.linear_solve(operator, right, BlockElimination(), throw=False).value
+    return solve_bordered(operator, right)
 
 
 @eqx.filter_custom_jvp

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.equilibrium.balance import (
@@ -29,7 +28,7 @@ from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
-from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector, eliminate
+from suas_jax.numerics.bordered_solve import BorderedVector, eliminate, solve_bordered
 from suas_jax.numerics.lanes import in_chunks
 from suas_jax.skin.wall import Wall
 
@@ -148,7 +147,7 @@ def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
     value, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
     # An equation that the perturbed inputs don't enter has the tangent None.
     right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else -t, value, change)
-    dy = lx.linear_solve(operator, right, BlockElimination(), throw=False).value
+    dy = solve_bordered(operator, right)
     nothing = jax.tree.map(lambda _: None, found)
     return nothing._replace(y=dy)
 

@@ -25,9 +25,11 @@ class AbstractPlan(eqx.Module):
 
     Attributes:
         dimension: of the model, 2 in plane strain.
+        solves_long: whether a solve takes about as long as optimising its program.
     """
 
     dimension: ClassVar[int]
+    solves_long: ClassVar[bool] = False
 
     @property
     @abc.abstractmethod

@@ -19,6 +19,9 @@ OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 # A program that runs once is done sooner without the compiler's own optimisation: half the
 # compile time again, for twice the (much shorter) run time.
 _OPTIONS_ONCE = {**OPTIONS, "xla_backend_optimization_level": 0}
+# A quarter more compile time than that, and loops that run as fast as they ever do: what is
+# missing is vectorisation across lanes, which a single solve doesn't have.
+_OPTIONS_ONCE_LONG = {**OPTIONS, "xla_backend_optimization_level": 1}
 
 
 # Calls of LAPACK that JAX promises for no other version of itself; a kept program is only
@@ -44,21 +47,28 @@ class Compiled:
         self.seconds = 0.0
         self.store: ProgramStore | None = None
 
-    def run(self, function: Callable[..., Any], *arguments: Any, once: bool = False) -> Any:
+    def run(
+        self,
+        function: Callable[..., Any],
+        *arguments: Any,
+        once: bool = False,
+        long: bool = False,
+    ) -> Any:
         """Call a function made by `equinox.filter_jit`, compiled apart, and wait for it.
 
         Args:
             function: the jitted function.
             arguments: its arguments; those that are no arrays are static.
             once: whether the program is not expected to run many times.
+            long: whether a single run takes long enough to be worth some optimisation.
         """
         leaves, structure = jax.tree.flatten(arguments)
         arrays = [x for x in leaves if eqx.is_array_like(x)]
         types = tuple(_type_of(x) if eqx.is_array_like(x) else x for x in leaves)
-        key = (function, structure, types, once)
+        key = (function, structure, types, once, long)
         if key in self._programs:
             return jax.block_until_ready(self._programs[key](*arrays))
-        options = _OPTIONS_ONCE if once else OPTIONS
+        options = (_OPTIONS_ONCE_LONG if long else _OPTIONS_ONCE) if once else OPTIONS
         begin = time.perf_counter()
         program = self._loaded_or_compiled(key, function, leaves, structure, types, options)
         self.seconds += time.perf_counter() - begin

@@ -95,7 +95,8 @@ class Curve:
         known = start if start is not None or pressures else self._rest()
         arguments = (self.meshes, self.inputs, jnp.asarray(levels))
         static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
-        found = COMPILED.run(_program, static, *arguments, known, once=once)
+        effort = {"once": once, "long": self.plan.solves_long}
+        found = COMPILED.run(_program, static, *arguments, known, **effort)
         reports, states, outcomes = found
         rows = [
             report_of(

@@ -1,5 +1,6 @@
 """Derivatives of any reported quantity by every continuous input of a scene."""
 
+import math
 import re
 from typing import Any
 
@@ -23,6 +24,10 @@ from suas_jax.scene.solve import Inputs, Solution, Structure
 
 class UnknownQuantityError(ValueError):
     """The quantity to differentiate is no real number of the report."""
+
+
+class SingularTangentError(ValueError):
+    """No derivative exists at the equilibrium."""
 
 
 def quantities(report: Any, prefix: str = "") -> list[str]:
@@ -63,9 +68,25 @@ def _program(
     scene: Structure, path: str, plan: AbstractPlan, state: State, inputs: Inputs
 ) -> dict[str, Array]:
     def quantity(inputs: Inputs) -> Array:
-        return _pick(_observed(scene, plan, state, inputs), path)[0]
+        report = _observed(scene, plan, state, inputs)
+        # Here, as no more than the trace is needed to know them.
+        _require_known(path, quantities(report))
+        return _pick(report, path)[0]
 
     return jax.grad(quantity)(inputs)
+
+
+def _require_known(path: str, allowed: list[str]) -> None:
+    if path in allowed:
+        return
+    near = nearest(path, allowed)
+    advice = f' did you mean "{near}"?' if near else ""
+    taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
+    raise UnknownQuantityError(
+        f'"{path}" is not a quantity that can be differentiated;{advice} use one of '
+        + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
+        + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
+    )
 
 
 def gradient(solution: Solution, path: str) -> dict[str, float]:
@@ -86,27 +107,18 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
 
     Raises:
         UnknownQuantityError: the path is not a differentiable quantity of the report.
+        SingularTangentError: the skin buckles at just this load.
         Float64Error: float64 is off.
     """
     require_float64()
     scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
     known = (solution.plan, solution.state, inputs)
-    shapes = eqx.filter_eval_shape(_observed, scene, *known)
-    shapes = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), eqx.filter(shapes, _is_shape))
-    allowed = quantities(shapes)
-    taxels = [name for name in allowed if re.fullmatch(r"taxels\.\d+\.so", name)]
-    if path not in allowed:
-        near = nearest(path, allowed)
-        advice = f' did you mean "{near}"?' if near else ""
-        raise UnknownQuantityError(
-            f'"{path}" is not a quantity that can be differentiated;{advice} use one of '
-            + ", ".join(name for name in allowed if not re.match(r"taxels\.[1-9]", name))
-            + (f" (and so on, {len(taxels)} taxels)" if taxels else "")
-        )
     found = COMPILED.run(_program, scene, path, *known, once=True)
-    return {name: float(value) for name, value in found.items()}
-
-
-def _is_shape(x: Any) -> bool:
-    return isinstance(x, jax.ShapeDtypeStruct)
+    slopes = {name: float(value) for name, value in found.items()}
+    if not any(map(math.isfinite, slopes.values())):
+        raise SingularTangentError(
+            f'"{path}" has no derivative at this equilibrium, whose tangent is singular; '
+            "change a load a little"
+        )
+    return slopes

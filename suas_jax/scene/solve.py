@@ -268,11 +268,12 @@ def _run(
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere."""
     known, flag = (static, meshes, inputs), np.asarray(judged)
-    found: Any = COMPILED.run(_program, *known, start, flag, once=once)
+    effort = {"once": once, "long": meshes.whole.solves_long}
+    found: Any = COMPILED.run(_program, *known, start, flag, **effort)
     free = static.scene.solve.oil_pressure is None  # a wanted pressure is sought from rest
     if free and _number(start.factor) != 0 and _number(found[-1]["result"]) != 0:
         rest = _at_rest(meshes.solved)
-        found = COMPILED.run(_program, *known, rest, flag, once=once)
+        found = COMPILED.run(_program, *known, rest, flag, **effort)
     return found
 
 

@@ -82,10 +82,10 @@ def pad_capacitances(
             state = _at_rest(plan)
         here = inputs | {k: jnp.asarray(float(v[i])) for k, v in moved.items()}
         start, once = state, len(time) < _FEW
-        found = COMPILED.run(_frame, free, plan, here, start, once=once)
+        found = COMPILED.run(_frame, free, plan, here, start, once=once, long=True)
         if scene.wall.contact and float(found[3][0]) < 0:
             # The program that knows contact is compiled where the membrane reaches the wall.
-            found = COMPILED.run(_frame, held, plan, here, start, once=once)
+            found = COMPILED.run(_frame, held, plan, here, start, once=once, long=True)
         capacitance, state, result, _ = found
         if int(result[0]):
             name = NAMES[int(result[0])]

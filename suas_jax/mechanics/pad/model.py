@@ -30,6 +30,7 @@ class PadMesh(AbstractPlan):
     """
 
     dimension: ClassVar[int] = 3
+    solves_long: ClassVar[bool] = True
     plan: PadPlan
     part: PadPlan | None = None
 
