@@ -28,7 +28,7 @@ from suas_jax.scene.pad_forward import Patches, pad_skin_of, readings
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
 NOISE = 2.0
-_FINE = (36, 30)
+_FINE = (48, 40)
 _DIAMETER = 6e-3
 _PLACES = np.array([np.deg2rad(45), 0.034])  # over the taxels
 _FORCES = (1.0, 12.0)

@@ -21,7 +21,8 @@ from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import LEVELS, Columns
+from fitting.inverse_load.pad.columns import LEVELS, Column, Columns
+from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.mirror import mirror_images
@@ -177,6 +178,25 @@ def test_mirrored_quarters_are_what_a_solve_says(table: PadTable, solved: Solve)
     change = np.abs(so - table.rest).max()
     np.testing.assert_allclose(found[:, :-1], so, atol=2e-4 * change)
     np.testing.assert_allclose(found[:, -1], pressure, rtol=2e-4)
+
+
+def test_more_force_makes_up_for_a_coarse_mesh() -> None:
+    levels = LEVELS[LEVELS != 0]
+    missing = np.array([0.001, 0.003])[:, None] * (1 + 0.5 * np.abs(levels))
+
+    def column(levels: np.ndarray) -> Column:
+        stiffening = levels - 0.2 * levels**2  # [place, level]
+        so = 250 + stiffening[..., None] * np.array([80.0, 10.0, -6.0])
+        return Column(so, stiffening, stiffening, np.ones(stiffening.shape, bool))
+
+    coarse, fine = column(levels * np.ones((2, 1))), column(levels * (1 + missing))
+    # Slopes over so wide steps of the force are good to a few per cent.
+    np.testing.assert_allclose(force_surplus(coarse, fine, levels), missing, rtol=0.12)
+    fine.found[:, -1] = False
+    fine.so[0, 2] = np.nan  # at the wall
+    found = force_surplus(coarse, fine, levels)
+    np.testing.assert_array_equal(found[:, -1], found[:, -2])
+    assert found[0, 2] == found[0, 1]
 
 
 def test_workers_solve_what_this_process_does(

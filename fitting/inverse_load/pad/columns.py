@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -62,39 +63,65 @@ class Columns:
         )
 
     def solve(
-        self, places: NDArray[np.float64], force: NDArray[np.float64], levels: NDArray
+        self,
+        places: NDArray[np.float64],
+        force: NDArray[np.float64],
+        levels: NDArray[np.float64],
+        elements: tuple[int, int] | None = None,
     ) -> Column:
-        """Readings [place, level, ...] of places [place, 2] under shares of forces."""
+        """Readings [place, level, ...] of places [place, 2] under shares of forces.
+
+        Args:
+            places: angle [rad] and axial position [m].
+            force: of the places [N].
+            levels: shares of the force, for all places [level] or each [place, level].
+            elements: of the mesh; those of the pad if None.
+        """
+        skin = self.skin if elements is None else replace(self.skin, elements=elements)
         once = self._total < _FEW
         diameter = np.full(len(places), self._diameter)
         numbers = np.column_stack([places, force, diameter])
+        levels = np.broadcast_to(levels, (len(places), levels.shape[-1]))
         if self._client is not None:
-            return _joined(self._on_workers(numbers, levels, once))
+            return _joined(self._on_workers(numbers, levels, skin.elements, once))
 
-        def column(numbers: NDArray[np.float64]) -> Column:
-            found = solve_column(self.skin, numbers, levels, once)
+        def column(numbers: NDArray[np.float64], levels: NDArray[np.float64]) -> Column:
+            found = solve_column(skin, numbers, levels, once)
             self._count(1)
             return found
 
-        rows = [column(numbers[0])]  # compiles
+        rows = [column(numbers[0], levels[0])]  # compiles
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            rows += pool.map(column, numbers[1:])
+            rows += pool.map(column, numbers[1:], levels[1:])
         return _joined(rows)
 
     def _on_workers(
-        self, numbers: NDArray[np.float64], levels: NDArray, once: bool
+        self,
+        numbers: NDArray[np.float64],
+        levels: NDArray[np.float64],
+        elements: tuple[int, int],
+        once: bool,
     ) -> list[Column]:
         """Columns in the order of their places, solved on Dask's workers."""
         from distributed import as_completed
 
-        parts = [numbers[k : k + _AT_ONCE] for k in range(0, len(numbers), _AT_ONCE)]
+        starts = range(0, len(numbers), _AT_ONCE)
+        parts = [(numbers[k : k + _AT_ONCE], levels[k : k + _AT_ONCE]) for k in starts]
         futures = [
             self._client.submit(
-                _solve_columns, self._sent, part, levels, once, pure=False, retries=_RETRIES
+                _solve_columns,
+                self._sent,
+                *part,
+                elements,
+                once,
+                pure=False,
+                retries=_RETRIES,
             )
             for part in parts
         ]
-        sizes = {future.key: len(part) for future, part in zip(futures, parts, strict=True)}
+        sizes = {
+            future.key: len(part) for future, (part, _) in zip(futures, parts, strict=True)
+        }
         for future in as_completed(futures):
             future.result()  # raises what the worker raised
             self._count(sizes[future.key])
@@ -123,11 +150,16 @@ def solve_column(
 
 
 def _solve_columns(
-    skin: PadSkin, numbers: NDArray[np.float64], levels: NDArray[np.float64], once: bool
+    skin: PadSkin,
+    numbers: NDArray[np.float64],
+    levels: NDArray[np.float64],
+    elements: tuple[int, int],
+    once: bool,
 ) -> list[Column]:
-    """A few columns [column, number] in a worker's process."""
+    """A few columns [column, number] in a worker's process, their levels [column, level]."""
     configure()
-    return [solve_column(skin, row, levels, once) for row in numbers]
+    skin = replace(skin, elements=elements)
+    return [solve_column(skin, *row, once) for row in zip(numbers, levels, strict=True)]
 
 
 def _joined(rows: list[Column]) -> Column:

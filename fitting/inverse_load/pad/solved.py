@@ -120,6 +120,7 @@ class SolvedContacts:
         # What is not used lies where the first one is, without a force.
         columns = np.array([np.append(x, np.full(self._most - count, x[0])) for x in rows])
         columns[2, count:] = 0.0
+        columns[2, :count] = self._interpolant.tables[0].force_on_mesh(*columns[:3, :count])
         patches = Patches(*(jnp.asarray(row) for row in columns))
         used = Patches(*(jnp.asarray(row[:count]) for row in columns))
         plan = self._skin.plan(used, slots=self._most)

@@ -35,6 +35,8 @@ class PadTable:
             infinite where that is far beyond the table.
         u: reciprocal readings [angle, axial, level, taxel] [1/counts].
         pressure: of the oil [angle, axial, level] [Pa].
+        surplus: share of the force by which the table's mesh was loaded more, to read what a
+            finer mesh reads [angle, axial, level].
         rest: readings at rest [taxel] [counts].
         stray: part of the readings that no gap changes [taxel] [counts].
         diameter: of the contact [m].
@@ -46,6 +48,7 @@ class PadTable:
     first_contact: NDArray[np.float64]
     u: NDArray[np.float64]
     pressure: NDArray[np.float64]
+    surplus: NDArray[np.float64]
     rest: NDArray[np.float64]
     stray: NDArray[np.float64]
     diameter: float
@@ -82,6 +85,28 @@ class PadTable:
         value = value + a * ((1 - b) * inverse[i + 1, j] + b * inverse[i + 1, j + 1])
         return np.asarray(1 / np.maximum(value, 1e-9))
 
+    def force_on_mesh(
+        self,
+        angle: NDArray[np.float64],
+        axial: NDArray[np.float64],
+        force: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """Force under which the table's mesh reads what a finer mesh reads [contact] [N].
+
+        Args:
+            angle: of the contact [contact] [rad].
+            axial: likewise [m].
+            force: likewise [N].
+        """
+        cap = np.exp(self.largest(angle, axial)[0][:, 0])
+        level = np.clip(force / cap, LEVELS[0], LEVELS[-1])
+        return np.asarray(force * (1 + self._surplus(angle, axial, level)[0][:, 0]))
+
+    @functools.cached_property
+    def _surplus(self) -> TensorSpline:
+        nodes = self.angle, self.axial, LEVELS
+        return TensorSpline.through(nodes, self.surplus[..., None])
+
     @functools.cached_property
     def places(self) -> NDArray[np.float64]:
         """Angle and axial position of every place [place, 2]."""
@@ -112,6 +137,7 @@ class PadTable:
             first_contact=self.first_contact[at],
             u=self.u[at],
             pressure=self.pressure[at],
+            surplus=self.surplus[at],
         )
 
     @functools.cached_property

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fitting.dask_client import dask_client
 from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid, largest_forces
+from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.spline import TensorSpline
@@ -30,14 +31,17 @@ class PadResolution:
         elements: of the meshes, along the arc and along the axis.
         spacing: of the table's places [m].
         probes: places along arc and axis at which the largest force is sought.
+        finer: elements of a mesh whose readings the table's forces are corrected for, which
+            is solved at the probes alone; None for none.
     """
 
     elements: tuple[int, int] = ELEMENTS
     spacing: float = 5.3e-3
     probes: tuple[int, int] = (4, 3)
+    finer: tuple[int, int] | None = None
 
 
-FINE = PadResolution()
+FINE = PadResolution(finer=(36, 30))
 """Right for the paper's membrane of 1.5 mm; a thicker one needs less."""
 
 
@@ -108,11 +112,15 @@ def build_pad_table(
     angle, axial = (np.linspace(0, e, n) for e, n in zip(edge, counts, strict=True))
     places = grid(angle, axial)
     probes = tuple(np.linspace(0, e, n) for e, n in zip(edge, resolution.probes, strict=True))
-    total = len(places) + 2 * len(grid(*probes))
+    passes = 2 if resolution.finer is None else 4
+    total = len(places) + passes * len(grid(*probes))
     columns = Columns(images, diameter, progress, total, client)
     cap, touch = largest_forces(columns, probes)
     force = np.exp(_between(probes, np.log(cap), places))
-    found = columns.solve(places, force, LEVELS[LEVELS != 0])
+    surplus = np.zeros((len(places), len(LEVELS)))
+    if resolution.finer is not None:
+        surplus = _between(probes, _surplus(columns, resolution.finer, probes, cap), places)
+    found = columns.solve(places, force, (LEVELS * (1 + surplus))[:, LEVELS != 0])
     stray = stray_counts(skin)
     rest = rest_readings(images)
     return _unfolded(
@@ -121,6 +129,7 @@ def build_pad_table(
         (angle, axial),
         force,
         reciprocal(_between(probes, reciprocal(touch), places)),
+        surplus,
         (rest, stray_counts(images)),
         (rest[where[0]], stray),
         diameter,
@@ -137,14 +146,29 @@ def edge_of(skin: PadSkin, diameter: float) -> tuple[float, float]:
     )
 
 
+def _surplus(
+    columns: Columns,
+    finer: tuple[int, int],
+    probes: tuple[NDArray[np.float64], ...],
+    cap: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Share of force that the table's mesh needs more, of the probes [angle, axial, level]."""
+    places, levels = grid(*probes), LEVELS[LEVELS != 0]
+    meshes = None, finer
+    coarse, fine = (columns.solve(places, cap.reshape(-1), levels, mesh) for mesh in meshes)
+    surplus = force_surplus(coarse, fine, levels)
+    rest = int(np.flatnonzero(LEVELS == 0)[0])
+    return np.insert(surplus, rest, surplus[:, rest], axis=1).reshape(*cap.shape, -1)
+
+
 def _between(
     axes: tuple[NDArray[np.float64], ...], values: NDArray, places: NDArray
 ) -> NDArray[np.float64]:
-    """Values of the probes between them, even in both directions."""
+    """Values of the probes [angle, axial, ...] between them, even in both directions."""
     whole = [np.concatenate([-x[:0:-1], x]) for x in axes]
     both = mirrored(values)
-    spline = TensorSpline.through((whole[0], whole[1]), both[..., None])
-    return spline(*places.T)[0][:, 0]
+    spline = TensorSpline.through((whole[0], whole[1]), both.reshape(*both.shape[:2], -1))
+    return spline(*places.T)[0].reshape(-1, *values.shape[2:])
 
 
 def _unfolded(
@@ -153,6 +177,7 @@ def _unfolded(
     axes: tuple[NDArray[np.float64], NDArray[np.float64]],
     force: NDArray[np.float64],
     touch: NDArray[np.float64],
+    surplus: NDArray[np.float64],
     of_images: tuple[NDArray[np.float64], NDArray[np.float64]],
     of_taxels: tuple[NDArray[np.float64], NDArray[np.float64]],
     diameter: float,
@@ -186,6 +211,7 @@ def _unfolded(
         on_whole_pad(touch),
         whole,
         on_whole_pad(pressure),
+        on_whole_pad(surplus),
         *of_taxels,
         diameter,
     )

@@ -1,0 +1,40 @@
+"""Forces at which a table's mesh reads what a finer mesh reads.
+
+A coarse mesh is too stiff: by 0.1 to 0.3 % of the force on the default one, evenly enough over
+the taxels that a larger force makes up for it. The share e is found where few places are solved
+on both meshes, from readings SO at the same force F, and is smooth in between::
+
+    SO_coarse(F (1 + e)) = SO_fine(F),   e = s.(SO_fine - SO_coarse) / (F s.s),   s = dSO/dF
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.pad.columns import Column
+
+
+def force_surplus(
+    coarse: Column, fine: Column, levels: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Share e of the force by which the coarse mesh has to be loaded more [place, level].
+
+    Args:
+        coarse: readings on the table's mesh [place, level, taxel].
+        fine: likewise on the finer one.
+        levels: shares of the largest force, none of them zero.
+
+    Returns:
+        The share; that of the next lighter load where a mesh has no solution, and zero where
+        there is none.
+    """
+    slope = np.gradient(coarse.so, levels, axis=1)
+    both = np.isfinite(slope) & np.isfinite(fine.so) & np.isfinite(coarse.so)
+    slope = np.where(both, slope, 0.0)
+    change = np.where(both, fine.so - coarse.so, 0.0)
+    size = np.sum(slope**2, -1)
+    good = coarse.found & fine.found & (size > 0)
+    share = np.sum(slope * change, -1) / np.where(good, size, 1.0) / levels
+    for k in range(share.shape[1]):
+        before = share[:, k - 1] if k else 0.0
+        share[:, k] = np.where(good[:, k], share[:, k], before)
+    return np.asarray(share)
