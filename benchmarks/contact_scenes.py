@@ -37,7 +37,7 @@ from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.solve import Structure
+from suas_jax.scene.structure import Structure
 
 # Of a step of the load, relative to the displacement: first contact is met that closely.
 _STRIDE = 0.2

@@ -34,7 +34,8 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import load_observables
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.solve import Inputs, Structure, solve
+from suas_jax.scene.solve import solve
+from suas_jax.scene.structure import Inputs, Structure
 
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 Found = TypeVar("Found")

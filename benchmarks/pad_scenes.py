@@ -31,7 +31,7 @@ from suas_jax.runtime.settings import configure
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.solve import Structure
+from suas_jax.scene.structure import Structure
 
 ELEMENTS = (16, 14)
 BEYOND = 1.1  # times the load of first contact

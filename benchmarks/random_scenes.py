@@ -32,7 +32,7 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.solve import Structure
+from suas_jax.scene.structure import Structure
 
 ELEMENTS = 32
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A

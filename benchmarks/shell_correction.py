@@ -33,7 +33,8 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
-from suas_jax.scene.solve import Inputs, Structure, solve
+from suas_jax.scene.solve import solve
+from suas_jax.scene.structure import Inputs, Structure
 
 NEO_HOOKEAN = {"law": "neo-hookean", "mu": "3 MPa"}
 VENTED = {"model": "vented"}

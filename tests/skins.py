@@ -14,7 +14,8 @@ from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.model import Counts
 from suas_jax.scene.build import build_problem, plan_for
-from suas_jax.scene.solve import Structure, _prepared, _program
+from suas_jax.scene.program import _program, prepared
+from suas_jax.scene.structure import Structure
 
 WIDTH = 0.123
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
@@ -92,7 +93,7 @@ def program_text(spec: SceneSpec, model: str, counts: Counts) -> str:
     LAPACK's calls for stacks of matrices wait for XLA's threads: two of them at once, on two
     cores, wait for each other for ever. None may be in it.
     """
-    _, meshes, inputs, rest = _prepared(spec, model, counts)
+    _, meshes, inputs, rest = prepared(spec, model, counts)
     arguments = (Structure(spec, wall=True), meshes, inputs, rest, np.asarray(True))
     text = _program.lower(*arguments).as_text()
     assert "stablehlo.while" in text

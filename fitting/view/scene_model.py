@@ -35,7 +35,7 @@ from suas_jax.runtime.content_key import Keyed
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.forward import forward, loads_of, skin_of
 from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.solve import Inputs, Structure
+from suas_jax.scene.structure import Inputs, Structure
 
 PAD_ELEMENTS = (16, 12)
 """Elements of a pad's mesh along the arc and along the axis, unless the scene says so."""

@@ -17,7 +17,7 @@ from suas_jax.scene.assessment import assess
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.solve import Inputs, Structure
+from suas_jax.scene.structure import Inputs, Structure
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7

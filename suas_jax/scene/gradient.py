@@ -19,7 +19,8 @@ from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.solve import Inputs, Solution, Structure
+from suas_jax.scene.solve import Solution
+from suas_jax.scene.structure import Inputs, Structure
 
 
 class UnknownQuantityError(ValueError):

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.config import continuous_inputs
-from suas_jax.scene.solve import Solution, report_with, unloaded
+from suas_jax.scene.program import unloaded
+from suas_jax.scene.solve import Solution, report_with
 
 _DIRECTIONS = 4
 _STEP = 1e-3  # of the inputs

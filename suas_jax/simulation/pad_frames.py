@@ -27,7 +27,7 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.solve import Inputs, Structure
+from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.simulation.load_path import LoadPath
 
 # Frames below which a program isn't worth the compiler's own optimisation.

@@ -24,7 +24,8 @@ from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.section_face import PolarFace, radius_at
 from suas_jax.scene.build import build_problem
-from suas_jax.scene.solve import Structure, solve
+from suas_jax.scene.solve import solve
+from suas_jax.scene.structure import Structure
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 

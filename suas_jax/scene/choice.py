@@ -1,0 +1,185 @@
+"""Which model and mesh a scene is solved with, found by solving it."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from suas_jax.config import SceneSpec
+from suas_jax.equilibrium.balance import State
+from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
+from suas_jax.mechanics.registry import MODELS
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.program import (
+    number,
+    prepared,
+    rest_program,
+    run_program,
+    structure_of,
+    unloaded,
+)
+
+# Part of rtol that the model may take: some must be left for the mesh.
+_MODEL_SHARE = 0.9
+
+
+class Tried(NamedTuple):
+    """A mesh, and the state found there on the part of it that is solved."""
+
+    plan: AbstractPlan
+    part: State
+
+
+class Attempt(NamedTuple):
+    """One model on one mesh, in arrays.
+
+    Attributes:
+        report: what is observed, errors included.
+        state: the equilibrium on the whole membrane.
+        shown: the state that the report describes, see `Solution`.
+        outcome: how it was found.
+        plan: its mesh.
+        wall: whether the wall was there.
+        part: the equilibrium on the part of the mesh that is solved.
+        coarsest: the smallest mesh tried, with or without the wall as this one.
+    """
+
+    report: dict[str, Any]
+    state: State
+    shown: State
+    outcome: dict[str, Any]
+    plan: AbstractPlan
+    wall: bool
+    part: State
+    coarsest: Tried
+
+    @property
+    def converged(self) -> bool:
+        """Whether the equilibrium was found."""
+        return number(self.outcome["result"]) == 0
+
+    @property
+    def mesh_error(self) -> float:
+        """Estimated error by the mesh."""
+        return number(self.report["discretisation_error"])
+
+    @property
+    def model_error(self) -> float:
+        """Estimated error by the model."""
+        return number(self.report["model_error"])
+
+    @property
+    def at_the_wall(self) -> bool:
+        """Whether the inner face reaches the wall, or has passed it."""
+        return bool(number(self.report["wall_contact"]))
+
+    def model_too_coarse(self, rtol: float) -> bool:
+        """Whether no mesh brings the error below rtol; true of an error that is unknown."""
+        return not self.model_error < _MODEL_SHARE * rtol
+
+    def better_than(self, coarser: "Attempt") -> bool:
+        """Whether a finer mesh has helped: zones of contact may move from mesh to mesh."""
+        same = self.wall == coarser.wall
+        return self.converged and not (same and self.mesh_error >= coarser.mesh_error)
+
+    def mesh_excess(self, rtol: float) -> float:
+        """Error by the mesh over the one allowed; infinite where it is unknown."""
+        left = rtol if self.model_too_coarse(rtol) else rtol - self.model_error
+        return self.mesh_error / left if np.isfinite(self.mesh_error) else np.inf
+
+
+def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
+    """Solve with the model that the scene asks for, and say why it is that one."""
+    model, rtol = scene.solve.model, scene.rtol
+    models = MODELS[scene.geometry.dimension]
+    if model != "auto":
+        return _attempt(scene, model, models[model].given(scene), once=once), ""
+    if len(models) == 1:
+        (name,) = models
+        return _attempt(scene, name, models[name].given(scene), once=once), ""
+    given = {name: m.given(scene) for name, m in models.items()}
+    for name, counts in reversed(given.items()):
+        if counts is not None:
+            found = _attempt(scene, name, counts, once=once)
+            return found, f"The mesh given is that of the {name}."
+    shell = _attempt(scene, "shell", None, once=once)
+    if not shell.converged:
+        return shell, "Shell tried; the solid was not, as it starts no other path."
+    if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
+        return shell, _shell_chosen(shell, rtol)
+    at_the_wall = shell.at_the_wall and scene.wall.contact
+    solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall)
+    if not solid.converged:
+        if at_the_wall and not shell.wall:
+            shell = _attempt(scene, "shell", None, once=once, wall=True)
+        return shell, f"{_shell_chosen(shell, rtol)} The solid did not converge."
+    if not (shell.model_too_coarse(rtol) or solid.mesh_error < shell.mesh_error):
+        return shell, f"{_shell_chosen(shell, rtol)} The solid's mesh error is no smaller."
+    if solid.wall == shell.wall:
+        solid = solid._replace(coarsest=shell.coarsest)
+    return solid, f"Solid chosen: {_shell_rejected(shell, rtol)}"
+
+
+def _shell_rejected(shell: Attempt, rtol: float) -> str:
+    if shell.model_too_coarse(rtol):
+        stated = f"the corrected shell's model error, estimated as {shell.model_error:.1e},"
+        return f"{stated} exceeds rtol {rtol:.1e}."
+    stated = f"the mesh error of the shell's finest mesh, estimated as {shell.mesh_error:.1e},"
+    return f"{stated} is more than rtol {rtol:.1e} leaves."
+
+
+def _shell_chosen(shell: Attempt, rtol: float) -> str:
+    return (
+        f"Corrected shell chosen: its model error is estimated as {shell.model_error:.1e}, "
+        f"rtol is {rtol:.1e}."
+    )
+
+
+def _attempt(
+    scene: SceneSpec, name: str, given: Counts | None, *, once: bool, wall: bool = False
+) -> Attempt:
+    """Solve with one model, on the mesh given or on finer ones until `rtol` is met.
+
+    The wall is left out until the membrane reaches it: a state without it whose gap is open
+    is one with it, and most scenes need no program that knows contact.
+    """
+    model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
+    counts = given or model.first(scene)
+    coarsest: Tried | None = None
+    coarser: Attempt | None = None
+    while True:
+        plan, meshes, inputs, rest = prepared(scene, name, counts)
+        static = structure_of(scene, wall=wall)
+        if unloaded(scene):
+            report, state = COMPILED.run(rest_program, static, plan, inputs, once=once)
+            report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
+            outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
+            tried = Tried(plan, rest)
+            return Attempt(report, state, state, outcome, plan, False, rest, tried)
+        start = None if coarser is None else _carried(model, coarser, meshes.solved)
+        solved = run_program(static, meshes, inputs, start or rest, once=once)
+        report, state, shown, part, outcome = solved
+        coarsest = coarsest or Tried(plan, part)
+        found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest)
+        if coarser is not None and not found.better_than(coarser):
+            return coarser
+        # Where another model is tried next, a finer mesh of this one is wasted.
+        other_next = scene.solve.model == "auto" and name == "shell" and not given
+        other_next = other_next and found.converged and found.model_too_coarse(rtol)
+        if found.at_the_wall and scene.wall.contact and not (wall or other_next):
+            wall, coarsest = True, None
+            continue
+        coarser = found
+        excess = found.mesh_excess(rtol)
+        if given or other_next or not found.converged or excess <= 1:
+            return found
+        finer = model.finer(counts, excess)
+        if finer is None:
+            return found
+        counts = finer
+
+
+def _carried(model: AbstractModel, found: Attempt, target: AbstractPlan) -> State | None:
+    """The state of a coarser mesh as a start on another one."""
+    q = model.carried(np.asarray(found.state.q), found.plan, target)
+    return None if q is None else found.state._replace(q=jnp.asarray(q))

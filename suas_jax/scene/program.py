@@ -1,0 +1,132 @@
+"""The compiled program of a scene on one mesh, and what it takes.
+
+One program finds the equilibrium, estimates its error and reads what is reported, for a given
+structure of scene and number of elements; the numbers of the scene are its arguments.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool
+
+from suas_jax.config import SceneSpec, continuous_inputs, with_solve
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.assessment import assess
+from suas_jax.scene.build import plan_for, problem_of
+from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.structure import Inputs, Structure
+
+
+@eqx.filter_jit
+def _program(
+    scene: Structure, meshes: Meshes, inputs: Inputs, start: State, judged: Bool[Array, ""]
+) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
+    """Solve the whole membrane or a part of it, then assess the whole.
+
+    One program serves solves from rest and from a state nearby (at rest the factor is zero),
+    those whose error is judged and those of which only the outputs are wanted.
+    """
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, meshes.solved, wall=scene.wall)
+    near = start if problem.oil_pressure is None else None
+    found = equilibrium(problem, near)
+    report, state, shown = assess(parts, meshes, problem, found.state, judged, wall=scene.wall)
+    outcome = {
+        "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
+        "level": found.level,
+        "iterations": found.iterations,
+        "smallest_pivot": found.smallest_pivot,
+        "unknowns": jnp.full(1, problem.mechanics.unknowns() + int(problem.oil.trapped)),
+    }
+    return report, state, shown, found.state, outcome
+
+
+def unloaded(scene: SceneSpec) -> bool:
+    """Whether nothing acts on the skin."""
+    return all(
+        getattr(load, "force", getattr(load, "pressure", 0.0)) == 0 for load in scene.loads
+    )
+
+
+@eqx.filter_jit
+def rest_program(scene: Structure, plan: AbstractPlan, inputs: Inputs) -> tuple[Any, State]:
+    """Report and state of a scene on which nothing acts."""
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan)
+    zero = jnp.zeros(1)
+    state = State(problem.mechanics.rest(), zero, zero + 1)
+    return observe(parts, problem, state), state
+
+
+def run_program(
+    static: Structure,
+    meshes: Meshes,
+    inputs: Inputs,
+    start: State,
+    *,
+    once: bool,
+    judged: bool = True,
+) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
+    """The program of a scene from a start; from rest where that leads nowhere."""
+    known, flag = (static, meshes, inputs), np.asarray(judged)
+    effort = {"once": once, "long": meshes.whole.solves_long}
+    found: Any = COMPILED.run(_program, *known, start, flag, **effort)
+    free = static.scene.solve.oil_pressure is None  # a wanted pressure is sought from rest
+    if free and number(start.factor) != 0 and number(found[-1]["result"]) != 0:
+        rest = at_rest(meshes.solved)
+        found = COMPILED.run(_program, *known, rest, flag, **effort)
+    return found
+
+
+def number(lane: ArrayLike) -> float:
+    """The value of the only lane; by NumPy, as JAX compiles programs for an index."""
+    return float(np.ravel(lane)[0])
+
+
+def at_rest(plan: AbstractPlan) -> State:
+    """The start of a solve from rest."""
+    none = jnp.asarray(np.zeros(1))
+    return State(jnp.asarray(np.zeros((*plan.unknowns_shape, 1))), none, none)
+
+
+class Prepared(NamedTuple):
+    """What a scene's program takes for one model and mesh."""
+
+    plan: AbstractPlan
+    meshes: Meshes
+    inputs: dict[str, np.ndarray]
+    rest: State
+
+
+# A scene that is solved again costs its program's time, not that of planning its mesh.
+@functools.lru_cache(maxsize=32)
+def prepared(scene: SceneSpec, name: str, counts: Counts) -> Prepared:
+    """Mesh, inputs and start of a scene's program.
+
+    Args:
+        scene: what to solve.
+        name: of the model.
+        counts: size of its mesh.
+    """
+    plan = plan_for(scene, name, counts)
+    inputs = {k: np.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+    meshes = plan.meshes()
+    return Prepared(plan, meshes, inputs, at_rest(meshes.solved))
+
+
+@functools.lru_cache(maxsize=32)
+def structure_of(scene: SceneSpec, *, wall: bool) -> Structure:
+    """What decides the programs of a scene, with or without its wall."""
+    return Structure(_pattern(scene), wall=wall)
+
+
+def _pattern(scene: SceneSpec) -> SceneSpec:
+    """The scene without what decides which programs run, not what they are."""
+    return with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
