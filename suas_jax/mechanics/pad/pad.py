@@ -22,7 +22,8 @@ from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.lane import PadLane
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
-from suas_jax.mesh.pad_plan import PadPlan, pad_load_points
+from suas_jax.mesh.pad_load_points import pad_load_points
+from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.skin.geometry import SkinGeometry
