@@ -5,6 +5,9 @@ import os
 import pathlib
 from collections.abc import Iterator
 
+# As commands do, and before NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import jax
 import pytest
 

@@ -1,6 +1,7 @@
 """The public interface: its names, its page, and its refusal of single precision."""
 
 import importlib
+import os
 import re
 import subprocess
 import sys
@@ -92,6 +93,25 @@ def test_every_entry_point_refuses_single_precision() -> None:
         [sys.executable, "-c", UNCONFIGURED], capture_output=True, text=True, cwd=ROOT
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+BLAS_THREADS = """
+import suas_jax
+from threadpoolctl import threadpool_info
+suas_jax.configure()
+print({pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"})
+"""
+
+
+@pytest.mark.skipif(os.cpu_count() == 1, reason="there is one thread in any case")
+@pytest.mark.parametrize("wanted", [None, 2])
+def test_blas_has_one_thread_unless_told_otherwise(wanted: int | None) -> None:
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if wanted is not None:
+        environment["OPENBLAS_NUM_THREADS"] = str(wanted)
+    program = [sys.executable, "-c", BLAS_THREADS]
+    done = subprocess.run(program, capture_output=True, text=True, cwd=ROOT, env=environment)
+    assert (done.stdout, done.stderr) == (f"{{{wanted or 1}}}\n", "")
 
 
 def test_sweep_needs_forces_or_oil_pressures() -> None:

@@ -1,5 +1,6 @@
 """The console script `suas`."""
 
+import os
 import sys
 from importlib.metadata import version
 from typing import Annotated
@@ -79,4 +80,7 @@ def _options(
 
 def main() -> None:
     """Run the command line."""
+    # Read when NumPy and SciPy are imported, which commands do. Each has a pool of threads of
+    # its own, which wait for one another longer than matrices as small as these take.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(contract.run(app))

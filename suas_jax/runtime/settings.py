@@ -1,10 +1,12 @@
 """Settings of the JAX runtime, made by entry points and never on import."""
 
 import gc
+import os
 import warnings
 
 import jax
 import platformdirs
+from threadpoolctl import threadpool_limits
 
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
@@ -13,7 +15,16 @@ from suas_jax.runtime.program_store import ProgramStore
 
 
 def configure() -> None:
-    """Compute in float64 and keep compiled programs between runs."""
+    """Compute in float64, keep compiled programs between runs, give BLAS one thread.
+
+    Whoever wants more threads for other work says so by ``OPENBLAS_NUM_THREADS``.
+    """
+    if "OPENBLAS_NUM_THREADS" not in os.environ:
+        # NumPy and SciPy have a pool of threads each, which wait for one another longer than
+        # matrices as small as ours take: up to thirty times as long, on two busy cores.
+        import scipy.linalg  # noqa: F401, loads the one that JAX takes LAPACK from
+
+        threadpool_limits(1, user_api="blas")
     # Tracing makes many small objects that live on: looking for garbage among them every
     # few hundred allocations takes a sixth of a command's time.
     gc.set_threshold(100_000)
