@@ -1,5 +1,7 @@
 """Settings shared by every test: float64, quick compilation, programs kept between runs."""
 
+import contextlib
+import ctypes
 import gc
 import os
 import pathlib
@@ -33,3 +35,6 @@ def programs_of_one_file() -> Iterator[None]:
     COMPILED.forget()
     jax.clear_caches()
     gc.collect()
+    # The C library keeps what was freed, gigabytes of it, unless it is told to give it back.
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
