@@ -2,6 +2,7 @@
 
     python benchmarks/kills.py              # 20 kills of each command
     python benchmarks/kills.py --kills 200
+    python benchmarks/kills.py convert log     those whose names contain one of the words
 
 A command is run to its end once, which gives its duration and its files; then it is started
 again and again and killed (SIGKILL) at a random instant. Afterwards every file of its own is
@@ -167,6 +168,7 @@ def killed_logger(folder: Path, kills: int, draw: random.Random) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("words", nargs="*", help="of the commands' names; all by default")
     parser.add_argument("--kills", type=int, default=20, help="of each command")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
@@ -176,12 +178,19 @@ def main() -> None:
         folder = Path(name)
         rest_log(folder / "rest.csv")
         for title, command in COMMANDS.items():
+            if not chosen(title, arguments.words):
+                continue
             place = folder / title.replace(" ", "_")
             place.mkdir()
             (place / "rest.csv").write_bytes((folder / "rest.csv").read_bytes())
             failures += report(title, killed(command, place, arguments.kills, draw))
-        failures += report("log", killed_logger(folder, arguments.kills, draw))
+        if chosen("log", arguments.words):
+            failures += report("log", killed_logger(folder, arguments.kills, draw))
     sys.exit(bool(failures))
+
+
+def chosen(title: str, words: list[str]) -> bool:
+    return not words or any(word in title for word in words)
 
 
 def report(title: str, wrong: list[str]) -> int:

@@ -85,6 +85,19 @@ def test_a_skin_that_is_not_at_rest_is_refused(rest, change, words):
     take_baseline(log_of(rest), tolerance=100.0)
 
 
+def test_all_taxels_that_moved_are_counted(rest):
+    rest[:, 7:8, 2:5] += 0.02 * TIME
+    rest[:, 9:10, 1:2] += 30.0 * ((TIME > 100) & (TIME < 200))
+    with pytest.raises(NotAtRestError, match=r"\(4 taxels moved\)"):
+        take_baseline(log_of(rest))
+
+
+def test_counts_that_never_change_are_at_rest_whatever_is_tolerated():
+    baseline = take_baseline(log_of(np.full((40, 2, TAXELS), 5000.0)), tolerance=0.0)
+    assert (baseline.so == 5000).all()
+    assert (baseline.noise == 0).all()
+
+
 @pytest.mark.parametrize(("step", "refused"), [(4.0, False), (5.0, True)])
 def test_a_tenth_of_the_log_may_differ_by_six_standard_errors(step, refused):
     """Noise of 4 counts without correlation between neighbours: 6 x 4 / sqrt(40) = 3.8."""
@@ -110,6 +123,18 @@ def test_a_steady_load_shows_against_an_earlier_baseline(rest):
     with pytest.raises(NotAtRestError, match=r"module 3, so_5 reads \+10\.0 %"):
         refuse_loaded(loaded, rest_of(before, loaded), tolerance=0.02, source="b.json")
     refuse_loaded(before, rest_of(before, before), tolerance=0.0, source="b.json")
+
+
+def test_an_earlier_baseline_of_fewer_modules_and_taxels(rest):
+    """What both have is compared; a taxel that read zero then says nothing now."""
+    earlier = rest[:, :1, :8].copy()
+    earlier[:, 0, 3] = 0.0
+    before, now = take_baseline(log_of(earlier)), take_baseline(log_of(rest[:, :2]))
+    known = rest_of(before, now)
+    np.testing.assert_array_equal(known[0, :8], before.so[0])
+    assert np.isnan(known[0, 8:]).all()
+    assert np.isnan(known[1]).all()
+    refuse_loaded(now, known, tolerance=0.02, source="b.json")
 
 
 def test_a_pattern_up_to_a_factor(rest):

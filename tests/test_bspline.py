@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from suas_jax.numerics.bspline import SplineAxis, bernstein
+from suas_jax.numerics.bspline import End, SplineAxis, bernstein
 
 BREAKS = np.array([-1.0, -0.7, -0.5, 0.1, 0.4, 1.0])
 
@@ -60,6 +60,20 @@ def test_mirrored_at_both_ends_constants_are_reproduced() -> None:
     axis = SplineAxis(5, "mirror", "mirror")
     coefficients = np.asarray(axis.matrix(jnp.asarray(BREAKS))) @ np.ones(axis.stations)
     np.testing.assert_allclose(coefficients, 1.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("end", ["open", "mirror"])
+def test_stations_of_equal_elements_lie_at_the_breakpoints(end: End) -> None:
+    breaks = jnp.arange(6.0)
+    np.testing.assert_allclose(SplineAxis(5, end, end).abscissae(breaks), breaks, atol=1e-14)
+    # Unequal ones at the means of three knots, those at open ends at the ends.
+    places = SplineAxis(3).abscissae(jnp.asarray([0.0, 1.0, 3.0, 9.0]))
+    np.testing.assert_allclose(places, [0.0, 4 / 3, 13 / 3, 9.0], rtol=1e-14)
+
+
+def test_halved_elements_keep_the_continuity_at_the_old_breakpoints() -> None:
+    halved = SplineAxis(3, "open", "mirror", (1, 2)).halved()
+    assert halved == SplineAxis(6, "open", "mirror", (1, 1, 1, 2, 1))
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,24 @@ def test_format_quantity(value, dimension, text):
     assert parse_quantity(text, dimension) == pytest.approx(value, rel=1e-5)
 
 
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+def test_a_unit_that_messages_show_is_read_back_as_it_was_meant(dimension):
+    kind = DIMENSIONS[dimension]
+    assert format_quantity(0.0, dimension) == f"0 {kind.usual}".strip()
+    for name, size in kind.units:
+        assert parse_quantity(f"1 {name}", dimension) == pytest.approx(size, rel=1e-15)
+        assert format_quantity(size, dimension) == f"1 {name}".strip()
+
+
+def test_quantities_beyond_all_measure_are_refused():
+    assert parse_quantity("1" + 197 * " " + "mm", "length") == 1e-3  # 200 characters
+    with pytest.raises(ValueError, match="has 300 characters"):
+        parse_quantity("1" + 297 * " " + "mm", "length")
+    # A unit of length, but one of 1e-405 m: no number of these is told from zero.
+    with pytest.raises(ValueError, match="unknown unit"):
+        parse_quantity("1 fm9 fm9 fm9/m9/m9/m8", "length")
+
+
 @settings(max_examples=300, deadline=None, database=None)
 @given(st.text(max_size=12) | st.text("0123456789.,e+-/*^ ()mMkPaNdg°µ%", max_size=12))
 def test_any_text_is_a_finite_quantity_or_an_explained_error(text):

@@ -68,3 +68,34 @@ def test_uncertainty_grows_in_contact_by_the_stated_walk() -> None:
     np.testing.assert_array_equal(own.drift, drift)
     expected = before + densities.walk(REST, last - first)
     np.testing.assert_allclose(own.covariance, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_walk_is_that_of_its_three_parts() -> None:
+    densities, rest = DriftDensities(0.2, 0.3, 0.01, 1.0), np.array([100.0, 200.0])
+    # 10 s of each taxel's 0.2^2, of all taxels' 0.3^2, of a gain's 0.01^2 times rest x rest.
+    expected = 10 * np.array([[0.04 + 0.09 + 1.0, 0.09 + 2.0], [0.09 + 2.0, 0.04 + 0.09 + 4.0]])
+    np.testing.assert_allclose(densities.walk(rest, 10.0), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("start", [15.0, -15.0])
+def test_all_readings_far_from_the_baseline_are_a_drift_and_no_contact(start: float) -> None:
+    """Three standard deviations of the common walk between the baseline and the first frame."""
+    own = follower()
+    drift = np.full((1, TAXELS), start)
+    found = own.follow(np.arange(200) / 40.0, readings(drift, np.zeros(200), 8))
+    assert own.known
+    assert np.abs(found.offset[-1] - start).max() < 5 * NOISE / np.sqrt(200)
+
+
+def test_frames_of_a_stream_are_taken_together() -> None:
+    own = DriftFollower(REST, NOISE**2, ArcDetector(SIGNATURES), gathered=8)
+    still = readings(np.zeros((1, TAXELS)), np.zeros(8), 9)
+    found = [own.follow(np.array([k / 40]), still[k : k + 1]) for k in range(8)]
+    assert [bool(one.variance.any()) for one in found] == [False] * 7 + [True]
+    one_by_one = DriftFollower(REST, NOISE**2, ArcDetector(SIGNATURES))
+    one_by_one.follow(np.array([0.0]), still[:1])
+    assert one_by_one.known
+    # Frames that come together are taken at once.
+    log = DriftFollower(REST, NOISE**2, ArcDetector(SIGNATURES), gathered=8)
+    log.follow(np.arange(3) / 40.0, still[:3])
+    assert log.known

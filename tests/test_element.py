@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from suas_jax.numerics.hermite import hermite
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.quadrature import gauss_legendre, lagrange_slopes
 
 XI = np.linspace(0, 1, 11)
 
@@ -47,3 +47,16 @@ def test_quadrature_is_exact_to_its_degree_and_no_further(points: int) -> None:
     ]
     assert max(errors[:-1]) < 1e-14
     assert errors[-1] > 1e-9
+
+
+def test_points_of_the_unit_interval_are_the_default() -> None:
+    x, w = gauss_legendre(3)
+    np.testing.assert_allclose(x, 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1, 0, 1]), rtol=1e-14)
+    np.testing.assert_allclose(w, np.array([5, 8, 5]) / 18, rtol=1e-14)
+
+
+@pytest.mark.parametrize("degree", range(5))
+def test_slopes_of_polynomials_through_points_are_exact(degree: int) -> None:
+    points = np.array([-0.3, 0.0, 0.4, 1.1, 2.0])
+    slopes = degree * points ** max(degree - 1, 0)
+    np.testing.assert_allclose(lagrange_slopes(points) @ points**degree, slopes, atol=1e-12)

@@ -44,11 +44,13 @@ def test_what_was_there_survives_a_write_that_fails(tmp_path: Path) -> None:
 
 def test_a_command_replaces_what_it_is_told_to(tmp_path: Path) -> None:
     file, empty = tmp_path / "a.csv", tmp_path / "empty"
-    file.write_text("old")
+    file.write_text("1")  # a single byte may be all that somebody knows
     empty.touch()
     with command_files():
         with pytest.raises(FileExistsError, match="--overwrite"):
             check_output(file)
+        with pytest.raises(FileExistsError, match="--overwrite"):
+            check_outputs([file])
         with pytest.raises(FileExistsError, match="--overwrite"):
             write_text(file, "new")
         check_output(file, overwrite=True)
@@ -122,12 +124,13 @@ def test_links_stay_links_and_modes_stay(tmp_path: Path) -> None:
     file.chmod(0o640)
     write_text(link, "second")
     assert file.stat().st_mode & 0o777 == 0o640
-    mask = os.umask(0o027)
-    try:
-        write_text(tmp_path / "new", "")
-    finally:
-        os.umask(mask)
-    assert (tmp_path / "new").stat().st_mode & 0o777 == 0o640
+    for mask, mode in ((0o027, 0o640), (0, 0o666)):
+        before = os.umask(mask)
+        try:
+            write_text(tmp_path / f"new-{mask}", "")
+        finally:
+            os.umask(before)
+        assert (tmp_path / f"new-{mask}").stat().st_mode & 0o777 == mode
 
 
 def test_devices_are_written_to(tmp_path: Path) -> None:
@@ -135,12 +138,13 @@ def test_devices_are_written_to(tmp_path: Path) -> None:
     assert not Path(os.devnull).is_file()
 
 
-def test_a_draft_that_a_kill_left_is_removed_later(tmp_path: Path) -> None:
-    left, fresh = (tmp_path / f".a.csv.{name}.part" for name in ("left", "fresh"))
+@pytest.mark.parametrize("name", ["a.csv", "a" * 200])
+def test_a_draft_that_a_kill_left_is_removed_later(tmp_path: Path, name: str) -> None:
+    left, fresh = (tmp_path / f".{name[:100]}.{draft}.part" for draft in ("left", "fresh"))
     for draft in (left, fresh):
         draft.touch()
     os.utime(left, (0, time.time() - 4000))
-    write_text(tmp_path / "a.csv", "x")
+    write_text(tmp_path / name, "x")
     assert drafts(tmp_path) == [fresh]
 
 

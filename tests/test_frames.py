@@ -162,6 +162,20 @@ def test_a_cobs_frame_of_impossible_size_is_refused(taxels, counts):
     assert decode.tally.malformed == 1
 
 
+def test_the_largest_cobs_frame():
+    """64 taxels of which one is missing: nothing longer than this is a frame."""
+    largest = Reading(2**32 - 1, (2**32 - 1) / 1e6, 255, (None, *range(1000, 1063)))
+    (back,) = decoded("cobs", ENCODERS["cobs"](largest))
+    assert same(back, largest)
+
+
+def test_the_clock_of_cobs_frames_starts_again_after_71_minutes():
+    around = 2**32 / 1e6  # seconds
+    assert decoder("cobs").clock_modulus == pytest.approx(around, rel=1e-12)
+    (back,) = decoded("cobs", ENCODERS["cobs"](EXAMPLE._replace(t_device=around + 1.5)))
+    assert same(back, EXAMPLE)
+
+
 def text_lines(first: int, last: int) -> bytes:
     return b"".join(
         ENCODERS["text"](Reading(i, i / 100, m, (13000 + i, 13500 + m)))
@@ -217,6 +231,49 @@ def test_opened_in_the_middle_of_a_line(lost):
     assert [(r.seq, r.module) for r in back] == whole[1:]
     assert decode.tally.partial == 1
     assert decode.tally.malformed == 0
+
+
+def test_opened_in_the_middle_of_the_last_frame_before_a_carry():
+    """One module alone: `999,...` is what is left of frame 1999 if frame 2000 follows."""
+    lines = b"".join(ENCODERS["text"](Reading(i, 0.0, 0, (5, 7))) for i in range(1999, 2004))
+    assert [r.seq for r in decoded("text", lines[1:])] == list(range(2000, 2004))
+    assert [r.seq for r in decoded("text", lines)] == list(range(1999, 2004))
+
+
+def test_frames_are_released_when_every_module_has_spoken_twice():
+    rest_of_a_line, *lines = text_lines(1234, 1240).splitlines(keepends=True)
+    decode = decoder("text")
+    # Cut within the time, it reads as frame 340000 of a module 14234.
+    assert decode.feed(rest_of_a_line[8:] + b"".join(lines[:3]), 0.0) == []
+    assert [r.seq for r in decode.feed(lines[3], 0.0)] == [1234, 1235, 1235, 1236]
+    assert decode.tally.partial == 1
+
+
+def test_late_modules_are_believed_at_their_second_line():
+    decode = decoder("text")
+    decode.feed(text_lines(0, 5), 0.0)
+    late = [ENCODERS["text"](Reading(5, 0.05, 7, (1,) * width)) for width in (3, 2, 2)]
+    assert decode.feed(late[0] + late[1], 0.0) == []
+    assert decode.tally.malformed == 1  # the first: its module sends two counts
+    assert [len(r.counts) for r in decode.feed(late[2], 0.0)] == [2, 2]
+    # Damaged module numbers: 128 are remembered, and each counts once in the end.
+    decode.feed(b"".join(b"6,0.06,%d,1,2\n" % k for k in range(1000, 1130)), 0.0)
+    assert decode.tally.malformed == 1 + 2
+    decode.finish()
+    assert decode.tally.malformed == 1 + 130
+
+
+@pytest.mark.parametrize("chunk", [700, 9000])
+def test_an_endless_line_is_one_damaged_line(chunk):
+    decode = decoder("text")
+    noise = b"9" * 20000
+    back = decode.feed(text_lines(0, 5), 0.0)
+    for at in range(0, len(noise), chunk):
+        back += decode.feed(noise[at : at + chunk], 0.0)
+    back += decode.feed(b"\n" + text_lines(5, 10), 0.0)
+    assert [r.seq for r in back] == [s for s in range(10) for _ in "ab"]
+    assert decode.tally.malformed == 1
+    assert decode.tally.discarded == len(noise) + 1
 
 
 def test_remarks_blank_lines_and_missing_values():

@@ -64,6 +64,16 @@ def test_a_clock_of_no_usual_width_goes_on_at_its_rate():
     assert times == pytest.approx([PERIOD * i for i in range(120)], abs=1e-6)
 
 
+def test_a_turn_of_the_clock_is_told_by_the_counter_where_the_host_has_no_clock():
+    modulus = 65.536
+    readings = [
+        Reading(i, (65.5 + PERIOD * i) % modulus, 0, (i,), float("nan")) for i in range(20)
+    ]
+    out = judged(readings, modulus, checked=True)
+    assert [t for t, _ in out] == pytest.approx([65.5 + PERIOD * i for i in range(20)])
+    assert not any(f.clock_jump for _, f in out)
+
+
 def test_turns_of_the_clock_in_a_long_silence():
     modulus = 65.536
     readings = [frame(0), frame(1), Reading(2, 200.0 % modulus, 0, (1,), 200.0)]
@@ -88,6 +98,13 @@ def test_a_damaged_number_is_suspect_and_does_no_harm(wrong):
     assert [f.suspect for f in flags] == [0] * 14 + [1] + [0] * 15
     assert [f.restart for f in flags] == [0] * 30
     assert flags[15].lost == 1
+
+
+@pytest.mark.parametrize(("said", "suspect"), [(14, 0), (16, 1), (6, 0), (4, 1)])
+def test_counter_and_clock_may_differ_by_half_of_what_was_lost(said, suspect):
+    """The counter goes on by ten; the clock by this many frames."""
+    readings = [*map(frame, range(20)), frame(29, PERIOD * (19 + said))]
+    assert judged(readings)[-1][1].suspect == suspect
 
 
 def test_a_jump_that_is_confirmed_is_believed():
@@ -115,7 +132,7 @@ def clock(jumps: dict[int, float], frames: int = 40) -> list[Reading]:
 
 @pytest.mark.parametrize("modulus", [None, 2**32 * 1e-6])
 @pytest.mark.parametrize("checked", [False, True])
-@pytest.mark.parametrize("by", [10.0, -10.0, 0.4, -0.4, 1.7e9, -90.0])
+@pytest.mark.parametrize("by", [10.0, -10.0, 0.4, -0.4, -0.05, 1.7e9, -90.0])
 def test_a_clock_that_jumps_is_flagged_and_goes_on(by, checked, modulus):
     out = judged(clock({20: by}), modulus, checked)
     assert [f.clock_jump for _, f in out] == [0] * 20 + [1] + [0] * 19
@@ -173,6 +190,21 @@ def test_another_number_of_taxels_is_flagged_row_by_row():
 def test_the_skin_file_knows_how_many_taxels_there_are():
     integrity = Integrity(None, checked=True, taxels={0: 3})
     assert integrity.judge(frame(0))[1].other_taxels == 2
+
+
+def test_totals_are_the_sums_of_the_flags():
+    integrity = Integrity(None, checked=False)
+    readings = [frame(i) for i in range(120, 150) if i != 140]
+    readings[5:5] = [readings[4]]  # sent twice
+    readings[10] = readings[10]._replace(counts=readings[9].counts)
+    readings[14] = readings[14]._replace(seq=934)
+    readings += [frame(i)._replace(t_host=9.0) for i in range(3)]
+    flags = [integrity.judge(reading)[1] for reading in readings]
+    total = integrity.summary
+    found = (total.rows, total.lost, total.duplicates, total.repeats, total.restarts)
+    assert (*found, total.suspects) == (len(readings), 2, 1, 1, 1, 1)
+    sums = (sum(f.lost for f in flags), sum(f.suspect for f in flags))
+    assert sums == (total.lost, total.suspects)
 
 
 def test_a_recording_that_goes_on_is_flagged_at_its_begin():

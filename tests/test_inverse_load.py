@@ -363,6 +363,40 @@ def test_filter_follows_a_sliding_contact() -> None:
     assert (np.sqrt((settled**2).mean(0)) < 1.4).all()
 
 
+def test_filter_is_the_gaussian_process_of_a_random_acceleration() -> None:
+    """At times s <= t it has the covariance V s t + q (s^2 t / 2 - s^3 / 6) of two places."""
+    names, rates = ("angle", "axial", "force"), np.array([1.0, 3.5e-3, 400.0])  # V
+    densities, noise, lasting = 150 * rates, 4e-4 * rates, 1e-4 * rates
+    time = np.array([0.0, 0.02, 0.07, 0.08])
+    seen = 0.5 + np.array([0.0, 0.9, 2.5, 1.7])[:, None] * np.sqrt(noise)
+    track = LoadFilter(*densities[[0, 2, 1]])
+    for k, (t, row) in enumerate(zip(time, seen, strict=True)):
+        values = dict(zip(names, row, strict=True))
+        contact = Contact(
+            **values,
+            direction=None,
+            covariance=np.diag(noise + lasting),
+            systematic=np.diag(lasting),
+        )
+        (found,) = track.feed(t, LoadEstimate(True, (contact,), status="ok"))
+        s, longer = (
+            f.outer(time[1 : k + 1], time[1 : k + 1]) for f in (np.minimum, np.maximum)
+        )
+        for i, name in enumerate(names):
+            # The track begins at the first estimate; later ones correct it.
+            prior = noise[i] + rates[i] * s * longer
+            prior += densities[i] * (s**2 * longer / 2 - s**3 / 6)
+            gain = np.linalg.solve(prior + noise[i] * np.eye(k), prior)
+            mean = seen[0, i] + gain.T @ (seen[1 : k + 1, i] - seen[0, i])
+            left = prior - prior @ gain
+            expected = (mean[-1], left[-1, -1]) if k else (seen[0, i], noise[i])
+            scale = np.sqrt(noise[i])
+            assert found.covariance is not None
+            assert getattr(found, name) == pytest.approx(expected[0], abs=1e-3 * scale)
+            stated = found.covariance[i, i] - lasting[i]
+            assert stated == pytest.approx(expected[1], rel=1e-3)
+
+
 class _Played:
     """Stands in for a stream: batches of readings, stamped by a clock that the test sets."""
 

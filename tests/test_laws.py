@@ -411,6 +411,7 @@ def test_ogden_conventions() -> None:
         (lambda: Polynomial(1e5, -2e5), r"2 \(C10 \+ C01\)"),
         (lambda: Polynomial(1e5, C03=float("nan")), "C03 must be finite"),
         (lambda: Ogden([1e5, 2e5], [1.3]), "mu has 2 terms and alpha has 1"),
+        (lambda: Ogden(jnp.ones((2, 3)), jnp.ones((1, 3))), "mu has 2 terms and alpha has 1"),
         (lambda: Ogden([], []), "at least one term"),
         (lambda: Ogden([1e5, 1e3], [1.3, -2.0]), "term 1 .* must be positive"),
         (lambda: Ogden([1e5], [0.0]), "term 0"),

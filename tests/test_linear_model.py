@@ -90,3 +90,96 @@ def test_constants_that_cancel_are_not_told_apart_however_large_they_are() -> No
     assert len(found.unidentifiable) == 1
     assert found.unidentifiable[0].startswith("C1 - C2 (free")
     assert found.spare == 1
+
+
+def test_where_a_law_cannot_follow_the_test_the_likelihood_is_none() -> None:
+    model = linear(LINE, Y)
+    constants = jnp.asarray([1.0, 2.0])
+    assert float(model.log_likelihood(constants)) == float(model.log_likelihood(constants, 1.0))
+    assert model.log_likelihood(constants.at[1].set(jnp.nan)) == -jnp.inf
+
+
+def test_readings_that_are_not_used_say_nothing() -> None:
+    model = linear(LINE, np.where(X < 4.0, Y, 1e6))
+    masked = Linear(model.value, model.inverse_scale.at[4].set(0.0), model.matrix)
+    assert masked.used.tolist() == [True] * 4 + [False]
+    line = stats.linregress(X[:4], Y[:4])
+    found = uncertainty(masked, np.array([line.intercept, line.slope]), known_noise=False)
+    assert found.dof == 2
+    np.testing.assert_allclose(
+        found.standard_errors, [line.intercept_stderr, line.stderr], rtol=1e-10
+    )
+    # Intercept and slope pull against each other: -mean(x) / sqrt(mean(x^2)).
+    assert found.correlation[0, 1] == pytest.approx(-1.5 / np.sqrt(3.5), rel=1e-10)
+
+
+def test_interval_with_one_or_no_degree_of_freedom() -> None:
+    for readings in (3, 2):
+        found = uncertainty(
+            linear(LINE[:readings], Y[:readings]), np.array([1.1, 2.0]), known_noise=False
+        )
+        assert found.dof == readings - 2
+        assert found.quantile(0.95) == pytest.approx(12.706, abs=5e-4)  # tables, one degree
+
+
+@pytest.mark.parametrize("readings", [1, 2])
+def test_no_more_readings_than_constants_leave_everything_open(readings: int) -> None:
+    constants = np.array([1.0, 2.0])
+    matrix = np.array([[1.0, 1.0], [1.0, -1.0]])[:readings]
+    found = uncertainty(linear(matrix, matrix @ constants), constants, known_noise=False)
+    everything, *combinations = found.unidentifiable
+    assert everything == f"everything: {readings} readings for 2 constants"
+    assert len(combinations) == 2
+    assert found.spare == len(found.unidentifiable)
+
+
+@pytest.mark.parametrize("angle", [0.3, 1.0, np.pi / 2])
+def test_condition_number_of_two_columns_is_the_cotangent_of_half_their_angle(
+    angle: float,
+) -> None:
+    matrix = np.array([[1.0, np.cos(angle)], [0.0, np.sin(angle)], [0.0, 0.0]])
+    constants = np.array([5.0, 5.0])
+    found = uncertainty(linear(matrix, matrix @ constants), constants, known_noise=False)
+    assert found.condition_number == pytest.approx(1 / np.tan(angle / 2), rel=1e-10)
+
+
+def test_a_constant_without_effect_is_free_by_any_amount() -> None:
+    matrix = np.stack([X + 1.0, np.zeros(5)], 1)
+    for value, size in ((0.0, 1.0), (40.0, 40.0)):
+        found = uncertainty(
+            linear(matrix, 3.0 * (X + 1.0)), np.array([3.0, value]), known_noise=False
+        )
+        assert found.unidentifiable == (f"C2 (free by any amount of {size:.3g} Pa)",)
+        assert found.condition_number == np.inf
+
+
+def test_the_free_combination_is_named_with_its_shares() -> None:
+    for ratio, name in ((0.5, "0.5 C1 - C2"), (-2.0, "C1 + 0.5 C2"), (100.0, "C1")):
+        alike = np.stack([X + 1.0, ratio * (X + 1.0)], 1)
+        stress = linear(alike, 1e5 * (X + 1.0))
+        found = uncertainty(stress, np.array([1e5, 0.0]), known_noise=False)
+        assert found.unidentifiable[0].startswith(f"{name} (free by ")
+
+
+def test_what_hardly_acts_and_cancels_is_still_wholly_correlated() -> None:
+    alike = 1e-60 * np.stack([X + 1.0, X + 1.0], 1)
+    found = uncertainty(linear(alike, X + 1.0), np.array([5e59, 5e59]), known_noise=False)
+    assert found.correlation[0, 1] == pytest.approx(-1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("alike", [False, True])
+def test_noise_that_differs_between_readings(alike: bool) -> None:
+    """Constants fitted as if all noise were the same; their covariance is A diag(s^2) A^T."""
+    matrix = np.stack([X + 1.0, X + 1.0], 1) if alike else LINE
+    ratio = np.array([1.0, 2.0, 1.0, 4.0, 1.0])
+    constants = np.linalg.lstsq(matrix, Y, rcond=None)[0]
+    found = uncertainty(linear(matrix, Y), constants, known_noise=False, noise_ratio=ratio)
+    # The noise is what least squares weighed by it leaves.
+    weighed = matrix / ratio[:, None]
+    left = Y / ratio - weighed @ np.linalg.lstsq(weighed, Y / ratio, rcond=None)[0]
+    assert found.noise == pytest.approx(np.sqrt(np.sum(left**2) / 3), rel=1e-9)
+    by_reading = np.linalg.pinv(matrix)
+    expected = found.noise**2 * by_reading @ np.diag(ratio**2) @ by_reading.T
+    along = np.ones(2) if alike else np.array([1.0, 2.0])  # what the data know
+    known = np.sqrt(along @ expected @ along)
+    assert found.spread_of(along) == pytest.approx(known, rel=1e-6)

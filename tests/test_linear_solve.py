@@ -110,6 +110,16 @@ def test_solution_and_inertia_match_dense_algebra(stations: int, border: str) ->
                 assert int(found.negative[lane]) == negative
 
 
+def test_solution_and_inertia_with_four_unknowns_a_station() -> None:
+    for definite in (True, False):
+        operator, right = system(5, definite=definite, dof=4)
+        found = solve(operator, right)
+        for lane in range(LANES):
+            matrix = dense(operator, lane)
+            agree(flat(found.solution, lane), np.linalg.solve(matrix, flat(right, lane)))
+            assert int(found.negative[lane]) == np.sum(np.linalg.eigvalsh(matrix) < 0)
+
+
 def test_inertia_varies_between_the_systems_tested() -> None:
     # Otherwise the comparison above would prove nothing.
     counts = {

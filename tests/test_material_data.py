@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from fitting.cli.app import app
 from fitting.material.data.errors import DataError
+from fitting.material.data.numbers import decimal_mark, number
 from fitting.material.experiments.data_checks import contradictions, warnings_of
 from fitting.material.experiments.datasets import load_dataset
 
@@ -55,6 +56,44 @@ def test_measures_units_and_locales(tmp_path: pathlib.Path, text: str, encode: s
     power = {"nominal": 1, "cauchy": 0, "second_pk": 2}[data.measure]
     np.testing.assert_allclose(data.value, tau / STRETCH**power, rtol=1e-7, atol=1e-6)
     np.testing.assert_allclose(data.factors[2], STRETCH**-power, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "decimal", "value"),
+    [
+        *(("-12.5", None, -12.5), ("1,5", None, 1.5), (".5", None, 0.5), ("5.", None, 5.0)),
+        *(("1.234,5", None, 1234.5), ("1,234.5", None, 1234.5), ("+1e-3", None, 1e-3)),
+        *(("1d3", None, 1e3), ("1D3", None, 1e3), ("\N{MINUS SIGN}2", None, -2.0)),
+        *(("12 345,6", ",", 12345.6), ("1'234.5", ".", 1234.5), ("1.234", ",", 1234.0)),
+        *(("1,234,567", ".", 1234567.0), ("123,456", ".", 123456.0)),
+        # No group of three digits: a cell of another spelling than the rest of the table.
+        *(("0,123", ".", 0.123), ("-0,250", ".", -0.25), ("0.123", ",", 0.123)),
+        *(("1,234,567", None, 1234567.0), ("1.234.567", None, 1234567.0)),
+        *(("1,5", ".", 1.5), ("1234,567", ".", 1234.567), ("2.5", ",", 2.5)),
+        *(("1,23,456", ".", np.nan), ("1,234.5,6", ".", np.nan), ("1,2.5", ".", np.nan)),
+        *(("1.2.3", ".", np.nan), ("1e999", None, np.nan), ("abc", None, np.nan)),
+    ],
+)
+def test_numbers_as_people_write_them(text: str, decimal: str | None, value: float) -> None:
+    np.testing.assert_equal(number(text, decimal), value)
+
+
+@pytest.mark.parametrize(
+    ("cells", "mark"),
+    [
+        *((["1,5"], ","), (["1.5"], "."), ([], "."), (["7", "abc"], ".")),
+        *((["1,234.5"], "."), (["1.234,5"], ","), (["1,234,567"], "."), (["1.234.567"], ",")),
+        # "1,234" may be either; the other cells tell.
+        *((["1,234"], ","), (["1,234", "5.6"], "."), (["1,234", "5,6"], ","), (["1.234"], ".")),
+        *((["1,5", "7", "8"], ","), (["1,234,567", "1,234"], ".")),
+        *((["1,5", "2.5"], "."), (["1,5", "2,5", "3.5"], ","), (["1,234", "1.5", "2,5"], ".")),
+    ],
+    ids=str,
+)
+def test_the_decimal_mark_is_that_of_the_cells_that_leave_no_choice(
+    cells: list[str], mark: str
+) -> None:
+    assert decimal_mark(cells) == mark
 
 
 def test_missing_values_are_counted(tmp_path: pathlib.Path) -> None:

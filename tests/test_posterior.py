@@ -75,6 +75,29 @@ def test_laplace_needs_an_interior_maximum() -> None:
     assert laplace(batch, Gaussian(np.array([0.5]), 0.01 * np.eye(1))) is None
 
 
+@pytest.mark.parametrize("start", [-3.0, 2.0, 3.0])
+def test_laplace_climbs_from_afar(start: float) -> None:
+    """Also from where a surface is hollow; curvatures at the maxima are 1 and 2."""
+    for surface, variance in (
+        (lambda x: x - np.exp(x), 1.0),
+        (lambda x: -np.log1p(x**2), 0.5),
+    ):
+        found = laplace(lambda x, f=surface: f(x[:, 0]), Gaussian(np.array([start]), np.eye(1)))
+        assert found is not None
+        assert found.mean[0] == pytest.approx(0.0, abs=2e-3)
+        assert found.covariance[0, 0] == pytest.approx(variance, rel=0.02)
+
+
+def test_laplace_climbs_over_a_saddle() -> None:
+    found = laplace(
+        lambda x: -0.5 * x[:, 0] ** 2 - np.log1p(x[:, 1] ** 2),
+        Gaussian(np.array([1.0, 3.0]), np.eye(2)),
+    )
+    assert found is not None
+    np.testing.assert_allclose(found.mean, 0.0, atol=2e-3)
+    np.testing.assert_allclose(found.covariance, np.diag([1.0, 0.5]), atol=0.02)
+
+
 def test_one_compiled_shape() -> None:
     traces = []
 

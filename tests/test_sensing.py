@@ -341,6 +341,18 @@ def test_converter_samples() -> None:
     assert eight.sample(np.array([[1e-12]]), np.zeros(1), random).counts == 255
 
 
+@pytest.mark.parametrize(
+    ("setting", "value"),
+    [
+        *(("lsb", 0.0), ("lsb", -1e-15), ("bits", 0), ("bits", 17)),
+        *(("noise", -1.0), ("drift", -1.0), ("refresh", 0.0), ("refresh", -0.1)),
+    ],
+)
+def test_an_impossible_converter_is_refused(setting: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{setting} = "):
+        Converter(**{setting: value})  # type: ignore[arg-type]
+
+
 def test_polled_faster_than_it_refreshes_a_converter_repeats() -> None:
     converter = Converter(refresh=0.03)
     time = np.arange(10) * 0.01

@@ -75,7 +75,7 @@ class LoadFilter:
                 track = _update(moved[best], seen, noise)
                 del free[best]
             else:
-                rates = np.diag(np.diag(noise)) + np.diag([_FOLLOWED[n] for n in names])
+                rates = np.diag([_FOLLOWED[n] for n in names])
                 zero = np.zeros((size, size))
                 covariance = np.block([[noise, zero], [zero, rates]])
                 track = _Track(np.concatenate([seen, np.zeros(size)]), covariance, time)

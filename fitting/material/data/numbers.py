@@ -59,19 +59,23 @@ def number(text: str, decimal: str | None = None) -> float:
 
     Args:
         text: the cell.
-        decimal: decimal mark of its table; None takes the last mark of the cell.
+        decimal: decimal mark of its table; None takes the last mark of the cell, unless it
+            comes twice.
     """
     if decimal != "," and _PLAIN.fullmatch(text):  # most cells of most files
         return float(text)
     bare = _bare(text)
     if decimal is None:
         decimal = "," if bare.rfind(",") > bare.rfind(".") else "."
+        if bare.count(decimal) > 1:  # it parts thousands
+            decimal = "." if decimal == "," else ","
     other = "." if decimal == "," else ","
     if other in bare:
         grouped = bare.split(decimal)[0].lstrip("+-").split(other)
         if other in bare.rpartition(decimal)[2] and decimal in bare:
             return math.nan
-        if all(len(part) == 3 for part in grouped[1:]) and 1 <= len(grouped[0]) <= 3:
+        thousands = all(len(part) == 3 for part in grouped[1:])
+        if thousands and 1 <= len(grouped[0]) <= 3 and not grouped[0].startswith("0"):
             bare = bare.replace(other, "")
         elif decimal in bare or bare.count(other) > 1:
             return math.nan
