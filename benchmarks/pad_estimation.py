@@ -96,7 +96,9 @@ def report(
     right = np.array([len(e.contacts) == count for e in found])
     right &= np.array([all(c.covariance is not None for c in e.contacts) for e in found])
     print(f"{name}: {right.sum()} of {len(found)} with the right number of contacts")
-    print("  statuses:", dict(Counter(e.status for e in found)), "(what follows: of those `ok`)")
+    print(
+        "  statuses:", dict(Counter(e.status for e in found)), "(what follows: of those `ok`)"
+    )
     right &= np.array([e.status == "ok" for e in found])
     order = np.argsort(truth.loads[..., 0], 1)[..., None]
     loads = np.take_along_axis(truth.loads, order, 1)[right]

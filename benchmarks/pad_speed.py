@@ -126,7 +126,8 @@ def timed_command(options: list[str], folder: str) -> tuple[float, float, float]
 
 def main() -> None:
     configure()
-    lines = [*parts(), "", *commands()]
+    processes = commands()  # first: a process counts the memory of the one it came from, too
+    lines = [*parts(), "", *processes]
     print("\n".join(lines))
     write_section("pad.md", "speed", lines)
 
