@@ -197,6 +197,8 @@ def test_more_force_makes_up_for_a_coarse_mesh() -> None:
     found = force_surplus(coarse, fine, levels)
     np.testing.assert_array_equal(found[:, -1], found[:, -2])
     assert found[0, 2] == found[0, 1]
+    strange = column(1.3 * levels * np.ones((2, 1)))  # no mesh is that much too stiff
+    np.testing.assert_array_equal(force_surplus(coarse, strange, levels), 0.05)
 
 
 def test_workers_solve_what_this_process_does(

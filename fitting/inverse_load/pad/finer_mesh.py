@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.pad.columns import Column
 
+_MOST = 0.05  # a mesh that differs by more differs in the shape of its readings, too
+
 
 def force_surplus(
     coarse: Column, fine: Column, levels: NDArray[np.float64]
@@ -24,8 +26,8 @@ def force_surplus(
         levels: shares of the largest force, none of them zero.
 
     Returns:
-        The share; that of the next lighter load where a mesh has no solution, and zero where
-        there is none.
+        The share, 5 % at most; that of the next lighter load where a mesh has no solution, and
+        zero where there is none.
     """
     slope = np.gradient(coarse.so, levels, axis=1)
     both = np.isfinite(slope) & np.isfinite(fine.so) & np.isfinite(coarse.so)
@@ -34,6 +36,7 @@ def force_surplus(
     size = np.sum(slope**2, -1)
     good = coarse.found & fine.found & (size > 0)
     share = np.sum(slope * change, -1) / np.where(good, size, 1.0) / levels
+    share = np.clip(share, -_MOST, _MOST)
     for k in range(share.shape[1]):
         before = share[:, k - 1] if k else 0.0
         share[:, k] = np.where(good[:, k], share[:, k], before)
