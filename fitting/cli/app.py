@@ -81,6 +81,6 @@ def _options(
 def main() -> None:
     """Run the command line."""
     # Read when NumPy and SciPy are imported, which commands do. Each has a pool of threads of
-    # its own, which wait for one another longer than matrices as small as these take.
+    # its own, which on busy cores wait for one another longer than matrices this small take.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(contract.run(app))
