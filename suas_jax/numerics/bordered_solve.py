@@ -171,30 +171,20 @@ def solve_bordered(operator: BorderedBlockTridiagonal, right: BorderedVector) ->
     As `lineax.linear_solve` with [`BlockElimination`][], whose derivatives call back into
     Python to raise: no program with such a call can be kept between runs.
     """
-    shape = right.stations.shape
-
-    def joined(vector: BorderedVector) -> Array:
-        rows = vector.stations.reshape(-1, shape[-1])
-        if vector.border is None:
-            return rows
-        return jnp.concatenate([rows, jnp.broadcast_to(vector.border, rows[:1].shape)])
-
-    def parted(rows: Array) -> BorderedVector:
-        if right.border is None:
-            return BorderedVector(rows.reshape(shape), None)
-        return BorderedVector(rows[:-1].reshape(shape), rows[-1])
-
-    def solve(operator: BorderedBlockTridiagonal, rows: Array) -> Array:
-        return joined(eliminate(operator, parted(rows)).solution)
-
     # One array, as JAX transposes no solve of which a part alone depends on the inputs.
+    flat, unravel = ravel_pytree(right)
+
+    def solve(operator: BorderedBlockTridiagonal, flat: Array) -> Array:
+        return ravel_pytree(eliminate(operator, unravel(flat)).solution)[0]
+
     solution = jax.lax.custom_linear_solve(
-        lambda rows: joined(operator.mv(parted(rows))),
-        joined(right),
-        lambda _, rows: solve(operator, rows),
-        lambda _, rows: solve(operator.transpose(), rows),
+        lambda flat: ravel_pytree(operator.mv(unravel(flat)))[0],
+        flat,
+        lambda _, flat: solve(operator, flat),
+        lambda _, flat: solve(operator.transpose(), flat),
     )
-    return parted(solution)
+    found: BorderedVector = unravel(solution)
+    return found
 
 
 class BlockElimination(lx.AbstractLinearSolver[BorderedBlockTridiagonal]):

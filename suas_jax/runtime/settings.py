@@ -6,7 +6,6 @@ import warnings
 
 import jax
 import platformdirs
-from threadpoolctl import threadpool_limits
 
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
@@ -23,6 +22,7 @@ def configure() -> None:
         # NumPy and SciPy have a pool of threads each, which wait for one another longer than
         # matrices as small as ours take: up to thirty times as long, on two busy cores.
         import scipy.linalg  # noqa: F401, loads the one that JAX takes LAPACK from
+        from threadpoolctl import threadpool_limits
 
         threadpool_limits(1, user_api="blas")
     # Tracing makes many small objects that live on: looking for garbage among them every

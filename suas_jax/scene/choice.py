@@ -9,15 +9,7 @@ from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.program import (
-    number,
-    prepared,
-    rest_program,
-    run_program,
-    structure_of,
-    unloaded,
-)
+from suas_jax.scene.program import number, prepared, run_program, structure_of
 
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
@@ -150,12 +142,6 @@ def _attempt(
     while True:
         plan, meshes, inputs, rest = prepared(scene, name, counts)
         static = structure_of(scene, wall=wall)
-        if unloaded(scene):
-            report, state = COMPILED.run(rest_program, static, plan, inputs, once=once)
-            report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
-            outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
-            tried = Tried(plan, rest)
-            return Attempt(report, state, state, outcome, plan, False, rest, tried)
         start = None if coarser is None else _carried(model, coarser, meshes.solved)
         solved = run_program(static, meshes, inputs, start or rest, once=once)
         report, state, shown, part, outcome = solved

@@ -46,13 +46,10 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
     one_sided = solution.scene.geometry.dimension == 3
     here = _moved(solution, known, dict.fromkeys(known, 0.0)) if one_sided else None
     for _ in range(_DIRECTIONS):
-        signs = random.choice([-_STEP, _STEP], len(known))
-        high, low = (
-            _moved(solution, known, dict(zip(known, side * signs, strict=True)))
-            if side > 0 or not one_sided
-            else here
-            for side in (1, -1)
-        )
+        steps = dict(zip(known, random.choice([-_STEP, _STEP], len(known)), strict=True))
+        back = {path: -step for path, step in steps.items()}
+        high = _moved(solution, known, steps)
+        low = here if one_sided else _moved(solution, known, back)
         if low is None or high is None:
             return None
         distance = _STEP if one_sided else 2 * _STEP

@@ -56,7 +56,7 @@ def unloaded(scene: SceneSpec) -> bool:
 
 
 @eqx.filter_jit
-def rest_program(scene: Structure, plan: AbstractPlan, inputs: Inputs) -> tuple[Any, State]:
+def _rest_program(scene: Structure, plan: AbstractPlan, inputs: Inputs) -> tuple[Any, State]:
     """Report and state of a scene on which nothing acts."""
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan)
@@ -74,7 +74,19 @@ def run_program(
     once: bool,
     judged: bool = True,
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
-    """The program of a scene from a start; from rest where that leads nowhere."""
+    """The program of a scene from a start; from rest where that leads nowhere.
+
+    Where nothing acts on the skin nothing is solved: the report is that of the undeformed skin.
+
+    Returns:
+        What is observed; the equilibrium, the state to report and that of the part solved; how
+        it was found.
+    """
+    if unloaded(static.scene):
+        report, state = COMPILED.run(_rest_program, static, meshes.whole, inputs, once=once)
+        report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
+        outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
+        return report, state, state, at_rest(meshes.solved), outcome
     known, flag = (static, meshes, inputs), np.asarray(judged)
     effort = {"once": once, "long": meshes.whole.solves_long}
     found: Any = COMPILED.run(_program, *known, start, flag, **effort)

@@ -15,14 +15,7 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Tried, choose
-from suas_jax.scene.program import (
-    number,
-    prepared,
-    rest_program,
-    run_program,
-    structure_of,
-    unloaded,
-)
+from suas_jax.scene.program import number, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
 
 
@@ -122,9 +115,6 @@ def report_with(
     known = prepared(scene, plan.model, plan.counts)
     arrays = known.inputs | {k: np.asarray(v, float) for k, v in inputs.items()}
     static, once = structure_of(scene, wall=solution.wall), solution.once
-    if unloaded(scene):
-        report, _ = COMPILED.run(rest_program, static, plan, arrays, once=once)
-        return plain(report)
     report, *_, outcome = run_program(
         static, known.meshes, arrays, start, once=once, judged=judged
     )

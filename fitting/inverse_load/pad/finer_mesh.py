@@ -1,6 +1,6 @@
 """Forces at which a table's mesh reads what a finer mesh reads.
 
-A coarse mesh is too stiff: by 0.1 to 0.3 % of the force on the default one, evenly enough over
+A coarse mesh is too stiff: by 0.1 to 0.2 % of the force on the default one, evenly enough over
 the taxels that a larger force makes up for it. The share e is found where few places are solved
 on both meshes, from readings SO at the same force F, and is smooth in between::
 
