@@ -18,7 +18,8 @@ import jax.numpy as jnp
 
 from suas_jax.config import continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.equilibrium import equilibrium, path
+from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.equilibrium_path import path
 from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.scene.build import build_problem, plan_for
 

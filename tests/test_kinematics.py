@@ -12,12 +12,12 @@ import pytest
 
 from suas_jax.constitutive.deformation import (
     AbstractDeformation,
-    DeformationGradient,
     FibreStretch,
     LogStretches,
     PlaneStrain,
     PrincipalStretches,
 )
+from suas_jax.constitutive.deformation_gradient import DeformationGradient
 from suas_jax.numerics.analytic import (
     asinh_sqrt_squared,
     cosh_sqrt_minus_1,

@@ -37,12 +37,12 @@ from suas_jax.constitutive import (
     build_law,
 )
 from suas_jax.constitutive.deformation import (
-    DeformationGradient,
     FibreStretch,
     LogStretches,
     PlaneStrain,
     PrincipalStretches,
 )
+from suas_jax.constitutive.deformation_gradient import DeformationGradient
 
 TABLE_1 = ([6.3e5, 0.012e5, -0.1e5], [1.3, 5.0, -2.0])
 

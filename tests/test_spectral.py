@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from suas_jax.constitutive.deformation import DeformationGradient
+from suas_jax.constitutive.deformation_gradient import DeformationGradient
 from suas_jax.numerics.spectral import divided_difference, matrix_function
 
 

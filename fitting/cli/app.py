@@ -23,6 +23,7 @@ from fitting.cli import (
     new,
     simulate,
     solve,
+    sweep,
     view,
 )
 from fitting.cli.examples import add_examples
@@ -36,6 +37,7 @@ app = typer.Typer(
 new.register(app)
 example_files.register(app)
 solve.register(app)
+sweep.register(app)
 simulate.register(app)
 log.register(app)
 data.register(app)

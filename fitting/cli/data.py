@@ -6,7 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.fit_material import named_values
+from fitting.cli.figure_option import Plot, check_figures
+from fitting.cli.named_values import named_values
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
 
@@ -29,7 +30,7 @@ def data(
         str | None,
         typer.Option(help='Sizes that the file does not state: "width=6 mm,thickness=2 mm".'),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    plot: Plot = None,
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -42,10 +43,7 @@ def data(
         named = named_values(columns, "--columns", "force=3,extension=5")
         sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
         check_outputs([plot], overwrite=overwrite)
-        if plot is not None:
-            from suas_jax.figures.style import check_figure_file
-
-            check_figure_file(plot)
+        check_figures(plot)
         from fitting.material.experiments.measurements import mode_named
         from fitting.material.experiments.preview import preview
 

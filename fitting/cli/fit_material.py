@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
+from fitting.cli.figure_option import Plot, check_figures
+from fitting.cli.named_values import named_bounds, named_file, named_values
 from fitting.cli.progress import fitting_spinner
-from fitting.cli.quantity_option import quantity_of
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
-    from fitting.material.cards.settings import CardSettings
     from fitting.material.fit.bulk_modulus import BulkModulus
     from fitting.material.fit.result import MaterialFit
 
@@ -165,7 +165,7 @@ def material(
             "with the stretches of this scene."
         ),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    plot: Plot = None,
     report_file: Annotated[
         Path | None,
         typer.Option("--report", help="Write a one-page report (HTML, self-contained)."),
@@ -178,24 +178,16 @@ def material(
     Exit status: 0 constants were found, 2 bad input, 3 no constants could be found.
     """
     with bad_input():
-        pairs = [_pair(text) for text in data]
+        pairs = [named_file(text) for text in data]
         sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
         named = named_values(columns, "--columns", "force=3,extension=5")
-        bounds = dict(_bound(text) for text in bound or [])
-        cards = [_pair(text, "--export", "abaqus=card.inp") for text in export or []]
-        from fitting.material.cards.card import PROGRAMS
-        from fitting.material.cards.settings import CardError, CardSettings
+        bounds = dict(named_bounds(text) for text in bound or [])
+        cards = [named_file(text, "--export", "abaqus=card.inp") for text in export or []]
+        from fitting.cli.material_cards import card_settings, write_cards
         from fitting.material.experiments.datasets import load_dataset
         from fitting.material.experiments.measurements import mode_named
 
-        bulk_value = None
-        if bulk_modulus is not None:
-            bulk_value = quantity_of("--bulk-modulus", bulk_modulus, "stress")
-        settings = CardSettings(card_units, card_name, density, bulk_value)
-        for name, _ in cards:
-            if name not in PROGRAMS:
-                allowed = ", ".join(PROGRAMS)
-                raise CardError(f"--export {name}: unknown program; allowed: {allowed}")
+        settings = card_settings(cards, card_units, card_name, density, bulk_modulus)
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
         outputs = [
@@ -207,11 +199,7 @@ def material(
             *(Path(file) for _, file in cards),
         ]
         check_outputs(outputs, overwrite=overwrite)
-        for figure in (plot, corner, predictive):
-            if figure is not None:
-                from suas_jax.figures.style import check_figure_file
-
-                check_figure_file(figure)
+        check_figures(plot, corner, predictive)
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)
             for mode, path in pairs
@@ -281,7 +269,7 @@ def material(
             if fit is not None and cards:
                 if bulk is not None:
                     settings = replace(settings, bulk_modulus=bulk.value)
-                report["cards"] = _written(fit, cards, settings)
+                report["cards"] = write_cards(fit, cards, settings)
                 report["warnings"] += [
                     entry["message"] for entry in report["cards"] if entry["message"]
                 ]
@@ -305,67 +293,5 @@ def material(
         raise typer.Exit(NO_SOLUTION)
 
 
-def _written(
-    fit: "MaterialFit", cards: list[tuple[str, str]], settings: "CardSettings"
-) -> list[dict[str, str]]:
-    """Write the cards; one that a program can't have is reported, and stops nothing."""
-    from fitting.material.cards.card import left_out, write_card
-    from fitting.material.cards.settings import CardError
-
-    found = []
-    for name, file in cards:
-        message = ""
-        try:
-            write_card(fit.material(), name, Path(file), settings)
-            if remark := left_out(fit.material(), name):
-                message = f"{file}: the card is {remark}"
-        except CardError as error:
-            message = str(error)
-        found.append({"program": name, "file": file, "message": message})
-    return found
-
-
 def _on_skin(sets: list[Any]) -> bool:
     return any(data.mode == "skin" for data in sets)
-
-
-def _pair(
-    text: str, option: str = "--data", example: str = "uniaxial=A.csv"
-) -> tuple[str, str]:
-    mode, equals, path = text.partition("=")
-    if not equals or not path:
-        raise ValueError(f"{option} {text}: expected NAME=FILE, for example {example}")
-    return mode.strip(), path.strip()
-
-
-def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
-    """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
-
-    Raises:
-        ValueError: a part is no NAME=VALUE.
-    """
-    values = {}
-    for part in (text or "").split(","):
-        if not part.strip():
-            continue
-        name, equals, value = part.partition("=")
-        if not equals or not value.strip():
-            raise ValueError(f'{option} {text}: expected "{example}"')
-        values[name.strip()] = value.strip()
-    return values
-
-
-def _bound(text: str) -> tuple[str, tuple[float, float]]:
-    name, _, limits = text.partition("=")
-    low, colon, high = limits.partition(":")
-    try:
-        if not colon:
-            raise ValueError
-        ends = (float(low or "-inf"), float(high or "inf"))
-    except ValueError:
-        raise ValueError(
-            f"--bound {text}: expected NAME=LOW:HIGH in SI units, for example alpha.0=1:3"
-        ) from None
-    if not ends[0] < ends[1]:
-        raise ValueError(f"--bound {text}: the lower bound must be below the upper one")
-    return name.strip(), ends

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.files.reading import read_bytes
@@ -103,7 +104,7 @@ def sensor(
     chain: Annotated[
         Path | None, typer.Option(help="HDF5 file that keeps the chain and resumes it.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    plot: Plot = None,
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
@@ -118,10 +119,7 @@ def sensor(
         if target.exists() and target.samefile(skin):
             raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
         check_outputs([target, plot], overwrite=overwrite or _is_own(target, output is None))
-        if plot is not None:
-            from suas_jax.figures.style import check_figure_file
-
-            check_figure_file(plot)
+        check_figures(plot)
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin
 

@@ -7,9 +7,10 @@ import numpy as np
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.pad_options import Workers, pad_settings
 from fitting.cli.progress import spinner
-from fitting.cli.solve import AsJson, Plot
+from fitting.cli.scene_options import AsJson
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
 
@@ -54,10 +55,7 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
-        if plot is not None:
-            from suas_jax.figures.style import check_figure_file
-
-            check_figure_file(plot)
+        check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
         settings = pad_settings(diameter, None, workers)
         with spinner("finding the range") as show:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.log import FORMAT_NAMES
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
@@ -38,7 +39,7 @@ def health(
     duration: Annotated[
         float, typer.Option(min=0.5, max=3600.0, metavar="S", help="Port: how long to listen.")
     ] = 10.0,
-    plot: Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")] = None,
+    plot: Plot = None,
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
@@ -49,10 +50,7 @@ def health(
     """
     with bad_input():
         check_outputs([plot], overwrite=overwrite)
-        if plot is not None:
-            from suas_jax.figures.style import check_figure_file
-
-            check_figure_file(plot)
+        check_figures(plot)
         from suas_jax.acquisition.health import health_json, log_health
         from suas_jax.acquisition.log.log_file import read_log
 

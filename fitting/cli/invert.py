@@ -6,21 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fitting.cli.contract import BAD_INPUT, Overwrite, bad_input
+from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.pad_options import Workers, pad_settings
-from fitting.cli.progress import bar, spinner
-from fitting.json_text import json_text
+from fitting.cli.progress import spinner
 from suas_jax.files.reading import check_readable
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.check.verdict import ModelVerdict
-    from fitting.inverse_load.estimate.estimate import LoadEstimate
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.watcher import LiveWatcher
-    from fitting.inverse_load.posterior import LoadMode
-    from fitting.inverse_load.readings import LogReadings
     from fitting.robotics.recording import Recording
 
 
@@ -152,7 +147,7 @@ def invert(
                     **pad_settings(diameter, pressure_noise, workers),
                 )
             if estimator.input_errors.text:
-                _say(estimator.input_errors.text)
+                typer.echo(f"suas: {estimator.input_errors.text}", err=True)
             return estimator
 
         if live is not None:
@@ -173,7 +168,9 @@ def invert(
             return
         estimator = prepare()
         assert log is not None
-        readings, estimates = _offline(
+        from fitting.cli.invert_log import invert_log
+
+        readings, estimates = invert_log(
             estimator, skin, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
         )
         if mcap is not None:
@@ -181,10 +178,6 @@ def invert(
 
             with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
-
-
-def _say(text: str) -> None:
-    typer.echo(f"suas: {text}", err=True)
 
 
 def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":
@@ -211,125 +204,6 @@ def _watchers(
         from fitting.inverse_load.live.serve import LineServer
 
         server = stack.enter_context(LineServer(serve))
-        _say("JSON lines at {}:{}".format(*server.address))
+        typer.echo("suas: JSON lines at {}:{}".format(*server.address), err=True)
         found.append(server)
     return found
-
-
-def _offline(
-    estimator: "LoadEstimator",
-    skin: Path,
-    log: Path,
-    *,
-    as_json: bool,
-    smooth: bool,
-    plot: Path | None,
-    posterior: int | None,
-) -> "tuple[LogReadings, list[LoadEstimate]]":
-    """Estimate a log, print and draw what was found, and return it with the readings."""
-    from fitting.inverse_load.readings import EmptyLogError, LayoutMismatchError, readings_of
-    from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
-    from fitting.inverse_load.report.text import frame_json, print_table
-    from suas_jax.acquisition.log.log_file import read_log
-
-    if plot is not None:
-        from suas_jax.figures.style import check_figure_file
-
-        check_figure_file(plot)
-    try:
-        readings = readings_of(read_log(log), estimator.spec, estimator.reading_noise)
-    except (EmptyLogError, LayoutMismatchError) as error:
-        status = "empty_log" if isinstance(error, EmptyLogError) else "layout_mismatch"
-        if as_json:
-            from fitting.inverse_load.estimator import LoadEstimate
-
-            nothing = LoadEstimate(None, status=status)
-            typer.echo(json_text(frame_json(float("nan"), None, nothing)))
-        _say(str(error))
-        raise typer.Exit(BAD_INPUT) from None
-    for note in readings.notes:
-        _say(f"{log}: {note}")
-    modes = None if posterior is None else _modes(estimator, readings, posterior)
-    with bar("estimating loads", len(readings.so)) as advance:
-        estimates = estimator.estimate(
-            readings.so,
-            readings.stuck,
-            advance,
-            pressure=readings.pressure,
-            time=readings.time,
-        )
-    with spinner("comparing the log with the skin file"):
-        verdict = _verdict(estimator, readings, estimates)
-    if verdict is not None and not (verdict.right and as_json):
-        _say(f"{log}: {verdict.text}")
-        command = verdict.command(str(skin), str(log))
-        if command:
-            _say(f"to set it right: {command}")
-    filtered = None
-    if smooth:
-        from fitting.inverse_load.live.filter import LoadFilter
-
-        track = LoadFilter()
-        filtered = [
-            track.feed(t, estimate)
-            for t, estimate in zip(readings.time.tolist(), estimates, strict=True)
-        ]
-    if plot is not None:
-        from fitting.inverse_load.report.plots import plot_loads
-
-        plot_loads(readings.time, estimates, plot, filtered)
-    if as_json:
-        lines = []
-        for k, estimate in enumerate(estimates):
-            smoothed = None if filtered is None else filtered[k]
-            line = frame_json(float(readings.time[k]), int(readings.seq[k]), estimate, smoothed)
-            if modes is not None and line["seq"] == posterior:
-                line["posterior"] = posterior_json(modes)
-            lines.append(json_text(line))
-        typer.echo("\n".join(lines))
-    else:
-        print_table(readings.time, estimates)
-        if modes is not None:
-            typer.echo("\n".join(posterior_lines(modes)))
-    return readings, estimates
-
-
-def _verdict(
-    estimator: "LoadEstimator", readings: "LogReadings", estimates: "list[LoadEstimate]"
-) -> "ModelVerdict | None":
-    """What a log says about its skin file; None where it has too few contacts."""
-    so, stuck, pressure = readings.so, readings.stuck, readings.pressure
-    if estimator.spec.geometry.dimension == 3:
-        from fitting.inverse_load.check.skin_file import model_verdict
-
-        return model_verdict(estimator, so, stuck, pressure, estimates)
-    from fitting.inverse_load.check.section_log import section_verdict
-
-    return section_verdict(
-        estimator, so, stuck, estimates, pressure=pressure, force=readings.force
-    )
-
-
-def _modes(estimator: "LoadEstimator", readings: "LogReadings", seq: int) -> "list[LoadMode]":
-    """Modes of the frame with a number."""
-    import numpy as np
-
-    from fitting.inverse_load.posterior import frame_posterior
-
-    frames = np.flatnonzero(readings.seq == seq)
-    if not frames.size:
-        raise ValueError(
-            f"--posterior {seq}: no such frame; the log has {readings.seq.min()} to "
-            f"{readings.seq.max()}"
-        )
-    i = int(frames[0])
-    try:
-        return frame_posterior(
-            estimator,
-            readings.so[i],
-            readings.stuck[i],
-            progress=_say,
-            pressure=float("nan") if readings.pressure is None else readings.pressure[i],
-        )
-    except ValueError as error:
-        raise ValueError(f"--posterior {seq}: {error}") from None

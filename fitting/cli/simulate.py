@@ -125,9 +125,9 @@ def simulate(
         from suas_jax.runtime.settings import configure
 
         configure()
+        from suas_jax.simulation.pad_frames import NoSolutionError
         from suas_jax.simulation.simulated_log import (
             LogFaults,
-            NoSolutionError,
             simulate_log,
             write_simulated_log,
         )

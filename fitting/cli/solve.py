@@ -1,61 +1,26 @@
-"""`suas solve` and `suas sweep`.
+"""`suas solve`.
 
-JAX is imported inside the commands, so that the help and commands that don't compute
-start at once.
+JAX is imported inside the command, so that the help and commands that don't compute start at
+once.
 """
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
+from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.progress import spinner
+from fitting.cli.scene_options import AsJson, Model, Rtol, SceneFile, scene_of
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
 
-if TYPE_CHECKING:
-    from suas_jax.config import SceneSpec
-    from suas_jax.scene.sweep import Sweep
-
-_MOST_POINTS = 10_000
-
-SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
-Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
-Model = Annotated[
-    str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
-]
-Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
-
 
 def register(app: typer.Typer) -> None:
-    """Add this module's commands to the program."""
+    """Add this module's command to the program."""
     app.command("solve")(solve)
-    app.command("sweep")(sweep)
-
-
-def _scene(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
-    from suas_jax.config import load_scene, with_solve
-
-    scene = load_scene(path)
-    if model is not None:
-        scene = with_solve(scene, source="--model", model=model)
-    if rtol is not None:
-        scene = with_solve(scene, source="--rtol", rtol=rtol)
-    return scene
-
-
-def _check_figure(file: Path | None) -> None:
-    if file is not None:
-        from suas_jax.figures.style import check_figure_file
-
-        check_figure_file(file)
-
-
-def _refuse(option: str, advice: str) -> None:
-    raise ValueError(f"{option}: {advice}")
 
 
 def solve(
@@ -92,14 +57,15 @@ def solve(
     Exit status: 0 converged, 2 bad input, 3 no solution found.
     """
     with bad_input():
-        spec = _scene(scene, model, rtol)
+        spec = scene_of(scene, model, rtol)
         if vtu is not None and spec.geometry.dimension == 2 and spec.solve.model != "solid":
-            _refuse("--vtu", "a section's fields come with the solid model only")
-        _check_figure(plot)
-        _check_figure(pad)
+            raise ValueError("--vtu: a section's fields come with the solid model only")
+        check_figures(plot, pad)
         check_outputs([plot, pad, vtu], overwrite=overwrite)
         if pad is not None and spec.electrodes is None:
-            _refuse("--pad", "the skin has no [electrodes], so there are no taxels to draw")
+            raise ValueError(
+                "--pad: the skin has no [electrodes], so there are no taxels to draw"
+            )
         with spinner("solving"):
             from suas_jax.runtime.settings import configure
 
@@ -151,80 +117,6 @@ def solve(
             typer.echo(f"estimated error of the gradient: {text}")
     if not solution.converged:
         raise typer.Exit(NO_SOLUTION)
-
-
-def sweep(
-    scene: SceneFile,
-    force: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT",
-            help="Total force on all line loads [N], their pattern kept.",
-        ),
-    ] = None,
-    oil_pressure: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO:COUNT", help="Oil pressure [Pa], all loads scaled to reach it."
-        ),
-    ] = None,
-    as_json: AsJson = False,
-    model: Model = None,
-    rtol: Rtol = None,
-    csv_file: Annotated[
-        Path | None, typer.Option("--csv", help="Write the curve as CSV.")
-    ] = None,
-    plot: Plot = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Trace a load-displacement curve in one continuation, up to first wall contact and on.
-
-    Exit status: 0 all points converged, 2 bad input, 3 some did not.
-    """
-    with bad_input():
-        if (force is None) == (oil_pressure is None):
-            _refuse("--force, --oil-pressure", "give one of them, as FROM:TO:COUNT")
-        spec = _scene(scene, model, rtol)
-        _check_figure(plot)
-        check_outputs([csv_file, plot], overwrite=overwrite)
-        values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
-        with spinner("sweeping"):
-            from suas_jax.runtime.settings import configure
-
-            configure()
-            from suas_jax.scene.sweep import sweep as run
-
-            curve = run(spec, **{"forces" if force else "oil_pressures": values})
-            if csv_file is not None:
-                curve.write_csv(csv_file)
-            if plot is not None:
-                from suas_jax.figures.curve import plot_sweep
-
-                plot_sweep(curve, plot)
-    if as_json:
-        result = {"points": curve.points, "first_contact": curve.first_contact}
-        typer.echo(json_text(result))
-    else:
-        _print_curve(curve)
-    if any(point["status"] != "converged" for point in curve.points):
-        raise typer.Exit(NO_SOLUTION)
-
-
-def _range(option: str, text: str | None) -> list[float]:
-    """Parse FROM:TO:COUNT."""
-    try:
-        first, last, count = (text or "").split(":")
-        start, stop, n = float(first), float(last), int(count)
-        if not 1 <= n <= _MOST_POINTS:
-            raise ValueError
-    except ValueError:
-        raise ValueError(
-            f'{option} = "{(text or "")[:80]}": expected FROM:TO:COUNT in SI units, for '
-            f"example 0:30:31; COUNT is at most {_MOST_POINTS}"
-        ) from None
-    if n == 1:
-        return [start]
-    return [start + (stop - start) * i / (n - 1) for i in range(n)]
 
 
 def _two_digits(x: float) -> str:
@@ -333,36 +225,3 @@ def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
     if len(felt) < len(slopes):
         count = len(slopes) - len(felt)
         console.print(f"{count} other inputs have no effect (--json lists them).")
-
-
-def _print_curve(curve: "Sweep") -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(markup=False)  # which would swallow the units in brackets
-    names = (
-        "force [N]",
-        "oil [kPa]",
-        "displacement [mm]",
-        "gap [mm]",
-        "wall [N]",
-    )
-    table = Table(*names, "status")
-    for row in curve.rows():
-        table.add_row(
-            f"{row['force_N']:.4g}",
-            f"{1e-3 * row['oil_pressure_Pa']:.4g}",
-            f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre
-            f"{1e3 * row['min_gap_m']:.4g}",
-            f"{row['wall_force_N']:.4g}",
-            row["status"] if row["stable"] else f"{row['status']}, unstable",
-        )
-    console.print(table)
-    contact = curve.first_contact
-    if contact is None:
-        console.print("The inner face does not reach the wall.")
-    else:
-        console.print(
-            f"First wall contact at {contact['force_N']:.4g} N "
-            f"({1e-3 * contact['oil_pressure_Pa']:.4g} kPa), {contact['angle_deg']:.3g} deg."
-        )

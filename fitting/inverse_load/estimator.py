@@ -2,17 +2,17 @@
 
 ::
 
-    readings -> contact or not                              `detection`
+    readings -> as the model has them, weighed              `weighing`
+             -> contact or not                              `detection`
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
              -> number of contacts, faulty taxels           `pairs`, `selection`
              -> covariances, statuses                       `systematic`, `assessment`
 
-Readings are compared with the skin's own model in counts. A reading's variance is the
-converter's noise, its rounding (1/12), a baseline's own error, and the model's error: the
-corrected shell is within MODEL_ERROR of the continuum, in terms of the change from rest. What
-the skin file's own numbers leave open (`suas_jax.config.input_errors`) is the same in all
-frames.
+Readings are compared with the skin's own model in counts, weighed by their variances
+(`weighing`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the change
+from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`) is the
+same in all frames.
 """
 
 import time
@@ -32,6 +32,7 @@ from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.section import section_parts
+from fitting.inverse_load.weighing import ROUNDING, ReadingWeights, zero_of_readings
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
@@ -117,17 +118,23 @@ class LoadEstimator:
         self.input_errors = input_errors(self.spec)
         parts = self._make_parts()
         self._parts = parts
-        # A converter's rounding is noise, too.
-        self._zero, uncertain = self._zero_of_readings()
-        self._variance = noise**2 + 1 / 12 + uncertain
+        reading = self.reading_noise**2 + ROUNDING
+        zero, uncertain = zero_of_readings(self.spec, parts.rest, self.rest, self.rest_variance)
+        pad = self.spec.geometry.dimension == 3
+        assert self.model_error is not None
+        self._weights = ReadingWeights(
+            zero,
+            reading + uncertain,
+            parts.rest,
+            self.model_error,
+            self.pressure_noise if pad else None,
+        )
         self._systematic = parts.systematic
         self._drift: DriftFollower | None = None
         if self.follow_drift and self.rest is not None:
             at_rest = np.nan_to_num(self.rest, nan=0.0)
-            gathered = 1 if self.spec.geometry.dimension == 2 else _GATHERED_ON_PADS
-            self._drift = DriftFollower(
-                at_rest, noise**2 + 1 / 12, parts.detector, gathered=gathered
-            )
+            gathered = _GATHERED_ON_PADS if pad else 1
+            self._drift = DriftFollower(at_rest, reading, parts.detector, gathered=gathered)
         # What a further contact must gain: as rare as a tenth of a false alarm, and never
         # less than Schwarz's criterion asks for its place and force.
         penalty = parts.detector.threshold(self.false_alarm / 10) ** 2
@@ -209,21 +216,6 @@ class LoadEstimator:
                 f"pressure_noise = {self.pressure_noise:g} Pa: more than zero is needed"
             )
 
-    def _zero_of_readings(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What is taken off readings to compare them with the model, and its variance."""
-        if self.rest is not None:
-            return self.rest - self.model_rest, np.asarray(self.rest_variance, float)
-        record = self.spec.calibration
-        if record is None or not record.offsets:
-            return np.zeros(self.taxels), np.zeros(self.taxels)
-        if len(record.offsets) != self.taxels:
-            raise ValueError(
-                f"[calibration] offsets: {len(record.offsets)} numbers for the skin's "
-                f"{self.taxels} taxels"
-            )
-        errors = record.offset_errors or np.zeros(self.taxels)
-        return np.array(record.offsets, float), np.nan_to_num(np.square(errors))
-
     @property
     def taxels(self) -> int:
         """Number of taxels in the layout."""
@@ -251,36 +243,8 @@ class LoadEstimator:
         pressure: NDArray[np.float64] | None = None,
         drift: Drift | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Readings as the model has them, and their inverse variances.
-
-        Args:
-            so: readings [frame, taxel] [counts]; NaN where missing.
-            faulty: taxels known to be faulty [frame, taxel].
-            pressure: measured of the oil [frame] [Pa]; NaN where missing.
-            drift: of the readings at rest.
-
-        Returns:
-            Readings [counts] and inverse variances [1/counts^2], both zero where a taxel is
-            missing, saturated (0 or full scale) or faulty. On a pad the last column is the
-            oil's pressure [Pa], [1/Pa^2].
-        """
-        y, variance = so - self._zero, self._variance
-        if drift is not None:
-            y, variance = y - drift.offset, variance + drift.variance
-        used = np.isfinite(y) & ~saturated(so)
-        if faulty is not None:
-            used &= ~faulty
-        y = np.where(used, y, 0.0)
-        change = np.where(used, y - self.model_rest, 0.0)
-        weight = used / (variance + (self.model_error * change) ** 2)
-        if self.spec.geometry.dimension == 2:
-            return y, weight
-        p = np.full(len(so), np.nan) if pressure is None else np.asarray(pressure, float)
-        known = np.isfinite(p) & np.isfinite(self.pressure_noise)
-        p = np.where(known, p, 0.0)
-        sigma = self.pressure_noise if np.isfinite(self.pressure_noise) else 1.0
-        own = known / (sigma**2 + (self.model_error * p) ** 2)
-        return np.column_stack([y, p]), np.column_stack([weight, own])
+        """Readings as the model has them, and inverse variances: `ReadingWeights.weigh`."""
+        return self._weights.weigh(so, faulty, pressure, drift)
 
     def estimate(
         self,
@@ -332,8 +296,7 @@ class LoadEstimator:
         """Drift of the readings at rest in frames; None where it isn't followed."""
         if self._drift is None or time is None:
             return None
-        used = np.isfinite(so) & (so > 0) & ~saturated(so) & ~faulty
-        change = np.where(used, so - self._zero - self.model_rest, np.nan)
+        change = self._weights.change_from_rest(so, faulty)
         return self._drift.follow(np.asarray(time, float), change)
 
     def forget(self) -> None:

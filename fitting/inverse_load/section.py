@@ -7,9 +7,9 @@ import numpy as np
 from fitting.inverse_load.estimate.assessment import SectionAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import ArcDetector
-from fitting.inverse_load.fit.explanation import LoadFitter
 from fitting.inverse_load.fit.load_posterior import SectionPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
+from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.nearest import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
@@ -40,7 +40,7 @@ def section_parts(
     """
     skin = skin_of(spec, contact=False)
     table = table_of(spec, skin, progress)
-    fitter = LoadFitter(
+    fitter = SectionFitter(
         skin, table, direction=direction, live=live, most_contacts=most_contacts
     )
     assessment = SectionAssessment(

@@ -9,20 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from suas_jax.acquisition.device_clock import DeviceClock
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.taxel_faults import STUCK_AFTER
 
-# Counters and clocks in use, by their width: 8, 16, 24, 32 bit counters; 16 and 32 bit
-# milliseconds, 32 bit microseconds.
+# Counters in use, by their width: 8, 16, 24, 32 bit.
 _SEQ_MODULI = (2**8, 2**16, 2**24, 2**32)
-_CLOCK_MODULI = (65.536, 4294.967296, 65536.0, 4294967.296)
 # A frame this many frames back is late; further back, the device has started again.
 _LATE = 16
-# A clock agrees with the counter, or with the host's clock, to within these shares of the
-# time that passed, and this much beyond.
-_COUNTER_SHARE, _COUNTER_FRAMES = 0.5, 2.0
-_HOST_SHARE, _HOST_DELAY = 0.05, 0.1  # [s]
-_SAME_OFFSET = 1e-6  # [s]
 # Sentences about one kind of event; what comes after is flagged and counted all the same.
 _MOST_SENTENCES = 5
 
@@ -175,12 +169,9 @@ class _Module:
 
     def __init__(self, clock_modulus: float | None, taxels: int) -> None:
         self.taxels = taxels
-        self._modulus = clock_modulus
+        self._clock = DeviceClock(clock_modulus)
         self._last: Reading | None = None
         self._doubted: Reading | None = None
-        self._period = math.nan  # of the device clock, per frame [s]
-        self._offset = 0.0  # corrected minus raw device clock [s]
-        self._lasting: float | None = None  # the same before the clock jumped
         self._frames = 0  # frames in which any taxel moved
         self._moved: list[int] = []  # the value of _frames when each taxel last moved
 
@@ -198,7 +189,7 @@ class _Module:
         step = _step(last.seq, reading.seq)
         if step == 0:
             repeated = reading.counts == last.counts
-            return self._time_of(last, reading, 0)[0], Flags(
+            return self._clock.time_of(last, reading, 0)[0], Flags(
                 duplicate=1, suspect=0 if repeated or checked else 1
             )
         confirmed = 0
@@ -206,95 +197,35 @@ class _Module:
             doubted, self._doubted = self._doubted, reading
             # A second one that carries on from the first shows that both are right.
             if doubted is None or _step(doubted.seq, reading.seq) != 1:
-                return reading.t_device + self._offset, Flags(suspect=1)
+                return self._clock.on_scale(reading), Flags(suspect=1)
             confirmed = 1
         self._doubted = None
         if -_LATE <= step < 0:
-            return self._time_of(last, reading, step)[0], Flags()
+            return self._clock.time_of(last, reading, step)[0], Flags()
         restart = step < 0
         jumped = False
         if restart:
-            self._offset, self._lasting, self._period = 0.0, None, math.nan
+            self._clock.restart()
             t_device = reading.t_device
         else:
-            t_device, jumped = self._time_of(last, reading, step)
-            self._follow_clock(last, reading, step, t_device, jumped)
+            t_device, jumped = self._clock.time_of(last, reading, step)
+            self._clock.follow(last, reading, step, t_device, jumped)
         repeat, stuck = self._compare(last.counts, reading.counts)
         self._last = reading
         lost = 0 if restart else step - 1 - confirmed
         return t_device, Flags(lost, 0, repeat, int(restart), 0, stuck, int(jumped))
 
-    def _follow_clock(
-        self, last: Reading, reading: Reading, step: int, t_device: float, jumped: bool
-    ) -> None:
-        """Keep what the next reading's clock is judged by."""
-        offset = t_device - reading.t_device
-        if math.isnan(offset):
-            return
-        if not jumped:
-            if self._lasting is not None:  # a wrap moves both
-                self._lasting += offset - self._offset
-        elif self._lasting is None:
-            self._lasting = self._offset
-        elif abs(offset - self._lasting) < _SAME_OFFSET:
-            offset, self._lasting = self._lasting, None
-        elapsed = t_device - last.t_device - self._offset
-        self._offset = offset
-        if elapsed > 0 and step == 1 and not jumped:
-            known = not math.isnan(self._period)
-            self._period = 0.9 * self._period + 0.1 * elapsed if known else elapsed
-
     def _doubtful(self, last: Reading, reading: Reading, step: int) -> bool:
         """Whether the counter moved much more, or less, than the clock says."""
-        if math.isnan(self._period) or math.isnan(reading.t_device):
+        period = self._clock.period
+        if math.isnan(period) or math.isnan(reading.t_device):
             return False
         if step == 1 or (step < 0 and reading.t_device < last.t_device):
             return False  # as expected, or both began again
-        frames = (reading.t_device - last.t_device) / self._period
+        frames = (reading.t_device - last.t_device) / period
         if frames < 0 < step:
             return step > 1  # a clock that wraps while frames are missing is told by the next
         return abs(frames - step) > max(2.0, 0.5 * abs(step))
-
-    def _time_of(self, last: Reading, reading: Reading, step: int) -> tuple[float, bool]:
-        """The device time on the scale of the readings before, and whether the clock jumped.
-
-        Wraps are undone. A clock that agrees neither with the counter nor with the host has
-        jumped: the time before the jump is tried again, else time goes on at its rate.
-        """
-        before = last.t_device + self._offset
-        elapsed = reading.t_device - last.t_device
-        host = reading.t_host - last.t_host
-        if math.isnan(elapsed):  # the clock is missing, or was
-            return reading.t_device + self._offset, False
-        if self._modulus is not None:
-            expected = step * self._period if math.isnan(host) else host
-            if not math.isnan(expected):
-                elapsed += self._modulus * round((expected - elapsed) / self._modulus)
-        elif elapsed < 0 < step:
-            wraps = [elapsed + modulus for modulus in _CLOCK_MODULI]
-            elapsed = next((w for w in wraps if self._plausible(w, step, host)), elapsed)
-        if self._plausible(elapsed, step, host):
-            # Rounded, so that what a clock counts in microseconds reads as it was sent.
-            offset = self._offset + elapsed - (reading.t_device - last.t_device)
-            return reading.t_device + round(offset, 6), False
-        if self._lasting is not None:
-            ended = reading.t_device + self._lasting
-            if self._plausible(ended - before, step, host):
-                return ended, True
-        passed = host if math.isnan(self._period) else step * self._period
-        return before + (0.0 if math.isnan(passed) else passed), True
-
-    def _plausible(self, elapsed: float, step: int, host: float) -> bool:
-        """Whether so much time may have passed on the device's clock [s]."""
-        by_counter = step * self._period
-        if math.isnan(by_counter):
-            return elapsed >= 0 or step <= 0
-        frames = abs(elapsed - by_counter) / self._period
-        if frames <= _COUNTER_SHARE * abs(step) + _COUNTER_FRAMES:
-            return elapsed >= 0 or step <= 0
-        if math.isnan(host) or elapsed < 0:
-            return False
-        return abs(elapsed - host) <= _HOST_DELAY + _HOST_SHARE * host
 
     def _compare(
         self, before: tuple[int | None, ...], now: tuple[int | None, ...]

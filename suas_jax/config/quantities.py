@@ -1,26 +1,19 @@
 """Quantities with units: text such as ``"57.5 mm"`` to SI floats, and back for messages.
 
-The units library is imported when the first quantity is parsed, and its registry is built
-from the short list below instead of the library's own (1 ms against 150 ms or more). The short
-list also makes an angle a dimension of its own, so that ``"45 %"`` is no angle, and keeps
-rare units out, so that a slip of the finger is an error and not an exotic unit.
+A quantity is a number and a unit of the kind that its key asks for. What is none is refused
+with the reason and an example of what was expected; `units` knows the units themselves.
 """
-
-from __future__ import annotations
 
 import decimal
 import difflib
-import functools
 import math
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from suas_jax.config.errors import show
-
-if TYPE_CHECKING:
-    import pint
+from suas_jax.config.units import Unit, find_unit
 
 DimensionName = Literal[
     "length",
@@ -75,101 +68,9 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
     }
 )
 
-_DEFINITIONS = """
-femto- = 1e-15 = f-
-pico- = 1e-12 = p-
-nano- = 1e-9 = n-
-micro- = 1e-6 = µ- = μ- = u-
-milli- = 1e-3 = m-
-centi- = 1e-2 = c-
-deci- = 1e-1 = d-
-hecto- = 1e2 = h-
-kilo- = 1e3 = k-
-mega- = 1e6 = M-
-giga- = 1e9 = G-
-meter = [length] = m = metre
-kilogram = [mass] = kg
-second = [time] = s
-ampere = [current] = A
-radian = [angle] = rad
-kelvin = [temperature] = K
-count = []
-percent = 0.01 count = %
-gram = 1e-3 kilogram = g
-tonne = 1e3 kilogram = t
-pound = 0.45359237 kilogram = lb
-inch = 0.0254 meter = in = inches
-foot = 0.3048 meter = ft = feet
-minute = 60 second = min
-hour = 3600 second = h
-degree = 0.017453292519943295 radian = deg
-arcminute = 2.908882086657216e-4 radian = arcmin
-turn = 6.283185307179586 radian = turn = revolution
-newton = kilogram * meter / second ** 2 = N
-dyne = 1e-5 newton = dyn
-gram_force = 9.80665e-3 newton = gf
-kilogram_force = 9.80665 newton = kgf
-pound_force = 4.4482216152605 newton = lbf
-pascal = newton / meter ** 2 = Pa
-bar = 1e5 pascal
-atmosphere = 101325 pascal = atm
-torr = 133.32236842105263 pascal
-mmHg = 133.322387415 pascal
-pound_force_per_square_inch = 6894.757293168361 pascal = psi
-kilopound_force_per_square_inch = 6894757.293168361 pascal = ksi
-joule = newton * meter = J
-watt = joule / second = W
-volt = watt / ampere = V
-coulomb = ampere * second = C
-farad = coulomb / volt = F
-hertz = 1 / second = Hz
-liter = 1e-3 meter ** 3 = l = L = litre
-"""
-
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)\b")
 _COMMA = re.compile(r"([+-]?[\d.]+(?:,[\d.]+)+)(\D*)")
-# Units by name, each with at most one power of one digit, multiplied or divided, and one
-# level of parentheses: all that people write, and nothing whose evaluation takes long.
 _LONGEST = 200  # characters of a quantity
-_NAME = r"[A-Za-zµμ°%]+(?:_[A-Za-z]+)*"
-_POWER = r"(?:\s*(?:\*\*|\^)\s*(?:[+-]?[1-9]|\(\s*[+-]?[1-9]\s*\))|[⁺⁻]?[¹²³⁴⁵⁶⁷⁸⁹]|[1-9])?"
-_FACTOR = rf"{_NAME}{_POWER}(?![\d.])"
-_BETWEEN = r"(?:\s*[*/·]\s*|\s+)"
-_PRODUCT = rf"{_FACTOR}(?:{_BETWEEN}{_FACTOR})*"
-_PART = rf"(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\){_POWER})"
-_UNIT_TEXT = re.compile(rf"{_PART}(?:{_BETWEEN}{_PART})*")
-_BARE_POWER = re.compile(r"(?<=[A-Za-z])(\d)")
-
-
-@functools.cache
-def _registry() -> pint.UnitRegistry:
-    import pint  # here, so that programs which parse no quantity don't pay for it
-
-    registry: pint.UnitRegistry = pint.UnitRegistry(None)
-    registry.load_definitions(_DEFINITIONS.strip().splitlines())
-    return registry
-
-
-class _Unit(NamedTuple):
-    size: float  # in SI base units
-    dimensionality: object
-
-
-@functools.lru_cache(maxsize=256)
-def _unit(text: str) -> _Unit | None:
-    """Look a unit expression up; None if it isn't one."""
-    if not text:
-        return _Unit(1.0, _registry().dimensionless.dimensionality)
-    if not _UNIT_TEXT.fullmatch(text):
-        return None
-    # "kN/m3" is how people write kN/m^3; the degree sign stands alone in no registry.
-    spelled = _BARE_POWER.sub(r"^\1", text).replace("°", "degree")
-    try:
-        one = _registry().Quantity(1.0, _registry().parse_units(spelled)).to_base_units()
-        size = float(one.magnitude)
-    except Exception:  # the library's parser raises whatever its tokenizer stumbles on
-        return None
-    return _Unit(size, one.units.dimensionality) if math.isfinite(size) and size > 0 else None
 
 
 def _nearest_unit(text: str, dimension: Dimension) -> str | None:
@@ -209,7 +110,7 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
         raise ValueError(f"is empty; {_expected(kind)}")
     found = _NUMBER.match(stripped)
     if found is None:
-        unit = _unit(stripped)
+        unit = find_unit(stripped)
         reason = "the number is missing" if unit else "this is no number with a unit"
         raise ValueError(f"{reason}; {_expected(kind)}")
     number, unit_text = found.group(), stripped[found.end() :].strip()
@@ -223,14 +124,14 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
         raise ValueError(f'write numbers with a decimal point and no comma: "{plain}{rest}"')
     if not unit_text and kind.si:
         raise ValueError(f"the unit is missing; {_expected(kind, number)}")
-    unit = _unit(unit_text)
+    unit = find_unit(unit_text)
     if unit is None and not re.match(r"[A-Za-zµμ°%]", unit_text):
         raise ValueError(f"this is no number followed by a unit; {_expected(kind)}")
     if unit is None:
         near = _nearest_unit(unit_text, kind)
         hint = f' (did you mean "{near}"?)' if near else ""
         raise ValueError(f"unknown unit {show(unit_text)}{hint}; {_expected(kind, number)}")
-    wanted = _unit(kind.si)
+    wanted = find_unit(kind.si)
     assert wanted is not None
     if unit.dimensionality != wanted.dimensionality:
         got = _kind_of(unit)
@@ -242,10 +143,10 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
     return value
 
 
-def _kind_of(unit: _Unit) -> str:
+def _kind_of(unit: Unit) -> str:
     """Name what a unit measures, for a message."""
     for kind in DIMENSIONS.values():
-        known = _unit(kind.si)
+        known = find_unit(kind.si)
         if known is not None and known.dimensionality == unit.dimensionality:
             return (
                 "a pure number" if not kind.si else f"a unit of {kind.article.split(' ', 1)[1]}"

@@ -19,12 +19,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.numerics.analytic import (
-    asinh_sqrt_squared,
-    cosh_sqrt_minus_1,
-    exp_minus_1_minus_x,
-)
-from suas_jax.numerics.spectral import trace_function
+from suas_jax.numerics.analytic import asinh_sqrt_squared, cosh_sqrt_minus_1
 
 
 class AbstractDeformation(eqx.Module):
@@ -262,82 +257,7 @@ class PrincipalStretches(AbstractDeformation):
         return self.isochoric.power_sum_minus_3(alpha)
 
 
-class DeformationGradient(AbstractDeformation):
-    """A general three-dimensional state; only its isochoric part counts.
-
-    With C = Fᵀ F = (1 + g) (1 + d), d traceless, and Δ = det(1 + d) = 1 − d:d/2 + det d,
-
-        I₁ − 3 = 3 (Δ^(−1/3) − 1),    I₂ − 3 = 3 (Δ^(−2/3) − 1) − Δ^(−2/3) d:d/2,
-
-    and power sums are trace functions of d. First and second derivatives with respect
-    to F are exact at coincident stretches; a third one is not defined there.
-
-    Attributes:
-        F: deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0.
-    """
-
-    F: Float[Array, "3 3 *batch"]
-
-    @property
-    def I1_minus_3(self) -> Float[Array, "*batch"]:
-        """J^(−2/3) tr C − 3."""
-        _, _, log_delta = self._split()
-        return 3.0 * jnp.expm1(-log_delta / 3.0)
-
-    @property
-    def I2_minus_3(self) -> Float[Array, "*batch"]:
-        """J^(2/3) tr C⁻¹ − 3."""
-        _, second, log_delta = self._split()
-        two_thirds = -2.0 / 3.0 * log_delta
-        return 3.0 * jnp.expm1(two_thirds) + second * jnp.exp(two_thirds)
-
-    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
-        """Σλ̄_i^α − 3."""
-        shape = jnp.broadcast_shapes(jnp.shape(alpha), self.F.shape[2:])
-        half = jnp.broadcast_to(0.5 * jnp.asarray(alpha, self.F.dtype), shape)
-        d, _, log_delta = self._split()
-        ones = (1,) * (len(shape) + 2 - d.ndim)
-        d = jnp.broadcast_to(d.reshape(3, 3, *ones, *d.shape[2:]), (3, 3, *shape))
-        # With y the mean of n log(1 + d), Σexp(x_i − y) − 3 = e^−y (Σψ(x_i) − 3ψ(y)):
-        # the parts linear in the strain have been taken out of both sides.
-        y = half * log_delta / 3.0
-        return jnp.exp(-y) * (
-            trace_function(_excess_of_power, (half,), d) - 3.0 * exp_minus_1_minus_x(y)
-        )
-
-    def _split(self) -> tuple[Array, Array, Array]:
-        """Return d, its second invariant −d:d/2, and log Δ."""
-        F = self.F
-        # F − 1 is exact near rest, and C − 1 formed from it keeps small strains.
-        H = F - jnp.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
-        G = H + jnp.swapaxes(H, 0, 1) + jnp.einsum("ki...,kj...->ij...", H, H)
-        third = (G[0, 0] + G[1, 1] + G[2, 2]) / 3.0
-        deviator = G - third * jnp.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
-        d = deviator / (1.0 + third)
-        second = -0.5 * jnp.sum(d * d, axis=(0, 1))
-        change = second + _det(d)
-        # At large strain Δ is a small difference of these, but not of det F and tr C.
-        large = change < -0.5
-        from_det = 2.0 * jnp.log(_det(F)) - 3.0 * jnp.log1p(third)
-        log_delta = jnp.where(large, from_det, jnp.log1p(jnp.where(large, 0.0, change)))
-        return d, second, log_delta
-
-
-def _det(A: Float[Array, "3 3 *batch"]) -> Float[Array, "*batch"]:
-    return (
-        A[0, 0] * (A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1])
-        + A[0, 1] * (A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2])
-        + A[0, 2] * (A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0])
-    )
-
-
 def _area_change(x: Array) -> Array:
     """2 e^x + e^(−2x) − 3: the power sum of a state with two equal stretches."""
     t = jnp.expm1(x)
     return t * t * (2.0 * t + 3.0) * jnp.exp(-2.0 * x)
-
-
-def _excess_of_power(parameters: tuple[Array, ...], a: Array) -> Array:
-    """(1 + a)^n − 1 − n log(1 + a), the part of a power that is quadratic in a."""
-    (n,) = parameters
-    return exp_minus_1_minus_x(n * jnp.log1p(a))

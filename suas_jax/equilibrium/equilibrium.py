@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from suas_jax.equilibrium.balance import (
     Problem,
@@ -36,8 +36,6 @@ from suas_jax.skin.wall import Wall
 # made of them stay in cache. Measured: with 32 elements, chunks of 64 lanes took a third of
 # the time per lane that chunks of 128 took.
 _CHUNK = 8192
-# How far a path without a wall goes beyond it, relative to its radius.
-_BEYOND = 1e-4
 
 
 class Equilibrium(NamedTuple):
@@ -59,6 +57,22 @@ class Equilibrium(NamedTuple):
     iterations: LaneCounts
     smallest_pivot: Lanes
     change: BorderedVector | None = None
+
+    @classmethod
+    def of(cls, problem: Problem, found: Found) -> "Equilibrium":
+        """Name what was found.
+
+        Args:
+            problem: membrane, oil and loads.
+            found: its root.
+        """
+        if problem.oil_pressure is not None:
+            fixed = jax.lax.stop_gradient(problem.oil_pressure)
+            pressure = found.level + (problem.oil_pressure - fixed)
+            state = State(found.y.stations, pressure, found.border)
+        else:
+            state = State(found.y.stations, found.border, found.level)
+        return cls(state, found.level, found.result, found.iterations, found.smallest_pivot)
 
 
 class _Root(NamedTuple):
@@ -191,17 +205,6 @@ def _(primals: Any, tangents: Any) -> tuple[Found, Found]:
     return found, _implicit(primals[0], found, tangents[0])
 
 
-def _outcome(problem: Problem, found: Found) -> Equilibrium:
-    """Name what was found."""
-    if problem.oil_pressure is not None:
-        fixed = jax.lax.stop_gradient(problem.oil_pressure)
-        pressure = found.level + (problem.oil_pressure - fixed)
-        state = State(found.y.stations, pressure, found.border)
-    else:
-        state = State(found.y.stations, found.border, found.level)
-    return Equilibrium(state, found.level, found.result, found.iterations, found.smallest_pivot)
-
-
 def equilibrium(
     problem: Problem,
     start: State | None = None,
@@ -231,7 +234,7 @@ def equilibrium(
     """
     stepping = stepping or LoadStepping()
     root = _root(problem, start, stepping, wall_on_demand, omitted)
-    return _outcome(problem, root.found)._replace(change=root.change)
+    return Equilibrium.of(problem, root.found)._replace(change=root.change)
 
 
 def differentiable(problem: Problem, state: State) -> State:
@@ -246,65 +249,5 @@ def differentiable(problem: Problem, state: State) -> State:
     """
     y, level, _ = unknowns_of(problem, state)
     count = jnp.zeros(level.shape, jnp.int32)
-    return _outcome(problem, _known(problem, Found(y, level, count, count, level))).state
-
-
-def path(
-    problem: Problem,
-    levels: Float[Array, " point"],
-    start: State | None = None,
-    end: Wall | None = None,
-) -> Equilibrium:
-    """Equilibria along a path of loads, each continued from the one before.
-
-    Args:
-        problem: membrane, oil and loads; one lane.
-        levels: factors on the loads or, where the problem has a wanted oil pressure, oil
-            pressures [Pa], of one sign, in the order to visit.
-        start: equilibrium to start from; at rest where not given.
-        end: a wall at which a membrane that no wall holds has gone too far: the first
-            state beyond it is the last, and is repeated.
-
-    Returns:
-        Equilibria with a leading axis over the points. After a failure the last state is
-        repeated with the failure's result.
-    """
-    stepping = LoadStepping()
-    pressures = problem.oil_pressure is not None
-
-    def visit(carry: tuple[State, Array, Array], level: Array) -> tuple[Any, Equilibrium]:
-        state, failed, beyond = carry
-        finished = (failed != 0) | beyond
-        level = jnp.broadcast_to(level, state.factor.shape)
-        if pressures:
-            careful = dataclasses.replace(stepping, largest_step=1.0)
-            y = BorderedVector(state.q, state.factor)
-            given = jnp.array(True)
-            root = follow(
-                problem, y, state.pressure, level, careful, given, near=True, finished=finished
-            )
-            found = _outcome(problem, root)
-            found = found._replace(state=found.state._replace(pressure=found.level))
-        else:
-            border = state.pressure if problem.oil.trapped else None
-            y = BorderedVector(state.q, border)
-            root = follow(
-                problem, y, state.factor, level, stepping, near=True, finished=finished
-            )
-            found = _outcome(problem, root)
-        result = jnp.where(failed != 0, failed, found.result)
-        state = jax.tree.map(lambda a, b: jnp.where(failed != 0, a, b), state, found.state)
-        if end is not None:
-            gap = smallest_gap(problem.mechanics, state.q, end)
-            beyond = beyond | (gap < -_BEYOND * end.radius)
-        return (state, result, beyond), found._replace(state=state, result=result)
-
-    rest = problem.mechanics.rest()
-    zero = jnp.zeros(rest.shape[-1:], rest.dtype)
-    result = jnp.zeros(rest.shape[-1:], jnp.int32)
-    if start is None and pressures:
-        first = equilibrium(dataclasses.replace(problem, oil_pressure=zero + levels[0]))
-        start, result = first.state, first.result
-    elif start is None:
-        start = State(rest, zero, zero)
-    return jax.lax.scan(visit, (start, result, jnp.zeros_like(result, bool)), levels)[1]
+    found = _known(problem, Found(y, level, count, count, level))
+    return Equilibrium.of(problem, found).state

@@ -1,13 +1,14 @@
 """Batches as lanes: many problems side by side in one call.
 
 Every array of the mechanics ends in a lane axis. A batch made by `jax.vmap` becomes more
-lanes of one call instead of an axis of every operation, and many lanes go through the call
-in chunks.
+lanes of one call instead of an axis of every operation. Many lanes go through the call in
+chunks, or one by one where a lane's own arrays are large.
 """
 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, PyTree
@@ -76,3 +77,40 @@ def _merge(x: Array, batched: bool, size: int, lanes: int) -> Array:
         return x
     x = jnp.broadcast_to(x[..., None, :], (*x.shape[:-1], size, lanes))
     return x.reshape(*x.shape[:-2], size * lanes)
+
+
+def lane_count(tree: Any) -> int:
+    """Number of lanes of the arrays in a tree, which come last and may be of length one."""
+    return max(x.shape[-1] for x in jax.tree.leaves(eqx.filter(tree, eqx.is_array)))
+
+
+def by_lane(module: Any, function: Callable[..., Any], *arguments: Array) -> Any:
+    """Call a function of one lane's module and arguments, lane after lane.
+
+    Args:
+        module: its arrays have a lane axis at the end.
+        function: of the module, its lane axes of length one, and of arguments without lanes.
+        arguments: with a lane axis at the end.
+
+    Returns:
+        What the function returns, with a lane axis at the end.
+    """
+    lanes = lane_count((module, arguments))
+    arrays, static = eqx.partition((module, arguments), eqx.is_array)
+
+    def one(arrays: Any) -> Any:
+        own, rest = eqx.combine(arrays, static)
+        return function(own, *(x[..., 0] for x in rest))
+
+    if lanes == 1:
+        return jax.tree.map(lambda x: x[..., None], one(arrays))
+
+    def chosen(lane: Array) -> Any:
+        def pick(x: Array) -> Array:
+            index = lane if x.shape[-1] > 1 else 0
+            return jax.lax.dynamic_slice_in_dim(x, index, 1, -1)
+
+        return one(jax.tree.map(pick, arrays))
+
+    found = jax.lax.map(chosen, jnp.arange(lanes))
+    return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), found)

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.equilibrium import path
+from suas_jax.equilibrium.equilibrium_path import path
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess

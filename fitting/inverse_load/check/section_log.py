@@ -15,8 +15,9 @@ from scipy.special import chdtrc
 from fitting.inverse_load.check.verdict import FEWEST, GAIN, USABLE, Gain, ModelVerdict, gain_of
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
+from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.section_errors import SectionErrors
+from fitting.inverse_load.fit.section_fitter import SectionFitter
 from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
 _MOST = 64  # frames that are looked at
@@ -104,7 +105,7 @@ def _best_input(
 ) -> Gain:
     """The input whose change explains most; its change is relative."""
     fitter = estimator.selection.fitter
-    assert isinstance(fitter, LoadFitter)
+    assert isinstance(fitter, SectionFitter)
     candidates = default_errors(estimator.spec)
     errors = SectionErrors(
         estimator.spec,

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.model.evaluation import loads_from
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.statistics.log_probability import LogProbability, NumpyBatch
@@ -81,7 +82,7 @@ class SectionPosterior(AbstractLoadPosterior):
         nodes: its coarse search.
     """
 
-    def __init__(self, fitter: LoadFitter, nodes: AbstractNodeSearch) -> None:
+    def __init__(self, fitter: SectionFitter, nodes: AbstractNodeSearch) -> None:
         low, high = (x[:, 0] for x in fitter.limits(1, 1, False))
         super().__init__(nodes, 1, float(np.prod(high - low)), _SAME, np.array([[-1.0]]))
         self._fitter = fitter

@@ -15,18 +15,17 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
+from fitting.inverse_load.fit.doubts import Doubts
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
-from fitting.inverse_load.fit.outliers import OUTLIER, inliers, least_trimmed
+from fitting.inverse_load.fit.outliers import FaultyTaxels
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from suas_jax.equilibrium.equilibrium import State
 
 _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
-_MOST_OUTLIERS = 0.2  # share of the taxels
-_TRIMMED_FITS = 3
-_ALIKE = 0.7  # cosine of two patterns of one contact
 
 
 class Alternative(NamedTuple):
@@ -41,18 +40,6 @@ class Alternative(NamedTuple):
     chi2: float
     parameters: NDArray[np.float64]
     information: NDArray[np.float64]
-
-
-class _Doubts(NamedTuple):
-    """Why one contact may not explain a frame of a stream.
-
-    Attributes:
-        place: of the pattern of one more contact that its residuals hold.
-        poor: whether the fit is poor.
-    """
-
-    place: int | None
-    poor: bool
 
 
 @dataclass
@@ -81,11 +68,14 @@ class Selection:
         self._pairs: AbstractSeveralSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
-        self._doubts = _Doubts(None, False)
+        per_contact, most = self.fitter.per_contact, self.most_contacts
+        self._doubts = Doubts(self.fitter, self.nodes, self.penalty, most)
+        self._faulty = FaultyTaxels(self.nodes, self._fit_several, per_contact, most)
 
     def forget(self) -> None:
         """Live: let nothing of the frames so far count for the next."""
-        self.last, self._doubts = None, _Doubts(None, False)
+        self.last = None
+        self._doubts.forget()
 
     @property
     def pairs(self) -> AbstractSeveralSearch:
@@ -106,8 +96,7 @@ class Selection:
         first, second = self.nodes.nearest(y, weight)
         best = self._single(y, weight, first)
         best, others = self._second_modes(y, weight, second, best)
-        doubts = self._lasting_doubts if self.fitter.live else self._doubtful
-        doubtful = doubts(y, best)
+        doubtful = self._doubts.of(y, best)
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
         if frames.size:
@@ -117,7 +106,7 @@ class Selection:
             best = self._or_pulled(y, weight, frames, best)
             bad = frames[self._p_value(best)[frames] < SUSPECT / 10]
             if bad.size:
-                best = self._without_outliers(y, weight, bad, best)
+                best = self._faulty.explained_without(y, weight, bad, best)
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
         return best, others
@@ -169,42 +158,6 @@ class Selection:
         rows = rows[better]
         return best.with_frames(frames[rows], found, rows), others
 
-    def _hinted(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
-        """Frames whose residuals hold the pattern of one more contact (a score test)."""
-        return self._hints(y, best)[0]
-
-    def _hints(self, y: Any, best: Explanations) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
-        """The same, and the place of the pattern that fits best."""
-        if self.most_contacts < 2:
-            return np.zeros(len(y), bool), np.zeros(len(y), np.intp)
-        pattern = self.nodes.signatures
-        residual = np.where(best.weight > 0, y - best.so, 0.0)
-        along = np.maximum((best.weight * residual) @ pattern.T, 0.0)
-        size = best.weight @ (pattern**2).T
-        gain = along**2 / np.maximum(size, 1e-300)
-        return np.asarray(gain.max(1) > self.penalty / 2), gain.argmax(1)
-
-    def _doubtful(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
-        """Frames that one contact may not explain."""
-        return (self._p_value(best) < SUSPECT) | self._hinted(y, best)
-
-    def _lasting_doubts(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
-        """Live: doubts that the frame before gave, too, or that are too strong for noise.
-
-        Noise gives a hint to every twentieth frame and a poor fit to every five-hundredth,
-        whose search on a pad takes as long as many frames; another contact stays.
-        """
-        hinted, place = self._hints(y, best)
-        p_value = float(self._p_value(best)[0])
-        now = _Doubts(int(place[0]) if hinted[0] else None, p_value < SUSPECT)
-        before, self._doubts = self._doubts, now
-        alike = False
-        if before.place is not None and now.place is not None:
-            one, other = self.nodes.signatures[[before.place, now.place]]
-            alike = one @ other > _ALIKE * np.sqrt((one @ one) * (other @ other))
-        poor = p_value < SUSPECT / 100 or (before.poor and now.poor)
-        return np.array([alike or poor])
-
     # --- wide contacts ------------------------------------------------------------------
 
     def _or_wide(
@@ -226,7 +179,7 @@ class Selection:
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
         explained[wide] &= best.spread[wide, 0] < UNUSUAL
-        explained &= ~self._hinted(y, best)
+        explained &= ~self._doubts.hinted(y, best)
         return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------
@@ -261,7 +214,7 @@ class Selection:
     def _fit_several(
         self, y: Any, weight: Any, start: Any, state: State, count: int
     ) -> Explanations:
-        """Fits by several contacts, each beyond the first with its penalty."""
+        """Fits by some contacts, each beyond the first with its penalty."""
         found = self._loads.fit(y, weight, start, state, count)
         return found.penalised((count - 1) * self.penalty)
 
@@ -335,47 +288,6 @@ class Selection:
             found = self.pulled(y[frames], weight[frames]).penalised(self.penalty)
             best, _ = best.cheapest(frames, found)
         return best
-
-    # --- faulty taxels ----------------------------------------------------------------
-
-    def _without_outliers(
-        self, y: Any, weight: Any, frames: Any, best: Explanations
-    ) -> Explanations:
-        """Fit frames without the taxels that stand out, each counted against the fit."""
-        y, weight = y[frames], weight[frames]
-        most = np.maximum(1, np.floor(_MOST_OUTLIERS * (weight > 0).sum(1)))
-        node, trimmed = least_trimmed(self.nodes, y, weight, most)
-        start, states = self.nodes.loads[node], self.nodes.states(node)
-        for _ in range(_TRIMMED_FITS):
-            found = self._loads.fit(y, trimmed, start, states, 1)
-            trimmed = inliers(y, weight, found.so)
-            better = found.parameters[:, : start.shape[1]]
-            start = np.where(np.isfinite(found.chi2)[:, None], better, start)
-        best = self._if_cheaper(frames, weight, best, found, most)
-        # Then from several contacts, less the taxels that stand out from them.
-        for count in range(2, self.most_contacts + 1):
-            suspect = self._p_value(best)[frames] < SUSPECT / 10
-            rows = np.flatnonzero((best.contacts[frames] == count) & suspect)
-            if not rows.size:
-                continue
-            width = self.fitter.per_contact * count
-            for _ in range(2):
-                so = best.so[frames[rows]]
-                start = best.parameters[frames[rows]][:, :width]
-                states = self.nodes.states(self.nodes.nearest_to(start, count))
-                kept = inliers(y[rows], weight[rows], so)
-                found = self._fit_several(y[rows], kept, start, states, count)
-                best = self._if_cheaper(frames[rows], weight[rows], best, found, most[rows])
-        return best
-
-    def _if_cheaper(
-        self, frames: Any, weight: Any, best: Explanations, found: Explanations, most: Any
-    ) -> Explanations:
-        """The fits of some frames where they are cheaper, taxels left out counted."""
-        left_out = (weight > 0).sum(1) - found.used()
-        rows = np.flatnonzero(left_out <= most)
-        candidates = found.penalised(left_out * OUTLIER**2).rows(rows)
-        return best.cheapest(frames[rows], candidates)[0]
 
 
 def _mode(explanations: Explanations, i: int) -> Alternative:

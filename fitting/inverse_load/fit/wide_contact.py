@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import Explanations, LoadFitter
+from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.least_squares import WIDE_FIT_PROGRAM, Fit
+from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.forward import Skin
@@ -30,7 +31,7 @@ UNUSUAL = 25e-3
 """Length of an arc beyond which two contacts are tried even where it explains a frame [m]."""
 
 
-class WideContactFitter(LoadFitter):
+class WideContactFitter(SectionFitter):
     """Least squares on a skin in plane strain, for one radial contact over an arc.
 
     Args:

@@ -25,7 +25,7 @@ class PadPosterior(AbstractLoadPosterior):
     """
 
     def __init__(self, fitter: PadFitter, nodes: AbstractNodeSearch) -> None:
-        super().__init__(nodes, 2, fitter.prior_volume(), _SAME, _MIRRORS)
+        super().__init__(nodes, 2, fitter.squares.prior_volume(), _SAME, _MIRRORS)
         self._fitter = fitter
 
     def log_probability(self, y: NDArray[np.float64], mode: Explanations) -> NumpyBatch:
@@ -37,10 +37,10 @@ class PadPosterior(AbstractLoadPosterior):
         weight = mode.weight[:1]
 
         def log_probability(points: NDArray[np.float64]) -> NDArray[np.float64]:
-            low, high = fitter.bounds(points, count, pull)
+            low, high = fitter.squares.bounds(points, count, pull)
             inside = ((points >= low) & (points <= high)).all(1)
             within = np.clip(points, low, high)
-            chi2 = fitter.chi2(y[None], weight, within, count, correction)
+            chi2 = fitter.squares.chi2(y[None], weight, within, count, correction)
             return np.where(inside, -chi2 / 2, -np.inf)
 
         return NumpyBatch(log_probability)

@@ -8,19 +8,19 @@ empty and "NaN" cells; repeated names and remarks between the rows.
 
 import dataclasses
 import os
-import re
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from fitting.material.data.cells import Cells, read_cells
-from fitting.material.data.columns import split_specimen, understand
+from fitting.material.data.columns import split_specimen
 from fitting.material.data.errors import DataError
+from fitting.material.data.given_columns import renamed
 from fitting.material.data.header import Header, read_header
 from fitting.material.data.layout import Layout, find_table, with_unit
 from fitting.material.data.numbers import decimal_mark, number
-from suas_jax.config.errors import listed
+from fitting.material.data.side_by_side import side_by_side
 
 _SAMPLED = 2000  # rows that tell the decimal mark
 
@@ -156,7 +156,7 @@ def _part(
         for line, row in zip(lines, body, strict=True)
     ]
     shown = [with_unit(name, unit) for name, unit in zip(names, layout.units, strict=True)]
-    shown = _renamed(file, names, layout.units, shown, columns)
+    shown = renamed(file, names, layout.units, shown, columns)
     header = read_header(cells, layout)
     remarks = []
     if layout.skipped:
@@ -172,7 +172,7 @@ def _part(
         "first_line": lines[0],
         "last_line": lines[-1],
     }
-    groups = _side_by_side(shown, layout.groups, fixed=bool(columns), plane=plane)
+    groups = side_by_side(shown, layout.groups, fixed=bool(columns), plane=plane)
     parts = []
     for label, positions in groups:
         own = [split_specimen(shown[i])[0] if label else shown[i] for i in positions]
@@ -211,132 +211,6 @@ def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str])
             f"{file}: line {line}: {len(cells)} fields, but {width} columns are named{hint}"
         )
     return cells + [""] * (width - len(cells))
-
-
-def _renamed(
-    file: str,
-    names: list[str],
-    units: list[str],
-    shown: list[str],
-    columns: Mapping[str, str],
-) -> list[str]:
-    """Column names with the user's word for what they measure."""
-    if not columns:
-        return shown
-    found = list(shown)
-    meant = {}
-    for quantity, text in columns.items():
-        index, given = _position(file, quantity, text, names, shown)
-        unit = given or units[index]
-        if not unit and (known := _understood(shown[index])) is not None:
-            unit = known
-        spelled = f"{quantity} [{unit}]" if unit else quantity
-        try:
-            column = understand(spelled, f"--columns {quantity}={text}")
-        except ValueError as error:
-            raise DataError(
-                f"{error}; the file states none: give it after the column, for example "
-                f'--columns "{quantity}={index + 1} mm"'
-                if not unit
-                else str(error)
-            ) from None
-        if column is None:
-            raise DataError(
-                f"--columns {quantity}={text}: {quantity} is no known quantity"
-                f"{f' in {unit}' if unit else ''}; such as force, extension, strain, stretch, "
-                f"stress, pressure, time"
-            )
-        found[index] = spelled
-        meant[index] = (column.quantity, column.direction)
-    # Other columns of the same meaning give way.
-    for i, name in enumerate(found):
-        if i in meant:
-            continue
-        try:
-            column = understand(name, "")
-        except ValueError:
-            continue
-        if column is not None and (column.quantity, column.direction) in meant.values():
-            found[i] = f"(not used) {name}"
-    return found
-
-
-def _position(
-    file: str, quantity: str, text: str, names: list[str], shown: list[str]
-) -> tuple[int, str]:
-    """Column that the user names by number or name, and the unit after it."""
-    for spellings in (shown, names):
-        if text in spellings:
-            return spellings.index(text), ""
-    first, _, unit = text.partition(" ")
-    if first.isdigit() and 1 <= int(first) <= len(names):
-        return int(first) - 1, unit.strip("()[] ")
-    for i, name in enumerate(names):
-        if name and text.startswith(f"{name} "):
-            return i, text[len(name) :].strip("()[] ")
-    have = listed(f'{i}: "{name}"' for i, name in enumerate(names, 1) if name)
-    raise DataError(
-        f"--columns {quantity}={text}: {file} has no such column; it has {have or 'no names'}"
-        + (f" and {len(names)} columns" if not any(names) else "")
-    )
-
-
-def _understood(name: str) -> str | None:
-    """Unit of a column that is understood by its name."""
-    try:
-        column = understand(name, "")
-    except ValueError:
-        return None
-    return column.unit if column is not None else None
-
-
-def _side_by_side(
-    names: list[str], groups: list[str], *, fixed: bool, plane: bool
-) -> list[tuple[str, list[int]]]:
-    """Columns of each specimen, by its label; one group where there is only one."""
-    everything = [i for i, name in enumerate(names) if name]
-    whole = [("", list(range(len(names))))]
-    if fixed or len(everything) < 2:
-        return whole
-    labels = [split_specimen(name)[1] for name in names]
-    if not any(labels) and not plane:
-        labels = _numbered(names)
-    if len({label for label in labels if label}) > 1:
-        shared = [i for i in everything if not labels[i]]
-        order = dict.fromkeys(label for label in labels if label)
-        return [
-            (label, shared + [i for i in everything if labels[i] == label]) for label in order
-        ]
-    # Repeated sequences: a name that returns begins the next specimen. What stands before
-    # the first such name is common to all.
-    first = next((names[i] for i in everything if names.count(names[i]) > 1), None)
-    starts = [k for k, i in enumerate(everything) if names[i] == first]
-    if len(starts) < 2:
-        return whole
-    shared = everything[: starts[0]]
-    blocks = [
-        everything[a:b] for a, b in zip(starts, [*starts[1:], len(everything)], strict=True)
-    ]
-    alike = len({tuple(names[i] for i in block) for block in blocks}) == 1
-    if not alike or len(shared) + len(blocks[0]) < 2:
-        return whole
-    stated = [groups[block[0]] for block in blocks]
-    if len(set(stated)) < len(stated):
-        stated = [str(k + 1) for k in range(len(blocks))]
-    return [(label, shared + block) for label, block in zip(stated, blocks, strict=True)]
-
-
-def _numbered(names: list[str]) -> list[str]:
-    """Numbers at the ends of names, such as 2 in "Stress 2 (MPa)", where all sets are alike."""
-    found = [re.fullmatch(r"(.*?[^\W\d])[ _]?(\d{1,2})(\s*[\[(].*)?", name) for name in names]
-    sets: dict[str, list[str]] = {}
-    for match in found:
-        if match is not None:
-            sets.setdefault(match.group(2), []).append(match.group(1) + (match.group(3) or ""))
-    alike = len(sets) > 1 and len({tuple(own) for own in sets.values()}) == 1
-    if not alike or len(next(iter(sets.values()))) < 2:
-        return [""] * len(names)
-    return [match.group(2) if match is not None else "" for match in found]
 
 
 def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table:

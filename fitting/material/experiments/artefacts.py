@@ -9,19 +9,16 @@ from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.selection import broken, loadings, series_of
 from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.toe import CERTAIN, idle, toe_end
 
 # No rubber stretches to this many times its length.
 _LONGEST = 16.0
 # Loadings that differ by more than this share of the largest stress are not one curve.
 _SOFTENED = 0.03
-# A curve that misses zero stress at rest, by this many standard errors and this share of its
-# largest stress, has another zero.
-_CERTAIN, _NOTICEABLE = 5.0, 0.015
+# A curve that misses zero stress at rest, by what is certain and by this share of its largest
+# stress, has another zero.
+_NOTICEABLE = 0.015
 _NEAR_REST = 0.35
-# A toe begins with a slope that is lower by this share than the steepest.
-_STEEPER = 0.25
-# ... and has ended at this share of the largest stress.
-_TOE_ENDS = 0.4
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,22 +167,22 @@ def _zero_of_series(
         return []
     label = data.specimen[rows][0]
     where = f"specimen {label}: " if label and len(set(data.specimen)) > 1 else ""
-    idle = _idle(x, y, largest)
-    if idle is not None:
-        stretch = float(np.exp(idle) - 1.0)
+    taut = idle(x, y, largest)
+    if taut is not None:
+        stretch = float(np.exp(taut) - 1.0)
         size, unit = _travel(data, stretch)
         return [
             Suspect(
                 "slack",
                 data.file,
-                f"{where}nothing is carried up to a stretch of {np.exp(idle):.4g}, then the "
+                f"{where}nothing is carried up to a stretch of {np.exp(taut):.4g}, then the "
                 f"stress rises: the specimen was slack by about {size:.3g} {unit}",
                 "--zero slack",
                 size,
                 unit,
             )
         ]
-    toe = _toe_end(x, y)
+    toe = toe_end(x, y)
     if toe is not None:
         return [
             Suspect(
@@ -218,9 +215,9 @@ def _zero_of_series(
     # Slope at rest by log stretch, from the mode's: 3, 4 and 6 times the modulus.
     slope = {"uniaxial": 3.0, "pure_shear": 4.0, "equibiaxial": 6.0}[data.mode]
     slope *= float(solution[1] + solution[2])
-    if abs(at_rest) < max(_CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
+    if abs(at_rest) < max(CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
         return []
-    below = np.min(y) < -max(_CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
+    below = np.min(y) < -max(CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
     if at_rest < 0.0 and not below:
         lag = -at_rest / slope
         size, unit = _travel(data, float(lag))
@@ -257,84 +254,3 @@ def _travel(data: StressTest, strain: float) -> tuple[float, str]:
     if np.isfinite(data.origin.length):
         return 1e3 * strain * data.origin.length, "mm"
     return strain, "of the length"
-
-
-def _toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
-    """Where a curve that grows steeper from rest is steepest; None if it does not.
-
-    Slopes of lines through an eighth of the early readings each.
-    """
-    order = np.argsort(x, kind="stable")
-    # Against the stretch itself rubber is steepest at rest, until its chains lock.
-    x, y = np.expm1(x[order]), y[order]
-    early = int(np.argmax(y > _TOE_ENDS * np.max(y)))
-    x, y = x[:early], y[:early]
-    width = max(len(x) // 8, 4)
-    starts = np.arange(0, len(x) - 3, max(width // 2, 1))
-    slopes, errors, middles = [], [], []
-    for i in starts:
-        part = slice(i, i + width)
-        if len(x[part]) < 4 or np.ptp(x[part]) <= 0.0:
-            continue
-        coefficients, covariance = np.polyfit(x[part], y[part], 1, cov="unscaled")
-        rest = y[part] - np.polyval(coefficients, x[part])
-        slopes.append(float(coefficients[0]))
-        errors.append(float(np.sqrt(covariance[0, 0] * np.sum(rest**2) / (len(rest) - 2))))
-        middles.append(float(np.mean(x[part])))
-    if len(slopes) < 4:
-        return None
-    # Scatter is judged from all of them: of few readings it is little known.
-    scatter = float(np.sqrt(np.mean(np.square(errors))))
-    best = int(np.argmax(slopes))
-    rise = slopes[best] - slopes[0]
-    fall = slopes[best] - min(slopes[best:])
-    least = max(_CERTAIN * scatter, _STEEPER * slopes[best])
-    if best == 0 or rise < least or fall < min(scatter, 0.02 * slopes[best]):
-        return None
-    return float(np.log1p(middles[best]))
-
-
-def without_toe(data: Dataset, share: float = 0.0) -> Dataset:
-    """A test without its toe.
-
-    Args:
-        data: the test.
-        share: of the largest stress, below which readings are left out; none where the curve
-            is steepest at once.
-    """
-    if not isinstance(data, StressTest) or not can_be_freed(data):
-        return data
-    keep = np.ones(data.size, dtype=bool)
-    for rows in series_of(data):
-        x = np.log(data.stretch_1[rows])
-        side = 1.0 if np.sum(x) >= 0.0 else -1.0
-        end = _toe_end(side * x, side * data.value[rows])
-        if end is not None:
-            keep[rows[side * x < end]] = False
-        size = side * data.value[rows]
-        if share > 0.0:
-            first = int(np.argmax(size >= share * np.max(size)))
-            keep[rows[side * x < side * x[first]]] = False
-    return data.select(keep) if keep.sum() > 6 else data
-
-
-def _idle(x: np.ndarray, y: np.ndarray, largest: float) -> float | None:
-    """Where a slack specimen begins to carry; None if it does so at once.
-
-    Before that, readings scatter about zero and do not rise; behind it they do.
-    """
-    order = np.argsort(x, kind="stable")
-    x, y = x[order], y[order]
-    flat = np.flatnonzero(np.abs(y) > 0.02 * largest)
-    end = int(flat[0]) if flat.size else 0
-    while end >= 4:
-        # Readings before must not rise as those behind do.
-        before = np.polyfit(x[:end], y[:end], 1)[0] if x[end - 1] > x[0] else 0.0
-        behind = x[end:] <= x[end] + max(x[end] - x[0], 1e-12)
-        if behind.sum() < 2:
-            return None
-        after = np.polyfit(x[end:][behind], y[end:][behind], 1)[0]
-        if before < 0.2 * after and x[end] > 0.02 * x[-1]:
-            return float(x[end - 1])
-        end = int(0.75 * end)
-    return None

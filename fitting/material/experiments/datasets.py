@@ -10,7 +10,7 @@ from fitting.material.data.tables import read_table
 from fitting.material.experiments.bulge import bulge
 from fitting.material.experiments.measurements import Dataset, mode_named
 from fitting.material.experiments.skin_readings import skin
-from fitting.material.experiments.stress_tests import (
+from fitting.material.experiments.stress_readings import (
     balloon,
     biaxial,
     difference,

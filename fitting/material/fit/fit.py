@@ -7,18 +7,20 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.artefacts import Suspect, without_toe
+from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
-from fitting.material.experiments.free_zero import Zero, can_be_freed
+from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.toe import without_toe
 from fitting.material.fit.judgement import judged_residuals, noise_remark
 from fitting.material.fit.noise import Noise, noise_of, with_noise
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.fit.residuals import readings
 from fitting.material.fit.result import MaterialFit
-from fitting.material.fit.search import SKIN_LANES, NoFit, search
-from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
+from fitting.material.fit.reweighting import search_for_typical_specimen, weighed_search
+from fitting.material.fit.search import SKIN_LANES, NoFit
+from fitting.material.fit.specimens import has_several_specimens
 from fitting.material.fit.suspects import (
     fit_suspects,
     posed_kind,
@@ -29,14 +31,12 @@ from fitting.material.fit.suspects import (
 from fitting.material.laws.registry import family
 from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import Minima, minimise
+from fitting.statistics.least_squares import minimise
 from fitting.statistics.parameters import AbstractFamily
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
 _THIN = 500
-# Rounds of weighing by the estimated noise, which the fit itself then changes little.
-_NOISE_ROUNDS = 2
 # Shares of the largest stress at which a toe may end.
 _TOES = (0.05, 0.1, 0.2, 0.3, 0.4)
 _FEWEST_BEHIND_TOE, _CLEAR = 12, 5.0
@@ -142,10 +142,10 @@ def _fitted(
     suspects = [s for s in suspects if not _is_mended(s, zero)]
     zeros = zeros_of(used, tuple(dict.fromkeys(zero))) if zero else ()
     wider = with_zeros(chosen, used, zeros) if zeros else chosen
-    problem, minima, used = _weighed(used, wider, residual, starts, seed, zeros)
+    problem, minima, used = weighed_search(used, wider, residual, starts, seed, zeros)
     specimens = None
-    if np.isfinite(minima.cost[0]) and not zeros and not bounds and _several(used):
-        specimens, problem, minima, used = _hierarchical(
+    if np.isfinite(minima.cost[0]) and not zeros and not bounds and has_several_specimens(used):
+        specimens, problem, minima, used = search_for_typical_specimen(
             used, wider, problem, minima, (residual, starts, seed)
         )
     if not np.isfinite(minima.cost[0]):
@@ -232,65 +232,6 @@ def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:
         "force offset": ("force", "slack"),
     }
     return any(kind in zero for kind in mends.get(suspect.kind, ()))
-
-
-def _several(sets: Sequence[Dataset]) -> bool:
-    """Whether a mode has more than one specimen."""
-    seen = [
-        (data.mode, data.file, label) for data in sets for label in dict.fromkeys(data.specimen)
-    ]
-    return len({mode for mode, *_ in seen}) < len(seen)
-
-
-def _hierarchical(
-    sets: list[Dataset],
-    chosen: AbstractFamily,
-    problem: MaterialProblem,
-    minima: Minima,
-    options: tuple[str, int, int],
-) -> tuple[Specimens | None, MaterialProblem, Minima, list[Dataset]]:
-    """The fit of the typical specimen, if the specimens differ."""
-
-    def judged(known: np.ndarray | None) -> Specimens | None:
-        theta, scales = jnp.asarray(minima.theta[0]), problem.residuals.scales
-        constants = np.asarray(chosen.constants(theta, scales))
-        return specimens_of(sets, problem, constants, known)
-
-    found = judged(None)
-    if found is None or not found.differ:
-        return found, problem, minima, sets
-    sets = of_typical_specimen(sets, found)
-    problem, minima, sets = _weighed(sets, chosen, *options, ())
-    if not np.isfinite(minima.cost[0]):
-        return None, problem, minima, sets
-    return judged(found.factors), problem, minima, sets
-
-
-def _weighed(
-    sets: list[Dataset],
-    chosen: AbstractFamily,
-    kind: str,
-    starts: int,
-    seed: int,
-    zeros: Sequence[Zero],
-) -> tuple[MaterialProblem, Minima, list[Dataset]]:
-    """The search, with readings weighed by their noise where it is to be estimated."""
-    if kind != "estimated":
-        return *search(sets, chosen, kind, starts, seed, zeros), sets
-    problem, minima = search(sets, chosen, "relative", starts, seed, zeros)
-    for _ in range(_NOISE_ROUNDS):
-        if not np.isfinite(minima.cost[0]):
-            break
-        scales = problem.residuals.scales
-        constants = np.asarray(chosen.constants(jnp.asarray(minima.theta[0]), scales))
-        noise = noise_of(sets, problem, constants)
-        predicted, _ = readings(problem.residuals, jnp.asarray(constants))
-        sizes = [np.asarray(predicted)[place] for place in problem.places]
-        sets = with_noise(sets, noise, sizes)
-        posed = pose(sets, chosen, "noise", zeros=zeros)
-        minima = minimise(posed.residuals, minima.theta)
-        problem = dataclasses.replace(posed, kind="estimated")
-    return problem, minima, sets
 
 
 def _explaining(

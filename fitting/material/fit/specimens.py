@@ -86,6 +86,14 @@ class Specimens:
         }
 
 
+def has_several_specimens(sets: Sequence[Dataset]) -> bool:
+    """Whether a mode has more than one specimen."""
+    seen = [
+        (data.mode, data.file, label) for data in sets for label in dict.fromkeys(data.specimen)
+    ]
+    return len({mode for mode, *_ in seen}) < len(seen)
+
+
 def specimens_of(
     sets: Sequence[Dataset],
     problem: MaterialProblem,

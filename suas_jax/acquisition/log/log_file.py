@@ -34,8 +34,9 @@ from suas_jax.acquisition.log.format import (
     LogFileError,
     log_header,
 )
+from suas_jax.acquisition.log.line_file import LogWriteError
 from suas_jax.acquisition.log.reader import is_log, read_log
-from suas_jax.acquisition.log.writer import LogWriteError, LogWriter
+from suas_jax.acquisition.log.writer import LogWriter
 
 __all__ = [
     "DEFAULT_SCALE",

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.acquisition.log.columns import LARGEST_INTEGER
 from suas_jax.acquisition.log.data import FRAME_WINDOW, SoLog
 from suas_jax.acquisition.log.format import (
     CONTINUED,
@@ -17,6 +16,7 @@ from suas_jax.acquisition.log.format import (
     MEASURED,
     LogFileError,
 )
+from suas_jax.acquisition.log.text_column import TextColumn, number_in
 from suas_jax.files.reading import MEGABYTE, opened, read_bytes
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.
@@ -128,22 +128,23 @@ class _Parser:
             self._last_line(*tail, names, rows, numbers, so)
         # One flat list: a list for each row would cost several times more.
         fields = _SEPARATOR.join(rows).split(_SEPARATOR) if rows else []
-        by_name = {name: fields[k :: len(names)] for k, name in enumerate(names)}
+        columns = {
+            name: TextColumn(self.path, name, numbers, fields[k :: len(names)])
+            for k, name in enumerate(names)
+        }
         known = {*KEY_COLUMNS, *so}
-        counts = [self._floats(numbers, k, by_name[k], 0.0, MAX_COUNT) for k in so]
+        counts = [columns[k].floats(0.0, MAX_COUNT) for k in so]
         return SoLog(
             self.path,
             self.header,
-            self._floats(numbers, "t_host_s", by_name["t_host_s"]),
-            self._floats(numbers, "t_device_s", by_name["t_device_s"]),
-            self._integers(numbers, "seq", by_name["seq"]),
-            self._integers(numbers, "module", by_name["module"]),
+            columns["t_host_s"].floats(),
+            columns["t_device_s"].floats(),
+            columns["seq"].integers(),
+            columns["module"].integers(),
             np.stack(counts, axis=1),
             {
-                name: self._floats(numbers, name, by_name[name])
-                if name in MEASURED
-                else _flag(by_name[name])
-                for name in names
+                name: column.floats() if name in MEASURED else column.flag()
+                for name, column in columns.items()
                 if name not in known
             },
             tuple(self.notes),
@@ -234,73 +235,10 @@ class _Parser:
             for earlier in reversed(rows[-FRAME_WINDOW:]):
                 row = earlier.split(_SEPARATOR)
                 if row[module].strip() == fields[module].strip():
-                    last, before = _number(fields[-1]), _number(row[-1])
+                    last, before = number_in(fields[-1]), number_in(row[-1])
                     if 0 < 0.5 * before < last < 2 * before:
                         rows.append(_SEPARATOR.join(fields))
                         numbers.append(number)
                         return
                     break
         self.notes.append(f"line {number} is cut off and left out")
-
-    def _floats(
-        self,
-        numbers: list[int],
-        name: str,
-        texts: Sequence[str],
-        low: float = -np.inf,
-        high: float = np.inf,
-    ) -> NDArray[np.float64]:
-        try:
-            if "_" in "".join(texts):
-                raise ValueError
-            values = np.array(list(map(float, texts)))
-        except ValueError:  # missing values, or worse
-            values = np.array([_number(text) for text in texts], float)
-        outside = np.isinf(values) | (values < low) | (values > high)
-        bad = [
-            i
-            for i in np.flatnonzero(outside | np.isnan(values)).tolist()
-            if outside[i] or not _is_missing(texts[i])
-        ]
-        if bad:
-            allowed = "a number" if high == np.inf else f"a count from {low:.0f} to {high:.0f}"
-            raise LogFileError(
-                f'{self.path}, line {numbers[bad[0]]}, column {name}: "{texts[bad[0]]}": '
-                f"expected {allowed}, or nothing where the value is missing"
-            )
-        return values
-
-    def _integers(
-        self, numbers: list[int], name: str, texts: Sequence[str]
-    ) -> NDArray[np.int64]:
-        if all(map(str.isdecimal, texts)) and max(map(len, texts), default=0) < 16:
-            return np.array(list(map(int, texts)), np.int64)
-        values = []
-        for i, text in enumerate(texts):
-            value = _number(text)
-            if not (value.is_integer() and 0 <= value <= LARGEST_INTEGER):
-                raise LogFileError(
-                    f'{self.path}, line {numbers[i]}, column {name}: "{text}": expected a '
-                    "whole number, zero or more"
-                )
-            values.append(int(value))
-        return np.array(values, np.int64)
-
-
-def _is_missing(text: str) -> bool:
-    return text.strip().lower() in ("", "nan", "na")
-
-
-def _number(text: str) -> float:
-    """NaN where the text is no number; Python's own `1_000` is none in a CSV."""
-    try:
-        return float(text) if "_" not in text else float("nan")
-    except ValueError:
-        return float("nan")
-
-
-def _flag(fields: Sequence[str]) -> NDArray[np.generic]:
-    try:
-        return np.array([int(text) if text.strip() else 0 for text in fields], np.int64)
-    except (ValueError, OverflowError):
-        return np.array([text.strip() for text in fields], np.str_)

@@ -1,8 +1,9 @@
-"""Write an SO log, append-only."""
+"""Write an SO log, append-only: its header, its rows, and the parts that it is rotated into.
 
-import contextlib
-import errno
-import os
+Rows are gathered and handed to a `LineFile` a few times a second, which sees to it that only
+whole ones reach the disk.
+"""
+
 import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
@@ -10,22 +11,11 @@ from pathlib import Path
 from types import TracebackType
 
 from suas_jax.acquisition.log.format import APPENDED, CONTINUED, KEY_COLUMNS
+from suas_jax.acquisition.log.line_file import LineFile, LogWriteError
 from suas_jax.acquisition.log.resume import LogEnd, end_of_log
-
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
 
 # Columns of a log in which no module ever spoke: a ROBOSKIN triangle's.
 _USUAL_TAXELS = 10
-# What a disk answers that can't take more; a pipe or a network drive that can't be forced to
-# the disk answers something else.
-_LOST = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG)
-
-
-class LogWriteError(OSError):
-    """The log can't be written any more: the disk is full or gone. Names the file."""
 
 
 class LogWriter:
@@ -95,10 +85,8 @@ class LogWriter:
         self._taxels: int | None = None
         self._pending: list[str] = []
         end = end_of_log(path) if append else None
-        if end is None:
-            self._file = self._open()
-        else:
-            self._file = self._reopen(end)
+        self._file = self._open() if end is None else self._reopen(end)
+        self._flushed = self._synced = time.monotonic()
         if taxels is not None:
             self.start(taxels)
 
@@ -166,14 +154,14 @@ class LogWriter:
         self._flushed = now
         if self._pending:
             self._append_rows()
-            if self._rotate_bytes is not None and self._size >= self._rotate_bytes:
+            if self._rotate_bytes is not None and self._file.size >= self._rotate_bytes:
                 self._next_part()
         if now - self._synced > self._sync_interval:
             self._sync()
 
     def close(self) -> None:
         """Write what is left and force it to the disk."""
-        if self._file < 0:
+        if self._file.closed:
             return
         try:
             if self._taxels is None:
@@ -181,7 +169,7 @@ class LogWriter:
             self.flush()
             self._sync()
         finally:
-            self._let_go()
+            self._file.close()
 
     def __enter__(self) -> "LogWriter":
         return self
@@ -194,82 +182,29 @@ class LogWriter:
     ) -> None:
         self.close()
 
-    def _open(self) -> int:
-        try:
-            occupied = self.path.stat().st_size > 0
-        except FileNotFoundError:
-            occupied = False
-        if occupied and not self._overwrite:
-            raise FileExistsError(
-                f"{self.path}: exists and is not empty; logs are never overwritten unasked, "
-                "choose another name, or give --append or --overwrite"
-            )
-        # What is replaced stays until the new log has begun.
-        place = self.path if not occupied else self.path.with_name(f".{self.path.name}.part")
-        mode = os.O_WRONLY | os.O_CREAT | os.O_APPEND | (os.O_TRUNC if occupied else 0)
-        self._file = os.open(place, mode, 0o666)
-        self._size = 0
-        self._flushed = self._synced = time.monotonic()
+    def _open(self) -> LineFile:
         header = self._header | ({"part": str(self._part)} if self._part > 1 else {})
-        try:
-            self._lock()
-            self._append("".join(f"# {key}: {value}\n" for key, value in header.items()))
-            if occupied:
-                os.fsync(self._file)
-                os.replace(place, self.path)
-        except LogWriteError:
-            self._let_go()
-            with contextlib.suppress(OSError):
-                place.unlink()
-            raise
-        except OSError:
-            self._let_go()
-            raise
-        return self._file
+        text = "".join(f"# {key}: {value}\n" for key, value in header.items())
+        return LineFile.create(self.path, text, overwrite=self._overwrite)
 
-    def _reopen(self, end: LogEnd) -> int:
+    def _reopen(self, end: LogEnd) -> LineFile:
         """Open the last part of an existing log, behind its last whole line."""
         end.check(self._header, self._flags)
         self.resumed = True
         self.path, self._part, self._taxels = end.path, end.part, end.taxels
         self._header = end.header
-        self._file = os.open(self.path, os.O_WRONLY | os.O_APPEND)
-        try:
-            self._lock()
-            now = datetime.now(UTC)
-            if end.cut_off:
-                os.ftruncate(self._file, end.whole_bytes)
-                self.notes = (f"a last line that was cut off was taken out: {end.cut_off!r}",)
-            self._size = end.whole_bytes
-            self._flushed = self._synced = time.monotonic()
-            # Behind the last row even where the host's clock was set back meanwhile.
-            self.elapsed = max((now - end.start_time).total_seconds(), end.last_time)
-            self._append(f"# {APPENDED}: {now.isoformat(timespec='microseconds')}\n")
-        except OSError:
-            self._let_go()
-            raise
-        return self._file
-
-    def _lock(self) -> None:
-        """Keep other loggers out of the file."""
-        if fcntl is None:
-            return
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            reason = "another program is writing this log; choose another name"
-            raise OSError(errno.EBUSY, reason, str(self.path)) from None
-        except OSError:  # a file system without locks
-            return
-
-    def _let_go(self) -> None:
-        os.close(self._file)
-        self._file = -1
+        if end.cut_off:
+            self.notes = (f"a last line that was cut off was taken out: {end.cut_off!r}",)
+        now = datetime.now(UTC)
+        # Behind the last row even where the host's clock was set back meanwhile.
+        self.elapsed = max((now - end.start_time).total_seconds(), end.last_time)
+        text = f"# {APPENDED}: {now.isoformat(timespec='microseconds')}\n"
+        return LineFile.reopen(self.path, end.whole_bytes, text, cut=bool(end.cut_off))
 
     def _write_columns(self) -> None:
         assert self._taxels is not None
         so = (f"so_{k}" for k in range(1, self._taxels + 1))
-        self._append(",".join((*KEY_COLUMNS, *so, *self._flags)) + "\n")
+        self._file.append(",".join((*KEY_COLUMNS, *so, *self._flags)) + "\n")
 
     def _next_part(self) -> None:
         successor = self.path
@@ -282,55 +217,31 @@ class LogWriter:
         previous = self._file
         self.path = successor
         try:
-            self._open()
+            self._file = self._open()
         except BaseException:
-            os.close(previous)
+            previous.close()
             raise
+        self._flushed = self._synced = time.monotonic()
         self._write_columns()
         # Only now, so that the line never names a file that isn't there.
         try:
-            os.write(previous, f"# {CONTINUED}: {successor.name}\n".encode())
-            os.fsync(previous)
+            previous.finish(f"# {CONTINUED}: {successor.name}\n")
         except OSError as error:
-            raise self._failed(error) from None
-        finally:
-            os.close(previous)
+            raise LogWriteError(error.errno, error.strerror, str(self.path)) from None
 
     def _append_rows(self) -> None:
         rows, self._pending = self._pending, []
-        before = self._size
+        before = self._file.size
         try:
-            self._append("".join(rows))
+            self._file.append("".join(rows))
         except LogWriteError:
-            written = self._size - before
+            written = self._file.size - before
             for row in rows:
                 written -= len(row.encode())
                 self.unwritten += written < 0
             raise
 
-    def _append(self, text: str) -> None:
-        """Append whole lines; where the disk is full, as many as it takes."""
-        data = text.encode()
-        begin = 0
-        try:
-            while begin < len(data):
-                begin += os.write(self._file, data[begin:])
-        except OSError as error:
-            whole = data.rfind(b"\n", 0, begin) + 1
-            with contextlib.suppress(OSError):  # a pipe or a device has no end to cut off
-                os.ftruncate(self._file, os.fstat(self._file).st_size - (begin - whole))
-            self._size += whole
-            raise self._failed(error) from None
-        self._size += len(data)
-
     def _sync(self) -> None:
         self._synced = time.monotonic()
-        try:
-            os.fsync(self._file)
-        except OSError as error:
-            if error.errno in _LOST:
-                raise self._failed(error) from None
-            self._sync_interval = float("inf")  # pipes and some network drives can't
-
-    def _failed(self, error: OSError) -> LogWriteError:
-        return LogWriteError(error.errno, error.strerror, str(self.path))
+        if not self._file.sync():
+            self._sync_interval = float("inf")

@@ -22,8 +22,8 @@ from suas_jax.mechanics.contact.term import (
     expanded,
 )
 from suas_jax.mechanics.pad.faces import face_displacement
+from suas_jax.mechanics.pad.mid_surface import KINDS, surface
 from suas_jax.mechanics.pad.net import ElementVector, Net
-from suas_jax.mechanics.pad.points import KINDS, surface
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
     ROWS,

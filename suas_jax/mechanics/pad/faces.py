@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.pad.points import Layers, Surface, energy_density, fibre_strains, layers
+from suas_jax.mechanics.pad.fibres import Layers, energy_density, fibre_strains, layers
+from suas_jax.mechanics.pad.mid_surface import Surface
 from suas_jax.mechanics.shell.shape import CRUSHED
 
 

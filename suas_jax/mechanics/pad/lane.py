@@ -9,21 +9,11 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import InnerFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
+from suas_jax.mechanics.pad.fibres import Layers, energy_density, layers, resultants
+from suas_jax.mechanics.pad.mid_surface import KINDS, Surface, surface, swept
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
 from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
-from suas_jax.mechanics.pad.points import (
-    KINDS,
-    PAIRS,
-    Layers,
-    Surface,
-    energy_density,
-    layers,
-    resultants,
-    stress,
-    surface,
-    swept,
-    tangent,
-)
+from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
 from suas_jax.mechanics.pad.refinement import refined
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.numerics.quadrature import lagrange_slopes

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from suas_jax.mechanics.pad.mid_surface import cross
 from suas_jax.mechanics.pad.net import ElementVector, Net
-from suas_jax.mechanics.pad.points import cross
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
     ROWS,

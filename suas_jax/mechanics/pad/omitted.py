@@ -15,7 +15,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.pad.points import Layers, Surface, energy_density
+from suas_jax.mechanics.pad.fibres import Layers, energy_density
+from suas_jax.mechanics.pad.mid_surface import Surface
 
 _SHEAR = 0.525
 

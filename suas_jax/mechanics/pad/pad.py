@@ -6,8 +6,8 @@ stress to the last digit.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from collections.abc import Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -20,12 +20,19 @@ from suas_jax.mechanics.base import AbstractMechanics, Assembly, ContactState, D
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.lane import PadLane
+from suas_jax.mechanics.pad.mirroring import (
+    breaks_on_both_sides,
+    image_in_part,
+    points_on_both_sides,
+    values_on_both_sides,
+)
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
 from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
+from suas_jax.numerics.lanes import by_lane, lane_count
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.wall import Wall
@@ -64,11 +71,6 @@ class Pad(AbstractMechanics):
     layers: int = eqx.field(static=True, default=3)
 
     @property
-    def lanes(self) -> int:
-        """Number of lanes of the inputs."""
-        return max(x.shape[-1] for x in jax.tree.leaves(self))
-
-    @property
     def topology(self) -> NetTopology:
         """How the splines end."""
         return self.net.topology
@@ -85,7 +87,7 @@ class Pad(AbstractMechanics):
 
     def rest(self) -> StationVector:
         """Zero displacement."""
-        return jnp.zeros((*self.topology.free.shape, self.lanes), self.thickness.dtype)
+        return jnp.zeros((*self.topology.free.shape, lane_count(self)), self.thickness.dtype)
 
     def unknowns(self) -> int:
         """Free control displacements."""
@@ -95,38 +97,16 @@ class Pad(AbstractMechanics):
         """Energy of contact with the wall [J]; see the base class."""
         if self.wall is None:
             return jnp.zeros(q.shape[-1:], q.dtype)
-        return self._by_lane(lambda pad, q: pad.one_lane().inner_face(q, pad.wall).energy(), q)
+        return by_lane(self, lambda pad, q: pad.one_lane().inner_face(q, pad.wall).energy(), q)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall [arc, axial, lane]; see the base class."""
         held = self.with_wall(wall)
-        return held._by_lane(lambda pad, q: pad.one_lane().inner_face(q, pad.wall).state(), q)
+        return by_lane(held, lambda pad, q: pad.one_lane().inner_face(q, pad.wall).state(), q)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a control value's displacement [m]."""
         return jnp.max(jnp.abs(q), (0, 1))
-
-    def _by_lane(self, function: Callable[..., Any], *arguments: Array) -> Any:
-        """Call a function of one lane's pad and arguments, lane after lane."""
-        lanes = max(self.lanes, *(x.shape[-1] for x in arguments))
-        arrays, static = eqx.partition((self, arguments), eqx.is_array)
-
-        def one(arrays: Any) -> Any:
-            pad, rest = eqx.combine(arrays, static)
-            return function(pad, *(x[..., 0] for x in rest))
-
-        if lanes == 1:
-            return jax.tree.map(lambda x: x[..., None], one(arrays))
-
-        def chosen(lane: Array) -> Any:
-            def pick(x: Array) -> Array:
-                index = lane if x.shape[-1] > 1 else 0
-                return jax.lax.dynamic_slice_in_dim(x, index, 1, -1)
-
-            return one(jax.tree.map(pick, arrays))
-
-        found = jax.lax.map(chosen, jnp.arange(lanes))
-        return jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), found)
 
     def one_lane(self) -> PadLane:
         """The sums of a pad of one lane, scalars kept as arrays of one number."""
@@ -136,20 +116,24 @@ class Pad(AbstractMechanics):
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
-        return self._by_lane(lambda pad, q: pad.one_lane().strain_energy(q), q)
+        return by_lane(self, lambda pad, q: pad.one_lane().strain_energy(q), q)
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest [m^3]."""
-        return self._by_lane(lambda pad, q: pad.one_lane().volume_change(q), q)
+        return by_lane(self, lambda pad, q: pad.one_lane().volume_change(q), q)
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J]."""
-        return self._by_lane(lambda pad, q: pad.one_lane().work(q), q)
+        return by_lane(self, lambda pad, q: pad.one_lane().work(q), q)
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
-        residual, bands, gradient, load, volume = self._by_lane(
-            lambda pad, *given: pad.one_lane().assemble(*given, pad.wall), q, pressure, factor
+        residual, bands, gradient, load, volume = by_lane(
+            self,
+            lambda pad, *given: pad.one_lane().assemble(*given, pad.wall),
+            q,
+            pressure,
+            factor,
         )
         operator = BlockBanded(jnp.moveaxis(bands, -1, 0), self.topology.free_by_station)
         return Assembly(residual, operator, gradient, load, volume)
@@ -160,7 +144,7 @@ class Pad(AbstractMechanics):
         """Residual and volume change: derivatives of the potential; see the base class."""
 
         def potential(q: StationVector) -> tuple[Array, Lanes]:
-            energy, more, work = self._by_lane(lambda pad, q: pad.one_lane().energies(q), q)
+            energy, more, work = by_lane(self, lambda pad, q: pad.one_lane().energies(q), q)
             stored = energy + self.contact_energy(q)
             return jnp.sum(stored - pressure * more - factor * work), more
 
@@ -205,26 +189,16 @@ class Pad(AbstractMechanics):
         """How many of the modelled part make the whole pad: energies are a part's."""
         return (1 + self.mirrored_planes[0]) * (1 + self.mirrored_planes[1])
 
+    def _planes(self) -> list[int]:
+        return [plane for plane, mirrored in enumerate(self.mirrored_planes) if mirrored]
+
     def whole(self) -> "Pad":
         """The pad on both sides of its mirror planes, its loads likewise."""
-        pad = self
+        points = self.points
         breaks = [self.net.angles, self.net.axial]
-        for plane in range(2):
-            if not self.mirrored_planes[plane]:
-                continue
-            breaks[plane] = jnp.concatenate([breaks[plane], -breaks[plane][-2::-1]])
-            position = "angle" if plane == 0 else "axial"
-            place = getattr(pad.points, position)
-            sign = np.array([-1.0, 1.0, 1.0] if plane == 0 else [1.0, 1.0, -1.0])
-            force = pad.points.force
-            other = {"angle": pad.points.angle, "axial": pad.points.axial, position: -place}
-            both = {
-                key: jnp.concatenate([getattr(pad.points, key), value])
-                for key, value in other.items()
-            }
-            forces = jnp.concatenate([force, sign[:, None, None] * force], 1)
-            points = PadLoadPoints(both["angle"], both["axial"], forces)
-            pad = dataclasses.replace(pad, points=points)
+        for plane in self._planes():
+            points = points_on_both_sides(points, plane)
+            breaks[plane] = breaks_on_both_sides(breaks[plane])
         arc, axial = (
             axis.unfolded() if mirrored else axis
             for axis, mirrored in zip(
@@ -232,7 +206,8 @@ class Pad(AbstractMechanics):
             )
         )
         return dataclasses.replace(
-            pad,
+            self,
+            points=points,
             film_volume=self.film_volume * self.parts,
             net=Net.of(NetTopology(arc, axial), *breaks),
             mirrored_planes=(False, False),
@@ -241,11 +216,8 @@ class Pad(AbstractMechanics):
     def mirrored(self, q: StationVector) -> StationVector:
         """Unknowns of the whole pad from those of a half or a quarter."""
         x = self.topology.by_direction(q)  # [arc, axial, local, lane]
-        if self.mirrored_planes[0]:
-            x = jnp.concatenate([x, x[-2::-1] * np.array([-1.0, 1.0, 1.0])[:, None]])
-        if self.mirrored_planes[1]:
-            signs = np.array([1.0, 1.0, -1.0])[:, None]
-            x = jnp.concatenate([x, x[:, -2::-1] * signs], 1)
+        for plane in self._planes():
+            x = values_on_both_sides(x, plane)
         return self.whole().topology.to_stations(x)
 
     def faces(
@@ -261,7 +233,7 @@ class Pad(AbstractMechanics):
             angle: reference angles, within the modelled part [rad].
             axial: reference positions along the axis, likewise [m].
         """
-        return self._by_lane(lambda pad, *given: pad.one_lane().faces(*given), q, angle, axial)
+        return by_lane(self, lambda pad, *given: pad.one_lane().faces(*given), q, angle, axial)
 
     def sampled(self, q: StationVector, samples: int) -> Faces:
         """The deformed pad on a grid: evenly spaced points of every element.
@@ -298,8 +270,8 @@ class Pad(AbstractMechanics):
             angle: current polar angles of the rays [rad].
             axial: their current positions along the axis [m].
         """
-        return self._by_lane(
-            lambda pad, *given: pad.one_lane().inner_radius_at(*given), q, angle, axial
+        return by_lane(
+            self, lambda pad, *given: pad.one_lane().inner_radius_at(*given), q, angle, axial
         )
 
     def shape(self, q: StationVector) -> PadShape:
@@ -314,13 +286,7 @@ class Pad(AbstractMechanics):
     def under(self, q: StationVector, load: PadLoad) -> Displacements:
         """How the pad moves under a load's centre, or under its image in a mirror plane."""
         angle, axial = jnp.broadcast_arrays(load.angle, load.axial)
-        sign = jnp.ones((3, *angle.shape))
-        if self.mirrored_planes[0]:
-            sign = sign.at[0].set(jnp.where(angle > 0, -1.0, 1.0))
-            angle = -jnp.abs(angle)
-        if self.mirrored_planes[1]:
-            sign = sign.at[2].set(jnp.where(axial > 0, -1.0, 1.0))
-            axial = -jnp.abs(axial)
+        sign, angle, axial = image_in_part(self.mirrored_planes, angle, axial)
         at = self.faces(q, angle[None], axial[None])
         return Displacements(
             sign * at.mid_displacement[:, 0], sign * at.inner_displacement[:, 0]
@@ -328,11 +294,11 @@ class Pad(AbstractMechanics):
 
     def to_comparison_mesh(self, q: StationVector) -> StationVector:
         """The same deformation on elements half as long in both directions."""
-        return self._by_lane(lambda pad, q: pad.one_lane().refined(q), q)
+        return by_lane(self, lambda pad, q: pad.one_lane().refined(q), q)
 
     def omitted_energy(self, q: StationVector) -> Lanes:
         """Energy of transverse shear; see `omitted` [J]."""
-        return self._by_lane(lambda pad, q: pad.one_lane().omitted_energy(q), q)
+        return by_lane(self, lambda pad, q: pad.one_lane().omitted_energy(q), q)
 
     def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from suas_jax.mechanics.pad.mid_surface import total
 from suas_jax.mechanics.pad.net import Net, Tables
-from suas_jax.mechanics.pad.points import total
 from suas_jax.numerics.block_banded import REACH
 from suas_jax.numerics.bspline import SplineAxis
 

@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.shell.points import mix
+from suas_jax.mechanics.shell.points import Moments, Points, mix
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.loads import LoadPoints
 
@@ -47,6 +47,34 @@ class Resultants(NamedTuple):
 
     normal: Float[Array, "gauss element lane"]
     moment: Float[Array, "gauss element lane"]
+
+
+def resultants(points: Points, first: tuple[Array, Array]) -> Resultants:
+    """Normal force and moment from the energy's derivatives by A = l^2 - 1, b = k l - 1/R.
+
+    Args:
+        points: the mid-line.
+        first: derivatives of the energy per length by A and b.
+    """
+    size = jnp.sqrt(1 + points.stretch)
+    return Resultants(2 * size * first[0], size * first[1])
+
+
+def resultants_transposed(
+    by: Resultants, points: Points, moments: Moments
+) -> tuple[Array, Array]:
+    """Derivatives by A and b of what has given derivatives by the resultants.
+
+    Args:
+        by: the derivatives by normal force and moment.
+        points: the mid-line.
+        moments: first and second derivatives of the energy per length by A and b.
+    """
+    size = jnp.sqrt(1 + points.stretch)
+    (by_a, by_b), (by_aa, by_ab, by_bb) = moments
+    by_stretch = by.normal * (2 * size * by_aa + by_a / size)
+    by_stretch = by_stretch + by.moment * (size * by_ab + by_b / (2 * size))
+    return by_stretch, by.normal * 2 * size * by_ab + by.moment * size * by_bb
 
 
 class LinesOverElements(NamedTuple):

@@ -12,6 +12,7 @@ from suas_jax.mechanics.contact.term import (
     expanded,
 )
 from suas_jax.mechanics.solid.element import NODES, quadratic
+from suas_jax.mechanics.solid.layout import FaceValues
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.skin.wall import Wall
@@ -19,8 +20,6 @@ from suas_jax.skin.wall import Wall
 # Points on an edge: enough that a zone shorter than an edge is seen, and that its ends,
 # which no mesh follows, move smoothly with the load.
 _POINTS = 5
-
-FaceValues = Float[Array, "3 2 element lane"]
 
 _XI, _WEIGHTS = gauss_legendre(_POINTS, -1.0, 1.0)
 _SHAPES = np.stack(quadratic(_XI))  # [node, point]

@@ -83,14 +83,3 @@ def _tables() -> Tables:
 
 
 TABLES = _tables()
-
-
-def _edge_area() -> Float[np.ndarray, "3 3"]:
-    """Matrix A with x^T A y = 1/2 integral of (y dx - x dy) along a quadratic edge."""
-    x, w = gauss_legendre(3, -1.0, 1.0)
-    n, d = np.stack(quadratic(x)), np.stack(quadratic(x, 1))
-    product = np.einsum("g,ag,bg->ab", w, d, n)
-    return (product - product.T) / 2
-
-
-EDGE_AREA = _edge_area()  # nodes in the order left, middle, right

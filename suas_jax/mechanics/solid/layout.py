@@ -17,6 +17,8 @@ from suas_jax.numerics.array_types import StationVector
 
 NodeValues = Float[Array, "9 2 layer element lane"]
 PressureValues = Float[Array, "3 layer element lane"]
+# At the left, middle and right nodes of every element's edge on a face.
+FaceValues = Float[Array, "3 2 element lane"]
 
 
 class Layout(NamedTuple):
@@ -97,6 +99,15 @@ class Layout(NamedTuple):
         inside = jnp.concatenate([middle, p.reshape(-1, *p.shape[2:])])
         return self.joined(stations * free, inside)
 
+    def ends(self, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
+        """Displacements of the end stations that may move: none, at the crown those in y.
+
+        Args:
+            symmetric: whether the last station is the crown of a symmetric arch.
+        """
+        clamp = (False,) * self.dof
+        return clamp, (False, True) * self.nodes if symmetric else clamp
+
     def mask(
         self, ends: tuple[tuple[bool, ...], tuple[bool, ...]]
     ) -> Float[np.ndarray, "dof station 1"]:
@@ -109,7 +120,11 @@ class Layout(NamedTuple):
         mask[:, 0, 0], mask[:, -1, 0] = ends
         return mask
 
-    def on_face(self, values: Float[Array, "3 2 element lane"], face: int) -> NodeValues:
+    def inner_face(self, u: NodeValues) -> FaceValues:
+        """Values at the nodes of the inner face."""
+        return jnp.stack([u[NODES.index((a, 0))][:, 0] for a in range(3)])
+
+    def on_face(self, values: FaceValues, face: int) -> NodeValues:
         """Nodal values that are zero but on a face.
 
         Args:

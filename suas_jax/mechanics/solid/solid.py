@@ -16,17 +16,13 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
-from suas_jax.mechanics.base import (
-    Assembly,
-    ContactState,
-    Displacements,
-    Profile,
-    largest,
-)
+from suas_jax.mechanics.base import Assembly, ContactState, Displacements, Profile, largest
 from suas_jax.mechanics.section import AbstractSection
-from suas_jax.mechanics.solid.contact import FaceValues, InnerFace
-from suas_jax.mechanics.solid.element import EDGE_AREA, NODES, TABLES, mixed, quadratic
-from suas_jax.mechanics.solid.layout import Layout, NodeValues
+from suas_jax.mechanics.solid.contact import InnerFace
+from suas_jax.mechanics.solid.element import TABLES, mixed
+from suas_jax.mechanics.solid.enclosed_volume import enclosed_volume, follower
+from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
+from suas_jax.mechanics.solid.loads import load_vector
 from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
 from suas_jax.mechanics.solid.shape import (
     coarsened,
@@ -109,7 +105,7 @@ class Solid(AbstractSection):
             stations=stations,
             middles=middles,
             grid=Grid.of(layout.corners(stations, middles)),
-            load=_load_vector(layout, points, _free(layout, symmetric)),
+            load=load_vector(layout, points, layout.ends(symmetric)),
             film_volume=geometry.film_area / (2 if symmetric else 1),
             wall=wall,
             layers=layers,
@@ -133,7 +129,7 @@ class Solid(AbstractSection):
 
     @property
     def _ends(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-        return _free(self.layout, self.symmetric)
+        return self.layout.ends(self.symmetric)
 
     def _mask(self) -> Float[np.ndarray, "dof station 1"]:
         return self.layout.mask(self._ends)
@@ -170,18 +166,14 @@ class Solid(AbstractSection):
         constraint = jnp.sum(p * _moments(change), (0, 1, 2))
         return super().potential(q, pressure, factor) + constraint
 
-    def _inner(self, u: NodeValues) -> FaceValues:
-        """Displacements of the inner face's nodes: left, middle, right."""
-        return jnp.stack([u[NODES.index((a, 0))][:, 0] for a in range(3)])
-
     def _inner_at_rest(self) -> FaceValues:
-        """Their positions."""
+        """Positions of the inner face's nodes: left, middle, right."""
         return jnp.stack(
             [self.stations[:, 0, :-1], self.middles[:, 0], self.stations[:, 0, 1:]]
         )
 
     def _inner_face(self, u: NodeValues, wall: Wall) -> InnerFace:
-        return InnerFace(wall, self.angles, self._inner_at_rest(), self._inner(u))
+        return InnerFace(wall, self.angles, self._inner_at_rest(), self.layout.inner_face(u))
 
     def contact_energy(self, q: StationVector) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
@@ -193,23 +185,14 @@ class Solid(AbstractSection):
         """The inner face against a wall; see the base class."""
         return self._inner_face(self.layout.gather(q)[0], wall).state()
 
-    def _volume(self, u: NodeValues) -> tuple[Lanes, FaceValues]:
+    def _enclosed(self, u: NodeValues) -> tuple[Lanes, FaceValues]:
         """Enclosed volume less rest, and its gradient by the inner face's nodes."""
-        at_rest = self._inner_at_rest()
-        moved = self._inner(u)
-
-        def turned(x: Array) -> Array:
-            along = jnp.einsum("ab,bel->ael", EDGE_AREA, x[:, 1])
-            upward = jnp.einsum("ba,bel->ael", EDGE_AREA, x[:, 0])
-            return jnp.stack([along, upward], 1)
-
-        rest, more = turned(at_rest), turned(moved)
-        return jnp.sum(moved * (rest + more / 2), (0, 1, 2)), rest + more
+        return enclosed_volume(self._inner_at_rest(), self.layout.inner_face(u))
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
         u, _ = self.layout.gather(q)
-        return self._volume(u)[0]
+        return self._enclosed(u)[0]
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads on the outer face [J/m]."""
@@ -226,8 +209,8 @@ class Solid(AbstractSection):
         stiffness = mixed(TABLES.stiffness, tangent).reshape(9, 9, 3, *tail)
         coupling = mixed(TABLES.coupling, _paired(terms.cofactor))
         constraint = coupling.reshape(9, 3, 2, *tail)
-        volume, face = self._volume(u)
-        stiffness = stiffness - pressure * _follower(self.layers)
+        volume, face = self._enclosed(u)
+        stiffness = stiffness - pressure * follower(self.layers)
         if self.wall is not None:
             push, spring = self._inner_face(u, self.wall).element_terms()
             internal = internal + self.layout.on_face(push, 0)
@@ -299,21 +282,6 @@ class Solid(AbstractSection):
         return 0.5
 
 
-def _free(layout: Layout, symmetric: bool) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
-    """Displacements of the end stations that may move: none, at the crown those in y."""
-    clamp = (False,) * layout.dof
-    return clamp, (False, True) * layout.nodes if symmetric else clamp
-
-
-def _follower(layers: int) -> Float[np.ndarray, "9 9 3 layer 1 1"]:
-    """Second derivative of the enclosed volume: the innermost layer's alone."""
-    matrix = np.zeros((9, 9, 3, layers, 1, 1))
-    for a in range(3):
-        for b in range(3):
-            matrix[NODES.index((a, 0)), NODES.index((b, 0)), 2, 0] = EDGE_AREA[a, b]
-    return matrix
-
-
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
     """Integrals with the pressure modes."""
     return mixed(TABLES.modes.T, change)
@@ -322,13 +290,3 @@ def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
 def _paired(x: Float[Array, "gauss 4 *rest"]) -> Float[Array, "gauss*2 2 *rest"]:
     """Quadrature point and local direction first, component next."""
     return x.reshape(-1, 2, *x.shape[2:])
-
-
-def _load_vector(
-    layout: Layout, points: LoadPoints, ends: tuple[tuple[bool, ...], tuple[bool, ...]]
-) -> StationVector:
-    """Nodal forces of the load points on the outer face."""
-    shapes = jnp.stack(quadratic(2 * points.xi - 1))
-    force = jnp.einsum("apl,cpl,epl->acel", shapes, points.force, points.select)
-    u = layout.on_face(force, 2)
-    return layout.scatter(u, jnp.zeros((3, *u.shape[2:])), layout.mask(ends))

@@ -1,18 +1,9 @@
 """The solid's tangent: condensed element by element and column by column, then swept.
 
-An element couples nine nodes and three pressures. The displacement u of its centre and its
-two linear pressures q are coupled to each other by an invertible matrix B, and stand alone
-otherwise::
-
-    [ k   B^T ] [u]        u = B^-1 (g - V x),     q = B^-T (f - k u - K x)
-    [ B    0  ] [q]
-
-so both follow from the other nodes' displacements x exactly: incompressibility asks for no
-penalty. Each such pair brings two positive and two negative eigenvalues, whatever the
-material does. The constant pressures go next, with the displacements half-way between
-stations, a column of elements at a time: a saddle point with as many negative eigenvalues
-as constraints while the material holds. Every one of them that is missing or in excess
-belongs to the membrane and is counted.
+Each element loses its centre and its linear pressures first, see `condensation`. The constant
+pressures go next, with the displacements half-way between stations, a column of elements at a
+time: a saddle point with as many negative eigenvalues as constraints while the material
+holds. Every one of them that is missing or in excess belongs to the membrane and is counted.
 """
 
 import functools
@@ -24,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.mechanics.solid.condensation import Condensed
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_sweep import (
@@ -35,30 +27,9 @@ from suas_jax.numerics.block_sweep import (
 )
 from suas_jax.numerics.block_tridiagonal import AbstractTangent, Sweep
 
-_CENTRE = 8
 # First and last of the element's nodes on the left, on the right and in the middle, and by
 # how many displacements those of the next layer lie further on.
 _GROUPS = {"left": (0, 3, 4), "right": (3, 6, 4), "middle": (6, 8, 2)}
-
-
-class _Element(NamedTuple):
-    """Condensed elements; node axes count the eight outer nodes.
-
-    Attributes:
-        stiffness: [node, component, node, component, layer, element, lane].
-        mean: coupling of the displacements to the constant pressure.
-        follow: W, the centre's displacement that a displacement of the other nodes enforces.
-        coupling: of the centre to the others [2, node, component, ...].
-        centre: k, the centre's own stiffness.
-        inverse: B^-1 [component, mode, ...].
-    """
-
-    stiffness: Array
-    mean: Array
-    follow: Array
-    coupling: Array
-    centre: Array
-    inverse: Array
 
 
 class _Columns(NamedTuple):
@@ -116,7 +87,7 @@ class ElementTangent(AbstractTangent):
     def solve(self, right: Float[Array, "dof right station lane"]) -> Sweep:
         """Condense, sweep along the arc, recover; see the module."""
         layout, mask = self.layout, self.mask()
-        element = self._condensed()
+        element = Condensed.of(self.stiffness, self.constraint, self.penalty)
         columns, diagonal, upper = self._columns(element)
         factors = factorise(diagonal, upper)
 
@@ -128,16 +99,7 @@ class ElementTangent(AbstractTangent):
         pressure = inside[layout.dof :].reshape(3, layout.layers, *inside.shape[1:])
         force = jnp.moveaxis(middle[1::2], 0, 2)  # at the centres [2, right, layer, ...]
         pressure = jnp.moveaxis(pressure, 1, 2)
-        fixed = _dot(element.inverse[:, :, None], pressure[1:])
-        held = force - _dot(element.centre[:, :, None], fixed)
-        change = (
-            sum(
-                element.coupling[i][:, :, None] * fixed[i]
-                + element.follow[i][:, :, None] * held[i]
-                for i in range(2)
-            )
-            - (self.penalty * element.mean)[:, :, None] * pressure[0]
-        )
+        fixed, change = element.reduced(force, pressure)
         lines = {
             name: _placed(change[first:last].reshape(-1, *change.shape[2:]), step)
             for name, (first, last, step) in _GROUPS.items()
@@ -164,14 +126,7 @@ class ElementTangent(AbstractTangent):
         outer = jnp.concatenate(
             [_taken(both[:dof], 3, 4), _taken(both[dof:], 3, 4), _taken(free, 2, 2)]
         )  # [node, component, right, layer, ...]
-        centre = fixed - jnp.stack(
-            [jnp.sum(w[:, :, None] * outer, (0, 1)) for w in element.follow]
-        )
-        left_over = force - _dot(element.centre[:, :, None], centre)
-        left_over = left_over - jnp.stack(
-            [jnp.sum(c[:, :, None] * outer, (0, 1)) for c in element.coupling]
-        )
-        linear = _dot(jnp.swapaxes(element.inverse, 0, 1)[:, :, None], left_over)
+        centre, linear = element.recovered(outer, fixed, force)
         pressure = jnp.concatenate([jnp.moveaxis(mean, 1, 0)[None], linear])
         pressure = jnp.moveaxis(pressure, 2, 1).reshape(-1, count, *inside.shape[2:])
         even = free.reshape(-1, 2, *free.shape[1:])
@@ -193,45 +148,7 @@ class ElementTangent(AbstractTangent):
         )
         return Sweep(solution, negative, smallest / scale)
 
-    def _condensed(self) -> _Element:
-        """Eliminate the centres and the linear pressures."""
-        k, v = self.stiffness, self.constraint
-        xx, yy, xy = (k[:, :, i] for i in range(3))
-        own = k[_CENTRE, _CENTRE]
-        centre = jnp.stack([jnp.stack([own[0], own[2]]), jnp.stack([own[2], own[1]])])
-        coupling = jnp.stack(
-            [
-                jnp.stack([xx[_CENTRE, :8], xy[_CENTRE, :8]], 1),
-                jnp.stack([xy[:8, _CENTRE], yy[:8, _CENTRE]], 1),
-            ]
-        )
-        (a, b), (c, d) = ([v[_CENTRE, mode, i] for i in range(2)] for mode in (1, 2))
-        inverse = jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / (a * d - b * c)
-        linear = jnp.moveaxis(v[:8, 1:], 1, 0)
-        follow = jnp.stack(
-            [inverse[i, 0] * linear[0] + inverse[i, 1] * linear[1] for i in (0, 1)]
-        )
-        half = coupling - 0.5 * jnp.stack(
-            [centre[i, 0] * follow[0] + centre[i, 1] * follow[1] for i in (0, 1)]
-        )
-        mean = v[:8, 0]
-        weighted = self.penalty * mean
-
-        def block(i: int, j: int, outer: Array) -> Array:
-            total = outer[:8, :8] + weighted[:, None, i] * mean[None, :, j]
-            for e in range(2):
-                total = total - follow[e, :, None, i] * half[e, None, :, j]
-                total = total - half[e, :, None, i] * follow[e, None, :, j]
-            return total
-
-        stiffness = [
-            [block(0, 0, xx), block(0, 1, xy)],
-            [block(1, 0, jnp.swapaxes(xy, 0, 1)), block(1, 1, yy)],
-        ]
-        full = jnp.stack([jnp.stack(row, 2) for row in stiffness], 1)
-        return _Element(full, mean, follow, coupling, centre, inverse)
-
-    def _columns(self, element: _Element) -> tuple[_Columns, Array, Array]:
+    def _columns(self, element: Condensed) -> tuple[_Columns, Array, Array]:
         """Eliminate what is left inside the columns; blocks of the stations."""
         k, mean, dof = element.stiffness, element.mean, self.layout.dof
         tail = k.shape[4:]
@@ -277,11 +194,6 @@ class ElementTangent(AbstractTangent):
         diagonal = diagonal * (rows * columns) + np.eye(dof) * (1 - rows)
         upper = upper * (rows[:-1] * columns[1:])
         return _Columns(inverse, carried, pivots), diagonal, upper
-
-
-def _dot(a: Array, b: Array) -> Array:
-    """Sum over the two entries of the second axis of a and the first of b."""
-    return a[:, 0] * b[0] + a[:, 1] * b[1]
 
 
 def _count(pivots: Array, axes: tuple[int, ...]) -> Array:

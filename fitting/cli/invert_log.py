@@ -1,0 +1,147 @@
+"""The part of `suas invert` that estimates the loads of a log, prints and draws them."""
+
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from fitting.cli.contract import BAD_INPUT
+from fitting.cli.figure_option import check_figures
+from fitting.cli.progress import bar, spinner
+from fitting.inverse_load.check.verdict import ModelVerdict
+from fitting.inverse_load.estimate.estimate import LoadEstimate
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.posterior import LoadMode, frame_posterior
+from fitting.inverse_load.readings import (
+    EmptyLogError,
+    LayoutMismatchError,
+    LogReadings,
+    readings_of,
+)
+from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
+from fitting.inverse_load.report.text import frame_json, print_table
+from fitting.json_text import json_text
+from suas_jax.acquisition.log.log_file import read_log
+
+
+def invert_log(
+    estimator: LoadEstimator,
+    skin: Path,
+    log: Path,
+    *,
+    as_json: bool,
+    smooth: bool,
+    plot: Path | None,
+    posterior: int | None,
+) -> tuple[LogReadings, list[LoadEstimate]]:
+    """Estimate a log, print and draw what was found, and return it with the readings.
+
+    Args:
+        estimator: of the skin.
+        skin: its file.
+        log: SO log.
+        as_json: print a JSON line a frame, not a table.
+        smooth: add loads filtered over time.
+        plot: file of a figure, if one is wanted.
+        posterior: number of the frame whose loads are sampled, if one is wanted.
+
+    Raises:
+        Exit: the log can't be used.
+        ValueError: no such frame, or no such figure.
+    """
+    check_figures(plot)
+    try:
+        readings = readings_of(read_log(log), estimator.spec, estimator.reading_noise)
+    except (EmptyLogError, LayoutMismatchError) as error:
+        status = "empty_log" if isinstance(error, EmptyLogError) else "layout_mismatch"
+        if as_json:
+            nothing = LoadEstimate(None, status=status)
+            typer.echo(json_text(frame_json(float("nan"), None, nothing)))
+        _say(str(error))
+        raise typer.Exit(BAD_INPUT) from None
+    for note in readings.notes:
+        _say(f"{log}: {note}")
+    modes = None if posterior is None else _modes(estimator, readings, posterior)
+    with bar("estimating loads", len(readings.so)) as advance:
+        estimates = estimator.estimate(
+            readings.so,
+            readings.stuck,
+            advance,
+            pressure=readings.pressure,
+            time=readings.time,
+        )
+    with spinner("comparing the log with the skin file"):
+        verdict = _verdict(estimator, readings, estimates)
+    if verdict is not None and not (verdict.right and as_json):
+        _say(f"{log}: {verdict.text}")
+        command = verdict.command(str(skin), str(log))
+        if command:
+            _say(f"to set it right: {command}")
+    filtered = None
+    if smooth:
+        from fitting.inverse_load.live.filter import LoadFilter
+
+        track = LoadFilter()
+        filtered = [
+            track.feed(t, estimate)
+            for t, estimate in zip(readings.time.tolist(), estimates, strict=True)
+        ]
+    if plot is not None:
+        from fitting.inverse_load.report.plots import plot_loads
+
+        plot_loads(readings.time, estimates, plot, filtered)
+    if as_json:
+        lines = []
+        for k, estimate in enumerate(estimates):
+            smoothed = None if filtered is None else filtered[k]
+            line = frame_json(float(readings.time[k]), int(readings.seq[k]), estimate, smoothed)
+            if modes is not None and line["seq"] == posterior:
+                line["posterior"] = posterior_json(modes)
+            lines.append(json_text(line))
+        typer.echo("\n".join(lines))
+    else:
+        print_table(readings.time, estimates)
+        if modes is not None:
+            typer.echo("\n".join(posterior_lines(modes)))
+    return readings, estimates
+
+
+def _verdict(
+    estimator: LoadEstimator, readings: LogReadings, estimates: list[LoadEstimate]
+) -> ModelVerdict | None:
+    """What a log says about its skin file; None where it has too few contacts."""
+    so, stuck, pressure = readings.so, readings.stuck, readings.pressure
+    if estimator.spec.geometry.dimension == 3:
+        from fitting.inverse_load.check.skin_file import model_verdict
+
+        return model_verdict(estimator, so, stuck, pressure, estimates)
+    from fitting.inverse_load.check.section_log import section_verdict
+
+    return section_verdict(
+        estimator, so, stuck, estimates, pressure=pressure, force=readings.force
+    )
+
+
+def _modes(estimator: LoadEstimator, readings: LogReadings, seq: int) -> list[LoadMode]:
+    """Modes of the frame with a number."""
+    frames = np.flatnonzero(readings.seq == seq)
+    if not frames.size:
+        raise ValueError(
+            f"--posterior {seq}: no such frame; the log has {readings.seq.min()} to "
+            f"{readings.seq.max()}"
+        )
+    i = int(frames[0])
+    try:
+        return frame_posterior(
+            estimator,
+            readings.so[i],
+            readings.stuck[i],
+            progress=_say,
+            pressure=float("nan") if readings.pressure is None else readings.pressure[i],
+        )
+    except ValueError as error:
+        raise ValueError(f"--posterior {seq}: {error}") from None
+
+
+def _say(text: str) -> None:
+    typer.echo(f"suas: {text}", err=True)

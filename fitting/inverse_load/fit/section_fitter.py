@@ -1,0 +1,165 @@
+"""Least squares for line loads on a skin in plane strain, in batches of lanes.
+
+Frames are lanes of one compiled program. All take a few steps; those that have not settled by
+then take more, together, so that few lanes wait for the slowest.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.fit.explanation import Explanations, widened
+from fitting.inverse_load.fit.least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
+from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
+from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
+from fitting.inverse_load.search.table import LANES, LoadTable, edge_margin
+from suas_jax.equilibrium.equilibrium import State
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.forward import Skin
+
+# A few lanes need more steps than most: together they fill fewer batches.
+_FIRST_STEPS, _MORE_STEPS = 2, 30
+
+
+class SectionFitter(AbstractLoadFitter):
+    """Least squares on a skin in plane strain.
+
+    Args:
+        skin: the skin.
+        table: its states, which bound the forces.
+        direction: whether directions are free.
+        live: fit single frames, whole at once; otherwise many lanes side by side.
+        most_contacts: widest set of parameters.
+    """
+
+    program = staticmethod(FIT_PROGRAMS.__getitem__)
+    """The compiled fit by number of contacts."""
+
+    def __init__(
+        self, skin: Skin, table: LoadTable, *, direction: bool, live: bool, most_contacts: int
+    ) -> None:
+        self.skin, self.table, self.live = skin, table, live
+        self.parameters = SECTION_WITH_DIRECTION if direction else SECTION
+        self.edge = float(skin.geometry.half_angle[0]) - edge_margin(skin)
+        self._width = self.per_contact * most_contacts
+        cap = 3 * table.forces[:, -1].max()
+        bounds = [(-self.edge, self.edge), (0.0, cap), (-np.pi / 2, np.pi / 2)]
+        self._bounds = np.array(bounds[: self.per_contact])
+
+    def fit(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        start: NDArray[np.float64],
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Explanations:
+        """See the base class."""
+        missing = self.per_contact * contacts - start.shape[1]
+        if missing > 0:
+            start = np.concatenate([start, np.zeros((len(y), missing))], 1)
+        if self.live and len(y) == 1:
+            # The steps of one lane delay no other.
+            steps = _FIRST_STEPS + _MORE_STEPS
+            limits = self.limits(contacts, 1, pull)
+            fit = self._run(y, weight, start, state, steps, contacts, limits)
+            return self._gathered(fit, weight, contacts)
+        everything = np.arange(len(y))
+        limits = self.limits(contacts, self._lanes(contacts), pull)
+        fit = self._batches(y, weight, start, state, _FIRST_STEPS, contacts, everything, limits)
+        again = np.flatnonzero(np.isfinite(fit.chi2) & ~(fit.predicted_decrease < SETTLED))
+        if again.size:
+            states = jax.tree.map(lambda x: x[..., again], fit.evaluation.state)
+            begin = np.asarray(fit.parameters).T[again]
+            more = self._batches(y, weight, begin, states, _MORE_STEPS, contacts, again, limits)
+            for whole, part in zip(jax.tree.leaves(fit), jax.tree.leaves(more), strict=True):
+                whole[..., again] = part
+        return self._gathered(fit, weight, contacts)
+
+    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+        """See the base class."""
+        low, high = np.repeat(self._bounds, contacts, 0).T
+        return np.clip(parameters, low, high)
+
+    def _lanes(self, contacts: int) -> int:
+        return 1 if self.live else (LANES if contacts == 1 else LANES // 4)
+
+    def limits(self, contacts: int, lanes: int, pull: bool) -> Any:
+        """Lower and upper bounds [side, parameter, lane]."""
+        bounds = self._bounds.copy()
+        if pull:
+            bounds[1] = -bounds[1, ::-1]
+        sides = np.repeat(bounds, contacts, 0).T
+        return np.repeat(sides[..., None], lanes, -1)
+
+    def _batches(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        state: State,
+        steps: int,
+        contacts: int,
+        rows: Any,
+        limits: Any,
+    ) -> Fit:
+        """Fit some rows of y, a batch of lanes after the other, the last one filled up."""
+        lanes, states = self._lanes(contacts), jax.tree.map(np.asarray, state)
+
+        def batch(begin: int) -> Fit:
+            pick = np.minimum(np.arange(begin, begin + lanes), len(rows) - 1)
+            there = jax.tree.map(lambda x: x[..., pick], states)
+            index = rows[pick]
+            return self._run(
+                y[index], weight[index], start[pick], there, steps, contacts, limits
+            )
+
+        parts = [batch(0)]  # compiles
+        if len(rows) > lanes:
+            # A program keeps one core busy: batches share out the others.
+            with ThreadPoolExecutor(os.cpu_count()) as pool:
+                parts += pool.map(batch, range(lanes, len(rows), lanes))
+        return jax.tree.map(lambda *x: np.concatenate(x, -1)[..., : len(rows)].copy(), *parts)
+
+    def _run(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        state: State,
+        steps: int,
+        contacts: int,
+        limits: Any,
+    ) -> Fit:
+        target = Target(y.T, weight.T, *limits)
+        program = self.program(contacts)
+        fit = COMPILED.run(program, self.skin, target, start.T, state, np.array(steps))
+        found: Fit = jax.tree.map(np.asarray, fit)
+        return found
+
+    def _gathered(self, fit: Fit, weight: Any, contacts: int) -> Explanations:
+        wide = self._width
+        jacobian = np.asarray(fit.evaluation.jacobian).transpose(2, 0, 1)
+        information = np.asarray(fit.information).transpose(2, 0, 1)
+        return Explanations(
+            score=np.array(fit.chi2),
+            chi2=np.array(fit.chi2),
+            contacts=np.full(len(fit.chi2), contacts),
+            parameters=widened(np.asarray(fit.parameters).T, wide),
+            jacobian=widened(jacobian, wide),
+            information=widened(information, wide, wide),
+            predicted_decrease=np.array(fit.predicted_decrease),
+            pressure=np.array(fit.evaluation.pressure),
+            min_gap=np.array(fit.evaluation.min_gap),
+            so=np.array(fit.evaluation.so.T),
+            q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
+            weight=weight.copy(),
+            absorbed=np.zeros(len(fit.chi2), bool),
+            spread=np.full((len(fit.chi2), 2), np.nan),
+        )

@@ -1,0 +1,224 @@
+"""Weighted least squares on the interpolant of a pad's tables, in all frames at once.
+
+Levenberg-Marquardt inside bounds: contacts lie on the pad, press no harder than the tables
+reach, and have diameters of the tables; a diameter that is estimated has a normal prior beside.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.inverse_load.pad.interpolant import LEAST, MOST, Correction, PadInterpolant
+
+DIAMETER_PRIOR = (6e-3, 3e-3)
+"""Mean and standard deviation of a contact's diameter where it is estimated [m]."""
+# Largest turn and tilt of a force from the radial where directions are free [rad].
+_MOST_TURN = np.pi / 3
+_STEPS = 100
+_SETTLED = 1e-4  # decrease of chi2 below which a fit has ended
+_CHUNK = 64  # frames whose coefficients are gathered together
+_DAMPING, _GIVEN_UP = 1e-3, 1e8
+
+
+class Fit(NamedTuple):
+    """A fit, frame by frame.
+
+    Attributes:
+        parameters: [frame, parameter].
+        readings: of the interpolant there [frame, channel].
+        jacobian: their derivatives [frame, parameter, channel].
+        chi2: weighted squares of the residuals, priors included [frame].
+        gradient: of minus half of it [frame, parameter].
+        information: J^T W J, priors included [frame, parameter, parameter].
+    """
+
+    parameters: NDArray[np.float64]
+    readings: NDArray[np.float64]
+    jacobian: NDArray[np.float64]
+    chi2: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+    def rows(self, index: Any) -> "Fit":
+        """Those of some frames."""
+        return Fit(*(x[index] for x in self))
+
+
+class PadLeastSquares:
+    """Least squares for contacts on one pad, on its interpolant alone.
+
+    Args:
+        interpolant: of its tables.
+        edge: largest angle [rad] and axial position [m] of a contact.
+    """
+
+    def __init__(self, interpolant: PadInterpolant, edge: tuple[float, float]) -> None:
+        self._interpolant, self._edge = interpolant, edge
+        self._parameters = interpolant.parameters
+        self._free_diameter = "diameter" in self._parameters.names
+        self._diameters = interpolant.tables[0].diameter, interpolant.tables[-1].diameter
+
+    def bounds(
+        self, parameters: NDArray[np.float64], contacts: int, pull: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper bounds [frame, parameter]; those of forces depend on places.
+
+        Args:
+            parameters: where they are wanted [frame, parameter].
+            contacts: their number.
+            pull: whether forces pull outwards.
+        """
+        frames = len(parameters)
+        angle, axial = (
+            np.clip(parameters[:, self._parameters.rows(name, contacts)], -edge, edge)
+            for name, edge in zip(("angle", "axial"), self._edge, strict=True)
+        )
+        cap = self._interpolant.largest(angle.reshape(-1), axial.reshape(-1))
+        cap = cap.reshape(frames, contacts)
+        ones = np.ones((frames, contacts))
+        force = (LEAST * cap, 0 * cap) if pull else (0 * cap, MOST * cap)
+        low = [-self._edge[0] * ones, -self._edge[1] * ones, force[0]]
+        high = [self._edge[0] * ones, self._edge[1] * ones, force[1]]
+        if self._free_diameter:
+            low.append(self._diameters[0] * ones)
+            high.append(self._diameters[1] * ones)
+        if self._interpolant.direction:
+            low += [-_MOST_TURN * ones] * 2
+            high += [_MOST_TURN * ones] * 2
+        return np.concatenate(low, 1), np.concatenate(high, 1)
+
+    def prior_volume(self) -> float:
+        """Of one contact's parameters: even, but normal in the diameter."""
+        force = MOST * float(self._interpolant.tables[0].cap.mean())
+        size = 4 * self._edge[0] * self._edge[1] * force
+        if self._free_diameter:
+            size *= np.sqrt(2 * np.pi) * DIAMETER_PRIOR[1]
+        if self._interpolant.direction:
+            size *= (2 * _MOST_TURN) ** 2
+        return float(size)
+
+    def chi2(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        parameters: NDArray[np.float64],
+        contacts: int,
+        correction: Correction | None,
+    ) -> NDArray[np.float64]:
+        """Weighted squares of the residuals, and of the diameters' from their prior [frame].
+
+        Args:
+            y: readings [frame, channel].
+            weight: inverse variances [frame, channel].
+            parameters: [frame, parameter].
+            contacts: their number.
+            correction: of the interpolant.
+        """
+        return self._judged(y, weight, parameters, contacts, correction).chi2
+
+    def _judged(
+        self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Correction | None
+    ) -> Fit:
+        found = self._interpolant(parameters, contacts, correction)
+        used = weight > 0
+        residual = np.where(used, y - found.readings, 0.0)
+        weighted = found.jacobian * weight[:, None]
+        chi2 = (weight * residual**2).sum(1)
+        gradient = (weighted @ residual[..., None])[..., 0]
+        information = weighted @ np.swapaxes(found.jacobian, 1, 2)
+        if self._free_diameter:
+            mean, sigma = DIAMETER_PRIOR
+            rows = self._parameters.rows("diameter", contacts)
+            off = mean - parameters[:, rows]
+            chi2 = chi2 + (off**2).sum(1) / sigma**2
+            gradient[:, rows] += off / sigma**2
+            k = np.arange(rows.start, rows.stop)
+            information[:, k, k] += 1 / sigma**2
+        return Fit(parameters, found.readings, found.jacobian, chi2, gradient, information)
+
+    def fitted(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None,
+        pull: bool,
+    ) -> Fit:
+        """Fit frames, a few together: what they need fits in the cache.
+
+        Args:
+            y: readings [frame, channel].
+            weight: inverse variances [frame, channel].
+            start: parameters [frame, parameter].
+            contacts: their number.
+            correction: of the interpolant.
+            pull: whether forces pull outwards.
+        """
+        parts = []
+        for begin in range(0, len(y), _CHUNK):
+            rows = slice(begin, begin + _CHUNK)
+            part = (y[rows], weight[rows], start[rows])
+            parts.append(self._walk(*part, contacts, correction, pull))
+        return Fit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+    def _walk(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None,
+        pull: bool,
+    ) -> Fit:
+        low, high = self.bounds(start, contacts, pull)
+        best = self._judged(y, weight, np.clip(start, low, high), contacts, correction)
+        damping = np.full(len(y), _DAMPING)
+        live = np.arange(len(y))
+        for _ in range(_STEPS):
+            old = best.rows(live)
+            step, decrease = damped_step(old, low[live], high[live], damping[live])
+            there = old.parameters + step
+            lowest, highest = self.bounds(there, contacts, pull)
+            there = np.clip(there, lowest, highest)
+            new = self._judged(y[live], weight[live], there, contacts, correction)
+            better = new.chi2 <= old.chi2
+            bounds = (low, lowest), (high, highest)
+            for whole, part in (*zip(best, new, strict=True), *bounds):
+                whole[live[better]] = part[better]
+            damping[live] = np.where(
+                better, damping[live] / 10, np.maximum(10 * damping[live], 0.1)
+            )
+            ended = better & (old.chi2 - new.chi2 < _SETTLED) & (decrease < 100 * _SETTLED)
+            live = live[~ended & (damping[live] < _GIVEN_UP)]
+            if not live.size:
+                break
+        return best
+
+
+def damped_step(
+    fit: Fit, low: Any, high: Any, damping: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Damped Gauss-Newton step [frame, parameter] and the decrease of chi2 it predicts.
+
+    Args:
+        fit: where it begins.
+        low: lower bounds [frame, parameter].
+        high: upper bounds, likewise.
+        damping: of the step [frame].
+    """
+    tiny = 1e-12 * (1 + np.abs(fit.parameters))
+    stuck = ((fit.parameters <= low + tiny) & (fit.gradient < 0)) | (
+        (fit.parameters >= high - tiny) & (fit.gradient > 0)
+    )
+    gradient = np.where(stuck, 0.0, fit.gradient)
+    diagonal = np.diagonal(fit.information, axis1=1, axis2=2)
+    scale = np.sqrt(np.where(stuck | (diagonal <= 0), 1.0, diagonal))
+    free = ~(stuck[:, :, None] | stuck[:, None])
+    matrix = np.where(free, fit.information, 0.0) / (scale[:, :, None] * scale[:, None])
+    k = np.arange(matrix.shape[-1])
+    matrix[:, k, k] = 1.0 + damping[:, None] + 1e-10
+    solution = np.linalg.solve(matrix, (gradient / scale)[..., None])[..., 0]
+    decrease = (solution * gradient / scale).sum(1)
+    return solution / scale, decrease

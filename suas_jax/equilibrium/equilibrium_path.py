@@ -1,0 +1,83 @@
+"""The equilibrium path: states at growing loads, or oil pressures, one after the other.
+
+Each state is continued from the one before. After a failure, and once a membrane that no wall
+holds has gone beyond a given one, the last state is repeated.
+"""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.continuation import LoadStepping
+from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium, smallest_gap
+from suas_jax.equilibrium.load_path import follow
+from suas_jax.numerics.bordered_solve import BorderedVector
+from suas_jax.skin.wall import Wall
+
+# How far a path without a wall goes beyond it, relative to its radius.
+_BEYOND = 1e-4
+
+
+def path(
+    problem: Problem,
+    levels: Float[Array, " point"],
+    start: State | None = None,
+    end: Wall | None = None,
+) -> Equilibrium:
+    """Equilibria along a path of loads, each continued from the one before.
+
+    Args:
+        problem: membrane, oil and loads; one lane.
+        levels: factors on the loads or, where the problem has a wanted oil pressure, oil
+            pressures [Pa], of one sign, in the order to visit.
+        start: equilibrium to start from; at rest where not given.
+        end: a wall at which a membrane that no wall holds has gone too far: the first
+            state beyond it is the last, and is repeated.
+
+    Returns:
+        Equilibria with a leading axis over the points. After a failure the last state is
+        repeated with the failure's result.
+    """
+    stepping = LoadStepping()
+    pressures = problem.oil_pressure is not None
+
+    def visit(carry: tuple[State, Array, Array], level: Array) -> tuple[Any, Equilibrium]:
+        state, failed, beyond = carry
+        finished = (failed != 0) | beyond
+        level = jnp.broadcast_to(level, state.factor.shape)
+        if pressures:
+            careful = dataclasses.replace(stepping, largest_step=1.0)
+            y = BorderedVector(state.q, state.factor)
+            given = jnp.array(True)
+            root = follow(
+                problem, y, state.pressure, level, careful, given, near=True, finished=finished
+            )
+            found = Equilibrium.of(problem, root)
+            found = found._replace(state=found.state._replace(pressure=found.level))
+        else:
+            border = state.pressure if problem.oil.trapped else None
+            y = BorderedVector(state.q, border)
+            root = follow(
+                problem, y, state.factor, level, stepping, near=True, finished=finished
+            )
+            found = Equilibrium.of(problem, root)
+        result = jnp.where(failed != 0, failed, found.result)
+        state = jax.tree.map(lambda a, b: jnp.where(failed != 0, a, b), state, found.state)
+        if end is not None:
+            gap = smallest_gap(problem.mechanics, state.q, end)
+            beyond = beyond | (gap < -_BEYOND * end.radius)
+        return (state, result, beyond), found._replace(state=state, result=result)
+
+    rest = problem.mechanics.rest()
+    zero = jnp.zeros(rest.shape[-1:], rest.dtype)
+    result = jnp.zeros(rest.shape[-1:], jnp.int32)
+    if start is None and pressures:
+        first = equilibrium(dataclasses.replace(problem, oil_pressure=zero + levels[0]))
+        start, result = first.state, first.result
+    elif start is None:
+        start = State(rest, zero, zero)
+    return jax.lax.scan(visit, (start, result, jnp.zeros_like(result, bool)), levels)[1]

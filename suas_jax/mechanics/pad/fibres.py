@@ -1,0 +1,215 @@
+"""Fibres through the thickness of a pad: their strains, energy, stress resultants.
+
+With the mid-surface r(s, z), the metric a_ab = r,a . r,b and h_ab = r,ab . m, where m is the
+vector r,s x r,z of length J, a fibre at reference offset Z keeps its volume when it lies at
+zeta with J (zeta + H zeta^2) = M = Z + Z^2/(2R), H the mean and K the Gaussian curvature.
+By Cayley and Hamilton the fibre's metric g = a (1 + zeta S)^2, S = a^-1 b, is then
+
+    g_ab = a_ab + 2 M h_ab / J^2 - K zeta^2 a_ab,      K = det h / J^4,
+
+without a root but that in zeta, which is taken as M/J: K is zero at rest and in plane strain,
+and the next term is of third order in the thickness. So all strains are rational functions
+of six numbers, a_ab and h_ab. Everything is written in differences from rest.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import InPlaneStrain
+from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, total
+from suas_jax.numerics.jet import second_order
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.staging import staged
+
+# Second derivative of a 2 x 2 determinant by its entries (11, 22, 12).
+_DETERMINANT = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
+# Entries of a symmetric 3 x 3 matrix as a list, and where each of the matrix is in it.
+_VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_ENTRY = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
+
+
+def _determinant(x: Float[Array, "3 *point"]) -> Scalar:
+    return x[0] * x[1] - x[2] * x[2]
+
+
+class Layers(NamedTuple):
+    """Fibres through the thickness, one a layer.
+
+    Attributes:
+        weight: of a layer in the energy per area of the mid-surface [m].
+        lever: M = Z + Z^2 / (2R) [m].
+        stretch: 1 + Z/R, the length of the fibre along the arc relative to the mid-line.
+    """
+
+    weight: Float[Array, "layer #lane"]
+    lever: Float[Array, "layer #lane"]
+    stretch: Float[Array, "layer #lane"]
+
+
+def layers(count: int, thickness: Array, radius: Array) -> Layers:
+    """Gauss points through the thickness."""
+    points, weights = gauss_legendre(count, -0.5, 0.5)
+    offset = jnp.asarray(points)[:, None] * thickness
+    stretch = 1 + offset / radius
+    lever = offset + offset**2 / (2 * radius)
+    return Layers(jnp.asarray(weights)[:, None] * thickness * stretch, lever, stretch)
+
+
+def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Array, Array, Array]:
+    """Strains of all fibres, and what they are made of.
+
+    Returns:
+        C - 1 by unit vectors at rest, entries (11, 22, 12) [3, layer, *point]; 1/J^2 and
+        det h / J^6.
+    """
+    inverse = 1 / (1 + s.metric[0] + s.metric[1] + _determinant(s.metric))
+    h = _curved(s, radius)
+    saddle = _determinant(h) * inverse**3
+    # h_11/J^2 - 1/R without cancellation.
+    area = s.metric[0] + s.metric[1] + _determinant(s.metric)
+    bend = inverse * jnp.stack([s.bending[0] - area / radius, s.bending[1], s.bending[2]])
+    second = saddle * _metric(s)
+    strain = []
+    for row, scale in enumerate(_scales(fibres, s)):
+        lever = _over_layers(fibres.lever, s)
+        strain.append(scale * (s.metric[row] + 2 * lever * bend[row] - lever**2 * second[row]))
+    return jnp.stack(strain), inverse, saddle
+
+
+def _over_layers(x: Float[Array, "layer #lane"], s: Surface) -> Array:
+    """Put a layer's numbers in front of the points, lanes (of length one) behind."""
+    return x.reshape(x.shape[0], *(1,) * (s.u.ndim - 2), -1)
+
+
+def _scales(fibres: Layers, s: Surface) -> tuple[Array, Array, Array]:
+    """What turns metric entries (11, 22, 12) into strains by unit vectors at rest."""
+    stretch = _over_layers(fibres.stretch, s)
+    return 1 / stretch**2, jnp.ones_like(stretch), 1 / stretch
+
+
+def _metric(s: Surface) -> Array:
+    return jnp.stack([1 + s.metric[0], 1 + s.metric[1], s.metric[2]])
+
+
+def _curved(s: Surface, radius: Array) -> Array:
+    return jnp.stack([1 / radius + s.bending[0], s.bending[1], s.bending[2]])
+
+
+def _law_of(law: AbstractLaw, strain: Array) -> tuple[Array, Array]:
+    """The two invariants that a law is a function of."""
+    return strain[0] + strain[1], _determinant(strain)
+
+
+def energy_density(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Scalar:
+    """Strain energy per area of the undeformed mid-surface [J/m^2]."""
+    strain, _, _ = fibre_strains(s, fibres, radius)
+    energy = law.energy(InPlaneStrain(*_law_of(law, strain)))
+    return jnp.sum(_over_layers(fibres.weight, s) * energy, 0)
+
+
+class Resultants(NamedTuple):
+    """Derivatives of the energy density by the six numbers a_11 a_22 a_12 h_11 h_22 h_12.
+
+    Attributes:
+        first: gradient.
+        second: Hessian.
+    """
+
+    first: list[Scalar]
+    second: list[list[Scalar]]
+
+
+def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Resultants:
+    """Differentiate the energy: the law by its two invariants, the rest by hand.
+
+    A fibre's strain e = sigma (A + M B - M^2 P) is linear in A = a - 1, B = 2 (h/J^2 - h_0)
+    and P = f a with f = det h / J^6. So moments of the law's derivatives by the levers M come
+    first; then, with c = h/J^2, g = d log J^2/da and b = df/dh,
+
+        dA = da,   dB = 2/J^2 dh - 2 c (g.da),   dP = f da + a (b.dh - 3 f g.da).
+
+    The Hessian by (a, h) is sums of matrices of moments and of products of vectors. Small
+    arrays are lists of their entries: that is what the compiler makes fast loops of.
+    """
+    strain, inverse, f = fibre_strains(s, fibres, radius)
+
+    def energy(trace: Array, determinant: Array) -> Array:
+        return law.energy(InPlaneStrain(trace, determinant))
+
+    jet = second_order(energy, *_law_of(law, strain))
+    weight = _over_layers(fibres.weight, s)
+    scales = _scales(fibres, s)
+    co = (strain[1], strain[0], -2 * strain[2])
+    unit = (1.0, 1.0, 0.0)
+    terms = [weight * scales[p] * (jet.x * unit[p] + jet.y * co[p]) for p in range(3)]
+    for p, q in _VOIGT:
+        value = jet.xy * (unit[p] * co[q] + co[p] * unit[q]) + jet.yy * (co[p] * co[q])
+        value = value + jet.xx * (unit[p] * unit[q]) + jet.y * _DETERMINANT[p, q]
+        terms.append(weight * scales[p] * scales[q] * value)
+    # A matrix product, so that the compiler keeps the moments instead of computing the law
+    # again for each of their uses.
+    powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
+    moments = powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
+    moments = moments.reshape(5, len(terms), *inverse.shape)
+    n, m = moments[:3, :3], moments[:, 3:]
+    a = [1 + s.metric[0], 1 + s.metric[1], s.metric[2]]
+    h = [1 / radius + s.bending[0], s.bending[1], s.bending[2]]
+    c = [inverse * x for x in h]
+    g = [inverse * a[1], inverse * a[0], -2 * inverse * a[2]]
+    cube = inverse**3
+    b = [cube * h[1], cube * h[0], -2 * cube * h[2]]
+
+    def times(matrix: Array, x: list[Array]) -> list[Array]:
+        return [total(matrix[_ENTRY[p][q]] * x[q] for q in range(3)) for p in range(3)]
+
+    def inner(x: Sequence[Array] | Array, y: Sequence[Array] | Array) -> Array:
+        return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
+
+    # Moments with (1 - f M^2), the factor of da.
+    once = [m[k] - f * m[k + 2] for k in range(3)]
+    c2, c3, a3, a4 = times(m[2], c), times(m[3], c), times(m[3], a), times(m[4], a)
+    aa, ca, cc = inner(a, a4), 2 * inner(a, c3), 4 * inner(c, c2)
+    turning, bow = 2 * inner(n[1], c), -inner(n[2], a)
+    pulled = [x + y for x, y in zip(times(once[2], a), n[2], strict=True)]
+    by_g = [2 * x - 3 * f * y for x, y in zip(times(once[1], c), pulled, strict=True)]
+    by_gh = [
+        2 * inverse * (2 * x + y) - 6 * inverse * f * z
+        for x, y, z in zip(c2, n[1], a3, strict=True)
+    ]
+    shifted = [2 * inverse * x for x in a3]
+    both = turning + 3 * f * bow
+    scalars = [inverse, f, cube, aa, bow, both, turning]
+    scalars += [cc - 6 * f * ca + 9 * f * f * aa + 2 * turning + 12 * f * bow]
+    scalars += [ca - 3 * f * aa - 3 * bow]
+    rows = staged([*scalars, *g, *b, *pulled, *by_g, *by_gh, *shifted])
+    inverse, f, cube, aa, bow, both, turning, gg, gb = rows[:9]
+    g, b, pulled, by_g, by_gh, shifted = (rows[k : k + 3] for k in range(9, 27, 3))
+    entries = [n[0][p] - f * n[2][p] - g[p] * both for p in range(3)]
+    entries += [2 * inverse * n[1][p] + bow * b[p] for p in range(3)]
+    for p, q in _VOIGT:
+        metric = m[0][_ENTRY[p][q]] - f * (2 * m[2][_ENTRY[p][q]] - f * m[4][_ENTRY[p][q]])
+        metric = metric - g[p] * by_g[q] - by_g[p] * g[q] + gg * g[p] * g[q]
+        entries.append(metric - inverse * both * float(_DETERMINANT[p, q]))
+    for p in range(3):
+        for q in range(3):
+            k = _ENTRY[p][q]
+            mixed = 2 * inverse * (m[1][k] - f * m[3][k]) - g[p] * by_gh[q]
+            entries.append(mixed - pulled[p] * b[q] + gb * g[p] * b[q])
+    for p, q in _VOIGT:
+        bending = 4 * inverse * inverse * m[2][_ENTRY[p][q]] + aa * b[p] * b[q]
+        bending = bending - b[p] * shifted[q] - shifted[p] * b[q]
+        entries.append(bending + bow * cube * float(_DETERMINANT[p, q]))
+    entries = staged(entries)
+    second = [[entries[0]] * 6 for _ in range(6)]
+    for k, (p, q) in enumerate(_VOIGT):
+        second[p][q] = second[q][p] = entries[6 + k]
+        second[3 + p][3 + q] = second[3 + q][3 + p] = entries[21 + k]
+    for p in range(3):
+        for q in range(3):
+            second[p][3 + q] = second[3 + q][p] = entries[12 + 3 * p + q]
+    return Resultants(entries[:6], second)

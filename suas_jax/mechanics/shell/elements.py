@@ -1,0 +1,111 @@
+"""The shell's elements: which unknowns they have, and how those of all make a system.
+
+The unknowns of a station are the displacement (x, y) and its derivative by arc length; at the
+two ends they are tangential and normal. An element has those of its two stations, Cartesian,
+slopes times its length: the values and slopes of cubic Hermite shapes by the local coordinate.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrices, turn_vector
+from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
+from suas_jax.numerics.hermite import hermite
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.geometry import outward, tangent
+
+
+class Elements(NamedTuple):
+    """The elements between stations.
+
+    Attributes:
+        angles: of the stations from the symmetry axis [rad].
+        mid_radius: radius of the undeformed mid-surface [m].
+        symmetric: whether the last station is the crown of a symmetric arch.
+    """
+
+    angles: Float[Array, "station #lane"]
+    mid_radius: Lanes
+    symmetric: bool
+
+    @property
+    def lengths(self) -> Float[Array, "element #lane"]:
+        """Reference lengths of the elements along the mid-surface [m]."""
+        return self.mid_radius * (self.angles[1:] - self.angles[:-1])
+
+    def free(self) -> np.ndarray:
+        """Mask of the unknowns that may move [dof, station, 1]."""
+        free = np.ones((4, self.angles.shape[0], 1))
+        clamp, crown = [[0.0], [0.0], [1.0], [0.0]], [[0.0], [1.0], [1.0], [0.0]]
+        free[:, 0] = clamp
+        free[:, -1] = crown if self.symmetric else clamp
+        return free
+
+    def _ends(self) -> EndMatrices:
+        return turn_matrices(tangent(jnp.stack([self.angles[0], self.angles[-1]])))
+
+    def _scale(self) -> Float[Array, "4 1 element #lane"]:
+        """Factors that turn element unknowns into values and slopes by xi."""
+        one = jnp.ones_like(self.lengths)
+        return jnp.stack([one, self.lengths, one, self.lengths])[:, None]
+
+    def gather(self, q: StationVector) -> Float[Array, "4 2 element lane"]:
+        """Element unknowns [shape, component]; slopes times the element's length."""
+        q = turn_vector(self._ends(), q)
+        pairs = jnp.stack([q[:, :-1], q[:, 1:]])
+        return pairs.reshape(4, 2, *pairs.shape[2:]) * self._scale()
+
+    def scatter(self, f: Float[Array, "4 2 element lane"]) -> StationVector:
+        """Sum element vectors into stations: the transpose of `gather`, masked."""
+        left, right = (f * self._scale()).reshape(2, 4, *f.shape[2:])
+        free = self.free()[:, [0, -1]]
+        return turn_vector(jnp.swapaxes(self._ends(), 0, 1) * free[:, None], _sum(left, right))
+
+    def reference(self, xi: np.ndarray) -> tuple[Array, Array, Array]:
+        """Reference angle, tangent and normal at local coordinates [xi, element, lane]."""
+        start, span = self.angles[:-1], self.angles[1:] - self.angles[:-1]
+        angle = start + xi[:, None, None] * span
+        return angle, tangent(angle), outward(angle)
+
+    def blocks(self, k: Float[Array, "4 4 2 2 element lane"]) -> tuple[Diagonal, OffDiagonal]:
+        """Element stiffness [shape, shape, component, component] to station blocks."""
+        scale = self._scale()[..., None, None, :, :][:, 0]
+        k = k * (scale[:, None] * scale[None])
+        # [end, end, 4, 4]
+        k = k.reshape(2, 2, 2, 2, *k.shape[2:]).transpose(0, 2, 1, 4, 3, 5, 6, 7)
+        k = k.reshape(2, 2, 4, 4, *k.shape[6:])
+        diagonal = _sum(k[0, 0], k[1, 1])
+        return turn_blocks(diagonal, k[0, 1], self._ends(), self.free()[:, [0, -1]])
+
+    def volume(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
+        """Enclosed volume less rest, and its gradient by the element unknowns.
+
+        The area under the mid-line is a quadratic form; the area under the inner face
+        differs from it by the membrane's own lower half, which incompressibility keeps.
+
+        Args:
+            qe: element unknowns.
+            product: the antisymmetric area matrix times them.
+        """
+        x, w = gauss_legendre(4)
+        _, _, n = self.reference(x)
+        shapes = np.stack(hermite(x), 1) * w[:, None]
+        linear = jnp.einsum("gn,cgel->ncel", shapes, n) * self.lengths
+        quadratic = product[:, ::-1] * np.array([1.0, -1.0])[:, None, None]
+        return jnp.sum(qe * (linear + quadratic / 2), (0, 1, 2)), linear + quadratic
+
+
+def full_blocks(k: Float[Array, "4 4 3 element lane"]) -> Float[Array, "4 4 2 2 element lane"]:
+    """Component blocks of a symmetric element matrix from (xx, yy, xy)."""
+    xx, yy, xy = k[:, :, 0], k[:, :, 1], k[:, :, 2]
+    full = jnp.stack([xx, xy, jnp.swapaxes(xy, 0, 1), yy], 2)
+    return full.reshape(4, 4, 2, 2, *k.shape[3:])
+
+
+def _sum(left: Array, right: Array) -> Array:
+    """Sum what elements give to their left and their right stations."""
+    rest = [(0, 0)] * (left.ndim - 2)
+    return jnp.pad(left, [*rest, (0, 1), (0, 0)]) + jnp.pad(right, [*rest, (1, 0), (0, 0)])

@@ -1,0 +1,108 @@
+"""Capacitances of a skin's taxels: along a load path, and at rest under a scene's loads.
+
+Along a path the frames of a section are solved side by side, a lane a frame; those of a pad
+follow one another, see `pad_frames`.
+"""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from suas_jax.config import SceneSpec
+from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.runtime.jit import jit
+from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
+from suas_jax.scene.solve import solve
+from suas_jax.simulation.load_path import LoadPath
+from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances
+
+# Frames solved in one call, and the shape that is compiled.
+_BLOCK = 256
+
+
+def capacitances(
+    path: LoadPath,
+    time: NDArray[np.float64],
+    progress: Callable[[int], None] = lambda done: None,
+) -> NDArray[np.float64]:
+    """Capacitance of every taxel along a load path [frame, taxel] [F].
+
+    Args:
+        path: loads over time.
+        time: of the frames [s].
+        progress: called with the number of frames done.
+
+    Raises:
+        NoSolutionError: some loads have no equilibrium.
+    """
+    if path.scene.geometry.dimension == 3:
+        return pad_capacitances(path, time, progress)
+    free, held = skin_of(path.scene, contact=False), skin_of(path.scene)
+    run = jit(forward)
+    loads = _loads(path, time)
+    edge = float(free.geometry.half_angle[0])
+    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:
+        raise ValueError(f"a load leaves the skin, which ends at {np.rad2deg(edge):.4g} deg")
+    blocks = []
+    for begin in range(0, len(time), _BLOCK):
+        index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
+        block = Loads(*(x[..., index] for x in _fields(loads)))
+        output = run(free, block)
+        # The program that knows contact is compiled where the membrane reaches the wall.
+        if held.wall is not None and bool(jnp.any(output.min_gap < 0)):
+            output = run(held, block)
+        failed = np.flatnonzero(np.asarray(output.result))
+        if failed.size:
+            name = NAMES[int(output.result[failed[0]])]
+            raise NoSolutionError(f"t = {time[index[failed[0]]]:g} s: {name}. {advice(name)}")
+        blocks.append(np.asarray(output.readings.capacitance).T)
+        progress(min(begin + _BLOCK, len(time)))
+    return np.concatenate(blocks)[: len(time)]
+
+
+def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:
+    return loads.angle, loads.force, loads.turn, loads.external_pressure
+
+
+def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
+    """The scene's loads with what the path moves, a lane a frame."""
+    base, values = loads_of(path.scene), path.at(time)
+    frames = len(time)
+    angle, force, turn, _ = (
+        np.array(np.broadcast_to(x, (*x.shape[:-1], frames))) for x in _fields(base)
+    )
+    pressure, row = np.zeros(frames), 0
+    for i, load in enumerate(path.scene.loads):
+        if load.kind == "pressure":
+            pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
+            continue
+        assert load.kind == "line"  # loads_of refuses patches
+        if load.spread is not None:
+            row += SPREAD_POINTS
+            continue
+        angle[row] = np.deg2rad(values.get(f"loads.{i}.angle_deg", np.rad2deg(angle[row])))
+        force[row] = values.get(f"loads.{i}.force_N", force[row])
+        if load.direction == "vertical":
+            turn[row] = angle[row]
+        if f"loads.{i}.direction_deg" in values:
+            turn[row] = np.deg2rad(values[f"loads.{i}.direction_deg"])
+        row += 1
+    return Loads(*(jnp.asarray(x) for x in (angle, force, turn, pressure)))
+
+
+def static_state(scene: SceneSpec) -> tuple[NDArray[np.float64], list[float]]:
+    """A scene at rest under its loads.
+
+    Returns:
+        Capacitance of every taxel [taxel] [F], and the force of every load [N].
+
+    Raises:
+        NoSolutionError: the scene has no equilibrium.
+    """
+    report = solve(scene).report
+    if report["status"] != "converged":
+        raise NoSolutionError(f"{report['status']}. {report['message']}")
+    forces = [load.get("force_N", 0.0) for load in report["loads"]]
+    return np.array([taxel["capacitance_F"] for taxel in report["taxels"]]), forces
