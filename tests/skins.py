@@ -1,18 +1,19 @@
 """Scenes around the paper's skin, and compiled functions that the physics tests share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
-from suas_jax.mechanics.model import Counts
+from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.program import _program, prepared
 from suas_jax.scene.structure import Structure
@@ -84,7 +85,28 @@ def problem_of(
     """The discrete problem of a scene on a mesh of its own; a solid where it has layers."""
     counts = (elements, layers) if layers else (elements,)
     plan = plan_for(spec, "solid" if layers else "shell", counts)
-    return build_problem(spec, plan.reduced() if half else plan, continuous_inputs(spec))
+    return built(spec, plan.reduced() if half else plan)
+
+
+def built(
+    spec: SceneSpec, plan: AbstractPlan, inputs: Mapping[str, Any] | None = None
+) -> Problem:
+    """The discrete problem of a scene, by one program instead of one for each operation.
+
+    Args:
+        spec: the scene.
+        plan: its mesh.
+        inputs: see `build_problem`; those of the scene if None.
+    """
+    values = continuous_inputs(spec) if inputs is None else inputs
+    arrays = {path: np.asarray(value, float) for path, value in values.items()}
+    problem: Problem = _built(Structure(spec), plan, arrays)
+    return problem
+
+
+@quick
+def _built(structure: Structure, plan: AbstractPlan, inputs: dict[str, Array]) -> Problem:
+    return build_problem(structure.scene, plan, inputs)
 
 
 def program_text(spec: SceneSpec, model: str, counts: Counts) -> str:

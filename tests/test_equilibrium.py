@@ -9,7 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, WIDTH, check, converged, find, line, problem_of, quick, scene, status
+from skins import (
+    EPDM,
+    WIDTH,
+    built,
+    check,
+    converged,
+    find,
+    line,
+    problem_of,
+    quick,
+    scene,
+    status,
+)
 
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import volume_residual
@@ -17,7 +29,7 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.shell.shape import mirrored
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for
 
 REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
 OGDEN = {
@@ -93,7 +105,7 @@ def test_displacement_and_pressure_converge_with_the_fourth_power(case: str) -> 
     plan = plan_for(spec, "shell", (15,))
     values = []
     for _ in range(3):
-        problem = build_problem(spec, plan, continuous_inputs(spec))
+        problem = built(spec, plan)
         state = converged(problem).state
         values.append([float(state.pressure[0]), float(problem.mechanics.work(state.q)[0])])
         plan = plan.comparison()
@@ -146,10 +158,10 @@ def test_force_and_pressure_control_agree(case: str, force: float) -> None:
     given_force = converged(problem_of(scene(line(CASES[case], force)), ELEMENTS)).state
     plan = plan_for(scene(line(CASES[case], force)), "shell", (ELEMENTS,))
     spec = scene(line(CASES[case], 3.0), oil_pressure=float(given_force.pressure[0]))
-    given_pressure = converged(build_problem(spec, plan, continuous_inputs(spec))).state
+    given_pressure = converged(built(spec, plan)).state
     np.testing.assert_allclose(given_pressure.factor * 3.0, force, rtol=1e-9)
     # In pressure control p is given, and the volume is what must come out.
-    controlled = build_problem(spec, plan, continuous_inputs(spec))
+    controlled = built(spec, plan)
     assert abs(float(volume_residual(controlled, given_pressure)[0])) < 1e-12
     np.testing.assert_allclose(
         given_pressure.q,
@@ -184,7 +196,7 @@ def test_work_of_the_loads_is_stored_as_strain_energy() -> None:
     @quick
     def along(forces: jax.Array) -> Any:
         def one(force: jax.Array) -> Any:
-            problem = build_problem(spec, plan, {**inputs, "load.0.force": force})
+            problem = built(spec, plan, {**inputs, "load.0.force": force})
             found = equilibrium(problem)
             work = problem.mechanics.work(found.state.q) * WIDTH / force
             return work[0], problem.mechanics.strain_energy(found.state.q)[0], found.result[0]
@@ -256,7 +268,7 @@ def test_uniform_pressure_shifts_the_oil_pressure_under_a_load() -> None:
     alone = converged(problem_of(scene(line(45, 10)), ELEMENTS)).state
     plan = plan_for(scene(line(45, 10)), "shell", (ELEMENTS,))
     spec = scene(line(45, 10), {"kind": "pressure", "pressure": "3 kPa"})
-    both = converged(build_problem(spec, plan, continuous_inputs(spec))).state
+    both = converged(built(spec, plan)).state
     np.testing.assert_allclose(both.pressure, alone.pressure + 3000, rtol=1e-11)
     np.testing.assert_allclose(
         both.q, alone.q, rtol=0, atol=1e-11 * float(jnp.max(jnp.abs(alone.q)))

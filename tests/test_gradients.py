@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import LAWS, find, line, quick, scene
+from skins import LAWS, built, find, line, quick, scene
 
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.equilibrium.balance import State
@@ -179,9 +179,8 @@ def test_derivatives_without_any_load() -> None:
     program, spec = programs(TRAPPED), SCENES[TRAPPED]
     inputs = {**program.inputs, "load.0.force": jnp.asarray(0.0)}
     linear = np.array([0, 2, 3])  # the quantities that start linearly
-    unit = build_problem(
-        spec, plan_for(spec, "shell", (ELEMENTS,)), {**inputs, "load.0.force": 1.0}
-    )
+    plan = plan_for(spec, "shell", (ELEMENTS,))
+    unit = built(spec, plan, {**inputs, "load.0.force": 1.0})
     answer = compliance(unit.mechanics)
     want = [answer.border[0], *answer.stations[:2, 4, 0]]
     forward, values = program.forward(inputs)
@@ -227,7 +226,7 @@ def test_second_derivatives() -> None:
 
     def at(h: float) -> tuple[Inputs, State]:
         some = jax.tree.map(lambda x, d: x + h * d, point, direction)
-        return some, find(build_problem(spec, plan, {**inputs, **some})).state
+        return some, find(built(spec, plan, {**inputs, **some})).state
 
     h = 2e-3
     weighted = [forward(*at(k * h))[0] for k in (-2, -1, 1, 2)]

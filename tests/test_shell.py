@@ -6,13 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import LAWS, line, problem_of, quick, scene
+from skins import LAWS, built, line, problem_of, quick, scene
 
-from suas_jax.config import continuous_inputs
 from suas_jax.constitutive.deformation import LogStretches
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for
 
 ELEMENTS = 4
 TURNED = line(20, 5, direction="35 deg")
@@ -83,7 +82,7 @@ def test_residual_and_tangent_come_from_the_potential(name: str, half_angle: flo
         ):
             want = np.where(free, b, 0)
             # Displacements and slopes have units of their own.
-            length = float(shell.lengths[0, 0])
+            length = float(shell.elements.lengths[0, 0])
             largest = np.max(np.abs(want[:2]))
             np.testing.assert_allclose(a[:2], want[:2], rtol=0, atol=1e-12 * largest)
             largest = max(length * largest, np.max(np.abs(want[2:])))
@@ -155,7 +154,7 @@ def test_energy_of_a_rotation_vanishes_with_refinement() -> None:
     spec = scene(line(20, 5))
     plan = plan_for(spec, "shell", (8,))
     for _ in range(3):
-        shell = build_problem(spec, plan, continuous_inputs(spec)).mechanics
+        shell = built(spec, plan).mechanics
         turned = moved(shell, shell.rest(), 1.0, np.zeros(2))
         energies.append(float(strain_energy(shell, turned)[0]))
         plan = plan.comparison()

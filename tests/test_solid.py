@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, check, find, line, problem_of, quick, scene, status
+from skins import EPDM, built, check, find, line, problem_of, quick, scene, status
 
 from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs, with_solve
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
@@ -16,7 +16,7 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.solid.model import SOLID
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
-from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.build import plan_for
 from suas_jax.scene.solve import solve
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
@@ -275,7 +275,7 @@ def test_estimated_error_covers_the_true_one(solved: dict[str, tuple]) -> None:
     row, problem, state = solved["B-10000"]
     spec = scene(line(45, 1.0))
     plan = plan_for(scene(line(45, 1.0), oil_pressure=1e4), "solid", (128, 2)).comparison()
-    coarse = build_problem(spec, plan, continuous_inputs(spec))
+    coarse = built(spec, plan)
     start = State(problem.mechanics.to_comparison_mesh(state.q), state.pressure, state.factor)
     checked = check(coarse, start)
     assert bool(checked.stable[0])
@@ -293,7 +293,7 @@ def test_work_of_the_loads_is_stored_as_energy() -> None:
     levels = np.linspace(0, 1, 17)
     moved, energy = [0.0], 0.0
     for level in levels[1:]:
-        problem = build_problem(spec, plan, {**inputs, "load.0.force": 16.0 * level})
+        problem = built(spec, plan, {**inputs, "load.0.force": 16.0 * level})
         state = find(problem).state
         moved.append(float(problem.mechanics.work(state.q)[0]) / level)
         energy = float(problem.mechanics.strain_energy(state.q)[0])
@@ -321,13 +321,13 @@ def test_a_state_carried_to_a_finer_mesh_is_the_same_deformation(half: bool) -> 
     spec = scene(line(0, 24.0))
     fine = plan_for(spec, "solid", (16, 4))
     coarse = fine.comparison()
-    solid = build_problem(spec, coarse, continuous_inputs(spec)).mechanics
+    solid = built(spec, coarse).mechanics
     assert isinstance(solid, Solid)
     q = random_state(solid)
     if half:  # the left half of a state that is its own mirror image
         q = solid.mirrored(q[:, : coarse.counts[0] // 2 + 1])
     target = fine.reduced() if half else fine
-    finer = build_problem(spec, target, continuous_inputs(spec)).mechanics
+    finer = built(spec, target).mechanics
     found = SOLID.carried(np.asarray(q), coarse, target)
     assert found.shape == finer.rest().shape
     back = np.asarray(finer.to_comparison_mesh(jnp.asarray(found)))
