@@ -87,9 +87,9 @@ def assess(
         finer = problem_of(parts, meshes.error, wall=wall)
         begin = start._replace(q=origin.mechanics.to_comparison_mesh(start.q))
         finer_check, finer_change = verify(finer, begin, omitted=check is None)
-        better = finer_check.correction
-        found = key_quantities(finer.mechanics, better, parts.forces)
-        by_mesh = mesh_changes(origin, start, finer, better, parts.forces)
+        found = key_quantities(finer.mechanics, finer_check.correction, parts.forces)
+        # Those of a part are those of the whole.
+        by_mesh = mesh_changes(origin.mechanics, values, found)
         by_kinks = [jnp.zeros_like(x) for x in by_mesh]
         if check is None and change is not None and finer_change is not None:
             pair = (origin, change), (finer, finer_change)

@@ -61,21 +61,17 @@ def relative_error(changes: list[Lanes], values: list[Lanes]) -> Lanes:
 
 
 def mesh_changes(
-    problem: Problem, state: State, finer: Problem, better: State, loads: list[DeadLoad]
+    mechanics: AbstractMechanics, values: list[Lanes], better: list[Lanes]
 ) -> list[Lanes]:
     """The mesh's share of the error of every key quantity.
 
     Args:
-        problem: what was solved.
-        state: its solution.
-        finer: the same on the comparison mesh.
-        better: the state there after a Newton correction.
-        loads: the line loads.
+        mechanics: what was solved.
+        values: key quantities of its solution.
+        better: those after a Newton correction on the comparison mesh.
     """
-    share = _MESH_MARGIN * problem.mechanics.error_share
-    here = key_quantities(problem.mechanics, state, loads)
-    there = key_quantities(finer.mechanics, better, loads)
-    return [share * (a - b) for a, b in zip(here, there, strict=True)]
+    share = _MESH_MARGIN * mechanics.error_share
+    return [share * (a - b) for a, b in zip(values, better, strict=True)]
 
 
 def correction_mesh_changes(
