@@ -9,6 +9,8 @@ from matplotlib.patches import Ellipse, Rectangle
 from mpl_toolkits.mplot3d import Axes3D
 
 from suas_jax.config import continuous_inputs
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.solve import Solution
@@ -17,15 +19,21 @@ from suas_jax.skin.pad_loads import PadLoad
 _SAMPLES = 3  # intervals along either side of an element
 
 
+def _grid(problem: Problem, state: State, shown: State) -> Faces:
+    """The faces on a grid."""
+    del state
+    pad = problem.mechanics
+    assert isinstance(pad, Pad)
+    return pad.sampled(shown.q, _SAMPLES)
+
+
 def plot_pad_surface(solution: Solution) -> Figure:
     """Draw the gap and the displacement of a pad over the unrolled wall, and its shape.
 
     Args:
         solution: a solution in three dimensions.
     """
-    pad = solution.problem().mechanics
-    assert isinstance(pad, Pad)
-    grid = pad.sampled(solution.shown.q, _SAMPLES)
+    grid = solution.read(_grid)
     inner, outer, angle, axial = (
         np.asarray(x)[..., 0]
         for x in (grid.inner_displacement, grid.outer_displacement, grid.angle, grid.axial)

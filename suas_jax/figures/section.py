@@ -4,12 +4,19 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_loads
 from suas_jax.figures.wall import draw_wall
+from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section import section_of
 from suas_jax.scene.solve import Solution
 
 _SAMPLES = 12
+
+
+def _profile(problem: Problem, state: State, shown: State) -> Profile:
+    """The section around the equilibrium, as the report has it."""
+    return section_of(problem.mechanics.around(state.q)).profile(shown.q, _SAMPLES)
 
 
 def plot_section(solution: Solution) -> Figure:
@@ -20,9 +27,7 @@ def plot_section(solution: Solution) -> Figure:
     Args:
         solution: a solution with the lumped shell.
     """
-    problem = solution.problem()
-    mechanics = problem.mechanics.around(solution.state.q)
-    shape = section_of(mechanics).profile(solution.shown.q, _SAMPLES)
+    shape = solution.read(_profile)
     geometry = solution.scene.geometry
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
     normal = np.stack([np.sin(angle), np.cos(angle)])

@@ -1,14 +1,16 @@
 """Figure of a solved solid: fields over the section, stretch through the thickness."""
 
 import numpy as np
+from jaxtyping import Array
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_loads
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
-from suas_jax.mechanics.solid.fields import nodal_fields
+from suas_jax.mechanics.solid.fields import Fields, nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.solve import Solution
 
@@ -20,6 +22,14 @@ _QUADS = [
 ]
 
 
+def _fields(problem: Problem, state: State, shown: State) -> tuple[Fields, Array]:
+    """Fields at the nodes, and the angles of the stations."""
+    del shown
+    solid = problem.mechanics
+    assert isinstance(solid, Solid)
+    return nodal_fields(solid, state.q), solid.angles[:, 0]
+
+
 def plot_solid(solution: Solution) -> Figure:
     """Draw energy and hoop stretch over the deformed section, and the stretch across it.
 
@@ -28,16 +38,13 @@ def plot_solid(solution: Solution) -> Figure:
     Args:
         solution: a solution with the solid model.
     """
-    solid = solution.problem().mechanics
-    assert isinstance(solid, Solid)
-    fields = nodal_fields(solid, solution.state.q)
+    fields, bearings = solution.read(_fields)
     geometry, report = solution.scene.geometry, solution.report
     moved = 1e3 * (fields.position + fields.displacement)
     angle = np.linspace(-geometry.half_angle, geometry.half_angle, 361)
     normal = np.stack([np.sin(angle), np.cos(angle)])
-    grid = (solid.layout.elements, solid.layout.layers, len(NODES))
+    grid = (*solution.plan.counts, len(NODES))
     top = moved.reshape(*grid, 2)[:, -1, [NODES.index((a, 2)) for a in range(3)]].reshape(-1, 2)
-    bearings = np.asarray(solid.angles)[:, 0]
     spread = np.stack([bearings[:-1], (bearings[1:] + bearings[:-1]) / 2, bearings[1:]], 1)
 
     figure = Figure(figsize=(15, 4.6), layout="constrained")

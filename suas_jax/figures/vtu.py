@@ -4,12 +4,14 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+from jaxtyping import Array
 
+from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.files.writing import written
-from suas_jax.mechanics.pad.faces import principal_stretches
+from suas_jax.mechanics.pad.faces import Faces, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.solid.element import NODES
-from suas_jax.mechanics.solid.fields import nodal_fields
+from suas_jax.mechanics.solid.fields import Fields, nodal_fields
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.solve import Solution
 
@@ -35,27 +37,32 @@ def write_vtu(solution: Solution, file: Path) -> None:
     """
     if file.suffix.lower() != ".vtu":
         raise ValueError(f'--vtu {file}: the name of the file has to end in ".vtu"')
-    mechanics = solution.problem().mechanics
-    if isinstance(mechanics, Solid):
-        mesh = _section_mesh(mechanics, solution)
-    elif isinstance(mechanics, Pad):
-        mesh = _pad_mesh(mechanics, solution)
+    if solution.plan.dimension == 3:
+        mesh = _pad_mesh(solution)
+    elif solution.plan.model == "solid":
+        mesh = _section_mesh(solution.read(_solid_fields))
     else:
         raise ValueError("a section's fields come with the solid model only")
     with written(file) as draft:
         mesh.write(draft, file_format="vtu")
 
 
-def _section_mesh(solid: Solid, solution: Solution) -> meshio.Mesh:
+def _solid_fields(problem: Problem, state: State, shown: State) -> Fields:
+    del shown
+    solid = problem.mechanics
+    assert isinstance(solid, Solid)
+    return nodal_fields(solid, state.q)
+
+
+def _section_mesh(fields: Fields) -> meshio.Mesh:
     """Elements keep nodes of their own, so that fields may jump between them."""
-    fields = nodal_fields(solid, solution.state.q)
     order = [NODES.index(node) for node in _VTK_NODES]
 
-    def flat(values: np.ndarray) -> np.ndarray:
+    def flat(values: Array) -> Array:
         values = values[:, order]
         return values.reshape(-1, *values.shape[2:])
 
-    def spatial(values: np.ndarray) -> np.ndarray:
+    def spatial(values: Array) -> np.ndarray:
         return np.pad(flat(values), [(0, 0), (0, 1)])
 
     cells = np.arange(fields.position.shape[0] * len(NODES)).reshape(-1, len(NODES))
@@ -70,10 +77,19 @@ def _section_mesh(solid: Solid, solution: Solution) -> meshio.Mesh:
     return meshio.Mesh(spatial(fields.position), [("quad9", cells)], point_data=data)
 
 
-def _pad_mesh(pad: Pad, solution: Solution) -> meshio.Mesh:
+def _pad_grid(problem: Problem, state: State, shown: State) -> tuple[Faces, Array]:
+    """The faces on a grid, and the principal stretches of the inner one."""
+    del state
+    pad = problem.mechanics
+    assert isinstance(pad, Pad)
+    grid = pad.sampled(shown.q, _PAD_SAMPLES)
+    return grid, principal_stretches(grid.inner_strain)
+
+
+def _pad_mesh(solution: Solution) -> meshio.Mesh:
     """The inner face as quadrilaterals."""
     geometry = solution.scene.geometry
-    grid = pad.sampled(solution.shown.q, _PAD_SAMPLES)
+    grid, stretches = solution.read(_pad_grid)
     angle, axial, energy = (
         np.asarray(x)[..., 0] for x in (grid.angle, grid.axial, grid.energy_density)
     )
@@ -83,15 +99,14 @@ def _pad_mesh(pad: Pad, solution: Solution) -> meshio.Mesh:
     rest = np.stack([radius * np.sin(angle), radius * np.cos(angle), axial], -1)
     now = rest + moved
     gap = np.hypot(now[..., 0], now[..., 1]) - (radius - geometry.oil_gap)
-    stretches = principal_stretches(grid.inner_strain)
     index = np.arange(arc * along).reshape(arc, along)
     corners = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
     data = {
         "displacement_m": moved.reshape(-1, 3),
         "gap_m": gap.reshape(-1),
         "strain_energy_density_J_per_m3": energy.reshape(-1),
-        "smallest_stretch": np.asarray(stretches)[0, ..., 0].reshape(-1),
-        "largest_stretch": np.asarray(stretches)[1, ..., 0].reshape(-1),
+        "smallest_stretch": stretches[0, ..., 0].reshape(-1),
+        "largest_stretch": stretches[1, ..., 0].reshape(-1),
     }
     cells = np.stack(corners, -1).reshape(-1, 4)
     return meshio.Mesh(rest.reshape(-1, 3), [("quad", cells)], point_data=data)

@@ -128,9 +128,13 @@ def prepared(scene: SceneSpec, name: str, counts: Counts) -> Prepared:
         counts: size of its mesh.
     """
     plan = plan_for(scene, name, counts)
-    inputs = {k: np.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     meshes = plan.meshes()
-    return Prepared(plan, meshes, inputs, at_rest(meshes.solved))
+    return Prepared(plan, meshes, inputs_of(scene), at_rest(meshes.solved))
+
+
+def inputs_of(scene: SceneSpec) -> dict[str, np.ndarray]:
+    """A scene's numbers as its programs take them."""
+    return {path: np.asarray(x, float) for path, x in continuous_inputs(scene).items()}
 
 
 @functools.lru_cache(maxsize=32)

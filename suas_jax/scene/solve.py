@@ -3,9 +3,11 @@
 import dataclasses
 import statistics
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import equinox as eqx
+import jax
 import numpy as np
 
 from suas_jax.config import SceneSpec, continuous_inputs
@@ -15,8 +17,9 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Tried, choose
-from suas_jax.scene.program import number, prepared, run_program, structure_of
+from suas_jax.scene.program import inputs_of, number, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
+from suas_jax.scene.structure import Inputs, Structure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +58,32 @@ class Solution:
         """The discrete problem on the whole arc."""
         inputs = continuous_inputs(self.scene)
         return build_problem(self.scene, self.plan, inputs, wall=self.wall)
+
+    def read(self, reading: Callable[[Problem, State, State], Any]) -> Any:
+        """What a function reads of the solved states, as NumPy arrays, by one program.
+
+        Args:
+            reading: of the problem on the whole membrane, the equilibrium and the state to
+                report. The program is kept where its module knows the function by name.
+        """
+        scene = structure_of(self.scene, wall=self.wall)
+        states = self.state, self.shown
+        found = COMPILED.run(
+            _read, scene, self.plan, inputs_of(self.scene), reading, *states, once=True
+        )
+        return jax.tree.map(np.asarray, found)
+
+
+@eqx.filter_jit
+def _read(
+    scene: Structure,
+    plan: AbstractPlan,
+    inputs: Inputs,
+    reading: Callable[[Problem, State, State], Any],
+    state: State,
+    shown: State,
+) -> Any:
+    return reading(build_problem(scene.scene, plan, inputs, wall=scene.wall), state, shown)
 
 
 def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -11,6 +12,7 @@ from fitting.sensor.logs.readings import LoggedCounts
 from fitting.sensor.model.constants import SensorFamily
 from fitting.sensor.model.counts import SensorModel
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
+from suas_jax.runtime.compiled import COMPILED
 
 # Of a constant that is held at its floor: standard deviation relative to its size.
 _HELD = 1e-9
@@ -97,6 +99,11 @@ class SensorResiduals(AbstractResiduals):
         return jnp.concatenate([data.reshape(-1), r[taxels * frames :]])
 
 
+@eqx.filter_jit
+def _counts(model: SensorModel, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
+    return model.so(constants)
+
+
 @dataclasses.dataclass(frozen=True)
 class SensorProblem:
     """What is fitted to what.
@@ -153,7 +160,8 @@ class SensorProblem:
 
     def predicted(self, constants: np.ndarray) -> np.ndarray:
         """Counts without offsets and drift [taxel, frame]."""
-        return np.asarray(self.model.so(jnp.asarray(constants)))[:, self.readings.state]
+        so = COMPILED.run(_counts, self.model, jnp.asarray(constants), once=True)
+        return np.asarray(so)[:, self.readings.state]
 
     def standardised(
         self, constants: np.ndarray, weight: np.ndarray | float = 1.0

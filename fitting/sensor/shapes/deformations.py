@@ -87,13 +87,13 @@ def deform(
     force = np.concatenate([f for f, _ in parts], -1)[:, :count]
     found = [r for _, r in parts]
 
-    def joined(*xs: Array) -> Array:
-        return jnp.concatenate(xs, -1)[..., :count]
+    def joined(*xs: Array) -> np.ndarray:
+        return np.concatenate(xs, -1)[..., :count]
 
     state = jax.tree.map(joined, *(r.state for r in found))
-    pressure = np.asarray(joined(*(r.pressure for r in found)))
+    pressure = joined(*(r.pressure for r in found))
     face = jax.tree.map(joined, *(r.face for r in found))
-    moved = np.concatenate([np.asarray(r.displacement) for r in found], -1)[:, :count]
+    moved = joined(*(r.displacement for r in found))
     return Deformed(press, force, moved, pressure, face, state)
 
 
@@ -123,10 +123,13 @@ def _solve(
     wanted = np.isfinite(loads.displacement)
     force = np.where(wanted, _FIRST_FORCE * np.sign(loads.displacement), loads.force)
     force = np.nan_to_num(force)
-    rest = press.problem(geometry, law, oil, jnp.asarray(force)).mechanics.rest()
+    # By NumPy, as JAX compiles a program for every operation outside of one.
+    rest = jax.eval_shape(
+        lambda: press.problem(geometry, law, oil, jnp.asarray(force)).mechanics.rest()
+    )
     count = loads.states
-    zero = jnp.zeros(count)
-    start = State(jnp.broadcast_to(rest, (*rest.shape[:-1], count)), zero, zero)
+    zero = jnp.asarray(np.zeros(count))
+    start = State(jnp.asarray(np.zeros((*rest.shape[:-1], count))), zero, zero)
 
     def run(force: np.ndarray, start: State) -> Response:
         response: Response = COMPILED.run(
@@ -160,7 +163,7 @@ def _solve(
         closer = fine & (np.abs(error).max(0) <= np.abs(missing).max(0) + _ACCURACY)
         good = np.where(closer, force, good)
         good_found = jax.tree.map(
-            lambda new, old: jnp.where(jnp.asarray(closer), new, old),  # noqa: B023
+            lambda new, old: np.where(closer, new, old),  # noqa: B023
             found,
             good_found,
         )

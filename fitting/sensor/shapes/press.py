@@ -100,7 +100,8 @@ class Press(eqx.Module):
     def take(self, index: np.ndarray) -> "Press":
         """Some of the states."""
         meshes, angle, turn = jax.tree.map(
-            lambda x: x[..., index], (self.meshes, self.angle, self.turn)
+            lambda x: jnp.asarray(np.asarray(x)[..., index]),
+            (self.meshes, self.angle, self.turn),
         )
         return Press(meshes, angle, turn, self.inner)
 

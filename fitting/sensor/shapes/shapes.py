@@ -266,9 +266,9 @@ def _in_order(
     parts: Sequence[Array | np.ndarray], counts: Sequence[int], order: np.ndarray
 ) -> Array:
     """Arrays of some states side by side, each as wide as its part has states."""
-    arrays = zip(map(jnp.asarray, parts), counts, strict=True)
-    wide = [jnp.broadcast_to(x, (*x.shape[:-1], n)) for x, n in arrays]
-    return jnp.concatenate(wide, -1)[..., order]
+    arrays = zip(map(np.asarray, parts), counts, strict=True)
+    wide = [np.broadcast_to(x, (*x.shape[:-1], n)) for x, n in arrays]
+    return jnp.asarray(np.concatenate(wide, -1)[..., order])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.solid.element import NODES, modes
@@ -29,13 +29,13 @@ class Fields(NamedTuple):
         dilatation: J - 1, whose moments over an element vanish.
     """
 
-    position: Float[np.ndarray, "element 9 2"]
-    displacement: Float[np.ndarray, "element 9 2"]
-    pressure: Float[np.ndarray, "element 9"]
-    energy_density: Float[np.ndarray, "element 9"]
-    hoop_stretch: Float[np.ndarray, "element 9"]
-    radial_stretch: Float[np.ndarray, "element 9"]
-    dilatation: Float[np.ndarray, "element 9"]
+    position: Float[Array, "element 9 2"]
+    displacement: Float[Array, "element 9 2"]
+    pressure: Float[Array, "element 9"]
+    energy_density: Float[Array, "element 9"]
+    hoop_stretch: Float[Array, "element 9"]
+    radial_stretch: Float[Array, "element 9"]
+    dilatation: Float[Array, "element 9"]
 
 
 def nodal_fields(solid: Solid, q: StationVector) -> Fields:
@@ -57,17 +57,17 @@ def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     normal = jnp.swapaxes(place / jnp.sqrt(jnp.sum(place**2, 0)), 1, 2)
     tangent = jnp.stack([normal[1], -normal[0]])
 
-    def stretch(fibre: jnp.ndarray) -> jnp.ndarray:
+    def stretch(fibre: Array) -> Array:
         return jnp.sqrt(jnp.sum((fibre + jnp.sum(gradient * fibre[None], 1)) ** 2, 0))
 
     table = modes(local[:, 0], local[:, 1])
     pressure = jnp.einsum("na,ajel->jnel", table, p)
 
-    def scalar(values: jnp.ndarray) -> np.ndarray:
-        return np.asarray(values)[..., 0].transpose(2, 0, 1).reshape(-1, len(NODES))
+    def scalar(values: Array) -> Array:
+        return values[..., 0].transpose(2, 0, 1).reshape(-1, len(NODES))
 
-    def vector(values: jnp.ndarray) -> np.ndarray:
-        components = np.asarray(values)[..., 0].transpose(3, 2, 0, 1)
+    def vector(values: Array) -> Array:
+        components = values[..., 0].transpose(3, 2, 0, 1)
         return components.reshape(-1, len(NODES), 2)
 
     return Fields(
