@@ -9,17 +9,26 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium, smallest_gap
 from suas_jax.equilibrium.load_path import follow
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.skin.wall import Wall
 
 # How far a path without a wall goes beyond it, relative to its radius.
 _BEYOND = 1e-4
+
+
+def beyond_wall(
+    mechanics: AbstractMechanics, q: StationVector, wall: Wall
+) -> Bool[Array, " lane"]:
+    """Whether a membrane that no wall holds has gone too far beyond a given one."""
+    return smallest_gap(mechanics, q, wall) < -_BEYOND * wall.radius
 
 
 def path(
@@ -68,16 +77,21 @@ def path(
         result = jnp.where(failed != 0, failed, found.result)
         state = jax.tree.map(lambda a, b: jnp.where(failed != 0, a, b), state, found.state)
         if end is not None:
-            gap = smallest_gap(problem.mechanics, state.q, end)
-            beyond = beyond | (gap < -_BEYOND * end.radius)
+            beyond = beyond | beyond_wall(problem.mechanics, state.q, end)
         return (state, result, beyond), found._replace(state=state, result=result)
 
     rest = problem.mechanics.rest()
     zero = jnp.zeros(rest.shape[-1:], rest.dtype)
     result = jnp.zeros(rest.shape[-1:], jnp.int32)
-    if start is None and pressures:
-        first = equilibrium(dataclasses.replace(problem, oil_pressure=zero + levels[0]))
-        start, result = first.state, first.result
-    elif start is None:
+    if start is None:
         start = State(rest, zero, zero)
+    if pressures:  # which the loads must grow for
+
+        def first() -> tuple[State, Array]:
+            wanted = dataclasses.replace(problem, oil_pressure=zero + levels[0])
+            found = equilibrium(wanted)
+            return found.state, found.result.astype(result.dtype)
+
+        at_rest, given = jnp.all(start.factor == 0), (start, result)
+        start, result = jax.lax.cond(at_rest, first, lambda: given)
     return jax.lax.scan(visit, (start, result, jnp.zeros_like(result, bool)), levels)[1]

@@ -1,21 +1,23 @@
 """A load-displacement curve on one mesh: continuation, first contact with the wall."""
 
+import copy
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
-from suas_jax.config import SceneSpec, continuous_inputs, with_solve
+from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
-from suas_jax.equilibrium.equilibrium_path import path
+from suas_jax.equilibrium.equilibrium_path import beyond_wall, path
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess
-from suas_jax.scene.build import build_problem, plan_for, problem_of
+from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.program import at_rest, inputs_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.structure import Inputs, Structure
 
@@ -25,6 +27,8 @@ _CONTACT_TOLERANCE = 1e-7
 _SECANT_SHARE = 0.05
 # Points up to which a curve takes less time to follow than to compile for speed.
 _FEW = 40
+# Points that one call follows, so that curves of any length share one program.
+_BLOCK = 8
 
 
 def total_force(report: dict[str, Any]) -> float:
@@ -39,11 +43,13 @@ def _program(
     meshes: Meshes,
     inputs: Inputs,
     levels: Array,
-    start: State | None,
-) -> tuple[dict[str, Any], State, dict[str, Any]]:
+    start: State,
+) -> tuple[dict[str, Any], State, dict[str, Any], Bool[Array, " lane"]]:
+    """Follow some points; at last, whether the curve ends there and is repeated."""
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
-    found = path(problem, levels, start, end=None if scene.wall else parts.skin.wall)
+    end = None if scene.wall else parts.skin.wall
+    found = path(problem, levels, start, end)
 
     def one(state: State) -> dict[str, Any]:
         return assess(parts, meshes, problem, state, True, wall=scene.wall)[0]
@@ -53,7 +59,10 @@ def _program(
     outcome = {"result": result, "level": found.level, "iterations": found.iterations}
     unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
     outcome["unknowns"] = jnp.full_like(found.result, unknowns)
-    return reports, found.state, outcome
+    stopped = found.result[-1] != 0
+    if end is not None:
+        stopped = stopped | beyond_wall(problem.mechanics, found.state.q[-1], end)
+    return reports, found.state, outcome, stopped
 
 
 class Curve:
@@ -62,7 +71,7 @@ class Curve:
     def __init__(self, scene: SceneSpec, model: str, counts: Counts) -> None:
         self.scene, self.plan = scene, plan_for(scene, model, counts)
         self.meshes = self.plan.meshes()
-        self.inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
+        self.inputs = inputs_of(scene)
 
     def points(self, levels: np.ndarray) -> list[dict[str, Any]]:
         """Reports at the given levels; a level of zero is the undeformed state."""
@@ -91,27 +100,31 @@ class Curve:
             start: where to start; None at rest.
             wall: whether it is there; without it the first state beyond it is repeated.
         """
-        pressures = self.scene.solve.oil_pressure is not None
-        known = start if start is not None or pressures else self._rest()
-        arguments = (self.meshes, self.inputs, jnp.asarray(levels))
+        known = at_rest(self.meshes.solved) if start is None else start
         static, once = Structure(self.scene, wall=wall), len(levels) <= _FEW
         effort = {"once": once, "long": self.plan.solves_long}
-        found = COMPILED.run(_program, static, *arguments, known, **effort)
-        reports, states, outcomes = found
-        rows = [
-            report_of(
-                self.scene,
-                plain(reports, i),
-                plain(outcomes, i) | {"model": self.plan.model, "reason": ""},
+        # A point more of a pad takes longer than a call.
+        size = 1 if self.plan.solves_long else _BLOCK
+        rows: list[dict[str, Any]] = []
+        blocks: list[State] = []
+        for begin in range(0, len(levels), size):
+            block = levels[begin : begin + size]
+            filled = np.append(block, np.full(size - len(block), block[-1]))
+            reports, states, outcomes, stopped = COMPILED.run(
+                _program, static, self.meshes, self.inputs, filled, known, **effort
             )
-            for i in range(len(levels))
-        ]
-        return rows, states
-
-    def _rest(self) -> State:
-        problem = build_problem(self.scene, self.meshes.solved, self.inputs)
-        zero = jnp.zeros(1)
-        return State(problem.mechanics.rest(), zero, zero)
+            for i in range(len(block)):
+                outcome = plain(outcomes, i) | {"model": self.plan.model, "reason": ""}
+                rows.append(report_of(self.scene, plain(reports, i), outcome))
+            states = jax.tree.map(np.asarray, states)
+            known = jax.tree.map(lambda x: x[-1], states)
+            own, left = len(block), len(levels) - len(rows)
+            blocks.append(jax.tree.map(lambda x, n=own: x[:n], states))
+            if left and np.any(stopped):
+                rows += [copy.deepcopy(rows[-1]) for _ in range(left)]
+                blocks.append(jax.tree.map(lambda x, n=left: np.stack([x] * n), known))
+                break
+        return rows, jax.tree.map(lambda *x: np.concatenate(x), *blocks)
 
     def _rest_report(self) -> dict[str, Any]:
         """The report of the undeformed state, which no pressure control can reach."""
@@ -137,9 +150,8 @@ class Curve:
         gaps = points[after - 1]["min_gap_m"], None
         best = points[after]
         start = None
-        count = int(np.count_nonzero(levels)) if self.scene.solve.oil_pressure else len(levels)
         while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
-            inner = _around_zero(low, high, gaps, count)
+            inner = _around_zero(low, high, gaps, _BLOCK)
             rows, states = self.follow(inner, start, wall=False)
             inside = [row["wall_contact"] for row in rows]
             k = inside.index(True) if any(inside) else len(rows)
