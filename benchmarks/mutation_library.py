@@ -19,15 +19,9 @@ status 1 if fewer than 90 % were killed.
 
 import argparse
 import ast
-import os
 import pathlib
 import random
-import resource
-import shutil
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from typing import NamedTuple
@@ -36,11 +30,10 @@ from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 
-from benchmarks.mutation import NOT_COPIED, ROOT
+from benchmarks.mutation_runner import LONGEST, ROOT, Verdict, copied, run_tests
 from benchmarks.mutation_survivors import EQUIVALENT
 
 WANTED = 0.9
-MEMORY = 8 * 2**30  # bytes; a mutant may fill a list without end
 
 
 class Module(NamedTuple):
@@ -65,8 +58,10 @@ MODULES = (
     Module(f"{FORMATS}/cobs.py", "tests/test_frames.py"),
     Module(f"{FORMATS}/text.py", "tests/test_frames.py"),
     Module("suas_jax/acquisition/integrity.py", "tests/test_integrity.py"),
+    Module("suas_jax/acquisition/device_clock.py", "tests/test_integrity.py"),
     Module("suas_jax/acquisition/baseline.py", "tests/test_baseline.py"),
     Module("suas_jax/config/quantities.py", "tests/test_config.py tests/test_config_errors.py"),
+    Module("suas_jax/config/units.py", "tests/test_config.py tests/test_config_errors.py"),
     Module("suas_jax/files/writing.py", "tests/test_files.py", "not special_files"),
     Module("suas_jax/skin/oils/compressible.py", "tests/test_oil.py", most=10),
     Module("suas_jax/skin/oils/aerated.py", "tests/test_oil.py", most=15),
@@ -120,7 +115,17 @@ def plausible(operator: str) -> bool:
 
 
 class _WithoutTypes(ast.NodeTransformer):
-    """Takes annotations out."""
+    """Takes annotations out, and how arguments may be passed."""
+
+    def visit_arguments(self, node: ast.arguments) -> ast.arguments:
+        self.generic_visit(node)
+        first = [*node.posonlyargs, *node.args]
+        missing = [None] * (len(first) - len(node.defaults))
+        defaults = [*missing, *node.defaults, *node.kw_defaults]
+        node.args, node.posonlyargs, node.kwonlyargs = [*first, *node.kwonlyargs], [], []
+        node.defaults = [default or ast.Constant(...) for default in defaults]
+        node.kw_defaults = []
+        return node
 
     def visit_arg(self, node: ast.arg) -> ast.arg:
         node.annotation = None
@@ -140,8 +145,8 @@ class _WithoutTypes(ast.NodeTransformer):
 def computed(source: str) -> str | None:
     """What a source computes, without the types that are only read; None if it is no Python.
 
-    The operators of types (`int | None`) and the star in front of keywords are operators to
-    cosmic-ray, too.
+    The operators of types (`int | None`) and the star in front of keywords, for which it
+    writes a slash, are operators to cosmic-ray, too.
     """
     try:
         return ast.dump(_WithoutTypes().visit(ast.parse(source)))
@@ -188,34 +193,6 @@ def difference(source: str, mutant: str) -> str:
     return f"{old} -> {new}"
 
 
-def failed(python: str, copy: pathlib.Path, module: Module, limit: float) -> tuple[bool, float]:
-    """Run a module's tests on the copy until the first failure or the limit [s].
-
-    Returns:
-        Whether one failed, or the limit was reached, and the time that it took [s].
-    """
-    command = [python, "-m", "pytest", "-n", "0", "-x", "-q", "-p", "no:cacheprovider"]
-    command += ["--hypothesis-seed=0", "-k", module.only, *module.tests.split()]
-    environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    start = time.perf_counter()
-    process = subprocess.Popen(
-        command,
-        cwd=copy,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
-    )
-    try:
-        status = process.wait(limit)
-    except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)
-        status = process.wait()
-    shutil.rmtree(copy / ".hypothesis", ignore_errors=True)
-    return status != 0, time.perf_counter() - start
-
-
 def judge(module: Module, copy: pathlib.Path, options: argparse.Namespace) -> tuple[int, int]:
     """Try a module's mutants; how many there were, and how many of them were killed."""
     file = copy / module.file
@@ -225,14 +202,20 @@ def judge(module: Module, copy: pathlib.Path, options: argparse.Namespace) -> tu
         min(module.most, options.per_module),
         random.Random(f"{options.seed} {file.name}"),
     )
-    unsound, duration = failed(options.python, copy, module, 900.0)
-    if unsound:
+
+    def tried(limit: float) -> Verdict:
+        return run_tests(
+            copy, module.tests, only=module.only, limit=limit, python=options.python
+        )
+
+    sound = tried(LONGEST)
+    if sound.outcome != "passed":
         sys.exit(f"{module.tests}: fails without a mutant")
     survivors = []
     start = time.perf_counter()
     for mutant in mutants:
         file.write_text(mutant)
-        if not failed(options.python, copy, module, 30.0 + 5.0 * duration)[0]:
+        if tried(30.0 + 5.0 * sound.seconds).outcome == "passed":
             survivors.append(difference(right, mutant))
     file.write_text(right)
     killed = len(mutants) - len(survivors)
@@ -259,15 +242,7 @@ def main() -> int:
     ]
     total = killed = 0
     print("mutants  killed  survived      time  module", flush=True)
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        copy = pathlib.Path(folder) / "tree"
-        shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED), symlinks=True)
-        # Byte code that is checked by the source's content: a mutant may have the size and
-        # the second of the one before.
-        compiling = ["-m", "compileall", "-q", "--invalidation-mode", "checked-hash"]
-        subprocess.run(
-            [options.python, *compiling, "suas_jax", "fitting"], cwd=copy, check=True
-        )
+    with copied(options.python) as copy:
         for module in chosen:
             of_module, killed_of_module = judge(module, copy, options)
             total += of_module
