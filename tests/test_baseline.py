@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from suas_jax.acquisition.baseline import (
+    Baseline,
     NotAtRestError,
     read_baseline,
     refuse_loaded,
@@ -21,14 +22,13 @@ NOISE = 2.0
 
 
 def log_of(so: np.ndarray) -> SoLog:
-    """A log of frames [frame, module, taxel] at 100 Hz."""
+    """A log of frames [frame, module, taxel] at 10 Hz; its clocks began 7 s before."""
     frames, modules, taxels = so.shape
     seq = np.repeat(np.arange(frames), modules)
     module = np.tile(np.arange(modules), frames)
     rows = np.rint(so).reshape(-1, taxels)
-    return SoLog(
-        Path("a.csv"), {"scale": "0.305 fF"}, 0.01 * seq, 0.01 * seq, seq, module, rows, {}
-    )
+    time = 7 + 0.1 * seq
+    return SoLog(Path("a.csv"), {"scale": "0.305 fF"}, time, time, seq, module, rows, {})
 
 
 @pytest.fixture
@@ -80,9 +80,17 @@ def test_a_skin_that_is_not_at_rest_is_refused(rest, change, words):
     rest[:, 7:8, 2:3] += change
     with pytest.raises(NotAtRestError) as error:
         take_baseline(log_of(rest))
-    for word in (words, "module 7", "so_3", "--tolerance"):
+    for word in (words, "module 7", "so_3", "within 39.9 s", "--tolerance"):
         assert word in str(error.value)
     take_baseline(log_of(rest), tolerance=100.0)
+
+
+def test_a_taxel_without_neighbouring_frames_is_judged_as_if_it_had_no_noise(rest):
+    rest[1::2, 7, 2] = np.nan
+    take_baseline(log_of(rest), tolerance=2.5)
+    rest[:, 7, 2] += 40.0 * (np.arange(FRAMES) > 200)
+    with pytest.raises(NotAtRestError, match=r"so_3 .* 1\.0 from its mean are allowed"):
+        take_baseline(log_of(rest))
 
 
 def test_all_taxels_that_moved_are_counted(rest):
@@ -111,6 +119,39 @@ def test_a_tenth_of_the_log_may_differ_by_six_standard_errors(step, refused):
         take_baseline(log)
 
 
+@pytest.mark.parametrize(
+    ("tenths", "refused"),
+    [([0, 0, 0, 0, 0, 1, 2, 2, 2, 2], False), ([0, 0, 0, 0, 0, 0, 0, 0, 1, 2], True)],
+)
+def test_rounding_is_noise_of_a_few_frames(tenths, refused):
+    """Means of two rounded counts: 6 / sqrt(12) / sqrt(2) = 1.2; theirs differ by 1.1, 1.7."""
+    log = log_of(5000.0 + np.repeat(tenths, 2)[:, None, None])
+    if not refused:
+        take_baseline(log)
+        return
+    with pytest.raises(NotAtRestError, match=r"1\.2 from its mean are allowed"):
+        take_baseline(log)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "refused"), [(0.0, True), (0.45, True), (0.5, False), (None, False)]
+)
+def test_what_is_tolerated_may_be_less_than_a_count(tolerance, refused):
+    """Half of the log a count higher: every tenth is half a count from the mean."""
+    log = log_of(5000.0 + (np.arange(40) >= 20)[:, None, None])
+    if not refused:
+        take_baseline(log, tolerance=tolerance)
+        return
+    with pytest.raises(NotAtRestError, match=r"moved by 1\.0 counts"):
+        take_baseline(log, tolerance=tolerance)
+
+
+def test_what_moves_just_as_far_as_is_tolerated_is_not_counted():
+    steps = np.array([[1.0, 3.0]]) * (np.arange(40) >= 20)[:, None, None]
+    with pytest.raises(NotAtRestError, match=r"so_2 .*\(1 taxels moved\)"):
+        take_baseline(log_of(5000.0 + steps), tolerance=0.5)
+
+
 def test_too_short(rest):
     with pytest.raises(ValueError, match="19 frames; a baseline needs at least 20"):
         take_baseline(log_of(rest[:19]))
@@ -135,6 +176,32 @@ def test_an_earlier_baseline_of_fewer_modules_and_taxels(rest):
     assert np.isnan(known[0, 8:]).all()
     assert np.isnan(known[1]).all()
     refuse_loaded(now, known, tolerance=0.02, source="b.json")
+
+
+def test_modules_are_compared_by_their_numbers():
+    def taken(modules: list[int]) -> Baseline:
+        so = 1000.0 * np.array(modules)[:, None] + np.arange(3)
+        return Baseline(np.array(modules), so, np.ones_like(so), 100, {})
+
+    known = rest_of(taken([2, 5]), taken([1, 2, 3, 5, 8]))
+    np.testing.assert_array_equal(known[[1, 3], 0], [2000.0, 5000.0])
+    assert np.isnan(known[[0, 2, 4]]).all()
+
+
+@pytest.mark.parametrize(("tolerance", "share"), [(0.0, 0), (0.25, 256)])
+def test_a_count_more_than_what_is_tolerated_is_the_most(tolerance, share):
+    rest = np.array([[1024.0, 512.0]])
+
+    def refuse(count: float) -> None:
+        just_within = tolerance * 512.0 + 1.0
+        so = rest + np.array([[share + count, just_within]])
+        taken = Baseline(np.array([4]), so, np.ones_like(so), 100, {})
+        refuse_loaded(taken, rest, tolerance=tolerance, source="b.json")
+
+    refuse(1.0)
+    allowed = rf"{100 * tolerance + 0.1:.1f} % are allowed \(1 taxels"
+    with pytest.raises(NotAtRestError, match=allowed):
+        refuse(1.5)
 
 
 def test_a_pattern_up_to_a_factor(rest):
@@ -162,6 +229,26 @@ def test_no_baseline_is_named(content, tmp_path):
     path = tmp_path / "b.json"
     path.write_text(content)
     with pytest.raises(ValueError, match=r"b\.json"):
+        read_baseline(path)
+
+
+def test_modules_of_a_file_may_have_different_numbers_of_taxels(tmp_path):
+    path = tmp_path / "b.json"
+    modules = [
+        {"module": 3, "so": [1.0, 2.0], "noise": [0.1, None]},
+        {"module": 1, "so": [5.0, 6.0, None, 8.0, 9.0], "noise": [0.1] * 5},
+    ]
+    content = {"format": "suas-baseline", "frames": 40, "modules": modules}
+    text = json.dumps(content).ljust(16_000_000)  # as long as a file may be
+    path.write_text(text)
+    found = read_baseline(path)
+    np.testing.assert_array_equal(found.modules, [1, 3])
+    nan = np.nan
+    np.testing.assert_array_equal(found.so, [[5, 6, nan, 8, 9], [1, 2, nan, nan, nan]])
+    np.testing.assert_array_equal(found.noise[1], [0.1, nan, nan, nan, nan])
+    assert found.frames == 40
+    path.write_text(text + " ")
+    with pytest.raises(OSError, match="at most"):
         read_baseline(path)
 
 

@@ -20,6 +20,17 @@ def values(axis: SplineAxis, breaks: np.ndarray, x: np.ndarray, order: int) -> n
 
 
 @pytest.mark.parametrize(
+    ("order", "left"),
+    [(0, [1, 0, 0, 0]), (1, [-3, 3, 0, 0]), (2, [6, -12, 6, 0]), (3, [-6, 18, -18, 6])],
+)
+def test_polynomials_at_the_ends_of_an_element(order: int, left: list[int]) -> None:
+    right = [(-1) ** order * value for value in left[::-1]]
+    found = np.stack(bernstein(np.array([0.0, 1.0]), order), 1)
+    np.testing.assert_array_equal(found, [left, right])
+    np.testing.assert_array_equal(np.stack(bernstein(jnp.asarray([0.0, 1.0]), order), 1), found)
+
+
+@pytest.mark.parametrize(
     ("multiplicity", "order"),
     [(None, 0), (None, 1), (None, 2), (None, 3), ((1, 2, 1, 2), 1), ((1, 2, 1, 2), 2)],
 )
@@ -56,6 +67,49 @@ def test_a_mirrored_end_is_half_of_the_whole(parity: int) -> None:
     np.testing.assert_allclose(by_half, by_whole[:, :5], atol=1e-14)
 
 
+def test_the_whole_of_an_axis_with_double_knots() -> None:
+    whole = SplineAxis(3, right="mirror", multiplicity=(1, 2)).unfolded()
+    assert whole == SplineAxis(6, multiplicity=(1, 2, 1, 2, 1))
+    both = SplineAxis(3, "mirror", "mirror", (2, 1)).unfolded()
+    assert both == SplineAxis(6, "mirror", "mirror", (2, 1, 1, 1, 2))
+
+
+def test_control_values_at_the_ends_are_no_stations() -> None:
+    np.testing.assert_array_equal(SplineAxis(2).station_of, [[-1, 0, 1, 2], [0, 1, 2, -1]])
+    double = SplineAxis(2, multiplicity=(2,))
+    np.testing.assert_array_equal(double.station_of, [[-1, 0, 1, 2], [1, 2, 3, -1]])
+    np.testing.assert_array_equal(double.first, [0, 2])
+
+
+@pytest.mark.parametrize("parity", [1, -1])
+def test_an_axis_read_from_the_other_end(parity: int) -> None:
+    knots = (1, 2, 1, 1)
+    axis, other = (
+        SplineAxis(5, "mirror", "open", knots),
+        SplineAxis(5, "open", "mirror", knots[::-1]),
+    )
+    breaks, turned = jnp.asarray(BREAKS), -jnp.asarray(BREAKS)[::-1]
+    np.testing.assert_allclose(axis.knots(breaks), -other.knots(turned)[::-1], atol=1e-15)
+    np.testing.assert_allclose(
+        axis.matrix(breaks, parity), other.matrix(turned, parity)[::-1, ::-1, ::-1], atol=1e-14
+    )
+    np.testing.assert_allclose(
+        axis.abscissae(breaks), -other.abscissae(turned)[::-1], atol=1e-15
+    )
+
+
+def test_rows_of_control_values_that_are_no_stations_are_zero() -> None:
+    breaks = jnp.asarray(BREAKS)
+    for left in ("open", "mirror"):
+        axis = SplineAxis(5, left)
+        whole, found = (np.asarray(axis.extraction(breaks, p)) for p in (None, -1))
+        np.testing.assert_allclose(whole.sum(0), 1.0, rtol=1e-14)
+        outer = [(0, 0), (3, 4)]  # control value and element
+        assert all(whole[i, :, e].any() and not found[i, :, e].any() for i, e in outer)
+        np.testing.assert_array_equal(found[[0, 3], :, 1:4], whole[[0, 3], :, 1:4])
+        np.testing.assert_array_equal(axis.extraction(breaks), axis.extraction(breaks, 1))
+
+
 def test_mirrored_at_both_ends_constants_are_reproduced() -> None:
     axis = SplineAxis(5, "mirror", "mirror")
     coefficients = np.asarray(axis.matrix(jnp.asarray(BREAKS))) @ np.ones(axis.stations)
@@ -82,8 +136,19 @@ def test_halved_elements_keep_the_continuity_at_the_old_breakpoints() -> None:
         (lambda: SplineAxis(2, right="mirror"), "3 elements"),
         (lambda: SplineAxis(3, multiplicity=(1,)), "2 inner knots"),
         (lambda: SplineAxis(2, multiplicity=(3,)), "multiplicity 1 or 2"),
+        (lambda: SplineAxis(4, multiplicity=(1, 2, 3)), "multiplicity 1 or 2, got"),
+        (lambda: SplineAxis(0), "1 elements or more, got 0"),
     ],
 )
 def test_what_has_no_meaning_is_refused(axis: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         axis()  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("knots", [(1, 1), (2, 2), (1, 2), None])
+def test_every_mixture_of_single_and_double_knots_has_a_meaning(
+    knots: tuple[int, ...] | None,
+) -> None:
+    assert SplineAxis(3, multiplicity=knots).stations == 4 + sum(knots or (1, 1)) - 2
+    assert SplineAxis(1).stations == 2
+    np.testing.assert_array_equal(SplineAxis(1).abscissae(jnp.asarray([2.0, 5.0])), [2.0, 5.0])

@@ -33,7 +33,7 @@ from suas_jax.config import (
     with_inputs,
     with_solve,
 )
-from suas_jax.config.quantities import DIMENSIONS
+from suas_jax.config.quantities import DIMENSIONS, to_si
 
 CONFIGS = pathlib.Path(__file__).parent.parent / "configs"
 SCENES = sorted((CONFIGS / "scenes").glob("*.toml"))
@@ -80,6 +80,7 @@ def test_parse_quantity(text, dimension, value):
         (1e-3, "angle", "0.0572958 deg"),
         (-4.4e6, "stress", "-4.4 MPa"),
         (3.05e-16, "capacitance", "0.305 fF"),
+        (-2e-7, "length", "-0.2 um"),
         (2.2, "number", "2.2"),
     ],
 )
@@ -99,8 +100,12 @@ def test_a_unit_that_messages_show_is_read_back_as_it_was_meant(dimension):
 
 def test_quantities_beyond_all_measure_are_refused():
     assert parse_quantity("1" + 197 * " " + "mm", "length") == 1e-3  # 200 characters
-    with pytest.raises(ValueError, match="has 300 characters"):
-        parse_quantity("1" + 297 * " " + "mm", "length")
+    with pytest.raises(ValueError, match="has 201 characters"):
+        parse_quantity("1" + 198 * " " + "mm", "length")
+    with pytest.raises(ValueError, match="too large to compute with; a length"):
+        parse_quantity("1e307 km", "length")
+    with pytest.raises(ValueError, match="must be a finite number; a number"):
+        to_si(10**400, "number")
     # A unit of length, but one of 1e-405 m: no number of these is told from zero.
     with pytest.raises(ValueError, match="unknown unit"):
         parse_quantity("1 fm9 fm9 fm9/m9/m9/m8", "length")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fitting.inverse_load.drift import DriftDensities, DriftFollower
-from fitting.inverse_load.fit.detection import ArcDetector
+from fitting.inverse_load.drift import Drift, DriftDensities, DriftFollower
+from fitting.inverse_load.fit.detection import ArcDetector, Detection
 
 TAXELS, NOISE = 40, 2.0
 PLACES = np.linspace(-1.3, 1.3, 150)
@@ -62,12 +62,89 @@ def test_uncertainty_grows_in_contact_by_the_stated_walk() -> None:
     own.follow(np.arange(320) / 40.0, readings(np.zeros((1, TAXELS)), np.zeros(320), 6))
     before, drift = own.covariance, own.drift
     own.follow(
-        10 + np.arange(320) / 40.0, readings(np.zeros((1, TAXELS)), np.full(320, 9.0), 7)
+        30 + np.arange(320) / 40.0, readings(np.zeros((1, TAXELS)), np.full(320, 9.0), 7)
     )
-    first, last = 320 / 40 - 32 / 80 - 1 / 80, 10 + 320 / 40 - 32 / 80 - 1 / 80
+    first, last = 320 / 40 - 32 / 80 - 1 / 80, 30 + 320 / 40 - 32 / 80 - 1 / 80
     np.testing.assert_array_equal(own.drift, drift)
     expected = before + densities.walk(REST, last - first)
     np.testing.assert_allclose(own.covariance, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_a_clock_that_goes_back_undoes_no_uncertainty() -> None:
+    own = follower()
+    still = readings(np.zeros((1, TAXELS)), np.full(3, 9.0), 7)
+    for time in (5.0, 3.0, 4.0):
+        own.follow(np.array([time]), still[:1])
+    # Of the walk before the first frame and of the second from 3 s to 4 s.
+    expected = DriftDensities().walk(REST, 1200.0 + 1.0)
+    np.testing.assert_allclose(own.covariance, expected, rtol=1e-12)
+
+
+class Listening(ArcDetector):
+    """Keeps what it is told of the drift."""
+
+    weight: np.ndarray
+    shared: np.ndarray
+
+    def test(self, left: np.ndarray, weight: np.ndarray, shared: np.ndarray) -> Detection:
+        """As `ArcDetector.test`."""
+        self.weight, self.shared = weight, shared
+        return super().test(left, weight, shared)
+
+
+def test_detection_is_told_of_the_drift_as_it_is() -> None:
+    """Each taxel's variance, and the correlations that three patterns over all taxels have."""
+    detector = Listening(np.hstack([SIGNATURES, np.zeros((len(PLACES), 2 * TAXELS))]))
+    densities = DriftDensities(gain=3e-2)
+    own = DriftFollower(REST, NOISE**2, detector, densities)
+    frames = [(0.0, 0.0), (0.1, 9.0), (300.0, 9.0), *100 * [(300.1, 0.0)], (2000.0, 9.0)]
+    before = 0.0
+    for time, force in frames:
+        told = own.covariance + densities.walk(REST, time - before)
+        own.follow(np.array([time]), readings(np.zeros((1, TAXELS)), np.array([force]), 10))
+        assert not detector.weight[:, TAXELS:].any()
+        assert not detector.shared[:, TAXELS:].any()
+        apart = 1 / detector.weight[0, :TAXELS] - NOISE**2
+        together = detector.shared[:, :TAXELS]
+        np.testing.assert_allclose(apart + (together**2).sum(0), np.diag(told), rtol=1e-9)
+        error = np.linalg.norm(told - np.diag(apart) - together.T @ together, 2)
+        # What the fourth pattern would have, and as much for its variances, told apart.
+        assert error < 2.1 * np.linalg.eigvalsh(told)[-4]
+        before = time
+
+
+def test_what_is_missing_teaches_nothing_of_its_taxel() -> None:
+    """The mean of n readings of each taxel, weighed against its walk before the first frame."""
+    changes = np.full((16, TAXELS), 0.5)
+    changes[:10, 3] = changes[:, 5] = np.nan
+    own = follower()
+    own.follow(np.zeros(16), changes)
+    seen, count = np.arange(TAXELS) != 5, np.where(np.arange(TAXELS) == 3, 6, 16)
+    walk = DriftDensities().walk(REST, 1200.0)
+    gain = walk[:, seen] @ np.linalg.inv((walk + np.diag(NOISE**2 / count))[np.ix_(seen, seen)])
+    np.testing.assert_allclose(own.drift, gain @ np.full(TAXELS - 1, 0.5), rtol=1e-9)
+    np.testing.assert_allclose(own.covariance, walk - gain @ walk[seen], atol=1e-9)
+
+
+def test_frames_in_contact_teach_nothing_beside_quiet_ones() -> None:
+    quiet, mixed = follower(), follower()
+    still = readings(np.full((1, TAXELS), 1.0), np.zeros(16), 11)
+    pressed = readings(np.full((1, TAXELS), 1.0), np.full(16, 9.0), 12)
+    quiet.follow(np.zeros(16), still)
+    mixed.follow(np.zeros(32), np.vstack([still, pressed]))
+    np.testing.assert_allclose(mixed.drift, quiet.drift, rtol=1e-12)
+    np.testing.assert_allclose(mixed.covariance, quiet.covariance, rtol=1e-12)
+
+
+def test_sizes_are_the_mean_and_the_one_furthest_from_zero() -> None:
+    drift = Drift(np.array([[1.0, -4.0, 3.0, 0.0], [0.0, 0.5, 1.0, 0.5]]), np.ones((2, 4)))
+    assert drift.sizes() == [(0.0, -4.0), (0.5, 1.0)]
+    assert drift.rows(slice(1, 2)).sizes() == [(0.5, 1.0)]
+
+
+def test_every_frame_needs_its_time() -> None:
+    with pytest.raises(ValueError, match="zip"):
+        follower().follow(np.zeros(3), np.zeros((2, TAXELS)))
 
 
 def test_walk_is_that_of_its_three_parts() -> None:

@@ -1,5 +1,6 @@
 """What is written is whole, and replaces nothing unasked; what is read is bounded."""
 
+import errno
 import os
 import resource
 import subprocess
@@ -138,14 +139,35 @@ def test_devices_are_written_to(tmp_path: Path) -> None:
     assert not Path(os.devnull).is_file()
 
 
-@pytest.mark.parametrize("name", ["a.csv", "a" * 200])
+@pytest.mark.parametrize("name", ["a.csv", "a" * 200, 63 * "\N{SNAIL}"])
 def test_a_draft_that_a_kill_left_is_removed_later(tmp_path: Path, name: str) -> None:
-    left, fresh = (tmp_path / f".{name[:100]}.{draft}.part" for draft in ("left", "fresh"))
-    for draft in (left, fresh):
-        draft.touch()
-    os.utime(left, (0, time.time() - 4000))
+    """Names of 255 bytes are the longest; a draft's is as long as it may be or shorter."""
+    found = []
+    for _ in range(3):
+        with written(tmp_path / name) as draft:
+            found.append(draft)
+    left, fresh, early = found
+    alike = [tmp_path / other for other in (f".{name[:40]}.notes", ".another.part")]
+    for path in (*found, *alike):
+        path.touch()
+    for path in (left, *alike):
+        os.utime(path, (0, time.time() - 4000))
+    os.utime(early, (0, time.time() + 4000))  # made on a machine whose clock is ahead
     write_text(tmp_path / name, "x")
-    assert drafts(tmp_path) == [fresh]
+    assert set(tmp_path.iterdir()) == {tmp_path / name, fresh, early, *alike}
+
+
+def test_a_disk_that_knows_no_links_is_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refused)
+    with command_files():
+        write_text(tmp_path / "a.csv", "all of it")
+    assert (tmp_path / "a.csv").read_text() == "all of it"
+    assert not drafts(tmp_path)
 
 
 def test_a_full_disk_leaves_what_was_there(tmp_path: Path) -> None:

@@ -397,6 +397,63 @@ def test_filter_is_the_gaussian_process_of_a_random_acceleration() -> None:
             assert stated == pytest.approx(expected[1], rel=1e-3)
 
 
+def fed(track: LoadFilter, time: float, *contacts: Contact) -> list[Contact]:
+    return track.feed(time, LoadEstimate(True, contacts, status="ok"))
+
+
+@pytest.mark.parametrize(("squared", "followed"), [(24.5, True), (25.5, False)])
+def test_filter_follows_within_five_standard_deviations(squared: float, followed: bool) -> None:
+    """Of the difference of two estimates of one moment, equally uncertain: the half way."""
+    track, covariance = LoadFilter(), np.diag([1e-4, 0.04])
+    first = Contact(0.1, 5.0, None, covariance)
+    apart = np.sqrt(2 * covariance[1, 1] * squared)
+    fed(track, 3.0, first)
+    (found,) = fed(track, 3.0, Contact(0.1, 5.0 + apart, None, covariance))
+    assert found.force == pytest.approx(5.0 + (0.5 if followed else 1.0) * apart, rel=1e-12)
+    assert found.covariance is not None
+    left = 0.5 if followed else 1.0
+    np.testing.assert_allclose(found.covariance, left * covariance, rtol=1e-12, atol=1e-18)
+
+
+def test_filter_takes_a_frame_stamped_too_early_for_one_of_the_same_moment() -> None:
+    covariance = np.diag([1e-4, 0.04])
+    for early in (0.0, 0.3, 2.0):
+        track = LoadFilter()
+        for time, angle in ((3.0, 0.1), (3.0 - early, 0.11)):
+            (found,) = fed(track, time, Contact(angle, 5.0, None, covariance))
+        assert found.angle == pytest.approx(0.105, rel=1e-12)
+
+
+def test_filter_leaves_out_contacts_whose_error_is_unknown() -> None:
+    good = np.diag([1e-4, 0.04])
+    contacts = [
+        Contact(-0.5, 5.0, None, None),
+        Contact(0.1, 5.0, None, np.diag([np.inf, 0.04])),
+        Contact(0.5, 6.0, None, good),
+    ]
+    (found,) = fed(LoadFilter(), 0.0, *contacts)
+    assert (found.angle, found.force) == (0.5, 6.0)
+
+
+def test_filter_follows_neither_directions_nor_diameters() -> None:
+    """Their rows lie between and behind those of angle, axial position and force."""
+    whole = np.diag([1e-4, 2e-8, 0.04, 1e-6, 3e-4]) + 1e-9
+    contact = Contact(0.1, 5.0, 0.2, whole, systematic=0.25 * whole, axial=0.01, diameter=0.005)
+    (found,) = fed(LoadFilter(), 0.0, contact)
+    assert (found.angle, found.force, found.axial) == (0.1, 5.0, 0.01)
+    np.testing.assert_allclose(found.covariance, whole[:3, :3], rtol=1e-12)
+
+
+def test_filter_expects_contacts_to_slide_as_fast_along_a_pad_as_around_it() -> None:
+    """A radian of the skin's outer face, of radius 59 mm, is 59 mm."""
+    track, covariance = LoadFilter(), np.diag([1e-4, 1e-4 * 0.059**2, 0.04])
+    for time in (0.0, 0.02, 0.5, 2.0, 2.01):
+        (found,) = fed(track, time, Contact(0.1, 5.0, None, covariance, axial=0.0))
+        assert found.covariance is not None
+        around, along = np.diag(found.covariance)[:2]
+        assert along == pytest.approx(0.059**2 * around, rel=0.01)
+
+
 class _Played:
     """Stands in for a stream: batches of readings, stamped by a clock that the test sets."""
 

@@ -397,6 +397,12 @@ def test_ogden_conventions() -> None:
     np.testing.assert_allclose(slope, -2.0 * 3e5 / 1.5**2, rtol=1e-15)
 
 
+def test_ogden_terms_may_be_soft_and_their_lanes_broadcast() -> None:
+    assert Ogden([1e-3, -2e-3], [2.0, -0.25]).shear_modulus == pytest.approx(1.25e-3)
+    lanes = Ogden(jnp.ones((2, 3)), 2.0 * jnp.ones((2, 5, 3)))
+    np.testing.assert_array_equal(lanes.shear_modulus, np.full((5, 3), 2.0))
+
+
 @pytest.mark.parametrize(
     ("build", "message"),
     [
@@ -415,7 +421,11 @@ def test_ogden_conventions() -> None:
         (lambda: Ogden([], []), "at least one term"),
         (lambda: Ogden([1e5, 1e3], [1.3, -2.0]), "term 1 .* must be positive"),
         (lambda: Ogden([1e5], [0.0]), "term 0"),
-        (lambda: Ogden(jnp.ones((1, 2)), jnp.ones((1, 3))), "do not broadcast"),
+        (
+            lambda: Ogden(jnp.ones((1, 2)), jnp.ones((1, 3))),
+            r"lanes of mu \(2,\) and alpha \(3,\) do not broadcast",
+        ),
+        (lambda: Ogden.from_convention([1e5], [0.0], "2mu/alpha^2"), "alpha not zero"),
         (lambda: Ogden.from_convention([1e5], [2.0], "abaqus"), "unknown convention"),
         (lambda: Ogden.from_convention([-1e5], [-2.0], "2mu/alpha^2"), "mu must be positive"),
     ],

@@ -140,6 +140,15 @@ def test_smallest_pivot_of_a_single_station() -> None:
     np.testing.assert_allclose(found.smallest_pivot, 1e-6 / (1 + 1e-6), rtol=1e-8)
 
 
+def test_smallest_pivot_of_a_chain_is_relative_to_its_diagonal() -> None:
+    # From the left 4 and 1 - 1.9^2 / 4, from the right 9 and 9 - 1 / 9; both before the middle.
+    diagonal = jnp.array([4.0, 1.0, 10.0, 9.0, 9.0])[None, None, :, None]
+    upper = jnp.array([1.9, 0.1, 1.0, 1.0])[None, None, :, None]
+    operator = BorderedBlockTridiagonal(BlockTridiagonal(diagonal, upper), None, None)
+    found = solve(operator, BorderedVector(jnp.ones((1, 5, 1)), None))
+    np.testing.assert_allclose(found.smallest_pivot, 1 - 1.9**2 / 4, rtol=1e-12)
+
+
 @pytest.mark.parametrize("distinct", [False, True])
 def test_products_and_transposes(distinct: bool) -> None:
     operator, right = system(4, distinct=distinct)

@@ -81,6 +81,7 @@ def test_laplace_climbs_from_afar(start: float) -> None:
     for surface, variance in (
         (lambda x: x - np.exp(x), 1.0),
         (lambda x: -np.log1p(x**2), 0.5),
+        (lambda x: -np.hypot(1.0, x), 1.0),  # from 1 Newton's step leads to -1 and back
     ):
         found = laplace(lambda x, f=surface: f(x[:, 0]), Gaussian(np.array([start]), np.eye(1)))
         assert found is not None
@@ -96,6 +97,53 @@ def test_laplace_climbs_over_a_saddle() -> None:
     assert found is not None
     np.testing.assert_allclose(found.mean, 0.0, atol=2e-3)
     np.testing.assert_allclose(found.covariance, np.diag([1.0, 0.5]), atol=0.02)
+
+
+def test_laplace_leaves_a_hollow() -> None:
+    found = laplace(
+        lambda x: (x**2 - x**4 / 4)[:, 0], Gaussian(np.array([0.05]), 0.1 * np.eye(1))
+    )
+    assert found is not None
+    assert found.mean[0] == pytest.approx(np.sqrt(2.0), abs=2e-3)
+    assert found.covariance[0, 0] == pytest.approx(0.25, rel=0.02)
+
+
+@pytest.mark.parametrize("width", [1e-4, 1e-2, 1.0, 100.0])
+def test_laplace_of_three_parameters_from_any_width(width: float) -> None:
+    covariance = np.array([[1.0, 0.8, -0.3], [0.8, 2.0, 0.1], [-0.3, 0.1, 0.5]])
+    precision, mean = np.linalg.inv(covariance), np.array([3.0, -1.0, 0.2])
+    found = laplace(
+        lambda x: -0.5 * np.einsum("ni,ij,nj->n", x - mean, precision, x - mean),
+        Gaussian(np.zeros(3), width**2 * np.eye(3)),
+    )
+    assert found is not None
+    np.testing.assert_allclose(found.mean, mean, atol=1e-5)
+    np.testing.assert_allclose(found.covariance, covariance, atol=1e-5)
+
+
+@pytest.mark.parametrize("across", [1e-4, 0.0])
+def test_laplace_looks_no_further_than_its_start_is_wide(across: float) -> None:
+    """Narrow between bounds in one direction, ten thousand times as wide in the other."""
+
+    def peak(x: np.ndarray) -> np.ndarray:
+        value = -0.5 * ((x[:, 0] / 100.0) ** 2 + (x[:, 1] / 0.01) ** 2)
+        return np.where(np.abs(x[:, 1]) < 0.1, value, -np.inf)
+
+    found = laplace(peak, Gaussian(np.array([50.0, 0.0]), np.diag([1e4, across])))
+    assert found is not None
+    np.testing.assert_allclose(found.mean / [100.0, 0.01], 0.0, atol=1e-3)
+    np.testing.assert_allclose(np.diag(found.covariance), [1e4, 1e-4], rtol=1e-3)
+
+
+def test_laplace_gives_a_flat_surface_up_at_once() -> None:
+    looks = []
+
+    def flat(x: np.ndarray) -> np.ndarray:
+        looks.append(len(x))
+        return np.zeros(len(x))
+
+    assert laplace(flat, Gaussian(np.zeros(2), np.eye(2))) is None
+    assert looks == [1, 6, 8]  # the start, an expansion of two parameters, a line search
 
 
 def test_one_compiled_shape() -> None:

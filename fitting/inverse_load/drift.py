@@ -67,7 +67,7 @@ class Drift:
         """Mean and largest over the taxels, frame by frame [counts]."""
         mean = self.offset.mean(1)
         at = np.abs(self.offset).argmax(1)
-        largest = np.take_along_axis(self.offset, at[:, None], 1)[:, 0]
+        largest = self.offset[range(len(at)), at]
         return list(zip(mean.tolist(), largest.tolist(), strict=True))
 
 

@@ -56,7 +56,7 @@ class Uncertainty:
     singular_values: np.ndarray
     sizes: np.ndarray
     unidentifiable: tuple[str, ...]
-    spare: int = 0
+    spare: int
 
     @property
     def standard_errors(self) -> np.ndarray:
@@ -136,7 +136,7 @@ def uncertainty(
     left, s, vt = np.linalg.svd(scaled_rows, full_matrices=few)
     s = np.concatenate([s, np.zeros(len(vt) - len(s))])
     # A reading at rest, such as the first row of a test, is met by any constants: it is none.
-    told = (np.abs(scaled_rows).max(1, initial=0.0) > _RANK * s[0]) | (np.abs(r) > 0.0)
+    told = (np.abs(scaled_rows).max(1, initial=0.0) > _RANK * s[0]) | (r != 0.0)
     count = int(told.sum())
     dof = count - int(kept.sum())
     ratio = np.ones(len(r)) if noise_ratio is None else noise_ratio[used]
@@ -164,13 +164,17 @@ def uncertainty(
     root[np.ix_(kept, np.arange(len(s)))] = np.clip(
         scaled * sizes[kept, None], -_LARGEST, _LARGEST
     )
-    covariance = np.clip(root @ root.T, -(_LARGEST**2), _LARGEST**2)
+    covariance = root @ root.T
     deviation = np.sqrt(np.diagonal(covariance))
-    # The same noise as that of the intervals.
-    floor = np.maximum(spread * inflation * noise_along, SMALLEST_NOISE * typical)
-    free = (floor / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
-    alone = np.maximum(spread * noise_along, SMALLEST_NOISE * typical)
-    spare = int(np.sum((alone / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])))
+    # The same noise as that of the intervals, and the noise alone.
+    floor, alone = (
+        np.maximum(spread * factor * noise_along, SMALLEST_NOISE * typical)
+        for factor in (inflation, 1.0)
+    )
+    free, spare = (
+        (noise_of / np.maximum(s, limit) > _FREE) | (s < _RANK * s[0])
+        for noise_of in (floor, alone)
+    )
     names = tuple(itertools.compress(residuals.names, kept))
     units = tuple(itertools.compress(residuals.units, kept))
     named = [
@@ -190,7 +194,7 @@ def uncertainty(
         singular_values=s,
         sizes=sizes,
         unidentifiable=tuple(named),
-        spare=spare + (dof <= 0),
+        spare=int(spare.sum()) + (dof <= 0),
     )
 
 
@@ -225,9 +229,7 @@ def describe(
         factor = "" if abs(size - 1.0) < 5e-3 else f"{size:.2g} "
         name = names[i] if in_pascals else f"d{names[i]}/{sizes[i]:.3g}"
         sign = "-" if ratios[i] < 0.0 else "+"
-        text += (
-            f" {sign} {factor}{name}" if text else f"{'-' if sign == '-' else ''}{factor}{name}"
-        )
+        text += f" {sign} {factor}{name}" if text else f"{factor}{name}"
     return f"{text} (free by {_percent(spread)})"
 
 

@@ -57,7 +57,8 @@ def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gauss
         size, axes = np.linalg.eigh(-curvature)
         # Uphill even where the surface is not concave, never further than the coordinates
         # are good for.
-        ascent = (axes.T @ slope) / np.maximum(np.abs(size), 1e-3)
+        along = axes.T @ slope
+        ascent = along / np.maximum(np.abs(size), 1e-3)
         step = axes @ np.clip(ascent, -3.0, 3.0)
         lengths = 0.5 ** np.arange(8)
         tried = centre + (lengths[:, None] * step) @ root.T
@@ -65,12 +66,12 @@ def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gauss
         best = int(np.argmax(found))
         if found[best] > value:
             centre, value = tried[best], float(found[best])
-        if np.max(size) > 0.0 and np.min(size) > 0.0:
+        if np.min(size) > 0.0:
             # The next expansion is taken in the coordinates of this one.
             root = root @ (axes / np.sqrt(size))
-            if float(np.max(np.abs(ascent) * np.sqrt(size))) < 1e-2:
+            if float(np.max(np.abs(along) / np.sqrt(size))) < 1e-2:
                 return Gaussian(centre, root @ root.T)
-        elif found[best] <= value and np.max(np.abs(step)) < 1e-6:
+        elif np.max(np.abs(step)) < 1e-6:
             return None
     return None
 

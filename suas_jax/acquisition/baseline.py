@@ -30,6 +30,7 @@ MIN_FRAMES = 20
 _PARTS = 10
 _SIGNIFICANT = 6.0
 _FLOOR = 1.0
+_ROUNDING = 1e-9  # of a mean [counts]
 
 
 class NotAtRestError(ValueError):
@@ -112,7 +113,7 @@ def refuse_loaded(
         ratio /= np.nanmedian(ratio)
     allowed = np.full(rest.shape, tolerance)
     allowed[known] += _FLOOR / rest[known]
-    excess = np.where(known, np.abs(ratio - 1) / allowed, 0.0)
+    excess = np.nan_to_num(np.abs(ratio - 1) / allowed)
     if excess.max() <= 1.0:
         return
     module, taxel = np.unravel_index(excess.argmax(), excess.shape)
@@ -215,12 +216,12 @@ def _refuse_moving(
     size = len(frames) // _PARTS
     # The part's noise from differences of neighbouring frames, which a drift hardly touches;
     # rounding to whole counts is noise, too.
-    noise = np.maximum(steps / math.sqrt(2), 1 / math.sqrt(12))
+    noise = np.fmax(steps / math.sqrt(2), 1 / math.sqrt(12))
     change = np.abs(means - mean(means))
     allowed = np.maximum(_SIGNIFICANT * noise / math.sqrt(size), _FLOOR)
     if tolerance is not None:
         allowed = np.full_like(allowed, tolerance)
-    excess = np.where(np.isfinite(change), change / np.where(allowed > 0, allowed, 1.0), 0.0)
+    excess = np.nan_to_num(change / np.maximum(allowed, _ROUNDING))
     if excess.max(initial=0.0) <= 1.0:
         return
     _, module, taxel = np.unravel_index(excess.argmax(), excess.shape)

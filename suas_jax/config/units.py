@@ -100,7 +100,7 @@ class Unit(NamedTuple):
     dimensionality: object
 
 
-@functools.lru_cache(maxsize=256)
+@functools.lru_cache
 def find_unit(text: str) -> Unit | None:
     """Look a unit expression such as ``"kN/m^3"`` up; None if it isn't one.
 

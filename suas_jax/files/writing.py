@@ -56,7 +56,7 @@ def check_output(path: Path, *, overwrite: bool = False) -> None:
         return  # a device or a pipe holds nothing
     if is_input(path):
         raise ValueError(f"{path}: is an input of this command; choose another name")
-    if facts.st_size > 0 and not overwrite:
+    if facts.st_size and not overwrite:
         raise FileExistsError(
             errno.EEXIST, "exists; choose another name or give --overwrite", str(path)
         )
@@ -68,9 +68,9 @@ def check_outputs(paths: Iterable[Path | None], *, overwrite: bool = False) -> N
     given = [path for path in paths if path is not None]
     for path in given:
         check_output(path, overwrite=overwrite)
-    places = [os.path.realpath(path) for path in given]
-    for path, place in zip(given, places, strict=True):
-        if places.count(place) > 1 and not _is_special(path):
+    places = [os.path.realpath(path) for path in given if not _is_special(path)]
+    for path in given:
+        if places.count(os.path.realpath(path)) > 1:
             raise ValueError(f"{path}: is named for two outputs; choose different names")
 
 
@@ -97,9 +97,9 @@ def written(path: Path) -> Iterator[Path]:
         yield path
         return
     _remove_drafts(place)
-    draft = place.with_name(f".{place.name[:100]}.{secrets.token_hex(6)}.part")
+    draft = place.with_name(f"{_draft_prefix(place)}{secrets.token_hex()}.part")
     # The mode that the user's mask gives any new file, or that of the file replaced.
-    os.close(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+    draft.touch()
     try:
         yield draft
         with contextlib.suppress(FileNotFoundError):
@@ -142,13 +142,18 @@ def _moved_to_free_place(draft: Path, place: Path) -> None:
         draft.unlink()
 
 
+def _draft_prefix(place: Path) -> str:
+    """How names of drafts begin; 40 characters of up to four bytes leave room for the rest."""
+    return f".{place.name[:40]}."
+
+
 def _remove_drafts(place: Path) -> None:
     """Remove what a killed process left over."""
-    prefix = f".{place.name[:100]}."
+    prefix = _draft_prefix(place)
     for entry in os.scandir(place.parent):
         if entry.name.startswith(prefix) and entry.name.endswith(".part"):
             with contextlib.suppress(OSError):
-                if time.time() - entry.stat(follow_symlinks=False).st_mtime > _ABANDONED:
+                if time.time() - entry.stat().st_mtime > _ABANDONED:
                     os.unlink(entry.path)
 
 
@@ -168,5 +173,5 @@ def _is_special(path: Path) -> bool:
 
 def _is_empty(path: Path) -> bool:
     with contextlib.suppress(OSError):
-        return path.stat().st_size == 0
+        return not path.stat().st_size
     return False

@@ -95,12 +95,11 @@ class SplineAxis:
         unit = np.eye(self.elements + 1)
         counts = [1, *self._inner, 1]
         knots = [row for row, count in zip(unit, counts, strict=True) for _ in range(count)]
-        before = [2 * knots[0] - knots[k] for k in range(DEGREE, 0, -1)]
-        after = [2 * knots[-1] - knots[-1 - k] for k in range(1, DEGREE + 1)]
-        if self.left == "open":
-            before = [knots[0]] * DEGREE
-        if self.right == "open":
-            after = [knots[-1]] * DEGREE
+        before, after = [knots[0]] * DEGREE, [knots[-1]] * DEGREE
+        if self.left == "mirror":
+            before = [2 * knots[0] - knots[k] for k in range(DEGREE, 0, -1)]
+        if self.right == "mirror":
+            after = [2 * knots[-1] - knots[-1 - k] for k in range(1, DEGREE + 1)]
         return np.array([*before, *knots, *after])
 
     @functools.cached_property
@@ -147,11 +146,8 @@ class SplineAxis:
         """
         knots = self.knots(breakpoints)
         means = (knots[2:-4] + knots[3:-3] + knots[4:-2]) / 3
-        if self.left == "open":
-            means = means.at[0].set(breakpoints[0])
-        if self.right == "open":
-            means = means.at[-1].set(breakpoints[-1])
-        return means
+        # At mirrored ends they lie there anyway.
+        return means.at[0].set(breakpoints[0]).at[-1].set(breakpoints[-1])
 
     def extraction(
         self, breakpoints: Float[Array, " breakpoint"], parity: int | None = 1
@@ -185,18 +181,14 @@ class SplineAxis:
         self, extraction: Float[Array, "4 4 element"], parity: int
     ) -> Float[Array, "4 4 element"]:
         """Rows of all control values with images added to their stations, the rest zero."""
-        last = self.stations + 1
-        control = self._first[:, None] + np.arange(4)
-        rows = list(extraction)
-        folded = list(rows)
-        for i in range(4):
-            left, right = control[:, i] == 0, control[:, i] == last
-            if self.left == "mirror" and left.any():
-                folded[i + 2] = folded[i + 2] + parity * left * rows[i]
-            if self.right == "mirror" and right.any():
-                folded[i - 2] = folded[i - 2] + parity * right * rows[i]
-            folded[i] = folded[i] * ~(left | right)
-        return jnp.stack(folded)
+        element = np.arange(self.elements)
+        first, last = element == 0, element == self.elements - 1
+        outer, left, right, beyond = extraction
+        if self.left == "mirror":
+            right = right + parity * first * outer
+        if self.right == "mirror":
+            left = left + parity * last * beyond
+        return jnp.stack([outer * ~first, left, right, beyond * ~last])
 
     def matrix(
         self, breakpoints: Float[Array, " breakpoint"], parity: int = 1

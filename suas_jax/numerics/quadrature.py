@@ -31,5 +31,5 @@ def lagrange_slopes(points: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]
     n = len(points)
     apart = points[:, None] - points + np.eye(n)
     weight = 1 / np.prod(apart, 1)  # barycentric
-    slope = weight / weight[:, None] / apart * (1 - np.eye(n))
-    return slope - np.diag(np.sum(slope, 1))
+    slope = weight / weight[:, None] / apart
+    return slope - np.diag(np.sum(slope, 1))  # those of a constant are zero

@@ -61,7 +61,8 @@ class LoadFilter:
             names = [n for n in contact.names if n in _FOLLOWED]
             density = np.array([getattr(self, f"{name}_density") for name in names])
             seen = np.array([getattr(contact, name) for name in names])
-            rows = np.ix_(*2 * [[contact.names.index(name) for name in names]])
+            places = [contact.names.index(name) for name in names]
+            rows = np.ix_(places, places)
             noise, size = contact.covariance[rows], len(names)
             # What a calibration leaves open is no noise: no filter makes it smaller.
             lasting = np.zeros((size, size))
