@@ -99,7 +99,7 @@ def built(
         inputs: see `build_problem`; those of the scene if None.
     """
     values = continuous_inputs(spec) if inputs is None else inputs
-    arrays = {path: jnp.asarray(value, float) for path, value in values.items()}
+    arrays = {path: np.asarray(value, float) for path, value in values.items()}
     problem: Problem = _built(Structure(spec), plan, arrays)
     return problem
 

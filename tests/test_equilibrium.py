@@ -29,7 +29,7 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.shell.shape import mirrored
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.build import plan_for
+from suas_jax.scene.build import build_problem, plan_for
 
 REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
 OGDEN = {
@@ -196,7 +196,7 @@ def test_work_of_the_loads_is_stored_as_strain_energy() -> None:
     @quick
     def along(forces: jax.Array) -> Any:
         def one(force: jax.Array) -> Any:
-            problem = built(spec, plan, {**inputs, "load.0.force": force})
+            problem = build_problem(spec, plan, {**inputs, "load.0.force": force})
             found = equilibrium(problem)
             work = problem.mechanics.work(found.state.q) * WIDTH / force
             return work[0], problem.mechanics.strain_energy(found.state.q)[0], found.result[0]
