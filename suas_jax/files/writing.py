@@ -99,7 +99,7 @@ def written(path: Path) -> Iterator[Path]:
     _remove_drafts(place)
     draft = place.with_name(f"{_draft_prefix(place)}{secrets.token_hex()}.part")
     # The mode that the user's mask gives any new file, or that of the file replaced.
-    draft.touch()
+    draft.touch(exist_ok=False)
     try:
         yield draft
         with contextlib.suppress(FileNotFoundError):
