@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 
+from suas_jax.acquisition.device_clock import DeviceClock
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import STUCK_AFTER, Flags, Integrity
 
@@ -212,3 +213,33 @@ def test_a_recording_that_goes_on_is_flagged_at_its_begin():
     flags = [integrity.judge(frame(i)._replace(module=m))[1] for i in (7, 8) for m in (0, 1)]
     assert [f.restart for f in flags] == [1, 1, 0, 0]
     assert integrity.summary.restarts == 0
+
+
+@pytest.mark.parametrize(("gained", "jumped"), [(0.55, False), (0.7, True), (-0.7, True)])
+def test_after_a_pause_the_clock_may_differ_from_the_host_s_by_a_twentieth(gained, jumped):
+    """And a tenth of a second: after 10 s by 0.6 s."""
+    readings = [r if r.seq < 20 else r._replace(t_host=r.t_host + 10.0) for r in clock({})]
+    moved = [r if r.seq < 20 else r._replace(t_device=r.t_device + gained) for r in readings]
+    paused = [r if r.seq < 20 else r._replace(t_device=r.t_device + 10.0) for r in moved]
+    assert judged(paused, checked=True)[20][1].clock_jump == jumped
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_a_frame_that_comes_again_may_be_earlier_the_next_may_not(known):
+    device, nan = DeviceClock(65.536), float("nan")
+    if known:
+        device.follow(frame(3), frame(4), 1, 4 * PERIOD, jumped=False)
+    last = Reading(5, 5 * PERIOD, 0, (1,), nan)
+    assert not device.time_of(last, last._replace(t_device=4.5 * PERIOD), 0)[1]
+    backwards = last._replace(seq=6, t_device=4.5 * PERIOD)
+    assert device.time_of(last, backwards, 1)[1]
+
+
+def test_the_rate_is_that_of_frames_that_follow_each_other():
+    device = DeviceClock(None)
+    device.follow(frame(0), frame(1), 1, PERIOD, jumped=False)
+    assert device.period == PERIOD
+    device.follow(frame(1), frame(1, 3 * PERIOD), 0, 3 * PERIOD, jumped=False)
+    device.follow(frame(1), frame(3), 2, 3 * PERIOD, jumped=False)
+    device.follow(frame(1), frame(2, 9.0), 1, 9.0, jumped=True)
+    assert device.period == PERIOD

@@ -337,6 +337,10 @@ def test_converter_samples() -> None:
     assert not found.saturated[:, 0].any()
     slope = np.polyfit(time, found.counts[:, :2], 1)[0]
     assert (np.abs(slope) > 0.05).any()
+    rest = np.full((2, 2000), PAPER_LSB * 3e4)
+    drifted = Converter(drift=100.0).sample(rest, np.array([5.0, 7.0]), random).counts
+    assert np.std(drifted[1] - drifted[0]) / 2 == pytest.approx(100.0, rel=0.06)
+    assert Converter(bits=1).full_scale == 1
     eight = Converter(lsb=EIGHT_BIT_LSB, bits=8)
     assert eight.sample(np.array([[1e-12]]), np.zeros(1), random).counts == 255
 
