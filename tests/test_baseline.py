@@ -21,13 +21,13 @@ FRAMES, MODULES, TAXELS = 400, 32, 10
 NOISE = 2.0
 
 
-def log_of(so: np.ndarray) -> SoLog:
-    """A log of frames [frame, module, taxel] at 10 Hz; its clocks began 7 s before."""
+def log_of(so: np.ndarray, rate: float = 10.0) -> SoLog:
+    """A log of frames [frame, module, taxel] at some hertz; its clocks began 7 s before."""
     frames, modules, taxels = so.shape
     seq = np.repeat(np.arange(frames), modules)
     module = np.tile(np.arange(modules), frames)
     rows = np.rint(so).reshape(-1, taxels)
-    time = 7 + 0.1 * seq
+    time = 7 + seq / rate
     return SoLog(Path("a.csv"), {"scale": "0.305 fF"}, time, time, seq, module, rows, {})
 
 

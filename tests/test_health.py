@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_baseline import log_of
+from test_baseline import log_of as log_at
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
@@ -26,6 +26,10 @@ def rest() -> np.ndarray:
     random = np.random.default_rng(7)
     level = random.uniform(1000, 14000, (MODULES, TAXELS))
     return level + random.normal(0, NOISE, (FRAMES, MODULES, TAXELS))
+
+
+def log_of(so: np.ndarray) -> SoLog:
+    return log_at(so, rate=100.0)
 
 
 def pressed(rest: np.ndarray) -> np.ndarray:
