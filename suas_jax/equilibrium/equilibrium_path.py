@@ -85,7 +85,7 @@ def path(
     result = jnp.zeros(rest.shape[-1:], jnp.int32)
     if start is None:
         start = State(rest, zero, zero)
-    if pressures:  # which the loads must grow for
+    if pressures:  # From rest the first one is reached by growing loads.
 
         def first() -> tuple[State, Array]:
             wanted = dataclasses.replace(problem, oil_pressure=zero + levels[0])
