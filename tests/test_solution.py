@@ -2,13 +2,17 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
+from jaxtyping import Array
 
 from suas_jax.config import SceneSpec, with_solve
+from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.model import Counts
 from suas_jax.scene.gradient import UnknownQuantityError, gradient
 from suas_jax.scene.solve import solve
-from tests.skins import LAWS, line, program_text, scene
+from suas_jax.scene.sweep import sweep
+from tests.skins import LAWS, WIDTH, line, program_text, scene
 
 SCENES: dict[str, SceneSpec] = {
     "case A": scene(line(0, 24.4)),
@@ -86,3 +90,24 @@ def test_pressure_under_no_load_but_external_is_that_pressure(law: str) -> None:
 @pytest.mark.parametrize("case", [("shell", (8,)), ("solid", (8, 2))])
 def test_programs_call_no_library_that_waits_for_threads(case: tuple[str, Counts]) -> None:
     assert "lapack" not in program_text(scene(line(20, 5.0)), *case)
+
+
+def pressure_and_energy(problem: Problem, state: State, shown: State) -> tuple[Array, Array]:
+    """Of the oil [Pa], and strain energy per width [J/m]."""
+    return shown.pressure, problem.mechanics.around(state.q).stored_energy(shown.q)
+
+
+def test_a_function_of_one_s_own_reads_what_the_report_says() -> None:
+    solution = solve(with_solve(SCENES["case B"], elements=16))
+    pressure, energy = solution.read(pressure_and_energy)
+    assert pressure[0] == pytest.approx(solution.report["oil_pressure_Pa"], rel=1e-12)
+    assert energy[0] * WIDTH == pytest.approx(solution.report["strain_energy_J"], rel=1e-9)
+
+
+def test_a_curve_of_several_blocks_ends_at_the_single_solve() -> None:
+    """The mesh of a curve is that of its largest load."""
+    spec = with_solve(SCENES["case B"], elements=16)
+    points = sweep(spec, forces=np.linspace(1.0, 20.7, 10).tolist()).points
+    alone = solve(spec).report
+    for key in ("oil_pressure_Pa", "max_displacement_m", "error_estimate"):
+        assert points[-1][key] == pytest.approx(alone[key], rel=1e-6)
