@@ -243,3 +243,15 @@ def test_the_rate_is_that_of_frames_that_follow_each_other():
     device.follow(frame(1), frame(3), 2, 3 * PERIOD, jumped=False)
     device.follow(frame(1), frame(2, 9.0), 1, 9.0, jumped=True)
     assert device.period == PERIOD
+
+
+def test_readings_after_a_wrap_are_on_the_scale_of_those_before():
+    device, last = DeviceClock(65.536), frame(5, 65.53)
+    wrapped = frame(6, 0.004)._replace(t_host=65.54)
+    t_device, jumped = device.time_of(last, wrapped, 1)
+    device.follow(last, wrapped, 1, t_device, jumped)
+    assert not jumped
+    assert device.on_scale(wrapped) == t_device == pytest.approx(65.54)
+    missing = wrapped._replace(seq=7, t_device=float("nan"))
+    assert not device.time_of(wrapped, missing, 1)[1]
+    assert device.time_of(missing, frame(8, 0.024), 1) == (pytest.approx(65.56), False)
