@@ -15,6 +15,7 @@ from suas_jax.scene.gradient import gradient
 from suas_jax.scene.gradient_error import gradient_error_estimate
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Structure
@@ -139,8 +140,7 @@ def test_the_correction_takes_most_of_the_shell_s_error_away(
 ) -> None:
     spec = with_solve(SCENES[name], model="shell", elements=64)
     solution = solve(spec)
-    inputs = {path: np.asarray(x, float) for path, x in continuous_inputs(spec).items()}
-    lumped = plain(observed(Structure(spec), solution.plan, inputs, solution.state))
+    lumped = plain(observed(Structure(spec), solution.plan, inputs_of(spec), solution.state))
     before = true_error(lumped, truths[name])
     assert true_error(solution.report, truths[name]) < max(before / 3, 3e-4)
     for key in ("displacement_m", "inner_displacement_m"):

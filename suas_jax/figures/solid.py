@@ -1,17 +1,14 @@
 """Figure of a solved solid: fields over the section, stretch through the thickness."""
 
 import numpy as np
-from jaxtyping import Array
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_loads
+from suas_jax.figures.solid_fields import solid_fields
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
-from suas_jax.mechanics.solid.fields import Fields, nodal_fields
-from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.scene.solve import Solution
 
 # Four small quadrilaterals cover the nine nodes of an element.
@@ -22,14 +19,6 @@ _QUADS = [
 ]
 
 
-def _fields(problem: Problem, state: State, shown: State) -> tuple[Fields, Array]:
-    """Fields at the nodes, and the angles of the stations."""
-    del shown
-    solid = problem.mechanics
-    assert isinstance(solid, Solid)
-    return nodal_fields(solid, state.q), solid.angles[:, 0]
-
-
 def plot_solid(solution: Solution) -> Figure:
     """Draw energy and hoop stretch over the deformed section, and the stretch across it.
 
@@ -38,7 +27,7 @@ def plot_solid(solution: Solution) -> Figure:
     Args:
         solution: a solution with the solid model.
     """
-    fields, bearings = solution.read(_fields)
+    fields, bearings = solution.read(solid_fields)
     geometry, report = solution.scene.geometry, solution.report
     moved = 1e3 * (fields.position + fields.displacement)
     angle = np.linspace(-geometry.half_angle, geometry.half_angle, 361)

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Array
 
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.figures.solid_fields import solid_fields
 from suas_jax.files.writing import written
 from suas_jax.mechanics.pad.faces import Faces, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.solid.element import NODES
-from suas_jax.mechanics.solid.fields import Fields, nodal_fields
-from suas_jax.mechanics.solid.solid import Solid
+from suas_jax.mechanics.solid.fields import Fields
 from suas_jax.scene.solve import Solution
 
 # A biquadratic quadrilateral of VTK: corners, middles of the edges, centre.
@@ -40,18 +40,11 @@ def write_vtu(solution: Solution, file: Path) -> None:
     if solution.plan.dimension == 3:
         mesh = _pad_mesh(solution)
     elif solution.plan.model == "solid":
-        mesh = _section_mesh(solution.read(_solid_fields))
+        mesh = _section_mesh(solution.read(solid_fields)[0])
     else:
         raise ValueError("a section's fields come with the solid model only")
     with written(file) as draft:
         mesh.write(draft, file_format="vtu")
-
-
-def _solid_fields(problem: Problem, state: State, shown: State) -> Fields:
-    del shown
-    solid = problem.mechanics
-    assert isinstance(solid, Solid)
-    return nodal_fields(solid, state.q)
 
 
 def _section_mesh(fields: Fields) -> meshio.Mesh:

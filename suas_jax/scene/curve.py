@@ -45,7 +45,7 @@ def _program(
     levels: Array,
     start: State,
 ) -> tuple[dict[str, Any], State, dict[str, Any], Bool[Array, " lane"]]:
-    """Follow some points; at last, whether the curve ends there and is repeated."""
+    """Reports, states and outcomes of some points; whether the curve ends at the last."""
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
     end = None if scene.wall else parts.skin.wall
