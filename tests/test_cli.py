@@ -139,6 +139,7 @@ def test_sweep_writes_what_it_prints(tmp_path: Path) -> None:
     assert printed["points"][0]["max_displacement_m"] < 1e-15
 
 
+@pytest.mark.long  # the first contact of case B is in the sweep above
 def test_first_contact_of_case_a() -> None:
     printed = json.loads(suas("sweep", CASE_A, "--force", "0:90:10", "--json").stdout)
     assert printed["first_contact"]["force_N"] == pytest.approx(82.8, rel=0.01)
