@@ -8,9 +8,12 @@ rare units out, so that a slip of the finger is an error and not an exotic unit.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import re
+import sys
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -79,9 +82,27 @@ _UNIT_TEXT = re.compile(rf"{_PART}(?:{_BETWEEN}{_PART})*")
 _BARE_POWER = re.compile(r"(?<=[A-Za-z])(\d)")
 
 
+@contextlib.contextmanager
+def _without_dask() -> Iterator[None]:
+    """Let an import find no Dask.
+
+    Pint imports it where it is installed, for arrays with units, of which there are none here:
+    more than half of Pint's own time.
+    """
+    if "dask" in sys.modules:
+        yield
+        return
+    sys.modules["dask"] = None  # type: ignore[assignment]  # what Python takes for "absent"
+    try:
+        yield
+    finally:
+        del sys.modules["dask"]
+
+
 @functools.cache
 def _registry() -> pint.UnitRegistry:
-    import pint  # here, so that programs which parse no quantity don't pay for it
+    with _without_dask():
+        import pint  # here, so that programs which parse no quantity don't pay for it
 
     registry: pint.UnitRegistry = pint.UnitRegistry(None)
     registry.load_definitions(_DEFINITIONS.strip().splitlines())
