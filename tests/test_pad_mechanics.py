@@ -16,7 +16,7 @@ from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.pad.fibres import energy_density, layers, resultants
-from suas_jax.mechanics.pad.mid_surface import Surface, surface
+from suas_jax.mechanics.pad.mid_surface import Surface, components, surface
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.shell.shell import Shell
@@ -232,13 +232,14 @@ def test_resultants_are_derivatives_of_the_energy(law: AbstractLaw) -> None:
     angle = jnp.linspace(-1.5, 1.5, 7)
 
     def energy(six: jax.Array, s: Surface) -> jax.Array:
-        s = s._replace(metric=six[:3, None], bending=six[3:, None])
+        rows = [x[None] for x in six]
+        s = s._replace(metric=components(rows[:3]), bending=components(rows[3:]))
         return energy_density(law, s, fibres, radius)[0]
 
     @quick
     def both(u: jax.Array) -> tuple[jax.Array, ...]:
         s = surface(list(u), angle, radius)
-        six = jnp.concatenate([s.metric, s.bending])
+        six = jnp.stack([*s.metric, *s.bending])
         found = resultants(law, s, fibres, radius)
         one = jax.tree.map(lambda x: x[..., :1], s)
         gradient = jax.vmap(jax.grad(energy), (1, None), 1)(six, one)

@@ -35,16 +35,14 @@ def bernstein(
     Returns:
         Four values, each shaped like xi.
     """
-    lower = [1.0 + 0.0 * xi]
-    for _ in range(DEGREE - derivative):
-        up, down = [xi * b for b in lower], [(1 - xi) * b for b in lower]
-        lower = [down[0], *(a + b for a, b in zip(down[1:], up[:-1], strict=True)), up[-1]]
-    for order in range(derivative):
-        factor = DEGREE - derivative + 1 + order
-        zero = 0.0 * xi
-        left, right = [zero, *lower], [*lower, zero]
-        lower = [factor * (a - b) for a, b in zip(left, right, strict=True)]
-    return lower
+    x, y = xi, 1 - xi
+    if derivative == 0:
+        return [y * y * y, 3 * x * y * y, 3 * x * x * y, x * x * x]
+    if derivative == 1:
+        return [-3 * y * y, 3 * y * (y - 2 * x), 3 * x * (2 * y - x), 3 * x * x]
+    if derivative == 2:
+        return [6 * y, 6 * x - 12 * y, 6 * y - 12 * x, 6 * x]
+    return [0 * xi + third for third in (-6, 18, -18, 6)]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -20,5 +20,6 @@ def staged(rows: Sequence[Float[Array, "*shape"]]) -> list[Float[Array, "*shape"
     """
     stacked = jnp.stack(jnp.broadcast_arrays(*rows))
     flat = stacked.reshape(len(rows), -1)
+    # A matrix that is a constant of the program would be multiplied out, row by row.
     product = jnp.eye(len(rows), dtype=flat.dtype) @ flat
     return list(product.reshape(stacked.shape))

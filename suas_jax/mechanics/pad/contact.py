@@ -99,9 +99,11 @@ class InnerFace:
             z: displacement and its derivatives, in the order of `KINDS`.
             angle: reference angles [rad].
         """
-        s = surface(list(z.reshape(6, 3, *z.shape[1:])), angle, self.radius)
+        kinds = list(z)
+        s = surface([kinds[k : k + 3] for k in range(0, 18, 3)], angle, self.radius)
         moved, _ = face_displacement(s, -self.thickness / 2, self.radius)
-        return (self.radius - self.thickness / 2) * s.n + moved
+        inner = self.radius - self.thickness / 2
+        return jnp.stack([inner * n + u for n, u in zip(s.n, moved, strict=True)])
 
     def gap(self) -> Float[Array, "point element"]:
         """Distance from the wall at all points [m]."""

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad.fibres import Layers, energy_density, fibre_strains, layers
-from suas_jax.mechanics.pad.mid_surface import Surface
+from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, Vector, components
 from suas_jax.mechanics.shell.shape import CRUSHED
 
 
@@ -36,9 +36,7 @@ class Faces(NamedTuple):
     energy_density: Float[Array, "*point"]
 
 
-def face_displacement(
-    s: Surface, offset: Array, radius: Array
-) -> tuple[Float[Array, "3 *point"], Float[Array, "*point"]]:
+def face_displacement(s: Surface, offset: Array, radius: Array) -> tuple[Vector, Scalar]:
     """Displacement of the fibres at a reference offset, and how far from the mid-surface.
 
     A fibre lies at zeta with J (zeta + H zeta^2 + K zeta^3 / 3) = M, the volume of the
@@ -64,8 +62,9 @@ def face_displacement(
     root = jnp.sqrt(jnp.maximum(1 + 4 * mean * lever, CRUSHED**2))
     zeta = 2 * lever / (1 + root)
     zeta = zeta - gauss * zeta**3 / 3 / jnp.maximum(root, 0.1)
-    normal = -s.m / size
-    return s.u + zeta * normal - offset * s.n, zeta
+    lift = zeta / size
+    moved = (u - lift * m - offset * n for u, m, n in zip(s.u, s.m, s.n, strict=True))
+    return components(moved), zeta
 
 
 def faces(
@@ -91,14 +90,14 @@ def faces(
     def strain(offset: Array) -> Array:
         lever = offset + offset**2 / (2 * radius)
         one = Layers(both.weight, lever[None], 1 + offset[None] / radius)
-        return fibre_strains(s, one, radius)[0][:, 0]
+        return jnp.stack(fibre_strains(s, one, radius)[0])[:, 0]
 
     half = thickness / 2
     return Faces(
         *place,
-        mid_displacement=s.u,
-        inner_displacement=face_displacement(s, -half, radius)[0],
-        outer_displacement=face_displacement(s, half, radius)[0],
+        mid_displacement=jnp.stack(s.u),
+        inner_displacement=jnp.stack(face_displacement(s, -half, radius)[0]),
+        outer_displacement=jnp.stack(face_displacement(s, half, radius)[0]),
         inner_strain=strain(-half),
         outer_strain=strain(half),
         energy_density=energy_density(law, s, fibres, radius) / thickness,

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import InPlaneStrain
-from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, total
+from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, Vector, components, total
 from suas_jax.numerics.jet import second_order
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.numerics.staging import staged
@@ -33,7 +33,7 @@ _VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _ENTRY = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
 
 
-def _determinant(x: Float[Array, "3 *point"]) -> Scalar:
+def _determinant(x: Sequence[Array]) -> Scalar:
     return x[0] * x[1] - x[2] * x[2]
 
 
@@ -60,30 +60,37 @@ def layers(count: int, thickness: Array, radius: Array) -> Layers:
     return Layers(jnp.asarray(weights)[:, None] * thickness * stretch, lever, stretch)
 
 
-def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Array, Array, Array]:
+def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Vector, Scalar, Scalar]:
     """Strains of all fibres, and what they are made of.
 
     Returns:
-        C - 1 by unit vectors at rest, entries (11, 22, 12) [3, layer, *point]; 1/J^2 and
+        C - 1 by unit vectors at rest, entries (11, 22, 12), each [layer, *point]; 1/J^2 and
         det h / J^6.
     """
-    inverse = 1 / (1 + s.metric[0] + s.metric[1] + _determinant(s.metric))
-    h = _curved(s, radius)
-    saddle = _determinant(h) * inverse**3
-    # h_11/J^2 - 1/R without cancellation.
     area = s.metric[0] + s.metric[1] + _determinant(s.metric)
-    bend = inverse * jnp.stack([s.bending[0] - area / radius, s.bending[1], s.bending[2]])
-    second = saddle * _metric(s)
-    strain = []
-    for row, scale in enumerate(_scales(fibres, s)):
-        lever = _over_layers(fibres.lever, s)
-        strain.append(scale * (s.metric[row] + 2 * lever * bend[row] - lever**2 * second[row]))
-    return jnp.stack(strain), inverse, saddle
+    inverse = 1 / (1 + area)
+    saddle = _determinant(_curved(s, radius)) * inverse**3
+    # h_11/J^2 - 1/R without cancellation.
+    bend = (
+        inverse * (s.bending[0] - area / radius),
+        inverse * s.bending[1],
+        inverse * s.bending[2],
+    )
+    second = [saddle * a for a in _metric(s)]
+    lever = _over_layers(fibres.lever, s)
+    double, square = 2 * lever, lever * lever
+    along, axial, twist = (
+        s.metric[k] + double * bend[k] - square * second[k] for k in range(3)
+    )
+    scales = _scales(fibres, s)
+    # Stacked, so that the compiler doesn't compute them anew for each of their many uses.
+    strain = jnp.stack([scales[0] * along, scales[1] * axial, scales[2] * twist])
+    return components(strain), inverse, saddle
 
 
 def _over_layers(x: Float[Array, "layer #lane"], s: Surface) -> Array:
     """Put a layer's numbers in front of the points, lanes (of length one) behind."""
-    return x.reshape(x.shape[0], *(1,) * (s.u.ndim - 2), -1)
+    return x.reshape(x.shape[0], *(1,) * (s.u[0].ndim - 1), -1)
 
 
 def _scales(fibres: Layers, s: Surface) -> tuple[Array, Array, Array]:
@@ -92,23 +99,23 @@ def _scales(fibres: Layers, s: Surface) -> tuple[Array, Array, Array]:
     return 1 / stretch**2, jnp.ones_like(stretch), 1 / stretch
 
 
-def _metric(s: Surface) -> Array:
-    return jnp.stack([1 + s.metric[0], 1 + s.metric[1], s.metric[2]])
+def _metric(s: Surface) -> Vector:
+    return 1 + s.metric[0], 1 + s.metric[1], s.metric[2]
 
 
-def _curved(s: Surface, radius: Array) -> Array:
-    return jnp.stack([1 / radius + s.bending[0], s.bending[1], s.bending[2]])
+def _curved(s: Surface, radius: Array) -> Vector:
+    return 1 / radius + s.bending[0], s.bending[1], s.bending[2]
 
 
-def _law_of(law: AbstractLaw, strain: Array) -> tuple[Array, Array]:
-    """The two invariants that a law is a function of."""
+def _invariants(strain: Vector) -> tuple[Array, Array]:
+    """The two that a law is a function of."""
     return strain[0] + strain[1], _determinant(strain)
 
 
 def energy_density(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Scalar:
     """Strain energy per area of the undeformed mid-surface [J/m^2]."""
     strain, _, _ = fibre_strains(s, fibres, radius)
-    energy = law.energy(InPlaneStrain(*_law_of(law, strain)))
+    energy = law.energy(InPlaneStrain(*_invariants(strain)))
     return jnp.sum(_over_layers(fibres.weight, s) * energy, 0)
 
 
@@ -141,7 +148,7 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
     def energy(trace: Array, determinant: Array) -> Array:
         return law.energy(InPlaneStrain(trace, determinant))
 
-    jet = second_order(energy, *_law_of(law, strain))
+    jet = second_order(energy, *_invariants(strain))
     weight = _over_layers(fibres.weight, s)
     scales = _scales(fibres, s)
     co = (strain[1], strain[0], -2 * strain[2])
@@ -155,23 +162,23 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
     # again for each of their uses.
     powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
     moments = powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
-    moments = moments.reshape(5, len(terms), *inverse.shape)
-    n, m = moments[:3, :3], moments[:, 3:]
-    a = [1 + s.metric[0], 1 + s.metric[1], s.metric[2]]
-    h = [1 / radius + s.bending[0], s.bending[1], s.bending[2]]
+    flat = list(moments.reshape(5 * len(terms), *inverse.shape))
+    by_power = [flat[k : k + len(terms)] for k in range(0, len(flat), len(terms))]
+    n, m = [row[:3] for row in by_power[:3]], [row[3:] for row in by_power]
+    a, h = _metric(s), _curved(s, radius)
     c = [inverse * x for x in h]
     g = [inverse * a[1], inverse * a[0], -2 * inverse * a[2]]
     cube = inverse**3
     b = [cube * h[1], cube * h[0], -2 * cube * h[2]]
 
-    def times(matrix: Array, x: list[Array]) -> list[Array]:
+    def times(matrix: list[Array], x: Sequence[Array]) -> list[Array]:
         return [total(matrix[_ENTRY[p][q]] * x[q] for q in range(3)) for p in range(3)]
 
-    def inner(x: Sequence[Array] | Array, y: Sequence[Array] | Array) -> Array:
+    def inner(x: Sequence[Array], y: Sequence[Array]) -> Array:
         return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
     # Moments with (1 - f M^2), the factor of da.
-    once = [m[k] - f * m[k + 2] for k in range(3)]
+    once = {k: [x - f * y for x, y in zip(m[k], m[k + 2], strict=True)] for k in (1, 2)}
     c2, c3, a3, a4 = times(m[2], c), times(m[3], c), times(m[3], a), times(m[4], a)
     aa, ca, cc = inner(a, a4), 2 * inner(a, c3), 4 * inner(c, c2)
     turning, bow = 2 * inner(n[1], c), -inner(n[2], a)
@@ -195,10 +202,11 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
         metric = m[0][_ENTRY[p][q]] - f * (2 * m[2][_ENTRY[p][q]] - f * m[4][_ENTRY[p][q]])
         metric = metric - g[p] * by_g[q] - by_g[p] * g[q] + gg * g[p] * g[q]
         entries.append(metric - inverse * both * float(_DETERMINANT[p, q]))
+    twice = 2 * inverse
     for p in range(3):
         for q in range(3):
             k = _ENTRY[p][q]
-            mixed = 2 * inverse * (m[1][k] - f * m[3][k]) - g[p] * by_gh[q]
+            mixed = twice * once[1][k] - g[p] * by_gh[q]
             entries.append(mixed - pulled[p] * b[q] + gb * g[p] * b[q])
     for p, q in _VOIGT:
         bending = 4 * inverse * inverse * m[2][_ENTRY[p][q]] + aa * b[p] * b[q]

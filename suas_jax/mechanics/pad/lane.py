@@ -10,7 +10,7 @@ from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import InnerFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
 from suas_jax.mechanics.pad.fibres import Layers, energy_density, layers, resultants
-from suas_jax.mechanics.pad.mid_surface import KINDS, Surface, surface, swept
+from suas_jax.mechanics.pad.mid_surface import KINDS, Surface, Vector, surface, swept
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
 from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
@@ -87,8 +87,10 @@ class PadLane:
         values = jnp.asarray(self.tables.values) @ _leading(qe, 16)
         values = values.reshape(len(KINDS), self.gauss**2, 3, -1)
         powers = jnp.stack(self.powers)[:, None, None]
-        values = jnp.moveaxis(values * powers, 2, 1).reshape(len(KINDS), 3, -1)
-        return surface(list(values), self.angle, self.mid_radius)
+        values = jnp.moveaxis(values * powers, 2, 1).reshape(3 * len(KINDS), -1)
+        kinds = list(values)
+        derivatives = [kinds[k : k + 3] for k in range(0, len(kinds), 3)]
+        return surface(derivatives, self.angle, self.mid_radius)
 
     def strain_energy(self, q: Array) -> Array:
         """Strain energy [J]."""
@@ -222,12 +224,13 @@ class PadLane:
         lengths = self.lengths[0][:, 0]
         return upper_bands(self.net, self.tables, PAIRS, orders, blocks, lengths)
 
-    def _forces(self, by_kind: dict[int, Array]) -> ElementVector:
+    def _forces(self, by_kind: dict[int, Vector]) -> ElementVector:
         """Element vectors from derivatives of a density by the kinds of derivative."""
         count = self.gauss**2
-        powers = jnp.stack([self.powers[k] for k in by_kind])[:, None]
-        scale = (powers * self.areas)[:, :, None]
-        rows = jnp.stack(list(by_kind.values())).reshape(len(by_kind), 3, count, -1)
+        powers = self.powers
+        scale = (jnp.stack([powers[k] for k in by_kind])[:, None] * self.areas)[:, :, None]
+        rows = jnp.stack([x for vector in by_kind.values() for x in vector])
+        rows = rows.reshape(len(by_kind), 3, count, -1)
         rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
         values = self.tables.values.reshape(len(KINDS), count, 16)[list(by_kind)]
         flat = jnp.asarray(values.reshape(-1, 16).T) @ rows

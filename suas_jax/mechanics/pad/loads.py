@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from suas_jax.mechanics.pad.mid_surface import cross
+from suas_jax.mechanics.pad.mid_surface import Vector, components, cross, dot
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
@@ -83,10 +83,12 @@ def interpolated(spots: Spots, qe: ElementVector) -> Float[Array, "kind 3 point"
     return jnp.sum(spots.shapes[:, None] * here, 2)
 
 
-def _arm(r: Float[Array, "2 3 *point"]) -> Array:
+def _arm(r: Float[Array, "2 3 *point"]) -> Vector:
     """Outward unit normal from r,s and r,z."""
-    m = cross(r[0], r[1])
-    return -m / jnp.sqrt(m[0] ** 2 + m[1] ** 2 + m[2] ** 2)
+    rs, rz = r
+    m = cross(components(rz), components(rs))
+    size = jnp.sqrt(dot(m, m))
+    return m[0] / size, m[1] / size, m[2] / size
 
 
 def _edges(spots: Spots, moved: Array) -> tuple[Array, Array]:
@@ -108,7 +110,8 @@ def load_work(points: PadLoadPoints, spots: Spots, moved: Array, thickness: Arra
         thickness: of the membrane [m].
     """
     edges, n = _edges(spots, moved)
-    return jnp.sum(points.force * (moved[0] + thickness / 2 * (_arm(edges) - n)))
+    arm = jnp.stack(_arm(edges)) - n
+    return jnp.sum(points.force * (moved[0] + thickness / 2 * arm))
 
 
 def load_terms(
@@ -118,7 +121,7 @@ def load_terms(
     edges, _ = _edges(spots, moved)
 
     def projected(r: Float[Array, "2 3"], force: Float[Array, "3"]) -> Array:
-        return jnp.sum(thickness) / 2 * jnp.sum(force * _arm(r))
+        return jnp.sum(thickness) / 2 * dot(components(force), _arm(r))
 
     by_point = (-1, -1)
     gradient = jax.vmap(jax.grad(projected), by_point, -1)(edges, points.force)

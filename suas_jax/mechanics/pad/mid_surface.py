@@ -1,13 +1,14 @@
 """The deformed mid-surface of a pad at points: metric, curvature, the volume it sweeps.
 
-Everything is written in differences from rest. Vectors are Cartesian (x right, y to the crown,
-z along the axis) and lead the axes ``[component, gauss, gauss, element, element]``; "point"
-stands for the last four.
+Everything is written in differences from rest. Vectors are lists of their Cartesian components
+(x right, y to the crown, z along the axis), each ``[gauss, gauss, element, element]``, which
+"point" stands for: an index into an array would be an operation of its own, in programs that
+are half as long without.
 """
 
 import functools
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -15,8 +16,8 @@ from jaxtyping import Array, Float
 
 from suas_jax.numerics.staging import staged
 
-Vector = Float[Array, "3 *point"]
 Scalar = Float[Array, "*point"]
+Vector = tuple[Scalar, Scalar, Scalar]
 
 # Orders of differentiation (by arc length s, along the axis z) of what is needed of u:
 # itself, u,s  u,z  u,ss  u,zz  u,sz.
@@ -28,16 +29,20 @@ def total(terms: Iterable[Array]) -> Array:
     return functools.reduce(operator.add, terms)
 
 
-def dot(a: Vector | Sequence[Array], b: Vector | Sequence[Array]) -> Scalar:
+def components(x: Iterable[Array]) -> Vector:
+    """A vector from an array that its components lead."""
+    first, second, third = x
+    return first, second, third
+
+
+def dot(a: Vector, b: Vector) -> Scalar:
     """Inner product of vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
     """Vector product."""
-    return jnp.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 class Surface(NamedTuple):
@@ -62,22 +67,20 @@ class Surface(NamedTuple):
     second: tuple[Vector, Vector, Vector]
     m: Vector
     spin: Vector
-    metric: Float[Array, "3 *point"]
-    bending: Float[Array, "3 *point"]
+    metric: Vector
+    bending: Vector
 
 
-def surface(derivatives: Sequence[Vector], angle: Scalar, radius: Array) -> Surface:
+def surface(derivatives: Iterable[Iterable[Array]], angle: Scalar, radius: Array) -> Surface:
     """The mid-surface from the displacement and its derivatives.
 
     Args:
-        derivatives: of the displacement, in the order of `KINDS`.
+        derivatives: of the displacement, in the order of `KINDS`, components leading.
         angle: reference angle of the points [rad].
         radius: of the undeformed mid-surface [m].
     """
-    u, us, uz, uss, uzz, usz = derivatives
+    u, us, uz, uss, uzz, usz = (components(x) for x in derivatives)
     sine, cosine = jnp.broadcast_arrays(jnp.sin(angle), jnp.cos(angle), u[0])[:2]
-    zero, one = jnp.zeros_like(sine), jnp.ones_like(sine)
-    n = jnp.stack([sine, cosine, zero])
     along = cosine * us[0] - sine * us[1]
     metric = [
         2 * along + dot(us, us),
@@ -90,17 +93,20 @@ def surface(derivatives: Sequence[Vector], angle: Scalar, radius: Array) -> Surf
         -us[0] - cosine * uz[2] + us[2] * uz[0] - us[0] * uz[2],
         cosine * uz[1] + sine * uz[0] + us[0] * uz[1] - us[1] * uz[0],
     ]
-    m = [spin[0] - sine, spin[1] - cosine, spin[2]]
+    m = spin[0] - sine, spin[1] - cosine, spin[2]
     bending = [
         dot(uss, m) - (sine * spin[0] + cosine * spin[1]) / radius,
         dot(uzz, m),
         dot(usz, m),
     ]
     rows = staged([*metric, *bending, *spin])
-    strain, bent, turned = (jnp.stack(rows[k : k + 3]) for k in (0, 3, 6))
-    rs = us + jnp.stack([cosine, -sine, zero])
-    rz = uz + jnp.stack([zero, zero, one])
-    return Surface(u, n, rs, rz, (uss - n / radius, uzz, usz), turned - n, turned, strain, bent)
+    strain, bent, turned = (components(rows[k : k + 3]) for k in (0, 3, 6))
+    n = sine, cosine, jnp.zeros_like(sine)
+    rs = us[0] + cosine, us[1] - sine, us[2]
+    rz = uz[0], uz[1], uz[2] + 1
+    rss = uss[0] - sine / radius, uss[1] - cosine / radius, uss[2]
+    m = turned[0] - sine, turned[1] - cosine, turned[2]
+    return Surface(u, n, rs, rz, (rss, uzz, usz), m, turned, strain, bent)
 
 
 def swept(s: Surface, radius: Array) -> tuple[Scalar, list[Vector]]:
@@ -109,8 +115,8 @@ def swept(s: Surface, radius: Array) -> tuple[Scalar, list[Vector]]:
     The flux of (x, y, 0)/2 through the mid-surface; none passes through planes across the
     axis, so that ends free to slide in them are no part of it.
     """
-    across = jnp.asarray([1.0, 1.0, 0.0]).reshape(3, *(1,) * (s.u.ndim - 1))
-    away = across * (radius * s.n + s.u)
-    more = dot(across * s.u, s.n) - dot(away, s.spin)
-    derivatives = [-across * s.m, cross(away, s.rz), cross(s.rs, away)]
-    return more / 2, [d / 2 for d in derivatives]
+    x, y = (radius * s.n[k] + s.u[k] for k in (0, 1))
+    more = s.u[0] * s.n[0] + s.u[1] * s.n[1] - x * s.spin[0] - y * s.spin[1]
+    half = x / 2, y / 2, jnp.zeros_like(x)
+    by_u = -s.m[0] / 2, -s.m[1] / 2, half[2]
+    return more / 2, [by_u, cross(half, s.rz), cross(s.rs, half)]

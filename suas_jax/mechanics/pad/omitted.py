@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad.fibres import Layers, energy_density
-from suas_jax.mechanics.pad.mid_surface import Surface
+from suas_jax.mechanics.pad.mid_surface import Surface, Vector
 
 _SHEAR = 0.525
 
@@ -33,10 +33,10 @@ def moments(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Mome
         radius: of the undeformed mid-surface [m].
     """
 
-    def energy(bending: Moments) -> Array:
+    def energy(bending: Vector) -> Array:
         return jnp.sum(energy_density(law, s._replace(bending=bending), fibres, radius))
 
-    return jax.grad(energy)(s.bending)
+    return jnp.stack(jax.grad(energy)(s.bending))
 
 
 def shear_energy_density(
