@@ -1,7 +1,5 @@
 """Settings shared by every test: float64, quick compilation, programs kept between runs."""
 
-import contextlib
-import ctypes
 import gc
 import os
 import pathlib
@@ -14,6 +12,7 @@ import jax
 import pytest
 
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.memory import give_back_freed_memory
 
 # As in suas_jax.runtime.compiled: half the compile time for the same programs. Read when
 # the first program is compiled.
@@ -38,6 +37,4 @@ def programs_of_one_file() -> Iterator[None]:
     COMPILED.forget()
     jax.clear_caches()
     gc.collect()
-    # The C library keeps what was freed, gigabytes of it, unless it is told to give it back.
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL("libc.so.6").malloc_trim(0)
+    give_back_freed_memory()  # gigabytes

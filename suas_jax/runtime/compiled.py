@@ -11,6 +11,7 @@ import jax.export
 import numpy as np
 
 from suas_jax.runtime.frame import Hole, filled_by
+from suas_jax.runtime.memory import give_back_freed_memory
 from suas_jax.runtime.program_store import KeptProgram, ProgramStore
 
 # XLA's newer way of generating code for the CPU takes twice as long to compile these
@@ -71,6 +72,7 @@ class Compiled:
         options = (_OPTIONS_ONCE_LONG if long else _OPTIONS_ONCE) if once else OPTIONS
         begin = time.perf_counter()
         program = self._loaded_or_compiled(key, function, leaves, structure, types, options)
+        give_back_freed_memory()
         self.seconds += time.perf_counter() - begin
         found = jax.block_until_ready(program(*arrays))
         self._programs[key] = program
