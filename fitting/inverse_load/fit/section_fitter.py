@@ -16,11 +16,14 @@ from fitting.inverse_load.fit.explanation import Explanations, widened
 from fitting.inverse_load.fit.least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
-from fitting.inverse_load.search.table import LANES, LoadTable, edge_margin
+from fitting.inverse_load.search.table import LoadTable, edge_margin
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Skin
 
+# Lanes of a program. Most fits after the first are of a few frames, and lanes without one cost
+# as much: 10,000 frames take half the processor time that they take with 128 lanes.
+_LANES = 32
 # A few lanes need more steps than most: together they fill fewer batches.
 _FIRST_STEPS, _MORE_STEPS = 2, 30
 
@@ -88,7 +91,7 @@ class SectionFitter(AbstractLoadFitter):
         return np.clip(parameters, low, high)
 
     def _lanes(self, contacts: int) -> int:
-        return 1 if self.live else (LANES if contacts == 1 else LANES // 4)
+        return 1 if self.live else (_LANES if contacts == 1 else _LANES // 4)
 
     def limits(self, contacts: int, lanes: int, pull: bool) -> Any:
         """Lower and upper bounds [side, parameter, lane]."""

@@ -25,7 +25,7 @@ from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.forward import Skin
 
 LANES = 128
-"""Lanes of the compiled programs that work through tables and logs."""
+"""Lanes of the compiled programs that work through tables."""
 _FORCES = 24
 _LOWEST = 1 / 200  # smallest force of the table in terms of the largest
 _PROBES = 16  # angles at which the largest force is sought
