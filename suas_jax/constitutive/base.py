@@ -34,10 +34,13 @@ class AbstractLaw(eqx.Module):
         has_limit: whether there are deformations that the law has no energy for, such as
             beyond a locking stretch: the energy is not a number there, and load steps are
             kept from going there.
+        in_stretches: whether the energy is written in principal stretches: with its
+            derivatives thousands of operations, which programs then do once.
     """
 
     spec: ClassVar[type[LawSpec] | None] = None
     has_limit: ClassVar[bool] = False
+    in_stretches: ClassVar[bool] = False
 
     @classmethod
     def of_material(cls, material: LawSpec, value: Callable[[str], Any]) -> Self:

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from suas_jax.numerics.staging import staged
+
 
 class Jet(NamedTuple):
     """Value, gradient and Hessian of f(x, y), elementwise."""
@@ -28,6 +30,8 @@ def second_order(
     fn: Callable[[Array, Array], Array],
     x: Float[Array, "*shape"],
     y: Float[Array, "*shape"],
+    *,
+    once: bool = False,
 ) -> Jet:
     """Expand an elementwise function of two inputs to second order.
 
@@ -35,6 +39,8 @@ def second_order(
         fn: function whose output at a point depends on the inputs at that point alone.
         x: first input.
         y: second input, of the same shape.
+        once: whether the function takes so many operations that what uses the expansion must
+            not compute it anew, see `staged`.
 
     Returns:
         The expansion, each entry of the shape of the inputs.
@@ -50,4 +56,5 @@ def second_order(
     (value, f_x), (f_y, f_xy) = jax.jvp(along_x, (x, y), (zero, one))
     _, (_, f_xx) = jax.jvp(along_x, (x, y), (one, zero))
     _, (_, f_yy) = jax.jvp(along_y, (x, y), (zero, one))
-    return Jet(value, f_x, f_y, f_xx, f_xy, f_yy)
+    jet = Jet(value, f_x, f_y, f_xx, f_xy, f_yy)
+    return Jet(*staged(jet)) if once else jet

@@ -1,7 +1,7 @@
 """The Ogden law, and the two conventions in which its constants are published."""
 
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,6 +37,7 @@ class Ogden(AbstractLaw):
     """
 
     spec = OgdenSpec
+    in_stretches: ClassVar[bool] = True
 
     mu: Float[Array, " terms *lanes"]
     alpha: Float[Array, " terms *lanes"]

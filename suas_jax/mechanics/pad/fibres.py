@@ -148,7 +148,7 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
     def energy(trace: Array, determinant: Array) -> Array:
         return law.energy(InPlaneStrain(trace, determinant))
 
-    jet = second_order(energy, *_invariants(strain))
+    jet = second_order(energy, *_invariants(strain), once=law.in_stretches)
     weight = _over_layers(fibres.weight, s)
     scales = _scales(fibres, s)
     co = (strain[1], strain[0], -2 * strain[2])

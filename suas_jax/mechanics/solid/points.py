@@ -127,7 +127,7 @@ def point_terms(
     def energy(distortion: Array, dilatation: Array) -> Array:
         return law.energy(PlaneStrain(distortion, dilatation))
 
-    w = second_order(energy, k.distortion, k.dilatation)
+    w = second_order(energy, k.distortion, k.dilatation, once=law.in_stretches)
     g, volume = grid.inverse, grid.volume
     shear, bulk = 2 * w.x, w.y + pressure
     mm, mj, jj = 4 * volume * w.xx, 2 * volume * w.xy, volume * w.yy
