@@ -39,8 +39,8 @@ def second_order(
         fn: function whose output at a point depends on the inputs at that point alone.
         x: first input.
         y: second input, of the same shape.
-        once: whether the function takes so many operations that what uses the expansion must
-            not compute it anew, see `staged`.
+        once: whether the function takes so many operations that what uses its derivatives
+            must not compute them anew, see `staged`.
 
     Returns:
         The expansion, each entry of the shape of the inputs.
@@ -56,5 +56,5 @@ def second_order(
     (value, f_x), (f_y, f_xy) = jax.jvp(along_x, (x, y), (zero, one))
     _, (_, f_xx) = jax.jvp(along_x, (x, y), (one, zero))
     _, (_, f_yy) = jax.jvp(along_y, (x, y), (zero, one))
-    jet = Jet(value, f_x, f_y, f_xx, f_xy, f_yy)
-    return Jet(*staged(jet)) if once else jet
+    derivatives = [f_x, f_y, f_xx, f_xy, f_yy]
+    return Jet(value, *(staged(derivatives) if once else derivatives))

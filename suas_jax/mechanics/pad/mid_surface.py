@@ -2,8 +2,8 @@
 
 Everything is written in differences from rest. Vectors are lists of their Cartesian components
 (x right, y to the crown, z along the axis), each ``[gauss, gauss, element, element]``, which
-"point" stands for: an index into an array would be an operation of its own, in programs that
-are half as long without.
+"point" stands for: each index into an array would be two operations more to compile, a
+quarter of a pad's program.
 """
 
 import functools
