@@ -14,6 +14,7 @@ No class knows a law, and nothing here perturbs a strain to keep stretches apart
 """
 
 import abc
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -49,6 +50,10 @@ class AbstractDeformation(eqx.Module):
         Returns:
             Array of the broadcast shape.
         """
+
+    def power_sums_minus_3(self, alphas: Sequence[ArrayLike]) -> list[Float[Array, "..."]]:
+        """The same for several exponents, what they share computed once."""
+        return [self.power_sum_minus_3(alpha) for alpha in alphas]
 
 
 class FibreStretch(AbstractDeformation):
@@ -135,12 +140,12 @@ class PlaneStrain(AbstractDeformation):
 
     def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
         """J^(−α/3) (λ₁^α + λ₂^α + 1) − 3."""
-        a = jnp.asarray(alpha)
+        return self.power_sums_minus_3([alpha])[0]
+
+    def power_sums_minus_3(self, alphas: Sequence[ArrayLike]) -> list[Float[Array, "..."]]:
+        """See the base class."""
         eta_squared = asinh_sqrt_squared(0.25 * self.distortion / (1.0 + self.dilatation))
-        sixth = a / 6.0 * jnp.log1p(self.dilatation)
-        return 2.0 * jnp.exp(sixth) * cosh_sqrt_minus_1(a * a * eta_squared) + _area_change(
-            sixth
-        )
+        return _power_sums(alphas, eta_squared, jnp.log1p(self.dilatation) / 6.0)
 
 
 class InPlaneStrain(AbstractDeformation):
@@ -181,7 +186,10 @@ class InPlaneStrain(AbstractDeformation):
 
     def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
         """λ₁^α + λ₂^α + (λ₁λ₂)^−α − 3."""
-        a = jnp.asarray(alpha)
+        return self.power_sums_minus_3([alpha])[0]
+
+    def power_sums_minus_3(self, alphas: Sequence[ArrayLike]) -> list[Float[Array, "..."]]:
+        """See the base class."""
         d = self.trace + self.determinant
         root = jnp.sqrt(1.0 + d)
         # (λ₁² − λ₂²)² / (λ₁ + λ₂)²
@@ -189,10 +197,7 @@ class InPlaneStrain(AbstractDeformation):
             2.0 + self.trace + 2.0 * root
         )
         eta_squared = asinh_sqrt_squared(0.25 * distortion / root)
-        quarter = a / 4.0 * jnp.log1p(d)
-        return 2.0 * jnp.exp(quarter) * cosh_sqrt_minus_1(a * a * eta_squared) + _area_change(
-            quarter
-        )
+        return _power_sums(alphas, eta_squared, jnp.log1p(d) / 4.0)
 
 
 class LogStretches(AbstractDeformation):
@@ -255,6 +260,17 @@ class PrincipalStretches(AbstractDeformation):
     def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
         """Σλ̄_i^α − 3."""
         return self.isochoric.power_sum_minus_3(alpha)
+
+
+def _power_sums(alphas: Sequence[ArrayLike], eta_squared: Array, mean: Array) -> list[Array]:
+    """Σλ_i^α − 3 of stretches exp(m ± η), m the mean of their logarithms, and exp(−2m)."""
+    sums = []
+    for alpha in alphas:
+        a = jnp.asarray(alpha)
+        x = a * mean
+        apart = cosh_sqrt_minus_1(a * a * eta_squared)
+        sums.append(2.0 * jnp.exp(x) * apart + _area_change(x))
+    return sums
 
 
 def _area_change(x: Array) -> Array:

@@ -87,10 +87,9 @@ class Ogden(AbstractLaw):
         """Ψ = Σ μ_p/α_p (λ₁^α_p + λ₂^α_p + λ₃^α_p − 3) [J/m³]."""
         # A loop over the few terms, not an axis: the lanes stay the trailing axes, and
         # no array larger than the deformation itself is formed.
-        terms = zip(self.mu, self.alpha, strict=True)
-        return _total(
-            [mu / alpha * deformation.power_sum_minus_3(alpha) for mu, alpha in terms]
-        )
+        sums = deformation.power_sums_minus_3(list(self.alpha))
+        terms = zip(self.mu, self.alpha, sums, strict=True)
+        return _total([mu / alpha * power_sum for mu, alpha, power_sum in terms])
 
     @property
     def shear_modulus(self) -> Float[Array, "*lanes"]:
