@@ -152,6 +152,14 @@ def test_a_changed_byte_is_always_refused(at, change):
     assert decode.tally.bad_crc + decode.tally.malformed >= 1
 
 
+def test_a_damaged_frame_is_counted_once():
+    wire = bytearray(COBS_EXAMPLE)
+    wire[-3] ^= 0x40  # of the checksum
+    decode = decoder("cobs")
+    assert decode.feed(COBS_EXAMPLE + bytes(wire) + COBS_EXAMPLE, 0.0)
+    assert (decode.tally.bad_crc, decode.tally.malformed) == (1, 0)
+
+
 @pytest.mark.parametrize(("taxels", "counts"), [(0, 0), (2, 3), (3, 2), (65, 65)], ids=str)
 def test_a_cobs_frame_of_impossible_size_is_refused(taxels, counts):
     """The checksum is right: what is wrong is the number of taxels, or of bytes behind it."""

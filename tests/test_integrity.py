@@ -42,8 +42,10 @@ def test_a_frame_sent_twice_and_a_sensor_not_refreshed():
 
 
 def test_a_late_frame_is_no_restart():
-    flags = [f for _, f in judged(map(frame, [0, 1, 3, 2, 4]), checked=True)]
+    order = [0, 1, 3, 2, 4]
+    times, flags = zip(*judged(map(frame, order), checked=True), strict=True)
     assert [f.restart for f in flags] == [0] * 5
+    assert times == pytest.approx([PERIOD * seq for seq in order])
 
 
 @pytest.mark.parametrize("modulus", [65.536, 4294.967296, 65536.0, 4294967.296])
@@ -118,9 +120,11 @@ def test_a_jump_that_is_confirmed_is_believed():
 
 
 def test_a_stuck_taxel_is_found_when_the_others_move():
-    flags = [f for _, f in judged(map(frame, range(STUCK_AFTER + 5)))]
+    integrity = Integrity(None, False)
+    flags = [integrity.judge(frame(seq))[1] for seq in range(STUCK_AFTER + 5)]
     assert flags[STUCK_AFTER - 2].stuck == 0
     assert flags[-1].stuck == 0b10
+    assert integrity.summary.stuck == {0: [2]}
     still = [f for _, f in judged(frame(i, first=3) for i in range(STUCK_AFTER + 5))]
     assert not any(f.stuck for f in still)  # a skin at rest without noise
 
