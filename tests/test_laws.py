@@ -81,9 +81,9 @@ CASES = {
         lambda x, i1, i2: 2 * (0.2e6 - 2 * 2e3 * (i1 - 3) + 3 * 50.0 * (i1 - 3) ** 2) * x**2,
     ),
     "gent": Case(
-        GentSpec(mu=0.4e6, Jm=30.0),
-        0.4e6,
-        lambda x, i1, i2: 0.4e6 * 30.0 / (30.0 - i1 + 3) * x**2,
+        GentSpec(mu=400_000.7, Jm=30.0),
+        400_000.7,
+        lambda x, i1, i2: 400_000.7 * 30.0 / (30.0 - i1 + 3) * x**2,
     ),
     "arruda-boyce": Case(
         ArrudaBoyceSpec(mu=0.3e6, lambda_m=3.0),

@@ -366,6 +366,14 @@ def test_polled_faster_than_it_refreshes_a_converter_repeats() -> None:
     np.testing.assert_array_equal(found.repeated, [k % 3 > 0 for k in range(10)])
 
 
+def test_a_converter_reads_nothing_below_zero() -> None:
+    converter = Converter()
+    farads = converter.capacitance([-4.0, -0.3, 0.3])[None]
+    found = converter.sample(farads, np.zeros(1), np.random.default_rng(0))
+    assert found.counts.tolist() == [[0, 0, 0]]
+    assert found.saturated.tolist() == [[True, False, False]]
+
+
 def test_a_repeated_result_is_as_saturated_as_when_it_was_converted() -> None:
     # Results are made at frames 0 and 3; what the input does between, nobody sees.
     converter = Converter(refresh=0.03)
