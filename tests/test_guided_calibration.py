@@ -12,12 +12,14 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.calibration.plan import press_of, usual_presses
+from fitting.calibration.recording import REST_FRAMES
 from fitting.calibration.steadiness import Rest, SteadyWindow
 from fitting.calibration.verification import Verification
 from fitting.cli.app import app
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.health import MIN_FRAMES
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.config import SkinSpec, load_skin
 
@@ -161,6 +163,15 @@ def test_a_skin_is_calibrated_with_an_interruption(
     assert "converged, verified" in words
     assert "All 8 taxels are healthy." in words
     assert "5 mm" in words  # the skin file's gap beside the calibrated one
+
+
+def test_a_slow_device_s_rest_is_long_enough_to_judge_its_taxels() -> None:
+    window, rate = SteadyWindow(HOLD, fewest=REST_FRAMES), 10.0
+    times = []
+    while not window.full:
+        times.append(len(times) / rate)
+        window.feed(times[-1], np.zeros(4))
+    assert sum(time >= window.settled for time in times) >= MIN_FRAMES
 
 
 def test_another_calibration_does_not_go_on_in_the_folder(calibrate: Callable) -> None:

@@ -7,9 +7,12 @@ from collections.abc import Callable, Iterator
 from fitting.calibration.steadiness import Rest, SteadyWindow
 from fitting.inverse_load.live.stream import FrameBuilder
 from fitting.inverse_load.readings import Layout
+from suas_jax.acquisition.health import MIN_FRAMES
 from suas_jax.acquisition.stream import Judged, Stream
 
 _MOST_ROWS = 200_000  # kept while a step lasts
+# Frames at rest: a fifth is cut off, and the taxels are judged by what is left.
+REST_FRAMES = 3 * MIN_FRAMES // 2
 _LIFTED = 0.3  # time without contact after which the load is taken to be off [s]
 
 
@@ -50,7 +53,7 @@ class StepRecorder:
             InterruptedStepError: the time is over, or the stream ended.
             LayoutMismatchError: the device is of another layout.
         """
-        for window in self._windows(SteadyWindow(self._hold)):
+        for window in self._windows(SteadyWindow(self._hold, fewest=REST_FRAMES)):
             if window.steady():
                 return self._cut(window), window.measured()
         raise InterruptedStepError("the readings never came to rest")

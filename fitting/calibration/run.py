@@ -21,9 +21,9 @@ from fitting.sensor.logs.data import load_sensor_data
 from fitting.sensor.model.constants import PATHS
 from fitting.sensor.report.skin_file import calibrated_skin
 from fitting.sensor.report.summary import sensor_report
-from suas_jax.acquisition.baseline import Baseline, NotAtRestError, take_baseline
+from suas_jax.acquisition.baseline import Baseline, take_baseline
 from suas_jax.acquisition.frames.registry import decoder, open_source
-from suas_jax.acquisition.health import log_health
+from suas_jax.acquisition.health import Health, log_health
 from suas_jax.acquisition.log.log_file import log_header, read_log
 from suas_jax.acquisition.signals import ended_by_signal
 from suas_jax.acquisition.stream import Stream
@@ -91,7 +91,7 @@ def run_calibration(
     folder = CalibrationFolder(options.folder, options.skin, options.steps)
     if folder.open_steps:
         _record(spec, folder, options, say)
-    baseline = _baseline(folder, options)
+    baseline, health = _at_rest(folder, options)
     fitted = [step for step in options.steps if not step.verifies]
     data = load_sensor_data(spec, [folder.log(step) for step in fitted])
     fit = fit_sensor(data, options.fit, model=options.model, progress=progress)
@@ -113,7 +113,6 @@ def run_calibration(
     report["verified"] = all(check.passed for check in checks) if checks else None
     radius = spec.geometry.inner_radius - spec.geometry.oil_gap
     places = [*taxel_places(spec.electrodes, radius).values()]
-    health = log_health(read_log(folder.log(options.steps[0])))
     page = html_report(spec, places, report, options.steps, checks, health)
     write_text(options.page, page)
     return report
@@ -186,11 +185,13 @@ def _drawn(spec: SkinSpec, step: Step) -> str:
     return f"{lines}\n{picture([step.press.axial], half, unit='mm', scale=1e3)}"
 
 
-def _baseline(folder: CalibrationFolder, options: CalibrationOptions) -> Baseline:
+def _at_rest(folder: CalibrationFolder, options: CalibrationOptions) -> tuple[Baseline, Health]:
+    """What the log at rest says; asked first, as fitting and verifying take minutes."""
     path = folder.log(options.steps[0])
+    log = read_log(path)
     try:
-        return take_baseline(read_log(path))
-    except NotAtRestError as error:
+        return take_baseline(log), log_health(log)
+    except ValueError as error:
         raise ValueError(f"{error}; remove {path} and repeat the command") from None
 
 

@@ -14,7 +14,6 @@ _LEAST_CHANGE = 3.0
 _SILENT = 5.0  # a pause of the device after which its frames are no longer of one touch [s]
 _STEADY, _PARTS = 6.0, 10
 _STEADY_SHARE = 0.02  # of the change, that a hand may tremble
-_FEWEST = 50  # frames, which a slow device takes longer for
 
 
 class Rest(NamedTuple):
@@ -35,10 +34,11 @@ class SteadyWindow:
     Args:
         hold: length of the window [s].
         rest: readings at rest; None while they are unknown.
+        fewest: frames of the window, which a slow device takes longer for.
     """
 
-    def __init__(self, hold: float, rest: Rest | None = None) -> None:
-        self._hold = hold
+    def __init__(self, hold: float, rest: Rest | None = None, *, fewest: int = 50) -> None:
+        self._hold, self._fewest = hold, fewest
         self._rest = rest
         self._frames: deque[tuple[float, NDArray[np.float64]]] = deque()
 
@@ -52,7 +52,7 @@ class SteadyWindow:
         if self._frames and not 0 <= time - self._frames[-1][0] < _SILENT:
             self._frames.clear()  # the device started again, or was silent
         self._frames.append((time, so))
-        while len(self._frames) > _FEWEST and time - self._frames[0][0] > self._hold:
+        while len(self._frames) > self._fewest and time - self._frames[0][0] > self._hold:
             self._frames.popleft()
 
     @property
@@ -63,7 +63,7 @@ class SteadyWindow:
     @property
     def full(self) -> bool:
         """Whether the frames span the window, but for a twentieth."""
-        if len(self._frames) < _FEWEST:
+        if len(self._frames) < self._fewest:
             return False
         return self._frames[-1][0] - self._frames[0][0] > 0.95 * self._hold
 
