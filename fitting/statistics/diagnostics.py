@@ -17,6 +17,7 @@ from scipy import stats
 
 # Chance of a false alarm. Small: a widened interval of the right law covers too often.
 _SIGNIFICANT = 0.01
+_NOTABLE = 1.05  # widening of intervals below which nothing is said of it
 _MOST_CORRELATED = 0.97
 # Correlations of neighbouring residuals below this many standard errors are chance.
 _CORRELATED = 2.0
@@ -65,14 +66,15 @@ class Misfit:
     @property
     def description(self) -> str:
         """The misfit or the correlation in a sentence; empty for independent noise."""
-        if not self.significant and self.inflation > 1.0:
-            return (
-                f"neighbouring residuals are correlated ({self.autocorrelation:.2g}), which "
-                f"leaves fewer independent readings; intervals are {self.inflation:.2g} times "
-                f"wider for it"
-            )
+        wider = ""
+        if self.inflation >= _NOTABLE:
+            wider = f"; intervals are {self.inflation:.2g} times wider for it"
         if not self.significant:
-            return ""
+            correlated = (
+                f"neighbouring residuals are correlated ({self.autocorrelation:.2g}), which "
+                f"leaves fewer independent readings{wider}"
+            )
+            return correlated if wider else ""
         reasons = []
         if self.chi_square_p < _SIGNIFICANT:
             reasons.append(
@@ -90,7 +92,7 @@ class Misfit:
         return (
             "the law does not follow the data to within their noise: "
             + " and ".join(reasons)
-            + f"; intervals are {self.inflation:.2g} times wider for it"
+            + wider
         )
 
 
