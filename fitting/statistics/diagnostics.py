@@ -70,11 +70,12 @@ class Misfit:
         if self.inflation >= _NOTABLE:
             wider = f"; intervals are {self.inflation:.2g} times wider for it"
         if not self.significant:
-            correlated = (
+            if not wider:
+                return ""
+            return (
                 f"neighbouring residuals are correlated ({self.autocorrelation:.2g}), which "
                 f"leaves fewer independent readings{wider}"
             )
-            return correlated if wider else ""
         reasons = []
         if self.chi_square_p < _SIGNIFICANT:
             reasons.append(

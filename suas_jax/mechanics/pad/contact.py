@@ -22,7 +22,7 @@ from suas_jax.mechanics.contact.term import (
     expanded,
 )
 from suas_jax.mechanics.pad.faces import face_displacement
-from suas_jax.mechanics.pad.mid_surface import KINDS, surface
+from suas_jax.mechanics.pad.mid_surface import KINDS, surface, vectors
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
@@ -99,8 +99,7 @@ class InnerFace:
             z: displacement and its derivatives, in the order of `KINDS`.
             angle: reference angles [rad].
         """
-        kinds = list(z)
-        s = surface([kinds[k : k + 3] for k in range(0, 18, 3)], angle, self.radius)
+        s = surface(vectors(z), angle, self.radius)
         moved, _ = face_displacement(s, -self.thickness / 2, self.radius)
         inner = self.radius - self.thickness / 2
         return jnp.stack([inner * n + u for n, u in zip(s.n, moved, strict=True)])

@@ -10,7 +10,7 @@ from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import InnerFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
 from suas_jax.mechanics.pad.fibres import Layers, energy_density, layers, resultants
-from suas_jax.mechanics.pad.mid_surface import KINDS, Surface, Vector, surface, swept
+from suas_jax.mechanics.pad.mid_surface import KINDS, Surface, Vector, surface, swept, vectors
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
 from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
@@ -88,9 +88,7 @@ class PadLane:
         values = values.reshape(len(KINDS), self.gauss**2, 3, -1)
         powers = jnp.stack(self.powers)[:, None, None]
         values = jnp.moveaxis(values * powers, 2, 1).reshape(3 * len(KINDS), -1)
-        kinds = list(values)
-        derivatives = [kinds[k : k + 3] for k in range(0, len(kinds), 3)]
-        return surface(derivatives, self.angle, self.mid_radius)
+        return surface(vectors(values), self.angle, self.mid_radius)
 
     def strain_energy(self, q: Array) -> Array:
         """Strain energy [J]."""

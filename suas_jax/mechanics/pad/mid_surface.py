@@ -35,6 +35,12 @@ def components(x: Iterable[Array]) -> Vector:
     return first, second, third
 
 
+def vectors(rows: Iterable[Array]) -> list[Vector]:
+    """Vectors from rows that hold their components one after the other."""
+    x = list(rows)
+    return [components(x[k : k + 3]) for k in range(0, len(x), 3)]
+
+
 def dot(a: Vector, b: Vector) -> Scalar:
     """Inner product of vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

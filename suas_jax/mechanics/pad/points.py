@@ -36,9 +36,8 @@ def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
     """Derivatives of the energy density by u,s u,z u,ss u,zz u,sz."""
     pull = _pull(s, first)
     along, across = cross(s.rz, pull), cross(pull, s.rs)
-    twice, by_twist = (2 * first[0], 2 * first[1]), first[2]
-    by_s = [twice[0] * s.rs[i] + by_twist * s.rz[i] + along[i] for i in range(3)]
-    by_z = [twice[1] * s.rz[i] + by_twist * s.rs[i] + across[i] for i in range(3)]
+    by_s = [2 * first[0] * s.rs[i] + first[2] * s.rz[i] + along[i] for i in range(3)]
+    by_z = [2 * first[1] * s.rz[i] + first[2] * s.rs[i] + across[i] for i in range(3)]
     by_curvature = [components(first[3 + k] * x for x in s.m) for k in range(3)]
     return [components(by_s), components(by_z), *by_curvature]
 
