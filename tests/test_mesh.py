@@ -50,8 +50,11 @@ def placed(
     plan: MeshPlan, loads: list[LineLoad], geometry: SkinGeometry | None = None
 ) -> tuple[np.ndarray, np.ndarray, LoadPoints]:
     """Angles of the stations and of the load points, and the points."""
-    angles, points = load_points(plan, geometry or skin(), loads)
+    angles, every = load_points(plan, geometry or skin(), loads)
     angles = np.asarray(angles)
+    used = plan.loaded
+    assert not np.any(np.asarray(every.force)[:, ~used])
+    points = LoadPoints(every.select[:, used], every.xi[used], every.force[:, used])
     element = np.argmax(np.asarray(points.select), 0)[:, 0]
     assert np.array_equal(np.sum(points.select, 0)[:, 0], np.ones(len(element)))
     xi = np.asarray(points.xi)[:, 0]
@@ -276,3 +279,15 @@ def test_a_load_on_anothers_station_has_an_unbiased_derivative() -> None:
     elements = np.argmax(np.asarray(points.select), 0)[:, 0]
     assert elements[2] == elements[1] + 1
     np.testing.assert_allclose(where, 0.5, rtol=0, atol=1e-14)
+
+
+def test_meshes_under_spread_loads_differ_in_numbers_alone() -> None:
+    # Whatever differs in shape is compiled anew.
+    plans = [
+        plan_of([load(angle, spread=spread)], 32)
+        for angle in (-0.7, 0.1, 0.5)
+        for spread in (0.004, 0.007, 0.011)
+    ]
+    shapes = {tuple(x.shape for x in jax.tree.leaves(plan)) for plan in plans}
+    covered = {int(plan.loaded.sum()) for plan in plans}
+    assert len(covered) > len(shapes) == 1

@@ -7,6 +7,7 @@ loaded arcs), so stations move smoothly with the inputs and derivatives by a loa
 are those of the same discrete problem.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 
 _LOAD_GAUSS = 4  # points per element under a spread load; exact for cubic displacement
+_FEWEST_POINTS = 16  # under spread loads together, see `_filled`
 
 
 class MeshPlan(eqx.Module):
@@ -57,10 +59,15 @@ class MeshPlan(eqx.Module):
         return self.stations.shape[0] - 1
 
     @property
+    def loaded(self) -> np.ndarray:
+        """Which points carry a part of their load [point]; the others fill up their number."""
+        return (self.share != 0) | (self.span != 0).any(1)
+
+    @property
     def mirrors_itself(self) -> bool:
         """Whether stations and loads are their own mirror image."""
         angles = self.stations @ self.values
-        points = np.sort(self.position @ self.values)
+        points = np.sort((self.position @ self.values)[self.loaded])
         return bool(
             self.mirror
             and self.elements % 2 == 0
@@ -73,10 +80,10 @@ class MeshPlan(eqx.Module):
         n = self.elements // 2
         element = np.argmax(self.select, 0)
         crown = np.isclose(self.position @ self.values, 0, atol=1e-12)
-        keep = (element < n) | (crown & (element == n))
+        keep = self.loaded & ((element < n) | (crown & (element == n)))
         shared = crown[keep] & (self.share[keep] > 0)
         element = np.minimum(element[keep], n - 1)
-        return MeshPlan(
+        half = MeshPlan(
             self.stations[: n + 1],
             np.eye(n)[:, element],
             self.position[keep],
@@ -87,6 +94,7 @@ class MeshPlan(eqx.Module):
             mirror=True,
             symmetric=True,
         )
+        return half._filled()
 
     def refined(self, elements: int | None = None) -> "MeshPlan":
         """Elements of a plan of the whole arc divided in two.
@@ -112,6 +120,30 @@ class MeshPlan(eqx.Module):
         """The same loads on other elements."""
         spread = (self.span != 0).any(1) @ self.load.T > 0
         return _with_loads(stations, self.values, spread.tolist(), self.mirror)
+
+    def _filled(self) -> "MeshPlan":
+        """Points without force behind those of spread loads, up to a power of two.
+
+        How many elements a spread load covers depends on where it is; programs depend on the
+        number of points, and meshes that differ in nothing else share one.
+        """
+        spread = int(np.sum((self.span != 0).any(1)))
+        if not spread:
+            return self
+        none = max(_FEWEST_POINTS, 1 << (spread - 1).bit_length()) - spread
+
+        def behind(x: np.ndarray, filling: np.ndarray, axis: int) -> np.ndarray:
+            return np.concatenate([x, np.repeat(filling, none, axis)], axis)
+
+        first = np.eye(self.elements)[:, :1]
+        return dataclasses.replace(
+            self,
+            select=behind(self.select, first, 1),
+            position=behind(self.position, self.stations[:1], 0),
+            share=behind(self.share, np.zeros(1), 0),
+            span=behind(self.span, np.zeros((1, len(self.values))), 0),
+            load=behind(self.load, self.load[:, -1:], 1),
+        )
 
 
 def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
@@ -214,7 +246,7 @@ def _with_loads(
                 add(e, (1 - x) * a + x * b, 0.0, w * (b - a), k)
         at += 2
     n = len(select)
-    return MeshPlan(
+    plan = MeshPlan(
         stations,
         np.eye(elements)[:, select] if n else np.zeros((elements, 0)),
         np.array(position).reshape(n, len(values)),
@@ -224,6 +256,7 @@ def _with_loads(
         values,
         mirror=mirror,
     )
+    return plan._filled()
 
 
 def load_points(
