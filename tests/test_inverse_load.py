@@ -22,9 +22,11 @@ from fitting.calibration.plan import Press
 from fitting.calibration.verification import verify
 from fitting.cli.app import app
 from fitting.inverse_load.check.section_log import section_verdict
+from fitting.inverse_load.check.verdict import WIDTH
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.load_array import load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
+from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
@@ -38,6 +40,7 @@ from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config.input_errors import STIFFNESS, default_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.scene.forward import Loads, forward, skin_of
 from tests.chains import assert_chain_agrees_with_the_mode
@@ -312,7 +315,7 @@ def test_a_wide_contact_is_one_contact_with_its_width(estimator: LoadEstimator) 
 @pytest.mark.parametrize(
     ("name", "cause", "change"),
     [
-        ("gap +3 %", "geometry.oil gap", 0.03),
+        ("gap +3 %", "geometry.oil_gap", 0.03),
         ("C1 -10 %, forces known", "stiffness of the material", -0.127),
         ("columns shifted by one", None, None),
         ("as in the file", None, None),
@@ -334,6 +337,95 @@ def test_a_log_names_what_is_wrong_with_its_skin_file(
     assert bool(verdict.command("skin.toml", "log.csv")) is not verdict.right
     if change is not None:
         assert verdict.change == pytest.approx(change, abs=max(4 * verdict.error, 0.003))
+
+
+@pytest.mark.parametrize(
+    ("path", "by", "baseline"),
+    [
+        ("geometry.oil_gap", -0.09, False),
+        ("geometry.thickness", -0.12, True),
+        ("electrodes.lsb", 0.05, False),
+    ],
+)
+def test_a_number_far_off_is_not_blamed_on_another(
+    estimator: LoadEstimator, path: str, by: float, baseline: bool
+) -> None:
+    """There readings are no longer linear in it: to first order another explains more."""
+    case = field_errors.Case("", {path: by}, baseline)
+    random = np.random.default_rng(12)
+    loads = field_errors.drawn(40, random)
+    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=1)
+    verdict = section_verdict(own, so, np.zeros(so.shape, bool), own.estimate(so))
+    assert verdict is not None
+    found = {verdict.name: verdict, **{other.name: other for other in verdict.others}}
+    assert path in found
+    assert found[path].change == pytest.approx(by, abs=max(4 * found[path].error, 0.003))
+    # Permittivity and scale do the same where readings have no stray part, a gap nearly so.
+    if path == "electrodes.lsb":
+        assert "oil.relative_permittivity" in found
+    else:
+        assert len(found) == 1
+
+
+def as_line(contact: Contact) -> Contact:
+    return dataclasses.replace(contact, spread=None)
+
+
+def test_wide_contacts_are_named_before_a_number_of_the_skin(estimator: LoadEstimator) -> None:
+    case = field_errors.Case("", {}, width=16e-3)
+    random = np.random.default_rng(5)
+    loads = field_errors.drawn(40, random)
+    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=1)
+    lines = [
+        dataclasses.replace(e, contacts=tuple(map(as_line, e.contacts)))
+        for e in own.estimate(so)
+    ]
+    verdict = section_verdict(own, so, np.zeros(so.shape, bool), lines)
+    assert verdict is not None
+    assert verdict.name == WIDTH
+    assert verdict.change == pytest.approx(case.width, rel=0.15)
+
+
+def test_a_shift_is_named_where_it_makes_most_contacts_look_wide_or_double(
+    estimator: LoadEstimator,
+) -> None:
+    case = field_errors.Case("", {}, shift=2)
+    random = np.random.default_rng(3)
+    loads = field_errors.drawn(24, random)
+    own, so = field_errors.estimated(estimator.spec, case, loads, random, most_contacts=2)
+    estimates = own.estimate(so)
+    assert sum(len(e.contacts) < 2 and e.status == "ok" for e in estimates) < 12
+    verdict = section_verdict(own, so, np.zeros(so.shape, bool), estimates)
+    assert verdict is not None
+    assert verdict.shift == -2
+
+
+def test_errors_of_the_stiffness_scale_forces_up_to_the_wall(estimator: LoadEstimator) -> None:
+    """Readings depend on force over stiffness alone, however steep they are near the wall."""
+    errors = SectionErrors(
+        estimator.spec,
+        default_errors(estimator.spec),
+        estimator.skin,
+        estimator.table,
+        from_rest=False,
+        live=False,
+    )
+    stiffness = errors.names.index(STIFFNESS)
+    random = np.random.default_rng(1)
+    table = estimator.table
+    angle = random.uniform(-1.2, 1.2, 64)
+    largest = np.interp(angle, table.angles, table.forces[:, -1])
+    loads = np.stack([angle, random.uniform(0.05, 0.99, 64) * largest], 1)
+    fitter = estimator.selection.fitter
+    nodes = estimator.selection.nodes
+    so = field_errors.true_readings(estimator.spec, field_errors.Case("", {}), loads)[:-1]
+    weight = np.ones(so.shape)
+    first, _ = nodes.nearest(so, weight)
+    fit = fitter.fit(so, weight, nodes.near(so, weight, first), nodes.states(first), 1)
+    by_force = fit.jacobian[:, 1] * fit.parameters[:, 1:2]
+    slopes = errors.under_one(*fit.parameters[:, :2].T, fit.jacobian[:, :2])[:, stiffness]
+    size = np.abs(by_force).max(1, keepdims=True)
+    np.testing.assert_allclose(slopes / size, -0.1 * by_force / size, atol=2e-5)
 
 
 def test_a_wrong_gap_raises_no_alarm_at_rest(estimator: LoadEstimator) -> None:

@@ -394,7 +394,7 @@ def test_faulty_taxels_are_left_out(
 
 @pytest.mark.parametrize(
     ("path", "name"),
-    [("geometry.oil_gap", "geometry.oil gap"), ("material.mu", "stiffness of the material")],
+    [("geometry.oil_gap", "geometry.oil_gap"), ("material.mu", "stiffness of the material")],
 )
 def test_a_wrong_skin_file_is_noticed(
     estimator: LoadEstimator, spec: SkinSpec, contacts: np.ndarray, path: str, name: str

@@ -12,7 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.check.verdict import FEWEST, GAIN, USABLE, Gain, ModelVerdict, gain_of
+from fitting.inverse_load.check.changed_input import InputFit
+from fitting.inverse_load.check.verdict import (
+    FEWEST,
+    GAIN,
+    USABLE,
+    WIDTH,
+    Gain,
+    ModelVerdict,
+    gain_of,
+)
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
@@ -29,6 +38,7 @@ _FRAMES_SHIFTED = 16
 _BETTER = 0.5  # share of chi2 that a shift may leave to be named
 _SIGMAS = 4.0  # of a stiffness that is named
 _LEAST_STIFFNESS = 0.01  # relative
+_ALIKE = 0.02  # share of chi2 that tells no two inputs apart: the model's own error
 _NARROW = 2 / 3  # share of the single contacts that must be lines
 
 
@@ -51,15 +61,20 @@ def section_verdict(
         pressure: measured of the oil [frame] [Pa]; None where it was not.
         force: known of the one contact [frame] [N]; NaN where there is none.
     """
-    single = [i for i, e in enumerate(estimates) if e.status in USABLE and len(e.contacts) < 2]
+    touched = [i for i, e in enumerate(estimates) if e.status in USABLE]
+    single = [i for i in touched if len(estimates[i].contacts) < 2]
     usable = [i for i in single if not any(c.spread for c in estimates[i].contacts)]
     # Where many contacts are seen to be wide, others are, too light for it to show.
-    if len(usable) < max(FEWEST, _NARROW * len(single)):
+    few = len(usable) < max(FEWEST, _NARROW * len(single))
+    frames = np.array(touched if few else usable, np.intp)
+    if len(frames) < FEWEST:
         return None
-    frames = np.array(usable, np.intp)
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]
     y, weight = estimator.weigh(so[frames], faulty[frames])
     fit = _single(estimator, y, weight)
+    if few:  # a shift makes one contact look like several, or like a wide one
+        dof = int((weight > 0).sum()) - 2 * len(frames)
+        return _shifted(estimator, y, weight, float(np.nansum(fit.chi2)) / dof)
     known = np.isfinite(fit.chi2)
     if known.sum() < FEWEST:
         return None
@@ -76,10 +91,19 @@ def section_verdict(
         shifted = _shifted(estimator, y, weight, chi2 / dof)
         if shifted is not None:
             return shifted
-    best = _best_input(estimator, y, weight, fit)
-    if best.chi2 > GAIN and abs(best.change) > _LEAST_CHANGE:
+    named = _explaining(estimator, y, weight, fit, noise=bool(noise))
+    if not noise:
+        wide = _wide(estimator, y, weight, fit)
+        if wide.chi2 > GAIN + max((x.chi2 for x in named), default=0.0):
+            explained = (chi2 - wide.chi2) / dof
+            return ModelVerdict(chi2 / dof, False, WIDTH, wide.change, explained=explained)
+    if named:
+        best = named[0]
         explained = (chi2 - best.chi2) / (dof - 1)
-        return ModelVerdict(chi2 / dof, False, best.name, best.change, best.error, explained)
+        others = tuple(x for x in named[1:] if best.chi2 - x.chi2 < _equal(chi2 - best.chi2))
+        return ModelVerdict(
+            chi2 / dof, False, best.name, best.change, best.error, explained, others=others
+        )
     for measured, model in ((force, fit.parameters[:, 1]), (pressure, fit.pressure)):
         ratio = None if measured is None else _ratio(measured[frames], model)
         if ratio is not None:
@@ -97,13 +121,15 @@ def _single(
     return fitter.fit(y, weight, start, nodes.states(first), 1)
 
 
-def _best_input(
+def _explaining(
     estimator: LoadEstimator,
     y: NDArray[np.float64],
     weight: NDArray[np.float64],
     fit: Explanations,
-) -> Gain:
-    """The input whose change explains most; its change is relative."""
+    *,
+    noise: bool,
+) -> list[Gain]:
+    """Inputs whose change explains much, the best first; their changes are relative."""
     fitter = estimator.selection.fitter
     assert isinstance(fitter, SectionFitter)
     candidates = default_errors(estimator.spec)
@@ -115,22 +141,44 @@ def _best_input(
         from_rest=estimator.rest is not None,
         live=False,
     )
-    slopes = errors.under_one(fit.parameters[:, 0], fit.parameters[:, 1])
+    slopes = errors.under_one(fit.parameters[:, 0], fit.parameters[:, 1], fit.jacobian[:, :2])
     residual = np.where(weight > 0, y - fit.so, 0.0)
-    gains = [Gain(0.0, "", 0.0, np.inf)]
+    found, fits = [], InputFit(estimator, y, weight, fit)
     for e, name in enumerate(candidates.names):
         if name == STIFFNESS:  # what no readings show
             continue
-        found = gain_of(name, slopes[:, e], weight, residual, fit.jacobian[:, :2])
+        gained = gain_of(name, slopes[:, e], weight, residual, fit.jacobian[:, :2])
         share = DEFAULTS[name]
-        gains.append(
-            found._replace(
-                name=name.replace("_", " "),
-                change=share * found.change,
-                error=share * found.error,
-            )
-        )
-    return max(gains)
+        gained = gained._replace(change=share * gained.change, error=share * gained.error)
+        # Where noise explains the log, no input is far off.
+        found.append(gained if noise and gained.chi2 < GAIN else fits.best(name, gained))
+    named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
+    return sorted(named, reverse=True)
+
+
+def _wide(
+    estimator: LoadEstimator,
+    y: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    fit: Explanations,
+) -> Gain:
+    """What widths of the contacts take off chi2 beyond what a number each does by chance."""
+    fitter = estimator.selection.wide_fitter
+    if fitter is None:
+        return Gain(0.0, WIDTH, 0.0, np.inf)
+    wide = fitter.fit(y, weight, fit.parameters[:, :2], fit.state, 1)
+    gained = np.maximum(np.nan_to_num(fit.chi2 - wide.chi2, neginf=0.0), 0.0)
+    length = float(np.median(wide.spread[gained > 0, 0])) if gained.any() else 0.0
+    return Gain(float(gained.sum()) - len(gained), WIDTH, length, np.inf)
+
+
+def _equal(chi2: float) -> float:
+    """Difference of chi2 that doesn't tell two inputs apart.
+
+    Args:
+        chi2: with the better of the two.
+    """
+    return max(GAIN, _ALIKE * chi2)
 
 
 def _shifted(

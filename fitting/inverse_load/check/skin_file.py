@@ -109,7 +109,7 @@ def _slopes(
         by = (solved_channels(changed, parameters, diameter, slots) - base) / _STEP
         if estimator.rest is not None:  # readings count from rest
             by[:, :-1] -= (rest_readings(changed) - rest) / _STEP
-        slopes[path.replace("_", " ")] = by
+        slopes[path] = by
     if estimator.diameter is not None:
         wider = solved_channels(skin, parameters, (1 + 10 * _STEP) * diameter, slots)
         slopes[DIAMETER] = (wider - base) / (10 * _STEP)

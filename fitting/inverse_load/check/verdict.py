@@ -29,9 +29,10 @@ USABLE = (
 )
 """Statuses of frames that say something about the skin file."""
 DIAMETER = "diameter of the contacts"
+WIDTH = "width of the contacts"
 _COMMANDS = {
-    "geometry.oil gap": "suas fit sensor {skin} {log} --fit gap",
-    "oil.relative permittivity": "suas fit sensor {skin} {log} --fit permittivity",
+    "geometry.oil_gap": "suas fit sensor {skin} {log} --fit gap",
+    "oil.relative_permittivity": "suas fit sensor {skin} {log} --fit permittivity",
     "electrodes.lsb": "suas fit sensor {skin} {log} --fit scale",
     "geometry.thickness": "suas fit sensor {skin} {log} --joint",
     STIFFNESS: "suas fit sensor {skin} {log} --joint",
@@ -47,11 +48,12 @@ class ModelVerdict:
         chi2_per_dof: over the frames that were looked at.
         right: whether noise explains that.
         name: of the input that would explain it best; None where none does.
-        change: of that input, relative.
+        change: of that input, relative; of WIDTH, the arc that they press [m].
         error: standard deviation of the change.
         explained: chi2 per degree of freedom with that change; NaN where the residuals don't
             show it.
         shift: columns by which the taxels' readings are displaced; 0 where they are not.
+        others: inputs whose change explains the log as well.
     """
 
     chi2_per_dof: float
@@ -61,6 +63,7 @@ class ModelVerdict:
     error: float = float("nan")
     explained: float = float("nan")
     shift: int = 0
+    others: "tuple[Gain, ...]" = ()
 
     @property
     def text(self) -> str:
@@ -76,15 +79,19 @@ class ModelVerdict:
             )
         if self.name is None:
             return f"{begin}, and no single input of it would"
-        change = f"changed by {100 * self.change:+.1f} +- {100 * self.error:.1f} %"
+        change = _changed(self.name, self.change, self.error)
         if np.isnan(self.explained):
             return (
-                f"the measured forces or pressures ask for the {self.name} {change}; the "
+                f"the measured forces or pressures ask for the {change}; the "
                 "readings alone can't show it"
             )
+        if self.name == WIDTH:
+            arc = f"contacts that press an arc of some {1e3 * self.change:.0f} mm"
+            return f"{begin}; it would with {arc} (chi2 per dof {self.explained:.2f})"
+        others = " or the ".join(_changed(x.name, x.change, x.error) for x in self.others)
+        listed = f"; as well with the {others}" if others else ""
         return (
-            f"{begin}; it would with the {self.name} {change} "
-            f"(chi2 per dof {self.explained:.2f})"
+            f"{begin}; it would with the {change} (chi2 per dof {self.explained:.2f}){listed}"
         )
 
     def command(self, skin: str, log: str) -> str:
@@ -97,6 +104,14 @@ class ModelVerdict:
         if self.shift:
             return f"compare the order of the taxels in {skin} with the wiring"
         return _COMMANDS.get(self.name or "", "").format(skin=skin, log=log)
+
+
+def _changed(name: str, change: float, error: float) -> str:
+    """An input and its change, in words, to the first figure of the error."""
+    table, _, key = name.rpartition(".")
+    where = f"{key} in [{table}]" if table else name
+    figures = int(np.clip(np.ceil(-np.log10(max(100 * error, 1e-9))), 1, 3))
+    return f"{where} changed by {100 * change:+.{figures}f} +- {100 * error:.{figures}f} %"
 
 
 class Gain(NamedTuple):

@@ -2,18 +2,24 @@
 
 Under one radial contact the derivatives come from a table over the states of `LoadTable`,
 which costs nothing in a frame; under several contacts, or with directions free, from the
-model itself.
+model itself. Near the wall readings change steeply, their derivatives by an input as those by
+the contact. The table holds, state by state, the change of the contact that does most nearly
+what the error does, and the little that is left; both change slowly from state to state::
+
+    S = J g + S'        J of the frame's own contact, g and S' from the table
 """
 
 import io
+from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import platformdirs
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import Explanations
@@ -29,6 +35,7 @@ from suas_jax.scene.forward import Skin
 from suas_jax.scene.parts import skin_parts
 
 _RADIAL = 2  # parameters of a contact whose direction is held
+_RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
 class SectionErrors(AbstractSystematicErrors):
@@ -58,11 +65,8 @@ class SectionErrors(AbstractSystematicErrors):
         self._lanes = 1 if live else LANES // 4
         self._spec, self._errors = spec, errors
         self._tangents: list[Skin] = []
-        moved, at_zero = self._tabulated()
+        self._per_newton, self._alike, at_zero = self._tabulated()
         self._at_zero = at_zero
-        # The change from rest, per newton: nearly even in the force, and zero at none.
-        forces = table.forces[:, :, None, None]
-        self._per_newton = ((moved - at_zero) / forces).astype(np.float32)
         self.rest = np.zeros_like(at_zero) if from_rest else at_zero
 
     def slopes(
@@ -70,38 +74,53 @@ class SectionErrors(AbstractSystematicErrors):
     ) -> NDArray[np.float64]:
         """See the base class."""
         if contacts == 1 and per_contact == _RADIAL:
-            return self.under_one(best.parameters[:, 0], best.parameters[:, 1])
+            jacobian = best.jacobian[:, :_RADIAL]
+            return self.under_one(best.parameters[:, 0], best.parameters[:, 1], jacobian)
         width = per_contact * contacts
         there = best.state
         exact = self._computed(best.parameters[:, :width], there, contacts, self._lanes)
         return exact - self._at_zero + self.rest
 
     def under_one(
-        self, angle: NDArray[np.float64], force: NDArray[np.float64]
+        self,
+        angle: NDArray[np.float64],
+        force: NDArray[np.float64],
+        jacobian: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Change of readings under one radial contact [frame, error, taxel].
 
         Args:
             angle: of the contact [frame, rad].
             force: of the contact [frame, N].
+            jacobian: derivatives of the readings by the two [frame, 2, taxel].
         """
         table = self._table
         by_angle, by_log = table.steps
         place = np.clip((angle - table.angles[0]) / by_angle, 0, len(table.angles) - 1)
         low = np.minimum(place.astype(int), len(table.angles) - 2)
-        total = np.zeros((len(angle), *self._per_newton.shape[2:]))
+        left = np.zeros((len(angle), *self._per_newton.shape[2:]))
+        alike = np.zeros((len(angle), *self._alike.shape[2:]))
         positive = np.maximum(np.abs(force), 1e-12)
         last = table.forces.shape[1] - 1
         for i, share in ((low, low + 1 - place), (low + 1, place - low)):
             level = np.clip(np.log(positive / table.forces[i, 0]) / by_log, 0, last)
             k = np.minimum(level.astype(int), last - 1)
-            up = (level - k)[:, None, None]
-            value = (1 - up) * self._per_newton[i, k] + up * self._per_newton[i, k + 1]
-            total += share[:, None, None] * value
-        return np.asarray(total * force[:, None, None] + self.rest)
+            for level_of, part in ((k, share * (k + 1 - level)), (k + 1, share * (level - k))):
+                weight = part[:, None, None]
+                left += weight * self._per_newton[i, level_of]
+                alike += weight * self._alike[i, level_of]
+        alike[:, :, 1] *= force[:, None]
+        left = left * force[:, None, None] + alike @ np.nan_to_num(jacobian)
+        return np.asarray(left + self.rest)
 
-    def _tabulated(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Change of readings at all states [angle, force, error, taxel] and at rest."""
+    def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64]]:
+        """What errors do at all states and at rest.
+
+        Returns:
+            Change of readings that no change of the contact does, per newton [angle, force,
+            error, taxel]; change of the contact that does the rest, of its angle and, per
+            newton, of its force [angle, force, error, 2]; change at rest [error, taxel].
+        """
         folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
         name = content_key(
             {
@@ -113,24 +132,32 @@ class SectionErrors(AbstractSystematicErrors):
         content = folder.get(name)
         if content is not None:
             with np.load(io.BytesIO(content)) as data:
-                return data["moved"], data["rest"]
+                return data["left"], data["alike"], data["rest"]
         table = self._table
         angle = np.repeat(table.angles, table.forces.shape[1])
         parameters = np.stack([angle, table.forces.reshape(-1)], 1)
         states = table.start(np.arange(len(parameters)))
-        moved = self._computed(parameters, states, 1, LANES)
-        moved = moved.reshape(*table.forces.shape, *moved.shape[1:])
-        for k in range(1, moved.shape[1]):  # where no state was found, that of less force
-            share = (table.forces[:, k] / table.forces[:, k - 1])[:, None, None]
-            moved[:, k] = np.where(
-                np.isfinite(moved[:, k]), moved[:, k], share * moved[:, k - 1]
-            )
-        moved = np.nan_to_num(moved)
         rest = self._computed(np.zeros((1, 2)), at_rest(self._skin, 1), 1, LANES)[0]
+        moved = self._computed(parameters, states, 1, LANES) - rest
+        jacobian = self._by_contact(parameters, states)
+        alike = _most_alike(jacobian, moved)
+        left = (moved - alike @ jacobian) / parameters[:, 1, None, None]
+        alike[:, :, 1] /= parameters[:, 1, None]
+        shape = table.forces.shape
+        found = [
+            _filled(x.reshape(*shape, *x.shape[1:])).astype(np.float32) for x in (left, alike)
+        ]
         stream = io.BytesIO()
-        np.savez(stream, moved=moved.astype(np.float32), rest=rest)
+        np.savez(stream, left=found[0], alike=found[1], rest=rest)
         folder.put(name, stream.getvalue())
-        return moved, rest
+        return found[0], found[1], rest
+
+    def _by_contact(self, parameters: NDArray[np.float64], state: State) -> NDArray[np.float64]:
+        """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
+        none = jax.tree.map(jnp.zeros_like, eqx.filter(self._skin, eqx.is_inexact_array))
+        return self._along(
+            [(none, unit) for unit in np.eye(_RADIAL)], parameters, state, 1, LANES
+        )
 
     def _computed(
         self, parameters: NDArray[np.float64], state: State, count: int, lanes: int
@@ -141,30 +168,83 @@ class SectionErrors(AbstractSystematicErrors):
                 _tangent(self._spec, self._skin, self._errors.paths, column)
                 for column in self._errors.directions
             ]
+        none = np.zeros(parameters.shape[1])
+        along = [(tangent, none) for tangent in self._tangents]
+        return self._along(along, parameters, state, count, lanes)
+
+    def _along(
+        self,
+        directions: Sequence[tuple[Skin, NDArray[np.float64]]],
+        parameters: NDArray[np.float64],
+        state: State,
+        count: int,
+        lanes: int,
+    ) -> NDArray[np.float64]:
+        """Derivatives of readings as skin and contacts change [frame, direction, taxel]."""
         parts = []
         for begin in range(0, len(parameters), lanes):
             pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
             there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
             columns = [
-                COMPILED.run(_PROGRAMS[count], self._skin, tangent, parameters[pick].T, there)
-                for tangent in self._tangents
+                COMPILED.run(_PROGRAMS[count], self._skin, *along, parameters[pick].T, there)
+                for along in directions
             ]
             parts.append(np.stack([np.asarray(column).T for column in columns], 1))
         return np.concatenate(parts)[: len(parameters)]
+
+
+def _most_alike(
+    jacobian: NDArray[np.float64], moved: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Changes of a contact that come nearest to changes of readings [frame, change, 2].
+
+    Args:
+        jacobian: derivatives of readings by the contact [frame, 2, taxel].
+        moved: changes of readings [frame, change, taxel].
+    """
+    size = np.sqrt((jacobian**2).sum(-1, keepdims=True))
+    unit = jacobian / np.where(size > 0, size, 1.0)
+    across = np.swapaxes(unit, 1, 2)
+    normal = unit @ across + _RIDGE * np.eye(jacobian.shape[1])
+    found = np.linalg.solve(normal, np.swapaxes(moved @ across, 1, 2))
+    return np.asarray(np.swapaxes(found / np.where(size > 0, size, np.inf), 1, 2))
+
+
+def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where no state was found at a force, the values at less force [angle, force, ...]."""
+    for k in range(1, values.shape[1]):
+        values[:, k] = np.where(np.isfinite(values[:, k]), values[:, k], values[:, k - 1])
+    return np.nan_to_num(values)
+
+
+def value_of(spec: SkinSpec, path: str) -> float:
+    """Value of a continuous input of a skin with electrodes, [SI]."""
+    assert spec.electrodes is not None
+    # The scale is the only one that files need not give.
+    return float(continuous_inputs(spec).get(path, spec.electrodes.lsb))
+
+
+def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) -> Skin:
+    """A skin with some inputs changed.
+
+    Args:
+        spec: the skin's file.
+        skin: the model made from it, whose wall and mesh are kept.
+        inputs: values by TOML path, traced or not.
+    """
+    parts = skin_parts(spec, {**continuous_inputs(spec), **inputs})
+    wall = None if skin.wall is None else parts.wall
+    return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, skin.elements)
 
 
 def _tangent(
     spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: NDArray[np.float64]
 ) -> Skin:
     """Derivative of a skin by its inputs along a direction."""
-    known = continuous_inputs(spec)
-    assert spec.electrodes is not None
-    at = [known.get(path, spec.electrodes.lsb) for path in paths]  # the only one not given
+    at = [value_of(spec, path) for path in paths]
 
     def changed(values: Float[Array, " path"]) -> Skin:
-        parts = skin_parts(spec, {**known, **dict(zip(paths, values, strict=True))})
-        wall = None if skin.wall is None else parts.wall
-        return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, skin.elements)
+        return changed_skin(spec, skin, dict(zip(paths, values, strict=True)))
 
     _, tangent = eqx.filter_jvp(changed, (jnp.array(at),), (jnp.asarray(column),))
     return tangent
@@ -173,19 +253,20 @@ def _tangent(
 def _slope(
     skin: Skin,
     tangent: Skin,
+    along: Float[Array, " parameter"],
     parameters: Float[Array, "parameter lane"],
     state: State,
     contacts: int,
 ) -> Float[Array, "taxel lane"]:
-    """Change of readings as the skin changes, the loads kept."""
-    loads = loads_from(parameters, contacts)
+    """Change of readings as the skin changes along a tangent, and all loads along another."""
 
-    def so(skin: Skin) -> Array:
-        problem = skin.problem(loads)
+    def so(skin: Skin, parameters: Array) -> Array:
+        problem = skin.problem(loads_from(parameters, contacts))
         q = differentiable(problem, state).q
         return skin.electrodes.read(problem.mechanics, q).so
 
-    return eqx.filter_jvp(so, (skin,), (tangent,))[1]
+    moved = jnp.broadcast_to(along[:, None], parameters.shape)
+    return eqx.filter_jvp(so, (skin, parameters), (tangent, moved))[1]
 
 
 _PROGRAMS = {k: eqx.filter_jit(partial(_slope, contacts=k)) for k in (1, 2, 3)}

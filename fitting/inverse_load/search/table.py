@@ -213,6 +213,11 @@ def _largest_forces(skin: Skin, angles: np.ndarray) -> np.ndarray:
     return low
 
 
+def rest_readings(skin: Skin) -> np.ndarray:
+    """Readings of the undeformed skin [taxel] [counts]."""
+    return _solve(skin, np.zeros(1), np.zeros(1), None)[0][:, 0]
+
+
 def _solve(
     skin: Skin, angle: np.ndarray, force: np.ndarray, start: State | None
 ) -> tuple[np.ndarray, np.ndarray, State, np.ndarray]:

@@ -1,0 +1,87 @@
+"""One number of a skin file in plane strain, fitted to the frames of a log with their contacts.
+
+Far from the file's value readings are no longer linear in it, and what is linear there would
+be blamed on another input: the contacts are fitted anew at every value that is tried.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from fitting.inverse_load.check.verdict import Gain
+from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.section_errors import changed_skin, value_of
+from fitting.inverse_load.fit.section_fitter import SectionFitter
+from fitting.inverse_load.search.table import rest_readings
+
+_FURTHEST = 0.3  # relative change that is tried
+_FINE = 1e-3  # accuracy of the change
+_LOST = 100.0  # chi2 that a frame is charged whose contact is not found there
+
+
+class InputFit:
+    """Fits of single contacts at other values of one input.
+
+    Args:
+        estimator: of a skin in plane strain.
+        y: readings as the file's skin has them [frame, taxel].
+        weight: their inverse variances [frame, taxel].
+        fit: the contacts with the file's numbers.
+    """
+
+    def __init__(
+        self,
+        estimator: LoadEstimator,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        fit: Explanations,
+    ) -> None:
+        fitter = estimator.selection.fitter
+        assert isinstance(fitter, SectionFitter)
+        self._estimator, self._fitter = estimator, fitter
+        self._y, self._weight, self._fit = y, weight, fit
+
+    def chi2(self, values: Mapping[str, float]) -> float:
+        """Sum of the frames' chi2 with some inputs changed, contacts fitted anew.
+
+        Args:
+            values: of the inputs, by TOML path.
+        """
+        own, fitter = self._estimator, self._fitter
+        skin = changed_skin(own.spec, own.skin, values)
+        there = SectionFitter(
+            skin, fitter.table, direction=False, live=fitter.live, most_contacts=1
+        )
+        y = self._y
+        if own.rest is not None:  # readings count from those of the skin at rest
+            y = y + rest_readings(skin) - own.model_rest
+        y = np.where(self._weight > 0, y, 0.0)
+        start = self._fit.parameters[:, : fitter.per_contact]
+        found = there.fit(y, self._weight, start, self._fit.state, 1)
+        lost = self._fit.chi2 + _LOST
+        return float(np.where(np.isfinite(found.chi2), found.chi2, lost).sum())
+
+    def best(self, path: str, gained: Gain) -> Gain:
+        """The change of one input that explains most; relative, as its gain in chi2.
+
+        Args:
+            path: of the input.
+            gained: what its change would do to first order, relative too.
+        """
+        value = value_of(self._estimator.spec, path)
+        known = float(self._fit.chi2.sum())
+
+        def chi2(change: float) -> float:
+            return self.chi2({path: (1 + change) * value})
+
+        found = minimize_scalar(
+            chi2, bounds=(-_FURTHEST, _FURTHEST), method="bounded", options={"xatol": _FINE}
+        )
+        if (
+            abs(found.x) > _FURTHEST - 2 * _FINE
+        ):  # chi2 falls on and on: something else is wrong
+            return gained._replace(chi2=0.0)
+        return gained._replace(chi2=known - float(found.fun), change=float(found.x))
