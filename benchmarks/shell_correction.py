@@ -22,9 +22,9 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.error_estimate import EPDM, FLOOR, RUBBER, TRAPPED, TRUTH, YEOH, studied
+from benchmarks.error_estimate import FLOOR, PATTERNS, sample, studied
 from suas_jax import configure
-from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_solve
+from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan
@@ -36,69 +36,9 @@ from suas_jax.scene.report import plain
 from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Inputs, Structure
 
-NEO_HOOKEAN = {"law": "neo-hookean", "mu": "3 MPa"}
-VENTED = {"model": "vented"}
-COMPRESSIBLE = {"model": "compressible", "bulk_modulus": "2 MPa"}
-# Law, shear modulus [Pa], oil, and what acts: lines, spread loads, pressures.
-PATTERNS: tuple[tuple[dict[str, Any], float, dict[str, Any], str], ...] = (
-    (EPDM, 32.6e6, TRAPPED, "l"),
-    (NEO_HOOKEAN, 3e6, TRAPPED, "ll"),
-    (EPDM, 32.6e6, VENTED, "l"),
-    (YEOH, 1.2e6, COMPRESSIBLE, "lp"),
-    (RUBBER, 4.225e5, TRAPPED, "l"),
-    (NEO_HOOKEAN, 3e6, VENTED, "p"),
-    (EPDM, 32.6e6, TRAPPED, "s"),
-)
 ELEMENTS = 64
-TAXELS = [f"{angle} deg" for angle in range(-40, 41, 10)]
+TRUTH = (512, 6)
 QUANTITIES = ("pressure", "mid-surface", "inner face", "taxels' gaps")
-
-
-def sample(rng: np.random.Generator, pattern: int) -> SceneSpec:
-    """A random scene of a pattern."""
-    law, modulus, oil, kinds = PATTERNS[pattern]
-    thickness = float(np.exp(rng.uniform(np.log(4e-4), np.log(4e-3))))
-    radius = 0.0575 if rng.random() < 0.5 else float(rng.uniform(0.03, 0.1))
-    half = 90.0 if rng.random() < 0.6 else float(rng.uniform(45, 90))
-    count = sum(kind != "p" for kind in kinds)
-    angles = rng.uniform(-0.85 * half, 0.85 * half, count)
-    while np.min(np.diff(np.sort(angles)), initial=np.inf) < 10:
-        angles = rng.uniform(-0.85 * half, 0.85 * half, count)
-    relative = thickness / 1.5e-3
-    strong = 6 * relative**3 if oil is VENTED else 24.4 * relative
-    loads: list[dict[str, str]] = []
-    places = iter(angles)
-    for kind in kinds:
-        share = np.exp(rng.uniform(np.log(0.01), np.log(1.5))) / max(count, 1)
-        sign = -1.0 if rng.random() < 0.25 else 1.0
-        if kind == "p":
-            pressure = 1e4 * relative * modulus / 32.6e6
-            if oil is VENTED:  # inwards the arch buckles, outwards it stretches
-                bending = modulus * thickness**3 / radius**3
-                pressure = 0.7 * bending if sign > 0 else 0.05 * modulus * thickness / radius
-            loads.append({"kind": "pressure", "pressure": f"{sign * share * pressure} Pa"})
-            continue
-        turn = 0.0 if rng.random() < 0.6 else float(rng.uniform(-60, 60))
-        load = {
-            "kind": "line",
-            "angle": f"{float(next(places))} deg",
-            "force": f"{float(sign * modulus / 32.6e6 * strong * share)} N",
-            "direction": f"{turn} deg",
-        }
-        if kind == "s":
-            load["spread"] = f"{float(np.exp(rng.uniform(np.log(0.5), np.log(10))))} mm"
-        loads.append(load)
-    geometry = {
-        "inner_radius": f"{radius} m",
-        "thickness": f"{thickness} m",
-        "half_angle": f"{half} deg",
-        "width": "123 mm",
-        "oil_gap": "5 mm",
-    }
-    oil = oil | {"relative_permittivity": 2.2}
-    tables = {"geometry": geometry, "material": law, "oil": oil, "load": loads}
-    electrodes = {"taxels": [{"angle": angle} for angle in TAXELS]}
-    return scene_from_dict({**tables, "electrodes": electrodes})
 
 
 @functools.partial(eqx.filter_jit, compiler_options=OPTIONS)

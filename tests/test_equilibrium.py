@@ -108,7 +108,7 @@ def test_displacement_and_pressure_converge_with_the_fourth_power(case: str) -> 
         problem = built(spec, plan)
         state = converged(problem).state
         values.append([float(state.pressure[0]), float(problem.mechanics.work(state.q)[0])])
-        plan = plan.comparison()
+        (plan,) = plan.comparisons()
     steps = np.abs(np.diff(values, axis=0))
     rates = np.log2(steps[:-1] / steps[1:])
     assert np.all(rates > 3.7)

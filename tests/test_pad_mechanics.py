@@ -395,7 +395,7 @@ def test_a_finer_mesh_holds_the_same_deformation() -> None:
     angle, axial = (jnp.asarray(x)[:, None] for x in ([-1.2, -0.3, -0.01], [-0.05, -0.02, 0]))
     coarse = at_places(pad, q, angle, axial).mid_displacement
     fine = at_places(
-        finer, quick(Pad.to_comparison_mesh)(pad, q), angle, axial
+        finer, quick(Pad.to_comparison_mesh)(pad, q, plan.refined().elements), angle, axial
     ).mid_displacement
     # Next to the curved ends the tangential control values obey the clamp of their mesh.
     np.testing.assert_allclose(fine, coarse, rtol=0, atol=1e-4 * np.max(np.abs(coarse)))

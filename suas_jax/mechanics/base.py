@@ -211,16 +211,18 @@ class AbstractMechanics(eqx.Module):
         """Unknowns of the whole arc from those of the left half of a symmetric one."""
 
     @abc.abstractmethod
-    def to_comparison_mesh(self, q: StationVector) -> StationVector:
-        """The same deformation on the mesh that errors are estimated with.
+    def to_comparison_mesh(self, q: StationVector, counts: tuple[int, ...]) -> StationVector:
+        """The same deformation on a mesh that errors are estimated with.
 
-        That is `mesh.MeshPlan.comparison`: finer than the mechanics' own, or coarser.
+        Args:
+            q: unknowns.
+            counts: elements of that mesh, one of `AbstractPlan.comparisons`.
         """
 
     @property
     @abc.abstractmethod
-    def error_share(self) -> float:
-        """Error of a solution relative to its difference to that on the comparison mesh."""
+    def error_shares(self) -> tuple[float, ...]:
+        """Error of a solution over its difference to each comparison mesh; they add up."""
 
     def with_wall(self, wall: Wall | None) -> Self:
         """The same membrane held by another wall, or by none."""

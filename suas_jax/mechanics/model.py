@@ -56,12 +56,16 @@ class AbstractPlan(eqx.Module):
         """The part that has to be solved; the plan itself where loads have no symmetry."""
 
     @abc.abstractmethod
-    def comparison(self) -> Self:
-        """The mesh that errors are estimated with, finer or coarser."""
+    def comparisons(self) -> tuple[Self, ...]:
+        """The meshes that errors are estimated with, finer or coarser.
+
+        Their differences add up. Where the first one covers the whole membrane, it also tells
+        whether a state is stable.
+        """
 
     def meshes(self) -> "Meshes":
         """The meshes that a solve works on, for this one of the whole membrane."""
-        return Meshes(self, self.reduced(), self.comparison(), None)
+        return Meshes(self, self.reduced(), self.comparisons(), None)
 
 
 class Meshes(NamedTuple):
@@ -70,7 +74,7 @@ class Meshes(NamedTuple):
     Attributes:
         whole: of the whole membrane.
         solved: of the part that is solved, or of the whole.
-        error: where the error of the mesh is judged.
+        compared: with which the error of the mesh is judged.
         stability: of the whole, where its state is assembled to tell whether it is stable
             and what the mechanics leaves out; None where the mesh for the error is of the
             whole and answers both.
@@ -78,7 +82,7 @@ class Meshes(NamedTuple):
 
     whole: AbstractPlan
     solved: AbstractPlan
-    error: AbstractPlan
+    compared: tuple[AbstractPlan, ...]
     stability: AbstractPlan | None
 
 
@@ -104,12 +108,12 @@ class AbstractModel(abc.ABC):
         """The mesh to try first for a curve, where some load is harder than the others."""
 
     @abc.abstractmethod
-    def finer(self, counts: Counts, excess: float) -> Counts | None:
+    def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """The mesh to try next, or None where the limit is reached.
 
         Args:
             counts: size of the mesh that was too coarse.
-            excess: its estimated error over the one that is allowed.
+            excess: its estimated error by each comparison mesh, over the one that is allowed.
         """
 
     @abc.abstractmethod

@@ -19,6 +19,7 @@ from suas_jax.scene.error_estimate import (
     mesh_changes,
     model_changes,
     relative_error,
+    sum_of_sizes,
 )
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts
@@ -77,33 +78,44 @@ def assess(
         origin, start = problem, state
 
     values = key_quantities(problem.mechanics, state, parts.forces)
-    unknown = [jnp.full_like(x, jnp.nan) for x in values]
     by_model = [jnp.zeros_like(x) for x in values]
     if change is not None:
         by_model = model_changes(problem, state, change, parts)
 
-    def compared() -> tuple[list[Lanes], list[Lanes], Lanes, Bool[Array, " lane"]]:
-        """Changes by the mesh, its error, stability on the mesh that it is compared with."""
-        finer = problem_of(parts, meshes.error, wall=wall)
-        begin = start._replace(q=origin.mechanics.to_comparison_mesh(start.q))
-        finer_check, finer_change = verify(finer, begin, omitted=check is None)
-        found = key_quantities(finer.mechanics, finer_check.correction, parts.forces)
-        # Those of a part are those of the whole.
-        by_mesh = mesh_changes(origin.mechanics, values, found)
-        by_kinks = [jnp.zeros_like(x) for x in by_mesh]
-        if check is None and change is not None and finer_change is not None:
-            pair = (origin, change), (finer, finer_change)
-            by_kinks = correction_mesh_changes(*pair, parts.forces)
-        error = relative_error(by_mesh, found) + relative_error(by_kinks, found)
-        if meshes.whole.counts == meshes.error.counts:
-            return unknown, unknown, jnp.full_like(error, jnp.nan), finer_check.stable
-        return by_mesh, by_kinks, error, finer_check.stable
+    # The correction's own error, where it was computed with the same assembly.
+    with_kinks = check is None and change is not None
+    unknown = jnp.full_like(state.pressure, jnp.nan)
 
-    def left_out() -> tuple[list[Lanes], list[Lanes], Lanes, Bool[Array, " lane"]]:
-        stable = jnp.full(state.pressure.shape, True)
-        return unknown, unknown, jnp.full_like(state.pressure, jnp.nan), stable
+    def compared() -> tuple[list[list[Lanes]], list[Lanes], Lanes, Bool[Array, " lane"]]:
+        """Changes by each mesh, their errors, the mesh's error, stability on the first mesh."""
+        by_mesh, by_kinks, stable = [], [], None
+        for plan, share in zip(meshes.compared, origin.mechanics.error_shares, strict=True):
+            other = problem_of(parts, plan, wall=wall)
+            q = origin.mechanics.to_comparison_mesh(start.q, plan.counts)
+            its_check, its_change = verify(other, start._replace(q=q), omitted=check is None)
+            found = key_quantities(other.mechanics, its_check.correction, parts.forces)
+            # Those of a part are those of the whole.
+            by_mesh.append(mesh_changes(share, values, found))
+            if with_kinks and change is not None and its_change is not None:
+                pair = (origin, change), (other, its_change)
+                by_kinks.append(correction_mesh_changes(*pair, parts.forces))
+            stable = its_check.stable if stable is None else stable
+        assert stable is not None
+        solved_counts = (meshes.whole if check is None else meshes.solved).counts
+        if any(plan.counts == solved_counts for plan in meshes.compared):
+            return *left_out()[:-1], stable  # a single element joins no other
+        parts_of_error = [relative_error(x, values) for x in by_mesh]
+        error = relative_error(sum_of_sizes(by_mesh), values)
+        if by_kinks:
+            error += relative_error(sum_of_sizes(by_kinks), values)
+        return by_mesh + by_kinks, parts_of_error, error, stable
 
-    by_mesh, by_kinks, error, stable = (
+    def left_out() -> tuple[list[list[Lanes]], list[Lanes], Lanes, Bool[Array, " lane"]]:
+        each = [unknown] * len(meshes.compared)
+        rows = [[unknown] * len(values)] * ((1 + with_kinks) * len(each))
+        return rows, each, unknown, jnp.full(unknown.shape, True)
+
+    by_mesh, parts_of_error, error, stable = (
         compared() if judged is True else jax.lax.cond(judged, compared, left_out)
     )
     report["stable"] = stable if check is None else check.stable
@@ -112,8 +124,9 @@ def assess(
     if change is not None:
         floor += problem.mechanics.omitted_floor
     report["model_error"] = relative_error(by_model, values) + floor
-    errors = [by_mesh, by_kinks, by_model]
+    errors = [*by_mesh, by_model]
     report["key_quantities"] = {"values": values, "errors": errors, "floor": floor}
+    report["key_quantities"]["by_mesh"] = parts_of_error
     verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the

@@ -76,8 +76,16 @@ class Attempt(NamedTuple):
 
     def mesh_excess(self, rtol: float) -> float:
         """Error by the mesh over the one allowed; infinite where it is unknown."""
+        return self._over(self.mesh_error, rtol)
+
+    def parts_of_excess(self, rtol: float) -> tuple[float, ...]:
+        """The same for each mesh that it was compared with."""
+        parts = self.report["key_quantities"]["by_mesh"]
+        return tuple(self._over(number(part), rtol) for part in parts)
+
+    def _over(self, error: float, rtol: float) -> float:
         left = rtol if self.model_too_coarse(rtol) else rtol - self.model_error
-        return self.mesh_error / left if np.isfinite(self.mesh_error) else np.inf
+        return error / left if np.isfinite(error) else np.inf
 
 
 def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
@@ -159,7 +167,7 @@ def _attempt(
         excess = found.mesh_excess(rtol)
         if given or other_next or not found.converged or excess <= 1:
             return found
-        finer = model.finer(counts, excess)
+        finer = model.finer(counts, found.parts_of_excess(rtol))
         if finer is None:
             return found
         counts = finer

@@ -2,7 +2,7 @@
 
 Both are relative errors of the oil's pressure and of the mid-surface displacement, under the
 line loads and where it is largest, relative to the largest displacement. The mesh's share is a
-Newton correction on the comparison mesh, the model's is a share of the first-order effect of
+Newton correction on each comparison mesh, the model's is a share of the first-order effect of
 the energy that the mechanics leaves out, by which states are corrected. Either answers for all
 quantities with one linear solve, as adjoint weighting does for one quantity.
 """
@@ -60,18 +60,20 @@ def relative_error(changes: list[Lanes], values: list[Lanes]) -> Lanes:
     return functools.reduce(jnp.maximum, moved, of_pressure)
 
 
-def mesh_changes(
-    mechanics: AbstractMechanics, values: list[Lanes], better: list[Lanes]
-) -> list[Lanes]:
-    """The mesh's share of the error of every key quantity.
+def sum_of_sizes(changes: list[list[Lanes]]) -> list[Lanes]:
+    """Sizes of the changes of every key quantity by several meshes, added up."""
+    return [functools.reduce(jnp.add, map(jnp.abs, of)) for of in zip(*changes, strict=True)]
+
+
+def mesh_changes(share: float, values: list[Lanes], better: list[Lanes]) -> list[Lanes]:
+    """What a comparison mesh adds to the error of every key quantity.
 
     Args:
-        mechanics: what was solved.
-        values: key quantities of its solution.
+        share: of the difference that is error.
+        values: key quantities of the solution.
         better: those after a Newton correction on the comparison mesh.
     """
-    share = _MESH_MARGIN * mechanics.error_share
-    return [share * (a - b) for a, b in zip(values, better, strict=True)]
+    return [_MESH_MARGIN * share * (a - b) for a, b in zip(values, better, strict=True)]
 
 
 def correction_mesh_changes(

@@ -71,7 +71,7 @@ class _KeyQuantities(NamedTuple):
 
     Attributes:
         values: of the quantities [quantity].
-        errors: by the equilibrium's mesh, the correction's and the model [3, quantity].
+        errors: by each mesh compared, the correction's and the model [cause, quantity].
         floor: relative error that no input changes.
     """
 

@@ -167,7 +167,7 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
         wrong_model = best.model_error > rtol
         solid_is_left = automatic and name == "shell" and not given[name] and "solid" in models
         refined = excess > 1 and not (given[name] or (solid_is_left and wrong_model))
-        counts = models[name].finer(best.curve.plan.counts, excess) if refined else None
+        counts = models[name].finer(best.curve.plan.counts, (excess,)) if refined else None
         finer = None if counts is None else _Attempt.of(scene, name, counts, levels)
         if finer is not None and finer.error < best.error:
             best = finer

@@ -59,14 +59,14 @@ class PadMesh(AbstractPlan):
         """The half or quarter where the loads are symmetric."""
         return self if self.part is None else PadMesh(self.part)
 
-    def comparison(self) -> "PadMesh":
+    def comparisons(self) -> tuple["PadMesh", ...]:
         """Every element divided in four."""
-        return PadMesh(self.plan.refined())
+        return (PadMesh(self.plan.refined()),)
 
     def meshes(self) -> Meshes:
         """The error is judged on the part that is solved, stability and shear on the whole."""
         part = self.reduced()
-        return Meshes(self, part, part.comparison(), self)
+        return Meshes(self, part, part.comparisons(), self)
 
 
 class PadModel(AbstractModel):
@@ -84,7 +84,7 @@ class PadModel(AbstractModel):
         """The same as for a solve."""
         return self.first(scene)
 
-    def finer(self, counts: Counts, excess: float) -> Counts | None:
+    def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """More elements in both directions."""
         del excess  # the next mesh does for what the first one misses
         if max(counts) >= _MOST_ELEMENTS:

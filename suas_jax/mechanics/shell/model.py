@@ -50,9 +50,9 @@ class ShellPlan(AbstractPlan):
         """The left half where stations and loads are symmetric."""
         return ShellPlan(self.arc.half()) if self.arc.mirrors_itself else self
 
-    def comparison(self) -> "ShellPlan":
+    def comparisons(self) -> tuple["ShellPlan", ...]:
         """A finer one: solutions cost little."""
-        return ShellPlan(self.arc.refined())
+        return (ShellPlan(self.arc.refined()),)
 
 
 class ShellModel(AbstractModel):
@@ -76,7 +76,7 @@ class ShellModel(AbstractModel):
         """More than for one solve: points near the wall need them."""
         return (64 if scene.rtol < _STRICT else 32,)
 
-    def finer(self, counts: Counts, excess: float) -> Counts | None:
+    def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
         """Twice as many elements: its programs compile and run in little time."""
         del excess
         return (2 * counts[0],) if 2 * counts[0] <= _MOST_ELEMENTS else None

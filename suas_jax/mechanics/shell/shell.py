@@ -327,14 +327,15 @@ class Shell(AbstractSection):
         """Unknowns of the whole arc; see the base class."""
         return mirrored(q)
 
-    def to_comparison_mesh(self, q: StationVector) -> StationVector:
+    def to_comparison_mesh(self, q: StationVector, counts: tuple[int, ...]) -> StationVector:
         """The same deformation on elements half as long; see the base class."""
+        del counts  # there is one
         return prolonged(q, self.elements.gather(q), self.elements.lengths)
 
     @property
-    def error_share(self) -> float:
+    def error_shares(self) -> tuple[float, ...]:
         """Order four where the mesh resolves all layers, less on the coarsest meshes."""
-        return 6 / 5
+        return (6 / 5,)
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

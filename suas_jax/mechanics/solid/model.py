@@ -1,6 +1,5 @@
 """The solid as a model that scenes can ask for."""
 
-import math
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -19,16 +18,16 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
 _MOST_ELEMENTS = 1024
-_MOST_LAYERS = 8
 # Decay length of what a load or clamp does to the section around it, in thicknesses.
 _LOCAL_FIELD = 0.25
 # Length of the shortest elements relative to their height.
 _SMALLEST = 0.5
 _STRICT = 2e-4  # tolerance that two layers rarely meet
-# Steps in which meshes are refined, and the order of convergence by which one is chosen: what
-# estimates fall with in scenes that take several (1.5 to 2).
-_FACTORS = (1.5, 2.0, 3.0, 4.0)
-_ORDER = 1.8
+# Steps in which meshes are refined, pairs of layers among them, and how errors fall: what is
+# seen in random scenes. Longer elements hide a part of the error across the thickness.
+_FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0)
+_LAYERS = (2, 4, 6, 8)
+_ORDER, _ORDER_ACROSS, _COUPLED = 1.8, 1.2, 0.1
 
 
 class SolidPlan(AbstractPlan):
@@ -68,10 +67,16 @@ class SolidPlan(AbstractPlan):
         """The left half where stations and loads are symmetric."""
         return SolidPlan(self.arc.half(), self.layers) if self.arc.mirrors_itself else self
 
-    def comparison(self) -> "SolidPlan":
-        """A coarser one, pairs of elements joined: a finer one would cost too much."""
-        layers = self.layers // 2 if self.layers % 2 == 0 else self.layers
-        return SolidPlan(self.arc.coarsened(), layers)
+    def comparisons(self) -> tuple["SolidPlan", ...]:
+        """Pairs of elements joined along the arc, and pairs of layers where they are even.
+
+        Errors along and across often have opposite signs: joined in both directions at once,
+        meshes may differ less than either is wrong. Finer ones would cost too much.
+        """
+        along = SolidPlan(self.arc.coarsened(), self.layers)
+        if self.layers % 2:
+            return (along,)
+        return (along, SolidPlan(self.arc, self.layers // 2))
 
 
 class SolidModel(AbstractModel):
@@ -95,22 +100,32 @@ class SolidModel(AbstractModel):
         """The same as for a solve."""
         return self.first(scene)
 
-    def finer(self, counts: Counts, excess: float) -> Counts | None:
-        """So many more elements in both directions that the error should be as allowed.
+    def finer(self, counts: Counts, excess: tuple[float, ...]) -> Counts | None:
+        """The cheapest finer mesh whose error should be as allowed, or the finest.
 
         Every mesh on the way there would cost a program of its own.
         """
         elements, layers = counts
-        wanted = excess ** (1 / _ORDER)
-        factor = next((f for f in _FACTORS if f >= wanted), _FACTORS[-1])
-        factor = min(factor, _MOST_ELEMENTS / elements)
-        if factor < _FACTORS[0]:
-            return None
-        pairs = math.ceil(factor * layers / 2)  # the comparison mesh joins them
-        return (int(factor * elements), min(2 * pairs, _MOST_LAYERS))
+        along, across = excess if len(excess) == 2 else 2 * (sum(excess) / 2,)
+        finer = [
+            (int(factor * elements), more)
+            for factor in _FACTORS
+            for more in _LAYERS
+            if factor * elements <= _MOST_ELEMENTS and more >= layers
+        ]
+        finer = [mesh for mesh in finer if mesh != (elements, layers)]
+
+        def left(mesh: Counts) -> float:
+            long, thin = mesh[0] / elements, mesh[1] / layers
+            return along / long**_ORDER + across * long**_COUPLED / thin**_ORDER_ACROSS
+
+        enough = [mesh for mesh in finer if left(mesh) <= 1]
+        if enough:
+            return min(enough, key=lambda mesh: mesh[0] * mesh[1] ** 2)  # as work goes
+        return max(finer, default=None)
 
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> SolidPlan:
-        """Pairs of elements that the coarser comparison mesh joins; see the base class."""
+        """Pairs of elements that a comparison mesh joins; see the base class."""
         elements, layers = counts
         geometry = scene.geometry
         thickness = geometry.thickness / (geometry.inner_radius + geometry.thickness)

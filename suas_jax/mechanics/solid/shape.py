@@ -174,11 +174,10 @@ def mirrored(layout: Layout, q: StationVector) -> StationVector:
     )
 
 
-def coarsened(layout: Layout, q: StationVector) -> StationVector:
-    """The same deformation on the mesh that `refined` came from; see `mesh.MeshPlan`.
+def joined_along(layout: Layout, q: StationVector) -> StationVector:
+    """The same deformation on elements joined in pairs along the arc.
 
-    Elements are joined in pairs along the arc (a last one without a partner stays as it
-    is) and, where their number is even, through the thickness.
+    A last one without a partner stays as it is.
     """
     stations, middles = layout.lines(q)
     _, p = layout.gather(q)
@@ -190,17 +189,25 @@ def coarsened(layout: Layout, q: StationVector) -> StationVector:
     between = jnp.concatenate([stations[:, :, 1:pairs:2], middles[:, :, pairs:]], 2)
     joined = _joined_modes(p[:, :, :pairs], 2, 1)
     p = jnp.concatenate([joined, p[:, :, pairs:]], 2)
-    layers = layout.layers
-    if layers % 2 == 0:
-        kept, between = kept[:, ::2], between[:, ::2]
-        p, layers = _joined_modes(p, 1, 2), layers // 2
-    coarse = Layout(kept.shape[2] - 1, layers)
+    return _assembled(Layout(kept.shape[2] - 1, layout.layers), kept, between, p)
+
+
+def joined_across(layout: Layout, q: StationVector) -> StationVector:
+    """The same deformation on layers joined in pairs; their number is even."""
+    stations, middles = layout.lines(q)
+    _, p = layout.gather(q)
+    coarse = Layout(layout.elements, layout.layers // 2)
+    return _assembled(coarse, stations[:, ::2], middles[:, ::2], _joined_modes(p, 1, 2))
+
+
+def _assembled(layout: Layout, stations: Array, middles: Array, p: Array) -> StationVector:
+    """Unknowns from displacements of stations and of what lies half-way, and pressures."""
 
     def rows(x: Array) -> Array:
         return jnp.swapaxes(x, 0, 1).reshape(-1, *x.shape[2:])
 
-    inside = jnp.concatenate([rows(between), p.reshape(-1, *p.shape[2:])])
-    return coarse.joined(rows(kept), inside)
+    inside = jnp.concatenate([rows(middles), p.reshape(-1, *p.shape[2:])])
+    return layout.joined(rows(stations), inside)
 
 
 def _joined_modes(
