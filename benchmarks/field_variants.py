@@ -131,8 +131,12 @@ def _named(kind: Kind, verdict: ModelVerdict | None, shift: int) -> bool:
         return False
     if kind.wrong == "shift":
         return verdict.shift == -shift
-    names = {verdict.name, *(other.name for other in verdict.others)}
-    return not kind.wrong or kind.wrong in names
+    return not kind.wrong or kind.wrong in verdict_names(verdict)
+
+
+def verdict_names(verdict: ModelVerdict) -> set[str | None]:
+    """The causes that a verdict names."""
+    return {verdict.name, *(other.name for other in verdict.others)}
 
 
 def log_of(kind: Kind, random: np.random.Generator) -> Log:

@@ -28,13 +28,13 @@ from suas_jax.scene.pad_forward import Patches, pad_skin_of, readings
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
 NOISE = 2.0
-_FINE = (48, 40)
-_DIAMETER = 6e-3
+FINE = (48, 40)
+DIAMETER = 6e-3
 _PLACES = np.array([np.deg2rad(45), 0.034])  # over the taxels
 _FORCES = (1.0, 12.0)
 _OF_PAIRS = (2.0, 7.0)
 _DISTANCES = (0.015, 0.05)
-_SOLVE = eqx.filter_jit(readings)
+SOLVE = eqx.filter_jit(readings)
 _NAMES = ("angle", "axial", "force")
 
 
@@ -63,11 +63,11 @@ def pairs(count: int, seed: int, radius: float) -> np.ndarray:
 
 
 def solved(loads: np.ndarray) -> Truth:
-    skin = pad_skin_of(load_skin(SKIN), elements=_FINE, contact=False)
+    skin = pad_skin_of(load_skin(SKIN), elements=FINE, contact=False)
     rows, kept = [], []
     for k, frame in enumerate(loads):
-        patches = Patches(*(jnp.asarray(x) for x in frame.T), jnp.full(len(frame), _DIAMETER))
-        found = COMPILED.run(_SOLVE, skin, patches, skin.plan(patches))
+        patches = Patches(*(jnp.asarray(x) for x in frame.T), jnp.full(len(frame), DIAMETER))
+        found = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
         if bool(found.found) and float(found.min_gap) > 0:
             rows.append(np.asarray(found.so))
             kept.append(k)
@@ -124,8 +124,8 @@ def by_scipy(estimator: LoadEstimator, so: np.ndarray, start: np.ndarray) -> flo
     scale = np.array([0.1, 5e-3, 1.0])
 
     def residual(x: np.ndarray) -> np.ndarray:
-        patches = Patches(*(jnp.array([v]) for v in (*(scale * x), _DIAMETER)))
-        found = COMPILED.run(_SOLVE, skin, patches, skin.plan(patches))
+        patches = Patches(*(jnp.array([v]) for v in (*(scale * x), DIAMETER)))
+        found = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
         return (np.asarray(found.so) - so) / NOISE
 
     residual(start / scale)  # compiles

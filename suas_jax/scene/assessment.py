@@ -95,7 +95,7 @@ def assess(
             its_check, its_change = verify(other, start._replace(q=q), omitted=check is None)
             found = key_quantities(other.mechanics, its_check.correction, parts.forces)
             # Those of a part are those of the whole.
-            by_mesh.append(mesh_changes(share, values, found))
+            by_mesh.append(mesh_changes(share, values, found, parts.forces))
             if with_kinks and change is not None and its_change is not None:
                 pair = (origin, change), (other, its_change)
                 by_kinks.append(correction_mesh_changes(*pair, parts.forces))

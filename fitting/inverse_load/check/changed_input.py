@@ -19,6 +19,7 @@ from fitting.inverse_load.search.table import rest_readings
 
 _FURTHEST = 0.3  # relative change that is tried
 _FINE = 1e-3  # accuracy of the change
+_SHARES = (1.0, 0.8, 0.6)  # of the contacts' forces, where fits start
 _LOST = 100.0  # chi2 that a frame is charged whose contact is not found there
 
 
@@ -59,10 +60,17 @@ class InputFit:
         if own.rest is not None:  # readings count from those of the skin at rest
             y = y + rest_readings(skin) - own.model_rest
         y = np.where(self._weight > 0, y, 0.0)
-        start = self._fit.parameters[:, : fitter.per_contact]
-        found = there.fit(y, self._weight, start, self._fit.state, 1)
-        lost = self._fit.chi2 + _LOST
-        return float(np.where(np.isfinite(found.chi2), found.chi2, lost).sum())
+        left, chi2 = np.arange(len(y)), self._fit.chi2 + _LOST
+        for share in _SHARES:  # of the force: under a smaller gap all of it may pass the wall
+            start = self._fit.parameters[left, : fitter.per_contact] * [1.0, share]
+            states = self._fit.rows(left).state
+            found = there.fit(y[left], self._weight[left], start, states, 1).chi2
+            known = np.isfinite(found)
+            chi2[left[known]] = found[known]
+            left = left[~known]
+            if not left.size:
+                break
+        return float(chi2.sum())
 
     def best(self, path: str, gained: Gain) -> Gain:
         """The change of one input that explains most; relative, as its gain in chi2.

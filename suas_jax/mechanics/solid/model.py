@@ -107,11 +107,13 @@ class SolidModel(AbstractModel):
         """
         elements, layers = counts
         along, across = excess if len(excess) == 2 else 2 * (sum(excess) / 2,)
+        # Two layers are compared with one, which may hide what is wrong across.
+        least = 1.5 if layers < _LAYERS[1] else 1.0
         finer = [
             (int(factor * elements), more)
             for factor in _FACTORS
             for more in _LAYERS
-            if factor * elements <= _MOST_ELEMENTS and more >= layers
+            if factor >= least and factor * elements <= _MOST_ELEMENTS and more >= layers
         ]
         finer = [mesh for mesh in finer if mesh != (elements, layers)]
 
