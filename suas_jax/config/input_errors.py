@@ -83,6 +83,18 @@ class InputErrors(NamedTuple):
         )
 
 
+def value_of(spec: SkinSpec, path: str) -> float:
+    """Value of a continuous input of a skin with electrodes [SI].
+
+    Args:
+        spec: the skin.
+        path: as in the file, or the scale, which files need not give.
+    """
+    if path == "electrodes.lsb" and spec.electrodes is not None:
+        return float(spec.electrodes.lsb)
+    return float(given_inputs(spec)[path])
+
+
 def input_errors(spec: SkinSpec) -> InputErrors:
     """The errors of a skin's or a scene's inputs.
 

@@ -71,8 +71,8 @@ class Attempt(NamedTuple):
 
     def better_than(self, coarser: "Attempt") -> bool:
         """Whether a finer mesh has helped: zones of contact may move from mesh to mesh."""
-        same = self.wall == coarser.wall
-        return self.converged and not (same and self.mesh_error >= coarser.mesh_error)
+        worse = self.mesh_error >= coarser.mesh_error
+        return self.converged and not (self.wall and coarser.wall and worse)
 
     def mesh_excess(self, rtol: float) -> float:
         """Error by the mesh over the one allowed; infinite where it is unknown."""

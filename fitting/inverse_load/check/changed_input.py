@@ -4,7 +4,7 @@ Far from the file's value readings are no longer linear in it, and what is linea
 be blamed on another input: the contacts are fitted anew at every value that is tried.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from scipy.optimize import minimize_scalar
 from fitting.inverse_load.check.verdict import Gain
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.section_errors import changed_skin, value_of
+from fitting.inverse_load.fit.section_errors import changed_skin
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.search.table import rest_readings
+from suas_jax.config.input_errors import value_of
 
 _FURTHEST = 0.3  # relative change that is tried
 _FINE = 1e-3  # accuracy of the change
@@ -45,14 +46,16 @@ class InputFit:
         self._estimator, self._fitter = estimator, fitter
         self._y, self._weight, self._fit = y, weight, fit
 
-    def chi2(self, values: Mapping[str, float]) -> float:
-        """Sum of the frames' chi2 with some inputs changed, contacts fitted anew.
+    def chi2(self, path: str, change: float) -> float:
+        """Sum of the frames' chi2 with an input changed, contacts fitted anew.
 
         Args:
-            values: of the inputs, by TOML path.
+            path: of the input.
+            change: relative.
         """
         own, fitter = self._estimator, self._fitter
-        skin = changed_skin(own.spec, own.skin, values)
+        value = (1 + change) * value_of(own.spec, path)
+        skin = changed_skin(own.spec, own.skin, {path: value})
         there = SectionFitter(
             skin, fitter.table, direction=False, live=fitter.live, most_contacts=1
         )
@@ -72,24 +75,18 @@ class InputFit:
                 break
         return float(chi2.sum())
 
-    def best(self, path: str, gained: Gain) -> Gain:
-        """The change of one input that explains most; relative, as its gain in chi2.
 
-        Args:
-            path: of the input.
-            gained: what its change would do to first order, relative too.
-        """
-        value = value_of(self._estimator.spec, path)
-        known = float(self._fit.chi2.sum())
+def best_change(chi2: Callable[[float], float], known: float, gained: Gain) -> Gain:
+    """The change of one input that explains most, contacts fitted anew at each.
 
-        def chi2(change: float) -> float:
-            return self.chi2({path: (1 + change) * value})
-
-        found = minimize_scalar(
-            chi2, bounds=(-_FURTHEST, _FURTHEST), method="bounded", options={"xatol": _FINE}
-        )
-        if (
-            abs(found.x) > _FURTHEST - 2 * _FINE
-        ):  # chi2 falls on and on: something else is wrong
-            return gained._replace(chi2=0.0)
-        return gained._replace(chi2=known - float(found.fun), change=float(found.x))
+    Args:
+        chi2: of the frames with a relative change of the input.
+        known: chi2 without one.
+        gained: what its change would do to first order, relative too.
+    """
+    found = minimize_scalar(
+        chi2, bounds=(-_FURTHEST, _FURTHEST), method="bounded", options={"xatol": _FINE}
+    )
+    if abs(found.x) > _FURTHEST - 2 * _FINE:  # chi2 falls on and on: something else is wrong
+        return gained._replace(chi2=0.0)
+    return gained._replace(chi2=known - float(found.fun), change=float(found.x))

@@ -7,12 +7,13 @@ proportion to it.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.check.changed_input import InputFit
+from fitting.inverse_load.check.changed_input import InputFit, best_change
 from fitting.inverse_load.check.verdict import (
     FEWEST,
     GAIN,
@@ -21,6 +22,7 @@ from fitting.inverse_load.check.verdict import (
     Gain,
     ModelVerdict,
     gain_of,
+    verdict_of,
 )
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
@@ -38,7 +40,7 @@ _FRAMES_SHIFTED = 16
 _BETTER = 0.5  # share of chi2 that a shift may leave to be named
 _SIGMAS = 4.0  # of a stiffness that is named
 _LEAST_STIFFNESS = 0.01  # relative
-_ALIKE = 0.02  # share of chi2 that tells no two inputs apart: the model's own error
+_SEEN_WIDE = 1 / 3  # share of wide contacts that speaks of widths
 _NARROW = 2 / 3  # share of the single contacts that must be lines
 
 
@@ -72,9 +74,6 @@ def section_verdict(
     frames = frames[np.linspace(0, len(frames) - 1, min(_MOST, len(frames))).astype(int)]
     y, weight = estimator.weigh(so[frames], faulty[frames])
     fit = _single(estimator, y, weight)
-    if few:  # a shift makes one contact look like several, or like a wide one
-        dof = int((weight > 0).sum()) - 2 * len(frames)
-        return _shifted(estimator, y, weight, float(np.nansum(fit.chi2)) / dof)
     known = np.isfinite(fit.chi2)
     if known.sum() < FEWEST:
         return None
@@ -91,19 +90,19 @@ def section_verdict(
         shifted = _shifted(estimator, y, weight, chi2 / dof)
         if shifted is not None:
             return shifted
-    named = _explaining(estimator, y, weight, fit, noise=bool(noise))
-    if not noise:
+    # A shift makes one contact look like several or like a wide one; where few are left to
+    # judge the skin by, that and their widths are all that is looked for.
+    named = [] if few else _explaining(estimator, y, weight, fit, noise=bool(noise))
+    if named or not noise:
         wide = _wide(estimator, y, weight, fit)
-        if wide.chi2 > GAIN + max((x.chi2 for x in named), default=0.0):
+        seen = len(single) - len(usable) > _SEEN_WIDE * len(touched)
+        if wide.chi2 > max([GAIN, *(x.chi2 for x in named)]) and (seen or not few):
             explained = (chi2 - wide.chi2) / dof
             return ModelVerdict(chi2 / dof, False, WIDTH, wide.change, explained=explained)
+    if few:
+        return None
     if named:
-        best = named[0]
-        explained = (chi2 - best.chi2) / (dof - 1)
-        others = tuple(x for x in named[1:] if best.chi2 - x.chi2 < _equal(chi2 - best.chi2))
-        return ModelVerdict(
-            chi2 / dof, False, best.name, best.change, best.error, explained, others=others
-        )
+        return verdict_of(named, chi2, dof)
     for measured, model in ((force, fit.parameters[:, 1]), (pressure, fit.pressure)):
         ratio = None if measured is None else _ratio(measured[frames], model)
         if ratio is not None:
@@ -151,7 +150,9 @@ def _explaining(
         share = DEFAULTS[name]
         gained = gained._replace(change=share * gained.change, error=share * gained.error)
         # Where noise explains the log, no input is far off.
-        found.append(gained if noise and gained.chi2 < GAIN else fits.best(name, gained))
+        if not noise or gained.chi2 > GAIN:
+            gained = best_change(partial(fits.chi2, name), float(fit.chi2.sum()), gained)
+        found.append(gained)
     named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
     return sorted(named, reverse=True)
 
@@ -170,15 +171,6 @@ def _wide(
     gained = np.maximum(np.nan_to_num(fit.chi2 - wide.chi2, neginf=0.0), 0.0)
     length = float(np.median(wide.spread[gained > 0, 0])) if gained.any() else 0.0
     return Gain(float(gained.sum()) - len(gained), WIDTH, length, np.inf)
-
-
-def _equal(chi2: float) -> float:
-    """Difference of chi2 that doesn't tell two inputs apart.
-
-    Args:
-        chi2: with the better of the two.
-    """
-    return max(GAIN, _ALIKE * chi2)
 
 
 def _shifted(

@@ -6,11 +6,14 @@ pressures alike, so readings alone never show it; a measured oil pressure does.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.inverse_load.check.changed_input import best_change
+from fitting.inverse_load.check.electrical_input import ELECTRICAL, ElectricalFit
 from fitting.inverse_load.check.verdict import (
     DIAMETER,
     FEWEST,
@@ -19,12 +22,12 @@ from fitting.inverse_load.check.verdict import (
     Gain,
     ModelVerdict,
     gain_of,
+    verdict_of,
 )
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.input_errors import solved_channels
-from fitting.inverse_load.pad.rest import rest_readings
 from suas_jax.config import continuous_inputs
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.scene.pad_forward import pad_skin_of
@@ -33,7 +36,8 @@ _MOST = 12  # frames that are solved again
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
 _LARGER = 1.2  # chi2 per degree of freedom that the model's own error may leave
 _STEP = 0.02  # relative change of an input
-_PATHS = ("geometry.thickness", "geometry.oil_gap", "oil.relative_permittivity")
+_THICKNESS = "geometry.thickness"
+_LEAST_CHANGE = 1e-2  # relative, of an input that is named: less may be the model's own error
 
 
 def model_verdict(
@@ -72,21 +76,26 @@ def model_verdict(
     parameters, jacobian = fit.parameters[:, :width], fit.jacobian[:, :width]
     residual = np.where(weight > 0, y - fit.so, 0.0)
 
-    def gains(slopes: dict[str, NDArray[np.float64]]) -> list[Gain]:
-        return [gain_of(name, s, weight, residual, jacobian) for name, s in slopes.items()]
+    def gained(name: str, slopes: NDArray[np.float64]) -> Gain:
+        return gain_of(name, slopes, weight, residual, jacobian)
 
     # A stiffer pad shows what less force does, at more pressure.
     stiffer = -parameters[:, 2:3] * jacobian[:, 2]
     stiffer[:, -1] += fit.so[:, -1]
-    found = gains({STIFFNESS: stiffer})
+    found = [gained(STIFFNESS, stiffer)]
+    fits = ElectricalFit(estimator, y, weight, fit)
+    for path in ELECTRICAL:
+        own_gain = gained(path, fits.slopes(path))
+        if own_gain.chi2 > GAIN:
+            own_gain = best_change(partial(fits.chi2, path), chi2, own_gain)
+        found.append(own_gain)
     noise = chdtrc(dof, chi2) > _SURE or chi2 < _LARGER * dof
-    if noise and found[0].chi2 < GAIN:
-        return ModelVerdict(chi2 / dof, True)
-    best = max(found + gains(_slopes(estimator, parameters)))
-    if best.chi2 < GAIN:
-        return ModelVerdict(chi2 / dof, False)
-    explained = (chi2 - best.chi2) / (dof - 1)
-    return ModelVerdict(chi2 / dof, False, best.name, best.change, best.error, explained)
+    if not noise:
+        found += [gained(name, by) for name, by in _slopes(estimator, parameters).items()]
+    named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
+    if named:
+        return verdict_of(sorted(named, reverse=True), chi2, dof)
+    return ModelVerdict(chi2 / dof, bool(noise))
 
 
 def _slopes(
@@ -95,21 +104,14 @@ def _slopes(
     """Derivatives of the channels by the logarithms of inputs [frame, channel]."""
     skin, diameter = estimator.skin, estimator.diameter or float("nan")
     slots = max(estimator.most_contacts, 2)  # as the estimator's own program has
-    known = continuous_inputs(estimator.spec)
     base = solved_channels(skin, parameters, diameter, slots)
-    rest = rest_readings(skin)
-    slopes = {}
-    for path in _PATHS:
-        changed = pad_skin_of(
-            estimator.spec,
-            {path: (1 + _STEP) * known[path]},
-            elements=skin.elements,
-            contact=False,
-        )
-        by = (solved_channels(changed, parameters, diameter, slots) - base) / _STEP
-        if estimator.rest is not None:  # readings count from rest
-            by[:, :-1] -= (rest_readings(changed) - rest) / _STEP
-        slopes[path] = by
+    value = (1 + _STEP) * continuous_inputs(estimator.spec)[_THICKNESS]
+    changed = pad_skin_of(
+        estimator.spec, {_THICKNESS: value}, elements=skin.elements, contact=False
+    )
+    slopes = {
+        _THICKNESS: (solved_channels(changed, parameters, diameter, slots) - base) / _STEP
+    }
     if estimator.diameter is not None:
         wider = solved_channels(skin, parameters, (1 + 10 * _STEP) * diameter, slots)
         slopes[DIAMETER] = (wider - base) / (10 * _STEP)

@@ -18,6 +18,7 @@ FEWEST = 8
 """Single contacts that a verdict needs."""
 GAIN = 25.0
 """Least gain in chi2 of an input that is named."""
+_ALIKE = 0.02  # share of chi2 that tells no two inputs apart: the model's own error
 USABLE = (
     "ok",
     "poor_fit",
@@ -79,15 +80,15 @@ class ModelVerdict:
             )
         if self.name is None:
             return f"{begin}, and no single input of it would"
+        if self.name == WIDTH:
+            arc = f"contacts that press an arc of some {1e3 * self.change:.0f} mm"
+            return f"{begin}; it would with {arc} (chi2 per dof {self.explained:.2f})"
         change = _changed(self.name, self.change, self.error)
         if np.isnan(self.explained):
             return (
                 f"the measured forces or pressures ask for the {change}; the "
                 "readings alone can't show it"
             )
-        if self.name == WIDTH:
-            arc = f"contacts that press an arc of some {1e3 * self.change:.0f} mm"
-            return f"{begin}; it would with {arc} (chi2 per dof {self.explained:.2f})"
         others = " or the ".join(_changed(x.name, x.change, x.error) for x in self.others)
         listed = f"; as well with the {others}" if others else ""
         return (
@@ -128,6 +129,21 @@ class Gain(NamedTuple):
     name: str
     change: float
     error: float
+
+
+def verdict_of(named: list[Gain], chi2: float, dof: int) -> ModelVerdict:
+    """The verdict that names the best of some inputs, and those that explain as much.
+
+    Args:
+        named: inputs that explain the log, the best first.
+        chi2: of the frames as the file has it.
+        dof: degrees of freedom.
+    """
+    best, left = named[0], chi2 - named[0].chi2
+    equal = max(GAIN, _ALIKE * left)
+    others = tuple(x for x in named[1:] if best.chi2 - x.chi2 < equal)
+    stated = best.name, best.change, best.error
+    return ModelVerdict(chi2 / dof, False, *stated, left / (dof - 1), others=others)
 
 
 def gain_of(

@@ -27,6 +27,7 @@ from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
 from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
+from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
@@ -215,13 +216,6 @@ def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
     for k in range(1, values.shape[1]):
         values[:, k] = np.where(np.isfinite(values[:, k]), values[:, k], values[:, k - 1])
     return np.nan_to_num(values)
-
-
-def value_of(spec: SkinSpec, path: str) -> float:
-    """Value of a continuous input of a skin with electrodes, [SI]."""
-    assert spec.electrodes is not None
-    # The scale is the only one that files need not give.
-    return float(continuous_inputs(spec).get(path, spec.electrodes.lsb))
 
 
 def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) -> Skin:

@@ -27,6 +27,7 @@ from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.solved import READ
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
+from suas_jax.config.input_errors import value_of
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
@@ -135,21 +136,8 @@ class PadErrors(AbstractSystematicErrors):
         self, change: Mapping[str, float], size: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Stray counts, a and b, with inputs changed by a share of an error [taxel]."""
-        inputs = {path: self._value(path) + size * by for path, by in change.items()}
-        gap = inputs.get("geometry.oil_gap", self._inputs["geometry.oil_gap"])
-        step = 1e-4 * gap
-        values = []
-        for at in (gap - step, gap, gap + step):
-            skin = pad_skin_of(self._spec, {**inputs, "geometry.oil_gap": at}, contact=False)
-            stray = stray_counts(skin)
-            values.append(1 / (rest_readings(skin) - stray))
-        return stray, values[1], (values[2] - values[0]) / (2 * step)
-
-    def _value(self, path: str) -> float:
-        assert self._spec.electrodes is not None
-        return self._inputs.get(
-            path, float(self._spec.electrodes.lsb)
-        )  # the only one not given
+        inputs = {path: value_of(self._spec, path) + size * by for path, by in change.items()}
+        return gap_line(self._spec, inputs)
 
     def _stiffening(self, change: Mapping[str, float]) -> float:
         """Relative change of the membrane's stiffness along a change of inputs."""
@@ -160,13 +148,15 @@ class PadErrors(AbstractSystematicErrors):
         if material:
             moduli = []
             for side in (-1.0, 1.0):
-                inputs = {p: self._value(p) + side * _SMALL * s for p, s in material.items()}
+                inputs = {
+                    p: value_of(self._spec, p) + side * _SMALL * s for p, s in material.items()
+                }
                 law = pad_skin_of(self._spec, inputs, contact=False).law
                 moduli.append(float(np.ravel(law.shear_modulus)[0]))
             total += (moduli[1] - moduli[0]) / (_SMALL * (moduli[0] + moduli[1]))
         for path, size in change.items():
             if path not in material:
-                total += self._solved_stiffening(path) * size / self._value(path)
+                total += self._solved_stiffening(path) * size / value_of(self._spec, path)
         return total
 
     def _solved_stiffening(self, path: str) -> float:
@@ -186,7 +176,7 @@ class PadErrors(AbstractSystematicErrors):
         if content is not None:
             with np.load(io.BytesIO(content)) as data:
                 return float(data["exponent"])
-        value = self._value(path)
+        value = value_of(self._spec, path)
         changed = pad_skin_of(
             self._spec,
             {path: (1 + _STEP) * value},
@@ -211,6 +201,25 @@ class PadErrors(AbstractSystematicErrors):
         np.savez(stream, exponent=exponent)
         folder.put(name, stream.getvalue())
         return exponent
+
+
+def gap_line(
+    spec: SkinSpec, inputs: Mapping[str, float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel].
+
+    Args:
+        spec: the pad.
+        inputs: electrical ones that replace its own, by TOML path.
+    """
+    gap = inputs.get("geometry.oil_gap", continuous_inputs(spec)["geometry.oil_gap"])
+    step = 1e-4 * gap
+    values = []
+    for at in (gap - step, gap, gap + step):
+        skin = pad_skin_of(spec, {**inputs, "geometry.oil_gap": at}, contact=False)
+        stray = stray_counts(skin)
+        values.append(1 / (rest_readings(skin) - stray))
+    return stray, values[1], (values[2] - values[0]) / (2 * step)
 
 
 def solved_channels(

@@ -23,11 +23,11 @@ _LOCAL_FIELD = 0.25
 # Length of the shortest elements relative to their height.
 _SMALLEST = 0.5
 _STRICT = 2e-4  # tolerance that two layers rarely meet
-# Steps in which meshes are refined, pairs of layers among them, and how errors fall: what is
-# seen in random scenes. Longer elements hide a part of the error across the thickness.
+# Steps in which meshes are refined, pairs of layers among them, and the orders by which errors
+# fall along and across: what is seen in random scenes.
 _FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0)
 _LAYERS = (2, 4, 6, 8)
-_ORDER, _ORDER_ACROSS, _COUPLED = 1.8, 1.2, 0.1
+_ORDER, _ORDER_ACROSS = 1.8, 1.2
 
 
 class SolidPlan(AbstractPlan):
@@ -107,19 +107,21 @@ class SolidModel(AbstractModel):
         """
         elements, layers = counts
         along, across = excess if len(excess) == 2 else 2 * (sum(excess) / 2,)
-        # Two layers are compared with one, which may hide what is wrong across.
+        # Two layers are compared with one, which may hide what is wrong across; and shorter
+        # elements alone don't resolve corners.
         least = 1.5 if layers < _LAYERS[1] else 1.0
         finer = [
             (int(factor * elements), more)
             for factor in _FACTORS
             for more in _LAYERS
-            if factor >= least and factor * elements <= _MOST_ELEMENTS and more >= layers
+            if least <= factor <= _MOST_ELEMENTS / elements
+            and more >= min(factor * layers, _LAYERS[-1])
         ]
         finer = [mesh for mesh in finer if mesh != (elements, layers)]
 
         def left(mesh: Counts) -> float:
             long, thin = mesh[0] / elements, mesh[1] / layers
-            return along / long**_ORDER + across * long**_COUPLED / thin**_ORDER_ACROSS
+            return along / long**_ORDER + across / thin**_ORDER_ACROSS
 
         enough = [mesh for mesh in finer if left(mesh) <= 1]
         if enough:

@@ -285,7 +285,9 @@ class Solid(AbstractSection):
         clamps and ends of spread loads that across the thickness to one to two. Where the
         difference across is unknown, that along the arc stands for both.
         """
-        return (0.5,) if self.layout.layers % 2 else (0.2, 0.2)
+        if self.layout.layers % 2:
+            return (0.5,)
+        return (0.25, 0.3) if self.layout.layers == 2 else (0.2, 0.2)
 
 
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
