@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -32,7 +33,7 @@ from suas_jax.config import SceneSpec, scene_from_dict, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.runtime.compiled import COMPILED, OPTIONS
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.error_estimate import key_quantities
 from suas_jax.scene.parts import scene_parts
@@ -250,31 +251,34 @@ def cases_of(scene: SceneSpec) -> list[Case]:
     return found
 
 
-def studied(
-    count: int, seed: int, case_of: Callable[[np.random.Generator, int], Found | None]
-) -> list[Found]:
+def studied(count: int, seed: int, case_of: Callable[[SceneSpec], Found | None]) -> list[Found]:
     """What is found of random scenes, each drawn again until it has a valid equilibrium.
+
+    Scenes of a pattern share their programs, which are freed before the next pattern's: those
+    of all together don't fit into the memory that compiled code may have.
 
     Args:
         count: number of scenes.
         seed: of the generator.
-        case_of: draws the scene of a number; None or nothing for one without equilibrium.
+        case_of: of a scene; None or nothing for one without equilibrium.
     """
     rng = np.random.default_rng(seed)
     cases: list[Found] = []
-    for i in range(count):
-        found = None
-        while not found:
-            found = case_of(rng, i)
-        cases.append(found)
-        print(i, found, file=sys.stderr, flush=True)
+    for pattern in range(len(PATTERNS)):
+        for _ in range(pattern, count, len(PATTERNS)):
+            found = None
+            while not found:
+                found = case_of(sample(rng, pattern))
+            cases.append(found)
+            print(len(cases), found, file=sys.stderr, flush=True)
+        COMPILED.forget()
+        jax.clear_caches()
     return cases
 
 
 def study(count: int, seed: int) -> list[Case]:
     """Random scenes, pattern by pattern."""
-    found = studied(count, seed, lambda rng, i: cases_of(sample(rng, i % len(PATTERNS))))
-    return [case for cases in found for case in cases]
+    return [case for cases in studied(count, seed, cases_of) for case in cases]
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from jaxtyping import Array
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.error_estimate import FLOOR, PATTERNS, sample, studied
+from benchmarks.error_estimate import FLOOR, studied
 from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
@@ -127,7 +127,7 @@ def case_of(scene: SceneSpec) -> Case | None:
 
 def study(count: int, seed: int) -> list[Case]:
     """Random scenes, pattern by pattern."""
-    return studied(count, seed, lambda rng, i: case_of(sample(rng, i % len(PATTERNS))))
+    return studied(count, seed, case_of)
 
 
 def main() -> None:

@@ -125,8 +125,12 @@ def assess(
         floor += problem.mechanics.omitted_floor
     report["model_error"] = relative_error(by_model, values) + floor
     errors = [*by_mesh, by_model]
-    report["key_quantities"] = {"values": values, "errors": errors, "floor": floor}
-    report["key_quantities"]["by_mesh"] = parts_of_error
+    report["key_quantities"] = {
+        "values": values,
+        "errors": errors,
+        "by_mesh": parts_of_error,
+        "floor": floor,
+    }
     verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the

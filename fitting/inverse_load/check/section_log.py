@@ -1,9 +1,9 @@
 """Whether a skin file describes the section that a log was taken on?
 
 One contact hardly shows a wrong gap where readings count from a baseline; many contacts share
-it (see `verdict`). A column too many shifts all readings by a taxel. A stiffness is seen by
-nothing but a known force or the oil's measured pressure: at the same readings both are in
-proportion to it.
+it (see `verdict`). A column too many shifts all readings by a taxel, and wide contacts leave a
+pattern that no input does. A stiffness is seen by nothing but a known force or the oil's
+measured pressure: at the same readings both are in proportion to it.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ def section_verdict(
     pressure: NDArray[np.float64] | None = None,
     force: NDArray[np.float64] | None = None,
 ) -> ModelVerdict | None:
-    """Look at the single contacts of a log; None where they are too few, or many are wide.
+    """Look at the contacts of a log; None where too few are single and no cause is seen.
 
     Args:
         estimator: of a skin in plane strain.
