@@ -342,9 +342,9 @@ def test_a_log_names_what_is_wrong_with_its_skin_file(
 @pytest.mark.parametrize(
     ("path", "by", "baseline"),
     [
-        ("geometry.oil_gap", -0.09, False),
         ("geometry.thickness", -0.12, True),
-        ("electrodes.lsb", 0.05, False),
+        pytest.param("geometry.oil_gap", -0.09, False, marks=pytest.mark.long),
+        pytest.param("electrodes.lsb", 0.05, False, marks=pytest.mark.long),
     ],
 )
 def test_a_number_far_off_is_not_blamed_on_another(
