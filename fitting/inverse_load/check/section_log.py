@@ -17,6 +17,7 @@ from fitting.inverse_load.check.changed_input import InputFit, best_change
 from fitting.inverse_load.check.verdict import (
     FEWEST,
     GAIN,
+    LARGER,
     USABLE,
     WIDTH,
     Gain,
@@ -33,7 +34,6 @@ from suas_jax.config.input_errors import DEFAULTS, STIFFNESS, default_errors
 
 _MOST = 64  # frames that are looked at
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
-_LARGER = 1.2  # chi2 per degree of freedom that the model's own error may leave
 _LEAST_CHANGE = 5e-3  # relative, of an input that is named: less may be the model's own error
 _SHIFTS = (-2, -1, 1, 2)
 _FRAMES_SHIFTED = 16
@@ -85,7 +85,7 @@ def section_verdict(
     )
     dof = int((weight > 0).sum()) - 2 * len(frames)
     chi2 = float(fit.chi2.sum())
-    noise = chdtrc(dof, chi2) > _SURE or chi2 < _LARGER * dof
+    noise = chdtrc(dof, chi2) > _SURE or chi2 < LARGER * dof
     if not noise:
         shifted = _shifted(estimator, y, weight, chi2 / dof)
         if shifted is not None:
@@ -190,7 +190,7 @@ def _shifted(
         chi2 = float(np.where(np.isfinite(fit.chi2), fit.chi2, 1e9).sum())
         found.append((chi2 / max(dof, 1), shift))
     left, shift = min(found)
-    if left > min(_BETTER * own, _LARGER):
+    if left > min(_BETTER * own, LARGER):
         return None
     return ModelVerdict(own, False, explained=left, shift=shift)
 

@@ -18,6 +18,7 @@ from fitting.inverse_load.check.verdict import (
     DIAMETER,
     FEWEST,
     GAIN,
+    LARGER,
     USABLE,
     Gain,
     ModelVerdict,
@@ -34,7 +35,6 @@ from suas_jax.scene.pad_forward import pad_skin_of
 
 _MOST = 12  # frames that are solved again
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
-_LARGER = 1.2  # chi2 per degree of freedom that the model's own error may leave
 _STEP = 0.02  # relative change of an input
 _THICKNESS = "geometry.thickness"
 _LEAST_CHANGE = 1e-2  # relative, of an input that is named: less may be the model's own error
@@ -89,7 +89,7 @@ def model_verdict(
         if own_gain.chi2 > GAIN:
             own_gain = best_change(partial(fits.chi2, path), chi2, own_gain)
         found.append(own_gain)
-    noise = chdtrc(dof, chi2) > _SURE or chi2 < _LARGER * dof
+    noise = chdtrc(dof, chi2) > _SURE or chi2 < LARGER * dof
     if not noise:
         found += [gained(name, by) for name, by in _slopes(estimator, parameters).items()]
     named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]

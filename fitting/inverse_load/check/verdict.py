@@ -18,6 +18,8 @@ FEWEST = 8
 """Single contacts that a verdict needs."""
 GAIN = 25.0
 """Least gain in chi2 of an input that is named."""
+LARGER = 1.2
+"""Chi2 per degree of freedom that the model's own error may leave."""
 _ALIKE = 0.02  # share of chi2 that tells no two inputs apart: the model's own error
 USABLE = (
     "ok",
@@ -91,6 +93,9 @@ class ModelVerdict:
             )
         others = " or the ".join(_changed(x.name, x.change, x.error) for x in self.others)
         listed = f"; as well with the {others}" if others else ""
+        if self.chi2_per_dof < LARGER:
+            better = f"{self.explained:.2f} instead of {self.chi2_per_dof:.2f}"
+            return f"the {change} would explain the log better (chi2 per dof {better}){listed}"
         return (
             f"{begin}; it would with the {change} (chi2 per dof {self.explained:.2f}){listed}"
         )
