@@ -241,10 +241,8 @@ def cases_of(scene: SceneSpec) -> list[Case]:
         truth = truth_of(scene) if truth is None else truth
         if truth is None:
             return []
-        assert solution.plan is not None
-        assert solution.shown is not None
-        shown = inputs_of(scene), solution.shown
-        _, values = _values(Structure(scene), solution.plan, *shown)
+        shown = solution.plan, inputs_of(scene), solution.shown
+        _, values = _values(Structure(scene), *shown)
         true = true_error_of(np.asarray(values), truth)
         stated = report["error_estimate"], report["discretisation_error"]
         found.append(Case(rtol, report["model"], *stated, true, report["rtol_met"], label))

@@ -11,7 +11,7 @@ about the skin file. --exact estimates as if the file's numbers were known exact
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -24,7 +24,7 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure, jit
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, skin_of
+from suas_jax.scene.forward import SPREAD_POINTS, Loads, SensorOutput, forward, skin_of
 
 REGION = 0.999
 _BASELINE_FRAMES = 100
@@ -76,6 +76,11 @@ def drawn(loads: int, random: np.random.Generator) -> np.ndarray:
 
 def true_readings(spec: SkinSpec, case: Case, loads: np.ndarray) -> np.ndarray:
     """Readings of the true skin without noise, under loads and, last, at rest."""
+    return np.asarray(true_output(spec, case, loads).so).T
+
+
+def true_output(spec: SkinSpec, case: Case, loads: np.ndarray) -> SensorOutput:
+    """What the true skin puts out under loads and, last, at rest."""
     own = continuous_inputs(spec)
     skin = skin_of(spec, {path: own[path] * (1 + by) for path, by in case.changes.items()})
     points, weights = np.zeros(1), np.ones(1)
@@ -88,8 +93,9 @@ def true_readings(spec: SkinSpec, case: Case, loads: np.ndarray) -> np.ndarray:
     turn = np.repeat((points * half)[:, None], len(every), 1)
     angle = every[:, 0] + turn
     force = every[:, 1] * weights[:, None]
-    found = _FORWARD(skin, Loads(*map(jnp.asarray, (angle, force, turn)), jnp.zeros(1)))
-    return np.asarray(found.so).T
+    applied = Loads(*map(jnp.asarray, (angle, force, turn)), jnp.zeros(1))
+    found: SensorOutput = _FORWARD(skin, applied)
+    return found
 
 
 def estimated(
@@ -110,17 +116,25 @@ def estimated(
     return estimator, measured(true[:-1])
 
 
-def is_wrong(estimate: LoadEstimate, load: np.ndarray) -> bool:
-    """Whether an estimate is said to hold and doesn't."""
+def is_wrong(
+    estimate: LoadEstimate, load: np.ndarray, names: Sequence[str] = ("angle", "force")
+) -> bool:
+    """Whether an estimate is said to hold and doesn't.
+
+    Args:
+        estimate: of one contact.
+        load: the true one, by name.
+        names: of its parameters, the first ones of the covariance.
+    """
     if estimate.status != "ok":
         return False
     if len(estimate.contacts) != 1:
         return True
     (contact,) = estimate.contacts
     assert contact.covariance is not None
-    off = np.array([contact.angle, contact.force]) - load
-    square = off @ np.linalg.solve(contact.covariance[:2, :2], off)
-    return bool(square > chi2.ppf(REGION, 2))
+    off, count = np.array([getattr(contact, name) for name in names]) - load, len(names)
+    square = off @ np.linalg.solve(contact.covariance[:count, :count], off)
+    return bool(square > chi2.ppf(REGION, count))
 
 
 def main() -> None:

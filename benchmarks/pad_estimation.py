@@ -35,7 +35,7 @@ _FORCES = (1.0, 12.0)
 _OF_PAIRS = (2.0, 7.0)
 _DISTANCES = (0.015, 0.05)
 SOLVE = eqx.filter_jit(readings)
-_NAMES = ("angle", "axial", "force")
+NAMES = ("angle", "axial", "force")
 
 
 class Truth(NamedTuple):
@@ -104,9 +104,9 @@ def report(
     loads = np.take_along_axis(truth.loads, order, 1)[right]
     bound = bounds(estimator, loads)
     chosen = [e for e, good in zip(found, right, strict=True) if good]
-    error = np.array([[[getattr(c, n) for n in _NAMES] for c in e.contacts] for e in chosen])
+    error = np.array([[[getattr(c, n) for n in NAMES] for c in e.contacts] for e in chosen])
     error -= loads
-    stated = np.array([[[c.deviation(n) for n in _NAMES] for c in e.contacts] for e in chosen])
+    stated = np.array([[[c.deviation(n) for n in NAMES] for c in e.contacts] for e in chosen])
     ratio = np.sqrt(((error / bound) ** 2).mean((0, 1)))
     covered = (np.abs(error) < 1.96 * stated).mean((0, 1))
     radius = 1e3 * float(estimator.skin.geometry.outer_radius[0])
@@ -114,7 +114,7 @@ def report(
     angle, axial, force = np.median(np.abs(error) * scale, (0, 1))
     print(f"  median |error|: {angle:.3f} mm, {axial:.3f} mm, {force:.3f} N")
     print("  rms of error over bound, coverage of 95 % intervals:")
-    for k, quantity in enumerate(_NAMES):
+    for k, quantity in enumerate(NAMES):
         print(f"    {quantity}: {ratio[k]:.2f}, {100 * covered[k]:.0f} %")
 
 

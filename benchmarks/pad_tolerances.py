@@ -15,14 +15,12 @@ from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.stats import chi2
 
-from benchmarks.field_errors import REGION
+from benchmarks.field_errors import is_wrong
 from benchmarks.field_variants import KINDS, Kind, changes_of, verdict_names
-from benchmarks.pad_estimation import DIAMETER, FINE, NOISE, SKIN, SOLVE, contacts
+from benchmarks.pad_estimation import DIAMETER, FINE, NAMES, NOISE, SKIN, SOLVE, contacts
 from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.check.verdict import WIDTH
-from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.rest import rest_readings
 from suas_jax import configure
@@ -51,19 +49,6 @@ def true_frames(
     return kept, so, pressure, rest_readings(skin)
 
 
-def is_wrong(estimate: LoadEstimate, load: np.ndarray) -> bool:
-    """Whether an estimate is said to hold and doesn't."""
-    if estimate.status != "ok":
-        return False
-    if len(estimate.contacts) != 1:
-        return True
-    (contact,) = estimate.contacts
-    assert contact.covariance is not None
-    off = np.array([contact.angle, contact.axial, contact.force]) - load
-    square = off @ np.linalg.solve(contact.covariance[:3, :3], off)
-    return bool(square > chi2.ppf(REGION, 3))
-
-
 def log_of(
     kind: Kind, spec: SkinSpec, count: int, random: np.random.Generator
 ) -> tuple[int, int, bool, str]:
@@ -89,7 +74,7 @@ def log_of(
     verdict = model_verdict(estimator, so, np.zeros(so.shape, bool), own, found)
     text = "too few contacts" if verdict is None else verdict.text
     named = verdict is not None and kind.wrong in verdict_names(verdict)
-    wrong = sum(map(is_wrong, found, loads))
+    wrong = sum(is_wrong(e, x, NAMES) for e, x in zip(found, loads, strict=True))
     return len(loads), wrong, named, f"true change {100 * by:+.1f} %: {text}"
 
 

@@ -5,11 +5,12 @@ over a taxel 1 / (SO - stray) = a + b w: readings of a pad that differs in one o
 those that the file's pad would have had, and are fitted as any other.
 """
 
+import functools
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.check.changed_input import AbstractInputFit
 from fitting.inverse_load.pad.input_errors import gap_line
 from suas_jax.config.input_errors import value_of
 
@@ -17,28 +18,14 @@ ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.lsb")
 """The inputs, by TOML path."""
 _Line = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 _STEP = 0.01  # relative, for slopes
-_LOST = 100.0  # chi2 that a frame is charged whose contact is not found
 
 
-class ElectricalFit:
-    """Fits of single contacts at other values of one electrical input.
+class ElectricalFit(AbstractInputFit):
+    """Fits on a pad, at other values of one of its electrical inputs."""
 
-    Args:
-        estimator: of a pad.
-        y: channels as the file's pad has them [frame, channel].
-        weight: their inverse variances [frame, channel].
-        fit: the contacts with the file's numbers.
-    """
-
-    def __init__(
-        self,
-        estimator: LoadEstimator,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        fit: Explanations,
-    ) -> None:
-        self._estimator, self._y, self._weight, self._fit = estimator, y, weight, fit
-        self._own = gap_line(estimator.spec, {})
+    @functools.cached_property
+    def _own(self) -> _Line:
+        return gap_line(self._estimator.spec, {})
 
     def slopes(self, path: str) -> NDArray[np.float64]:
         """Derivative of the channels by the logarithm of an input [frame, channel]."""
@@ -53,12 +40,7 @@ class ElectricalFit:
         return by
 
     def chi2(self, path: str, change: float) -> float:
-        """Sum of the frames' chi2 with an input changed, contacts fitted anew.
-
-        Args:
-            path: of the input.
-            change: relative.
-        """
+        """See the base class."""
         there, estimator = self._changed(path, change), self._estimator
         used = self._weight[:, :-1] > 0
         so = self._y[:, :-1]
@@ -74,7 +56,7 @@ class ElectricalFit:
         fitter = estimator.selection.fitter
         start = self._fit.parameters[:, : fitter.per_contact]
         found = fitter.fit(y, weight, start, self._fit.state, 1).chi2
-        return float(np.where(np.isfinite(found), found, self._fit.chi2 + _LOST).sum())
+        return float(np.where(np.isfinite(found), found, self._lost).sum())
 
     def _changed(self, path: str, change: float) -> _Line:
         spec = self._estimator.spec

@@ -7,13 +7,12 @@ measured pressure: at the same readings both are in proportion to it.
 """
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.check.changed_input import InputFit, best_change
+from fitting.inverse_load.check.changed_input import SectionInputFit
 from fitting.inverse_load.check.verdict import (
     FEWEST,
     GAIN,
@@ -142,7 +141,7 @@ def _explaining(
     )
     slopes = errors.under_one(fit.parameters[:, 0], fit.parameters[:, 1], fit.jacobian[:, :2])
     residual = np.where(weight > 0, y - fit.so, 0.0)
-    found, fits = [], InputFit(estimator, y, weight, fit)
+    found, fits = [], SectionInputFit(estimator, y, weight, fit)
     for e, name in enumerate(candidates.names):
         if name == STIFFNESS:  # what no readings show
             continue
@@ -151,7 +150,7 @@ def _explaining(
         gained = gained._replace(change=share * gained.change, error=share * gained.error)
         # Where noise explains the log, no input is far off.
         if not noise or gained.chi2 > GAIN:
-            gained = best_change(partial(fits.chi2, name), float(fit.chi2.sum()), gained)
+            gained = fits.best(gained)
         found.append(gained)
     named = [x for x in found if x.chi2 > GAIN and abs(x.change) > _LEAST_CHANGE]
     return sorted(named, reverse=True)

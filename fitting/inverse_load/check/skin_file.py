@@ -6,13 +6,11 @@ pressures alike, so readings alone never show it; a measured oil pressure does.
 """
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.check.changed_input import best_change
 from fitting.inverse_load.check.electrical_input import ELECTRICAL, ElectricalFit
 from fitting.inverse_load.check.verdict import (
     DIAMETER,
@@ -87,7 +85,7 @@ def model_verdict(
     for path in ELECTRICAL:
         own_gain = gained(path, fits.slopes(path))
         if own_gain.chi2 > GAIN:
-            own_gain = best_change(partial(fits.chi2, path), chi2, own_gain)
+            own_gain = fits.best(own_gain)
         found.append(own_gain)
     noise = chdtrc(dof, chi2) > _SURE or chi2 < LARGER * dof
     if not noise:
