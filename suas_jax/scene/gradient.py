@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from suas_jax.config import continuous_inputs
 from suas_jax.config.errors import nearest
-from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.balance import State, unknowns_of
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
@@ -56,20 +56,26 @@ def _pick(report: Any, path: str) -> Array:
 
 
 def _observed(
-    scene: Structure, plan: AbstractPlan, state: State, inputs: Inputs
+    scene: Structure, plan: AbstractPlan, states: tuple[State, State], inputs: Inputs
 ) -> dict[str, Any]:
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
-    found = corrected(problem, state)
+    state, shown = states
+    change, _, _ = unknowns_of(problem, jax.tree.map(lambda a, b: a - b, shown, state))
+    found = corrected(problem, state, change)
     return observe(parts, problem, found.state, found.root)
 
 
 @eqx.filter_jit
 def _program(
-    scene: Structure, path: str, plan: AbstractPlan, state: State, inputs: Inputs
+    scene: Structure,
+    path: str,
+    plan: AbstractPlan,
+    states: tuple[State, State],
+    inputs: Inputs,
 ) -> dict[str, Array]:
     def quantity(inputs: Inputs) -> Array:
-        report = _observed(scene, plan, state, inputs)
+        report = _observed(scene, plan, states, inputs)
         # Here, as no more than the trace is needed to know them.
         _require_known(path, quantities(report))
         return _pick(report, path)[0]
@@ -114,7 +120,7 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     require_float64()
     scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
-    known = (solution.plan, solution.state, inputs)
+    known = (solution.plan, (solution.state, solution.shown), inputs)
     found = COMPILED.run(_program, scene, path, *known, once=True)
     slopes = {name: float(value) for name, value in found.items()}
     if not any(map(math.isfinite, slopes.values())):
