@@ -251,6 +251,23 @@ def test_single_contacts_reach_their_bound(
     assert 0.85 < np.mean([e.chi2_per_dof for e in found]) < 1.15
 
 
+def test_a_contact_lighter_than_those_tabulated_is_found_where_it_is(
+    estimator: LoadEstimator, table: PadTable
+) -> None:
+    random = np.random.default_rng(8)
+    angle, axial = random.uniform([[-0.7], [-0.035]], [[0.7], [0.035]], (2, 200))
+    share = np.exp(random.uniform(np.log(0.01), np.log(LEVELS[LEVELS > 0][0]), 200))
+    force = share * np.exp(table.largest(angle, axial)[0][:, 0])
+    contacts = np.stack([angle, axial, force], 1)
+    fitter = estimator.selection.fitter
+    assert isinstance(fitter, PadFitter)
+    so = fitter.interpolant(contacts, 1).readings[:, : estimator.taxels]
+    found, _ = estimator.selection.explain(*estimator.weigh(so))
+    # Without noise the right place is where nothing is left.
+    np.testing.assert_allclose(found.chi2, 0, atol=1e-3)
+    np.testing.assert_allclose(found.parameters[:, :3], contacts, rtol=0.02, atol=1e-3)
+
+
 def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(
     estimator: LoadEstimator,
     spec: SkinSpec,

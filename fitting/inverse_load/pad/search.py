@@ -75,7 +75,7 @@ class PadNodeSearch(AbstractNodeSearch):
     def several(self) -> PairSearch:
         """See the base class."""
         index = np.arange(len(self.loads)).reshape(*self._grid, self.levels)
-        thinned = index[:, :, ::_EVERY].reshape(-1)
+        thinned = index[:, :, 1::_EVERY].reshape(-1)
         return PairSearch(
             self, thinned, self._table.stray, self.distance, closest=_CLOSEST, apart=APART
         )

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from fitting.inverse_load.pad.columns import LEVELS, grid
 from fitting.inverse_load.pad.spline import TensorSpline
 
+# Shares of the largest force, in nodes beside the table's own: a contact much lighter than all
+# nodes under it looks like a hard one far away.
+_LIGHTLY = np.array([0.015, 0.03, 0.06])
+
 
 def reciprocal(force: NDArray[np.float64]) -> NDArray[np.float64]:
     """Reciprocals of forces, infinite for those that aren't above zero, and back."""
@@ -142,15 +146,22 @@ class PadTable:
 
     @functools.cached_property
     def nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Loads (angle, axial, force) and channels of all states that press.
+        """Loads (angle, axial, force) and channels of states that press, lightly ones too.
 
         Returns:
             Loads [node, 3]; readings and, last, the oil's pressure [node, channel].
         """
         used = LEVELS > 0
-        so = np.minimum(self.stray + 1 / np.maximum(self.u[:, :, used], 1e-12), 1e6)
-        both = np.concatenate([so, self.pressure[:, :, used, None]], -1)
-        force = self.cap[..., None] * LEVELS[used]
-        place = np.repeat(self.places, used.sum(), 0)
+        places, lightly = len(self.places), len(_LIGHTLY)
+        where = (*np.repeat(self.places, lightly, 0).T, np.tile(_LIGHTLY, places))
+        change = self.spline(*where)[0].reshape(*self.cap.shape, lightly, -1)
+        u = np.concatenate(
+            [1 / (self.rest - self.stray) + change[..., :-1], self.u[:, :, used]], 2
+        )
+        pressure = np.concatenate([change[..., -1], self.pressure[:, :, used]], 2)
+        so = np.minimum(self.stray + 1 / np.maximum(u, 1e-12), 1e6)
+        both = np.concatenate([so, pressure[..., None]], -1)
+        force = self.cap[..., None] * np.append(_LIGHTLY, LEVELS[used])
+        place = np.repeat(self.places, force.shape[-1], 0)
         loads = np.concatenate([place, force.reshape(-1, 1)], 1)
         return loads, both.reshape(-1, both.shape[-1])
