@@ -2,13 +2,14 @@
 
     python -m benchmarks.pad_estimation [--truth FILE] [--contacts N] [--pairs N]
 
-Readings are those of the shipped pad (320 taxels of 4 mm) solved on 36 x 30 elements graded
+Readings are those of the shipped pad (320 taxels of 4 mm) solved on 48 x 40 elements graded
 around each contact; the estimator's own meshes have 24 x 20. They have 2 counts of noise and
 are rounded. The bound is Cramer and Rao's from the noise alone, and the skin's numbers are
 declared exact. Solving takes about a second a contact: --truth keeps the solutions.
 """
 
 import argparse
+import itertools
 import time
 from collections import Counter
 from pathlib import Path
@@ -34,6 +35,8 @@ _PLACES = np.array([np.deg2rad(45), 0.034])  # over the taxels
 _FORCES = (1.0, 12.0)
 _OF_PAIRS = (2.0, 7.0)
 _DISTANCES = (0.015, 0.05)
+_LIGHT = np.array([0.3, 0.5, 1.0, 3.0])  # ends of ranges of light contacts' forces
+_FAR = 10e-3
 SOLVE = eqx.filter_jit(readings)
 NAMES = ("angle", "axial", "force")
 
@@ -118,6 +121,30 @@ def report(
         print(f"    {quantity}: {ratio[k]:.2f}, {100 * covered[k]:.0f} %")
 
 
+def light_contacts(estimator: LoadEstimator, count: int = 400) -> None:
+    """Where light contacts are found; readings are of the table: it is the search on trial."""
+    random = np.random.default_rng(3)
+    place = random.uniform(-1, 1, (count, 2)) * _PLACES
+    force = np.exp(random.uniform(*np.log(_LIGHT[[0, -1]]), (count, 1)))
+    loads = np.append(place, force, 1)
+    fitter: Any = estimator.selection.fitter
+    so = fitter.interpolant(loads, 1).readings[:, :-1]
+    found = estimator.estimate(measured(so, 6))
+    radius = float(estimator.skin.geometry.outer_radius[0])
+    for low, high in itertools.pairwise(_LIGHT):
+        rows = np.flatnonzero((force[:, 0] >= low) & (force[:, 0] < high))
+        single = [k for k in rows if len(found[k].contacts) == 1]
+        far = []
+        for k in single:
+            (c,) = found[k].contacts
+            away = np.hypot(radius * (c.angle - loads[k, 0]), c.axial - loads[k, 1])
+            far += [found[k].status] if away > _FAR else []
+        print(
+            f"{low:g} to {high:g} N: of {len(rows)} one contact in {len(single)}, over "
+            f"{1e3 * _FAR:g} mm away {len(far)}, of them ok {far.count('ok')}"
+        )
+
+
 def by_scipy(estimator: LoadEstimator, so: np.ndarray, start: np.ndarray) -> float:
     """Seconds for a frame by SciPy with finite differences of the solved model."""
     skin = pad_skin_of(load_skin(SKIN), contact=False)
@@ -167,6 +194,7 @@ def main() -> None:
     rest = measured(np.tile(estimator.model_rest, (3000, 1)), 3)
     alarms = np.mean([bool(e.contact) for e in estimator.estimate(rest)])
     print(f"false alarms: {100 * alarms:.2f} % at a rate of {100 * estimator.false_alarm:g} %")
+    light_contacts(estimator)
     report("pairs", estimator, two, estimator.estimate(measured(two.so, 4)))
     single = LoadEstimator(estimator.spec, most_contacts=1, live=True)
     single.warm_up()

@@ -3,9 +3,9 @@
     python -m benchmarks.pad_speed            prints and writes the tables of docs/pad.md
 
 The shipped pad under a patch of 10 N at 30 degrees and -21.5 mm, no symmetry, 24 x 20 elements,
-double precision, compiled beforehand; medians, the rows take turns. Solves and gradient have the
-effect of transverse shear in them. The command is run in
-processes of their own, with an empty cache folder and with a filled one.
+double precision, compiled beforehand; medians, the rows take turns. Solves and gradient have
+the effect of transverse shear in them. The command is run in processes of their own, with an
+empty cache folder and with a filled one.
 """
 
 import functools
@@ -75,7 +75,9 @@ def parts() -> list[str]:
         "one Newton correction": lambda: one(problem, y, level),
         f"{100 * (MORE - 1):.0f} % more load": lambda: solve(more, start),
         f"{1e3 * FURTHER:g} mm further along the axis": lambda: solve(further, state),
-        "gradient of the oil's pressure by all inputs": lambda: gradient(inputs, state, found.change),
+        "gradient of the oil's pressure by all inputs": lambda: gradient(
+            inputs, state, found.change
+        ),
     }
     assert all(int(rows[name]().result[0]) == 0 for name in list(rows)[2:4])
     times: dict[str, list[float]] = {name: [] for name in rows}

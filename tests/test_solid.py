@@ -400,3 +400,4 @@ def test_meshes_are_refined_where_their_error_is(
 ) -> None:
     assert SOLID.finer((256, 4), excess) == finer
     assert SOLID.finer((1024, 8), excess) is None
+    assert SOLID.finer((768, 8), excess) == (1024, 8)  # the most there may be

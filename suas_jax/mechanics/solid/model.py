@@ -110,12 +110,13 @@ class SolidModel(AbstractModel):
         # Two layers are compared with one, which may hide what is wrong across; and shorter
         # elements alone don't resolve corners.
         least = 1.5 if layers < _LAYERS[1] else 1.0
+        longest = _MOST_ELEMENTS / elements
+        factors = {min(x, longest) for x in _FACTORS if x >= least and longest >= 1}
         finer = [
             (int(factor * elements), more)
-            for factor in _FACTORS
+            for factor in factors
             for more in _LAYERS
-            if least <= factor <= _MOST_ELEMENTS / elements
-            and more >= min(factor * layers, _LAYERS[-1])
+            if more >= min(factor * layers, _LAYERS[-1])
         ]
         finer = [mesh for mesh in finer if mesh != (elements, layers)]
 
