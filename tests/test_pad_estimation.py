@@ -21,7 +21,7 @@ from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import LEVELS, Column, Columns
+from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
@@ -266,6 +266,48 @@ def test_a_contact_lighter_than_those_tabulated_is_found_where_it_is(
     # Without noise the right place is where nothing is left.
     np.testing.assert_allclose(found.chi2, 0, atol=1e-3)
     np.testing.assert_allclose(found.parameters[:, :3], contacts, rtol=0.02, atol=1e-3)
+
+
+class _EndingPaths:
+    """Gaps that close at a force of one newton, on paths that end early if steps are long."""
+
+    def __init__(self, skin: PadSkin) -> None:
+        self.skin = skin
+
+    def solve(self, places: np.ndarray, force: np.ndarray, levels: np.ndarray) -> Column:
+        x = force[:, None] * levels
+        gap = float(self.skin.geometry.oil_gap[0]) * (1 - 2 * x / (1 + np.maximum(x, 0)))
+        found = (x < 0.5) | (force[:, None] < 1.1)
+        return Column(np.zeros((*x.shape, 1)), np.zeros(x.shape), gap, found)
+
+
+def test_a_path_that_ends_early_is_tried_with_shorter_steps(skin: PadSkin) -> None:
+    probes = np.linspace(0, 1, 3), np.linspace(0, 1, 2)
+    cap, touch = largest_forces(_EndingPaths(skin), probes)  # type: ignore[arg-type]
+    # 5 % of the gap are left at 0.95 / 1.05 N, where the path's levels are coarse.
+    np.testing.assert_allclose(cap, 0.95 / 1.05, rtol=0.03)
+    np.testing.assert_allclose(touch, 1.0, rtol=0.03)
+
+
+def test_pairs_are_sought_with_forces_between_those_tabulated(
+    estimator: LoadEstimator, table: PadTable
+) -> None:
+    random = np.random.default_rng(9)
+    fitter = estimator.selection.fitter
+    assert isinstance(fitter, PadFitter)
+    angle = random.uniform([0.1, -0.6], [0.6, -0.1], (30, 2))
+    axial = random.uniform(-0.03, 0.03, (30, 2))
+    cap = np.exp(table.largest(angle.reshape(-1), axial.reshape(-1))[0]).reshape(30, 2)
+    force = random.uniform(0.15, 0.35, (30, 2)) * cap
+    contacts = np.concatenate([angle, axial, force], 1)
+    so = fitter.interpolant(contacts, 2).readings[:, : estimator.taxels]
+    y, weight = estimator.weigh(so)
+    left = []
+    for k in range(30):
+        starts = np.array([s for s, _ in estimator.selection.pairs.of_two(y[k], weight[k])])
+        rows = [np.tile(x[k], (len(starts), 1)) for x in (y, weight)]
+        left.append(fitter.squares.fitted(*rows, starts, 2, None, False).chi2.min())
+    np.testing.assert_allclose(left, 0, atol=1e-3)
 
 
 def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(

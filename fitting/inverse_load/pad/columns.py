@@ -20,7 +20,8 @@ LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
 """Forces as shares of the largest, rest among them."""
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
 _MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces
-_PASSES = 3  # attempts to find the largest force
+_PASSES = 6  # attempts to find the largest force
+_NARROWED = 1.2  # ratio of a force at which paths end to one that is reached, near enough
 _FEW = 20  # columns that aren't worth the compiler's own optimisation
 _AT_ONCE = 4  # columns that a worker is sent
 _RETRIES = 2
@@ -177,7 +178,7 @@ def largest_forces(
     """Forces that leave little of the gap, and those that leave none [angle, axial] [N].
 
     From the linear response at the crown a path of forces is guessed that reaches the wall,
-    and raised until it does, or until it ends.
+    and raised until it does; where it ends before, forces in between are tried.
     """
     skin = columns.skin
     places, levels = grid(*probes), LEVELS[LEVELS != 0]
@@ -187,18 +188,24 @@ def largest_forces(
     light = columns.solve(places[:1], np.array([tiny]), levels)
     linear = tiny * gap / max(gap - float(light.min_gap[0, -1]), 1e-12 * gap)
     top = np.full(len(places), 1.2 * linear)
-    cap, touch = np.full(len(places), np.nan), np.full(len(places), np.inf)
+    cap, touch, ended = (np.full(len(places), x) for x in (np.nan, np.inf, np.inf))
     open_ = np.arange(len(places))
     for _ in range(_PASSES):
         found = columns.solve(places[open_], top[open_], levels)
         for row, k in enumerate(open_):
             share, closes = _reach(found, row, levels, _GAP_LEFT * gap)
-            cap[k], touch[k] = share * top[k], closes * top[k]
-        again = np.isinf(touch[open_]) & (cap[open_] >= top[open_])
-        open_ = open_[again & (top[open_] < _MOST_FORCE * np.nanmin(cap))]
+            # A path may end because its steps are long: what a shorter one reached still holds.
+            cap[k] = share * top[k] if np.isfinite(closes) else np.fmax(cap[k], share * top[k])
+            touch[k] = closes * top[k]
+            if np.isinf(closes) and share < levels[-1]:
+                ended[k] = min(ended[k], top[k])
+        most = _MOST_FORCE * np.nanmin(cap)
+        longer = np.isinf(ended) & (top < most)
+        shorter = np.isfinite(ended) & (_NARROWED * cap < np.minimum(ended, most))
+        top = np.where(longer, 2.5 * top, np.sqrt(cap * ended))
+        open_ = np.flatnonzero(np.isinf(touch) & (longer | shorter))
         if not open_.size:
             break
-        top[open_] *= 2.5
     cap = np.minimum(cap, _MOST_FORCE * cap.min())
     shape = tuple(len(x) for x in probes)
     return cap.reshape(shape), touch.reshape(shape)
@@ -224,4 +231,7 @@ def _reach(
         near = slice(max(k - 2, 0), k + 1)
         return float(np.interp(-wanted, -gap[near], share[near]))
 
-    return min(crossing(left), float(share[-1])), crossing(0.0)
+    closes, slope = crossing(0.0), -np.diff(gap[-2:])
+    if np.isinf(closes) and gap[-1] <= left and slope.size and slope[0] > 0:
+        closes = float(share[-1] + gap[-1] * (share[-1] - share[-2]) / slope[0])
+    return min(crossing(left), float(share[-1])), closes
