@@ -16,8 +16,10 @@ import pytest
 
 from suas_jax.config import ConfigError, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.balance import State, verify
+from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.runtime.compiled import OPTIONS
+from suas_jax.scene.assessment import error_beyond_wall
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.parts import scene_parts
@@ -127,17 +129,28 @@ def test_beyond_first_contact_the_wall_takes_the_load() -> None:
         wall = problem.mechanics.wall
         assert wall is not None
         zone = contact_zone(problem.mechanics.contact(found.state.q, wall), parts.skin.geometry)
-        return found.result, 4 * zone["force_N"], found.state.pressure
+        _, shown, mechanics = corrected(problem, found.state)
+        shape = mechanics.shape(shown.q)
+        gap = shape.smallest_gap(parts.skin.geometry).value
+        size = shape.largest_displacement().value
+        error = error_beyond_wall(problem, found.state, gap, size)
+        held = 4 * zone["force_N"]
+        return found.result, held, found.state.pressure, shown.pressure, error
 
-    forces = (17.05, 20.0, 30.0)
+    forces = (17.0, 17.2, 20.0, 30.0)
     inputs = numbers(scene)
     found = [pressed({**inputs, "load.0.force": jnp.asarray(force)}) for force in forces]
-    assert all(int(result[0]) == 0 for result, _, _ in found)
-    held, pressure = (np.array([float(row[k][0]) for row in found]) for k in (1, 2))
-    assert held[0] == 0
-    assert 20 - held[1] == pytest.approx(17.05, rel=0.02)
-    assert (held[2] - held[1]) / 10 == pytest.approx(0.97, abs=0.01)
+    assert all(int(row[0][0]) == 0 for row in found)
+    held, pressure, shown, error = (
+        np.array([float(row[k][0]) for row in found]) for k in range(1, 5)
+    )
+    assert held[:2].tolist() == [0, 0]
+    assert 20 - held[2] == pytest.approx(17.05, rel=0.02)
+    assert (held[3] - held[2]) / 10 == pytest.approx(0.97, abs=0.01)
     np.testing.assert_allclose(pressure, 7056, rtol=0.04)
+    # At 17.2 N the effect of shear passes the wall that the shell alone has not reached.
+    assert error[[0, 2, 3]].tolist() == [0, 0, 0]
+    assert 5e-3 < shown[1] / 7056 - 1 < error[1] < 2e-2
 
 
 def test_a_quarter_is_the_whole() -> None:

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool
 
 from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.correction import corrected
+from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.model import Meshes
@@ -23,6 +24,9 @@ from suas_jax.scene.error_estimate import (
 )
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts
+
+# Relative error by a penetration over that in the displacement: pressures go with its square.
+_BY_PENETRATION = 2.0
 
 
 def assess(
@@ -122,7 +126,9 @@ def assess(
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     if change is not None:
-        floor += problem.mechanics.omitted_floor
+        floor += problem.mechanics.omitted_floor + error_beyond_wall(
+            problem, state, report["min_gap_m"], report["max_displacement_m"]
+        )
     report["model_error"] = relative_error(by_model, values) + floor
     errors = [*by_mesh, by_model]
     report["key_quantities"] = {
@@ -139,3 +145,25 @@ def assess(
         verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
     report["validity"] = verdict
     return report, state, shown
+
+
+def error_beyond_wall(
+    problem: Problem, state: State, shown_gap: Lanes, displacement: Lanes
+) -> Lanes:
+    """Relative error where the effect of what is left out passes a wall that the state misses.
+
+    Just below the load at which the equilibrium itself reaches the wall nothing holds back the
+    first-order effect, which would touch before.
+
+    Args:
+        problem: membrane with its wall, oil and loads.
+        state: the equilibrium.
+        shown_gap: smallest gap of the state that is reported [m].
+        displacement: its largest displacement [m].
+    """
+    mechanics = problem.mechanics
+    if mechanics.wall is None:
+        return jnp.zeros_like(shown_gap)
+    depth = jnp.maximum(-shown_gap, 0.0)
+    missed = smallest_gap(mechanics, state.q, mechanics.wall) > 0
+    return jnp.where((depth > 0) & missed, _BY_PENETRATION * depth / displacement, 0.0)
