@@ -21,12 +21,11 @@ from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, largest_forces
+from fitting.inverse_load.pad.columns import LEVELS, READ, Column, Columns, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
 from fitting.inverse_load.pad.mirror import mirror_images
-from fitting.inverse_load.pad.solved import READ
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table

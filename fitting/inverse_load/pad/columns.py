@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.pad_forward import PadSkin, Patches
+from suas_jax.scene.pad_forward import PadSkin, Patches, readings
 from suas_jax.scene.pad_levels import extrapolation, readings_along
 
 LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
@@ -25,7 +25,9 @@ _NARROWED = 1.2  # ratio of a force at which paths end to one that is reached, n
 _FEW = 20  # columns that aren't worth the compiler's own optimisation
 _AT_ONCE = 4  # columns that a worker is sent
 _RETRIES = 2
-_READ = eqx.filter_jit(readings_along)
+READ = eqx.filter_jit(readings)
+"""The readings of solved contacts, to be run by `COMPILED`."""
+_READ_ALONG = eqx.filter_jit(readings_along)
 
 
 class Column(NamedTuple):
@@ -138,6 +140,9 @@ def solve_column(
 ) -> Column:
     """Readings under shares of one contact's force.
 
+    States follow one another by extrapolation; those that Newton's method doesn't find that way
+    are solved from rest, each for itself.
+
     Args:
         skin: the pad.
         numbers: angle [rad], axial position [m], force [N] and diameter [m].
@@ -146,8 +151,13 @@ def solve_column(
     """
     patches = Patches(*(jnp.array([float(x)]) for x in numbers))
     plan, weights = skin.plan(patches), extrapolation(levels)
-    found = COMPILED.run(_READ, skin, patches, plan, levels, weights, once=once)
-    return Column(*(np.asarray(x) for x in found))
+    found = COMPILED.run(_READ_ALONG, skin, patches, plan, levels, weights, once=once)
+    column = Column(*(np.array(x) for x in found))
+    for k in np.flatnonzero(~column.found):
+        alone = replace(patches, force=patches.force * levels[k])
+        for whole, one in zip(column, COMPILED.run(READ, skin, alone, plan), strict=True):
+            whole[k] = np.asarray(one)
+    return column
 
 
 def _solve_columns(

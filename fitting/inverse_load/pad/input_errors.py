@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.pad.columns import READ
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
-from fitting.inverse_load.pad.solved import READ
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of

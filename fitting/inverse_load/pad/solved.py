@@ -1,16 +1,14 @@
 """Solved states of several contacts: what the interpolant is corrected by."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.inverse_load.pad.columns import READ
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, force_components
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import PadSkin, Patches, readings
+from suas_jax.scene.pad_forward import PadSkin, Patches
 
-READ = eqx.filter_jit(readings)
-"""The readings of solved contacts, to be run by `COMPILED`."""
 # Live, a correction is kept while contacts move by less than this and forces change by that
 # share; in a log by a fifth of that.
 _NEAR, _SHARE = 2.5e-3, 0.15
