@@ -288,6 +288,28 @@ def test_a_path_that_ends_early_is_tried_with_shorter_steps(skin: PadSkin) -> No
     np.testing.assert_allclose(touch, 1.0, rtol=0.03)
 
 
+@pytest.mark.long  # 15 s to compile; random pads are a study of their own
+def test_a_state_that_a_path_does_not_find_is_solved_from_rest(
+    skin: PadSkin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns = Columns(skin, DIAMETER, lambda *_: None, MANY)
+    place, force, levels = np.array([[0.2, 0.01]]), np.array([8.0]), LEVELS[LEVELS != 0]
+    whole = columns.solve(place, force, levels)
+    run = COMPILED.run
+
+    def losing_one(function: Any, *arguments: Any, **settings: Any) -> Any:
+        found = run(function, *arguments, **settings)
+        if function is READ:
+            return found
+        return found._replace(found=found.found.at[3].set(False), so=found.so.at[3].set(0.0))
+
+    monkeypatch.setattr(COMPILED, "run", losing_one)
+    mended = columns.solve(place, force, levels)
+    assert mended.found.all()
+    np.testing.assert_allclose(mended.so, whole.so, rtol=1e-7)
+    np.testing.assert_allclose(mended.min_gap, whole.min_gap, rtol=1e-7)
+
+
 def test_pairs_are_sought_with_forces_between_those_tabulated(
     estimator: LoadEstimator, table: PadTable
 ) -> None:
