@@ -113,7 +113,7 @@ class SolidModel(AbstractModel):
         longest = _MOST_ELEMENTS / elements
         factors = {min(x, longest) for x in _FACTORS if x >= least and longest >= 1}
         finer = [
-            (int(factor * elements), more)
+            (round(factor * elements), more)
             for factor in factors
             for more in _LAYERS
             if more >= min(factor * layers, _LAYERS[-1])
