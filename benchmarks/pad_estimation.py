@@ -25,7 +25,13 @@ from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_skin
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import Patches, pad_skin_of, readings
+from suas_jax.scene.pad_forward import (
+    PadReadings,
+    PadSkin,
+    Patches,
+    pad_skin_of,
+    readings,
+)
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
 NOISE = 2.0
@@ -67,14 +73,20 @@ def pairs(count: int, seed: int, radius: float) -> np.ndarray:
 
 def solved(loads: np.ndarray) -> Truth:
     skin = pad_skin_of(load_skin(SKIN), elements=FINE, contact=False)
-    rows, kept = [], []
-    for k, frame in enumerate(loads):
-        patches = Patches(*(jnp.asarray(x) for x in frame.T), jnp.full(len(frame), DIAMETER))
-        found = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
-        if bool(found.found) and float(found.min_gap) > 0:
-            rows.append(np.asarray(found.so))
-            kept.append(k)
-    return Truth(loads[kept], np.array(rows))
+    found = [readings_off_the_wall(skin, frame) for frame in loads]
+    kept = [k for k, frame in enumerate(found) if frame is not None]
+    return Truth(loads[kept], np.array([frame.so for frame in found if frame is not None]))
+
+
+def readings_off_the_wall(skin: PadSkin, contacts: np.ndarray) -> PadReadings | None:
+    """What a pad reads under contacts [contact, (angle, axial, force)].
+
+    None where no state was found, or one that touches the wall.
+    """
+    numbers = (jnp.asarray(x) for x in contacts.T)
+    patches = Patches(*numbers, jnp.full(len(contacts), DIAMETER))
+    found: PadReadings = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
+    return found if bool(found.found) and float(found.min_gap) > 0 else None
 
 
 def measured(so: np.ndarray, seed: int) -> np.ndarray:

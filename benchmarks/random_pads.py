@@ -13,15 +13,13 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.pad_estimation import DIAMETER, SOLVE, measured
+from benchmarks.pad_estimation import measured, readings_off_the_wall
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import SkinSpec, load_skin
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import Patches, pad_skin_of
+from suas_jax.scene.pad_forward import pad_skin_of
 
 FINE = (36, 30)
 SINGLES, PAIRS, APART = 40, 20, 18e-3
@@ -86,19 +84,6 @@ def random_contacts(
     return [frame * [1, 1, force] for frame in frames]
 
 
-def readings_of(spec: SkinSpec, contacts: list[np.ndarray]) -> list[np.ndarray | None]:
-    """Readings [taxel] of every frame; None where no state was found, or the wall reached."""
-    skin = pad_skin_of(spec, elements=FINE, contact=False)
-    rows: list[np.ndarray | None] = []
-    for frame in contacts:
-        filled = frame if len(frame) > 1 else np.concatenate([frame, frame * [1, 1, 0]])
-        patches = Patches(*(jnp.asarray(x) for x in filled.T), jnp.full(2, DIAMETER))
-        found = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
-        good = bool(found.found) and float(found.min_gap) > 0
-        rows.append(np.asarray(found.so) if good else None)
-    return rows
-
-
 def errors(estimate: LoadEstimate, truth: np.ndarray, radius: float) -> np.ndarray | None:
     """Errors in standard deviations [contact, 3], each contact's nearest; None if too few."""
     found = []
@@ -118,8 +103,14 @@ def study(spec: SkinSpec, random: np.random.Generator) -> None:
     estimator = LoadEstimator(spec)
     touch = float(estimator.table.first_contact_at(np.zeros(1), np.zeros(1))[0])
     contacts = random_contacts(random, spec, touch)
-    rows = readings_of(spec, contacts)
-    solved = [(c, so) for c, so in zip(contacts, rows, strict=True) if so is not None]
+    skin = pad_skin_of(spec, elements=FINE, contact=False)
+    solved = []
+    for frame in contacts:
+        # One program for all: a second contact without a force changes nothing.
+        pair = frame if len(frame) > 1 else np.concatenate([frame, frame * [1, 1, 0]])
+        read = readings_off_the_wall(skin, pair)
+        if read is not None:
+            solved.append((frame, read.so))
     found = estimator.estimate(measured(np.array([so for _, so in solved]), 1))
     statuses, other, pulls = Counter(e.status for e in found), Counter(), []
     for (truth, _), estimate in zip(solved, found, strict=True):

@@ -204,7 +204,7 @@ def largest_forces(
         found = columns.solve(places[open_], top[open_], levels)
         for row, k in enumerate(open_):
             share, closes = _reach(found, row, levels, _GAP_LEFT * gap)
-            # A path may end because its steps are long: what a shorter one reached still holds.
+            # Where a path ends, what one to a smaller force has reached still holds.
             cap[k] = share * top[k] if np.isfinite(closes) else np.fmax(cap[k], share * top[k])
             touch[k] = closes * top[k]
             if np.isinf(closes) and share < levels[-1]:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fitting.inverse_load.pad.columns import LEVELS, grid
 from fitting.inverse_load.pad.spline import TensorSpline
 
-# Shares of the largest force, in nodes beside the table's own: a contact much lighter than all
-# nodes under it looks like a hard one far away.
+# Shares of the largest force, of nodes beside the table's own: a contact much lighter than all
+# nodes at its place looks like a hard one far away.
 _LIGHTLY = np.array([0.015, 0.03, 0.06])
 
 
@@ -152,9 +152,8 @@ class PadTable:
             Loads [node, 3]; readings and, last, the oil's pressure [node, channel].
         """
         used = LEVELS > 0
-        places, lightly = len(self.places), len(_LIGHTLY)
-        where = (*np.repeat(self.places, lightly, 0).T, np.tile(_LIGHTLY, places))
-        change = self.spline(*where)[0].reshape(*self.cap.shape, lightly, -1)
+        lightly = self.spline(*grid(self.angle, self.axial, _LIGHTLY).T)[0]
+        change = lightly.reshape(*self.cap.shape, len(_LIGHTLY), -1)
         u = np.concatenate(
             [1 / (self.rest - self.stray) + change[..., :-1], self.u[:, :, used]], 2
         )
