@@ -105,15 +105,6 @@ def swept_inverse(a: Matrices) -> tuple[Matrices, Float[Array, "*batch row"]]:
     return -a, jnp.concatenate(pivots, -1)
 
 
-def improved(inverse: Matrices, a: Matrices) -> Matrices:
-    """One Newton step towards the inverse of a.
-
-    Slender elements make ill-conditioned blocks, of whose inverse elimination by blocks
-    without pivoting loses some digits: this squares what is wrong.
-    """
-    return inverse + inverse @ (jnp.eye(a.shape[-1], dtype=a.dtype) - a @ inverse)
-
-
 class Factors(NamedTuple):
     """Factors of block-tridiagonal systems, eliminated from both ends to the middle.
 
@@ -166,14 +157,12 @@ def factorise(
         block, coupling = station
         block = block - update
         inverse, pivots = swept_inverse(block)
-        inverse = improved(inverse, block)
         return transposed(coupling) @ (inverse @ coupling), (inverse, pivots)
 
     start = jnp.zeros((2 * lanes, n, n), diagonal.dtype)
     update, (inverse, pivots) = jax.lax.scan(forward, start, chain)
     last = diagonal[half] - update[:lanes] - update[lanes:]
     middle, middle_pivots = symmetric_inverse(last)
-    middle = improved(middle, last)
     return Factors(inverse, chain[1], middle, pivots, middle_pivots)
 
 

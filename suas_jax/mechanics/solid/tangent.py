@@ -4,6 +4,10 @@ Each element loses its centre and its linear pressures first, see `condensation`
 pressures go next, with the displacements half-way between stations, a column of elements at a
 time: a saddle point with as many negative eigenvalues as constraints while the material
 holds. Every one of them that is missing or in excess belongs to the membrane and is counted.
+
+Nodes across the thickness are eliminated as the displacement of the innermost one and the
+differences between neighbours. Those of slender elements cost the cube of length over height
+more than bending does: in the nodes' own displacements that leaves too few digits.
 """
 
 import functools
@@ -20,7 +24,6 @@ from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_sweep import (
     factorise,
-    improved,
     solve,
     symmetric_inverse,
     transposed,
@@ -30,6 +33,37 @@ from suas_jax.numerics.block_tridiagonal import AbstractTangent, Sweep
 # First and last of the element's nodes on the left, on the right and in the middle, and by
 # how many displacements those of the next layer lie further on.
 _GROUPS = {"left": (0, 3, 4), "right": (3, 6, 4), "middle": (6, 8, 2)}
+
+
+class _Bases(NamedTuple):
+    """Unknowns as sums of differences between neighbours across the thickness.
+
+    Attributes:
+        station: displacements of a station [row, column].
+        sides: those of two stations.
+        column: what is left inside a column of elements, pressures as they are.
+    """
+
+    station: Float[Array, "dof dof"]
+    sides: Float[Array, "2*dof 2*dof"]
+    column: Float[Array, "row row"]
+
+    @classmethod
+    def of(cls, layout: Layout) -> "_Bases":
+        """The bases of a layout.
+
+        Args:
+            layout: numbers of elements.
+        """
+
+        def sums(nodes: int) -> np.ndarray:
+            return np.kron(np.tri(nodes), np.eye(2))
+
+        station, middle = sums(layout.nodes), sums(layout.layers + 1)
+        column = np.eye(len(middle) + layout.layers)
+        column[: len(middle), : len(middle)] = middle
+        sides = np.kron(np.eye(2), station)
+        return cls(*(jnp.asarray(x) for x in (station, sides, column)))
 
 
 class _Columns(NamedTuple):
@@ -86,7 +120,7 @@ class ElementTangent(AbstractTangent):
 
     def solve(self, right: Float[Array, "dof right station lane"]) -> Sweep:
         """Condense, sweep along the arc, recover; see the module."""
-        layout, mask = self.layout, self.mask()
+        layout, mask, bases = self.layout, self.mask(), _Bases.of(self.layout)
         element = Condensed.of(self.stiffness, self.constraint, self.penalty)
         columns, diagonal, upper = self._columns(element)
         factors = factorise(diagonal, upper)
@@ -105,13 +139,14 @@ class ElementTangent(AbstractTangent):
             for name, (first, last, step) in _GROUPS.items()
         }
         free = middle[::2].reshape(-1, *middle.shape[2:]) - lines["middle"]
-        own = _batched(jnp.concatenate([free, jnp.moveaxis(pressure[0], 1, 0)]))
+        own = jnp.concatenate([free, jnp.moveaxis(pressure[0], 1, 0)])
+        own = bases.column.T @ _batched(own)
         kept = columns.inverse @ own
         back = transposed(columns.carried) @ own
         sides = jnp.concatenate([lines["left"], lines["right"]])
-        sides = _batched(sides) + back
+        sides = bases.sides.T @ _batched(sides) + back
         dof = layout.dof
-        rest = jnp.moveaxis(stations, (2, 3), (0, 1))
+        rest = bases.station.T @ jnp.moveaxis(stations, (2, 3), (0, 1))
         rest = rest - jnp.pad(sides[:, :, :dof], [(0, 1), (0, 0), (0, 0), (0, 0)])
         rest = rest - jnp.pad(sides[:, :, dof:], [(1, 0), (0, 0), (0, 0), (0, 0)])
         held_rows = jnp.moveaxis(right[:dof] * (1 - mask[:, None]), (2, 3), (0, 1))
@@ -120,8 +155,10 @@ class ElementTangent(AbstractTangent):
         x = solve(factors, rest)
         moved = x * jnp.moveaxis(mask, (1, 2), (0, 1))[..., None]
         both = jnp.concatenate([moved[:-1], moved[1:]], 2)
-        found = jnp.moveaxis(kept - columns.carried @ both, (0, 1), (2, 3))
-        both = jnp.moveaxis(both, (0, 1), (2, 3))
+        found = bases.column @ (kept - columns.carried @ both)
+        found = jnp.moveaxis(found, (0, 1), (2, 3))
+        both = jnp.moveaxis(bases.sides @ both, (0, 1), (2, 3))
+        x = bases.station @ moved + (x - moved)
         free, mean = found[: 2 * layout.layers + 2], found[2 * layout.layers + 2 :]
         outer = jnp.concatenate(
             [_taken(both[:dof], 3, 4), _taken(both[dof:], 3, 4), _taken(free, 2, 2)]
@@ -151,7 +188,7 @@ class ElementTangent(AbstractTangent):
     def _columns(self, element: Condensed) -> tuple[_Columns, Array, Array]:
         """Eliminate what is left inside the columns; blocks of the stations."""
         k, mean, dof = element.stiffness, element.mean, self.layout.dof
-        tail = k.shape[4:]
+        tail, bases = k.shape[4:], _Bases.of(self.layout)
 
         def block(row: str, column: str) -> Array:
             (r0, r1, rs), (c0, c1, cs) = _GROUPS[row], _GROUPS[column]
@@ -178,15 +215,18 @@ class ElementTangent(AbstractTangent):
                 jnp.concatenate([jnp.swapaxes(pressure(side), 0, 1) for side in sides], 1),
             ]
         )
-        own = _batched(own)
+        own = bases.column.T @ _batched(own) @ bases.column
         inverse, pivots = symmetric_inverse(own)
-        inverse = improved(inverse, own)
-        across = _batched(across)
+        across = bases.column.T @ _batched(across) @ bases.sides
         carried = inverse @ across
         removed = transposed(across) @ carried
-        left = _batched(block("left", "left")) - removed[..., :dof, :dof]
-        upper = _batched(block("left", "right")) - removed[..., :dof, dof:]
-        right = _batched(block("right", "right")) - removed[..., dof:, dof:]
+
+        def station(row: str, column: str) -> Array:
+            return bases.station.T @ _batched(block(row, column)) @ bases.station
+
+        left = station("left", "left") - removed[..., :dof, :dof]
+        upper = station("left", "right") - removed[..., :dof, dof:]
+        right = station("right", "right") - removed[..., dof:, dof:]
         ends = [(0, 0)] * 3
         diagonal = jnp.pad(left, [(0, 1), *ends]) + jnp.pad(right, [(1, 0), *ends])
         mask = self.mask()[:, :, 0].T[:, None]
