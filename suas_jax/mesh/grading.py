@@ -9,8 +9,9 @@ import numpy as np
 # Elements shrink towards a layer in proportion to exp(distance / (_DECAY layer)), which
 # spreads the interpolation error of an exponential evenly over cubic elements.
 _DECAY = 4.0
-# Share of an interval's elements that follow its layers, when they are much shorter than it.
-_LAYER_SHARE = 1.5
+# Elements that follow the layers at an interval's ends, when those are much shorter than it,
+# over the ones spread evenly: those of the boundary layers, those of the local fields.
+_SHARES = (1.5, 1.0)
 
 
 def rounded(length: float) -> float:
@@ -26,7 +27,8 @@ class Density(NamedTuple):
     """How close stations lie.
 
     Attributes:
-        decays: decay lengths of the layers at either end of an interval [rad].
+        decays: decay length of the boundary layers at either end of an interval [rad], and
+            in a continuum that of the local fields there.
         smallest: length below which elements gain nothing, because those across the
             thickness are no smaller [rad].
     """
@@ -48,10 +50,11 @@ class Density(NamedTuple):
         ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
         x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
         density = np.full_like(x, 1 / length)
-        for decay in (_DECAY * layer for layer in self.decays):
+        for layer, share in zip(self.decays, _SHARES, strict=False):
+            decay = _DECAY * layer
             reach = -np.expm1(-length / decay)
             near = np.exp(-x / decay) + np.exp(-(length - x) / decay)
-            density = density + _LAYER_SHARE / (2 * decay) * near * reach
+            density = density + share / (2 * decay) * near * reach
         return x, density
 
 

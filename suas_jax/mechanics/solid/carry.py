@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from suas_jax.mechanics.solid.element import PRESSURES, quadratic
-from suas_jax.mechanics.solid.layout import Layout
+from suas_jax.mechanics.solid.layout import Layout, with_midpoints
 
 Mesh = tuple[Float[np.ndarray, " station"], int]
 """Angles of the stations [rad], and layers."""
@@ -19,12 +19,13 @@ def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -
         target: the mesh wanted.
     """
     old, new = (Layout(len(angles) - 1, layers) for angles, layers in (origin, target))
-    along, across = _located(origin[0], _nodes(target[0])), _located(*_faces(origin, target))
+    along = located(origin[0], with_midpoints(target[0]))
+    across = located(old.faces, new.heights)
     stations, inside = q[: old.dof, :, 0], q[old.dof :, :-1, 0]
     lines = np.empty((old.nodes, 2, 2 * old.elements + 1))
     lines[:, :, ::2] = stations.reshape(old.nodes, 2, -1)
     lines[:, :, 1::2] = inside[: old.dof].reshape(old.nodes, 2, -1)
-    by_node = _shapes(*across, old.layers), _shapes(*along, old.elements)
+    by_node = shapes(*across, old.layers), shapes(*along, old.elements)
     moved = np.einsum("yb,bca,xa->ycx", by_node[0], lines, by_node[1], optimize=True)
     between = moved[:, :, 1::2].reshape(new.dof, -1)
     pressures = inside[old.dof :].reshape(PRESSURES, old.layers, old.elements)
@@ -33,33 +34,22 @@ def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -
     mean, by_xi, by_eta = pressures[:, layer[:, None], element]
     mean = mean + by_xi * xi + by_eta * eta[:, None]
     lengths = [np.diff(angles) for angles, _ in (origin, target)]
-    slopes = by_xi * lengths[1] / lengths[0][element], by_eta * old.layers / new.layers
+    heights = [np.diff(layout.faces) for layout in (old, new)]
+    ratio = (heights[1] / heights[0][layer])[:, None]
+    slopes = by_xi * lengths[1] / lengths[0][element], by_eta * ratio
     below = np.concatenate([between, np.stack([mean, *slopes]).reshape(-1, new.elements)])
     above = moved[:, :, ::2].reshape(new.dof, -1)
     return np.concatenate([above, np.pad(below, [(0, 0), (0, 1)])])[:, :, None]
 
 
-def _nodes(ends: Float[np.ndarray, " end"]) -> np.ndarray:
-    """Ends of elements and the points half-way between them."""
-    nodes = np.empty(2 * len(ends) - 1)
-    nodes[::2], nodes[1::2] = ends, (ends[1:] + ends[:-1]) / 2
-    return nodes
-
-
-def _faces(origin: Mesh, target: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Places across the thickness: ends of the old layers, nodes of the new ones."""
-    old, new = (np.linspace(0, 1, layers + 1) for _, layers in (origin, target))
-    return old, _nodes(new)
-
-
-def _located(ends: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def located(ends: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Elements in which places lie, and their local coordinates there."""
     element = np.clip(np.searchsorted(ends, x, side="right") - 1, 0, len(ends) - 2)
     start, end = ends[element], ends[element + 1]
     return element, 2 * (x - start) / (end - start) - 1
 
 
-def _shapes(element: np.ndarray, xi: np.ndarray, elements: int) -> np.ndarray:
+def shapes(element: np.ndarray, xi: np.ndarray, elements: int) -> np.ndarray:
     """Weights of the nodes in the values at places [place, node]."""
     weights = np.zeros((len(xi), 2 * elements + 1))
     rows = np.arange(len(xi))

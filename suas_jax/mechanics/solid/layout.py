@@ -15,10 +15,20 @@ from jaxtyping import Array, Float
 from suas_jax.mechanics.solid.element import NODES, PRESSURES
 from suas_jax.numerics.array_types import StationVector
 
+# Power of the distance from a face with which layers grow towards the middle.
+_GRADING = 1.75
+
 NodeValues = Float[Array, "9 2 layer element lane"]
 PressureValues = Float[Array, "3 layer element lane"]
 # At the left, middle and right nodes of every element's edge on a face.
 FaceValues = Float[Array, "3 2 element lane"]
+
+
+def with_midpoints(ends: Float[np.ndarray, " end"]) -> Float[np.ndarray, " node"]:
+    """Ends of elements and the points half-way between them."""
+    nodes = np.empty(2 * len(ends) - 1)
+    nodes[::2], nodes[1::2] = ends, (ends[1:] + ends[:-1]) / 2
+    return nodes
 
 
 class Layout(NamedTuple):
@@ -46,6 +56,21 @@ class Layout(NamedTuple):
     def size(self) -> int:
         """All unknowns stored with a station."""
         return 2 * self.dof + PRESSURES * self.layers
+
+    @property
+    def faces(self) -> Float[np.ndarray, " face"]:
+        """Where layers begin and end, as shares of the thickness.
+
+        They are thin at the faces, where corners of clamps and ends of spread loads make the
+        solution singular. Every other one is where half as many layers begin and end.
+        """
+        even = np.linspace(-1, 1, self.layers + 1)
+        return (1 + np.sign(even) * (1 - (1 - np.abs(even)) ** _GRADING)) / 2
+
+    @property
+    def heights(self) -> Float[np.ndarray, " node"]:
+        """Where the nodes across lie, as shares of the thickness."""
+        return with_midpoints(self.faces)
 
     def split(self, q: StationVector) -> tuple[Array, Array]:
         """Displacements at the stations, and what lies between them, [row, ..., lane]."""

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import Displacements, Profile
+from suas_jax.mechanics.solid.carry import located, shapes
 from suas_jax.mechanics.solid.element import NODES, quadratic
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import Lanes, StationVector
@@ -194,10 +195,14 @@ def joined_along(layout: Layout, q: StationVector) -> StationVector:
 
 def joined_across(layout: Layout, q: StationVector) -> StationVector:
     """The same deformation on layers joined in pairs; their number is even."""
-    stations, middles = layout.lines(q)
-    _, p = layout.gather(q)
     coarse = Layout(layout.elements, layout.layers // 2)
-    return _assembled(coarse, stations[:, ::2], middles[:, ::2], _joined_modes(p, 1, 2))
+    nodes = shapes(*located(layout.faces, coarse.heights), layout.layers)
+    stations, middles = (jnp.einsum("cn,xn...->xc...", nodes, x) for x in layout.lines(q))
+    _, p = layout.gather(q)
+    heights = np.diff(layout.faces)
+    first = jnp.asarray(heights[::2] / (heights[::2] + heights[1::2]))
+    joined = _joined_modes(p, 1, 2, first[:, None, None])
+    return _assembled(coarse, stations, middles, joined)
 
 
 def _assembled(layout: Layout, stations: Array, middles: Array, p: Array) -> StationVector:
@@ -211,11 +216,23 @@ def _assembled(layout: Layout, stations: Array, middles: Array, p: Array) -> Sta
 
 
 def _joined_modes(
-    p: Float[Array, "3 layer element lane"], axis: int, mode: int
+    p: Float[Array, "3 layer element lane"],
+    axis: int,
+    mode: int,
+    share: Float[Array, "layer 1 1"] | float = 0.5,
 ) -> Float[Array, "3 layer element lane"]:
-    """Best linear fit to the pressures of pairs of elements, side by side along an axis."""
+    """Best linear fit to the pressures of pairs of elements, side by side along an axis.
+
+    Args:
+        p: pressure modes.
+        axis: along which elements lie side by side.
+        mode: the one that is linear along it.
+        share: of a pair's length that its first element has.
+    """
     index = [slice(None)] * 4
     first, second = (p[(*index[:axis], slice(i, None, 2))] for i in range(2))
-    mean = (first + second) / 2
-    slope = 0.75 * (second[0] - first[0]) + 0.25 * (first[mode] + second[mode])
+    rest = 1 - share
+    mean = share * first + rest * second
+    slope = 3 * share * rest * (second[0] - first[0])
+    slope = slope + share**2 * first[mode] + rest**2 * second[mode]
     return mean.at[mode].set(slope)

@@ -95,8 +95,7 @@ class Solid(AbstractSection):
             wall: what holds the inner face; None for nothing.
         """
         layout = Layout(angles.shape[0] - 1, layers)
-        across = np.linspace(0, 1, layout.nodes)[:, None, None]
-        radius = geometry.inner_radius + across * geometry.thickness
+        radius = geometry.inner_radius + layout.heights[:, None, None] * geometry.thickness
         stations = radius * outward(angles)[:, None]
         middles = radius * outward((angles[1:] + angles[:-1]) / 2)[:, None]
         return cls(
@@ -287,7 +286,7 @@ class Solid(AbstractSection):
         """
         if self.layout.layers % 2:
             return (0.5,)
-        return (0.25, 0.3) if self.layout.layers == 2 else (0.2, 0.2)
+        return (0.3, 0.2) if self.layout.layers == 2 else (0.14, 0.1)
 
 
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
