@@ -15,6 +15,7 @@ from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.error_estimate import (
+    Corrected,
     correction_mesh_changes,
     key_quantities,
     mesh_changes,
@@ -84,7 +85,7 @@ def assess(
     values = key_quantities(problem.mechanics, state, parts.forces)
     by_model = [jnp.zeros_like(x) for x in values]
     if change is not None:
-        by_model = model_changes(problem, state, change, parts)
+        by_model = model_changes(Corrected(problem, state, change), parts.forces)
 
     # The correction's own error, where it was computed with the same assembly.
     with_kinks = check is None and change is not None
@@ -96,12 +97,13 @@ def assess(
         for plan, share in zip(meshes.compared, origin.mechanics.error_shares, strict=True):
             other = problem_of(parts, plan, wall=wall)
             q = origin.mechanics.to_comparison_mesh(start.q, plan.counts)
-            its_check, its_change = verify(other, start._replace(q=q), omitted=check is None)
+            there = start._replace(q=q)
+            its_check, its_change = verify(other, there, omitted=check is None)
             found = key_quantities(other.mechanics, its_check.correction, parts.forces)
             # Those of a part are those of the whole.
             by_mesh.append(mesh_changes(share, values, found, parts.forces))
             if with_kinks and change is not None and its_change is not None:
-                pair = (origin, change), (other, its_change)
+                pair = Corrected(origin, start, change), Corrected(other, there, its_change)
                 by_kinks.append(correction_mesh_changes(*pair, parts.forces))
             stable = its_check.stable if stable is None else stable
         assert stable is not None

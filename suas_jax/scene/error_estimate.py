@@ -8,13 +8,13 @@ quantities with one linear solve, as adjoint weighting does for one quantity.
 """
 
 import functools
+from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.scene.parts import SceneParts
 from suas_jax.skin.pad_loads import DeadLoad
 
 # An estimate is wanted that the true error rarely exceeds; see docs/errors.md for how often.
@@ -82,45 +82,46 @@ def mesh_changes(
     return [margin * share * (a - b) for a, b in zip(values, better, strict=True)]
 
 
+class Corrected(NamedTuple):
+    """A problem, its equilibrium, and the change by what its mechanics leaves out."""
+
+    problem: Problem
+    state: State
+    change: State
+
+    def changes(self, loads: list[DeadLoad]) -> list[Lanes]:
+        """Changes of the key quantities; without loads, of the largest displacement."""
+        mechanics, change = self.problem.mechanics, self.change
+        largest = jnp.zeros_like(change.pressure)
+        if not loads:
+            largest = _largest(mechanics, self.state.q + change.q)
+            largest = largest - _largest(mechanics, self.state.q)
+        return [change.pressure, *_under_loads(mechanics, change.q, loads), largest]
+
+
 def correction_mesh_changes(
-    solved: tuple[Problem, State], finer: tuple[Problem, State], loads: list[DeadLoad]
+    solved: Corrected, finer: Corrected, loads: list[DeadLoad]
 ) -> list[Lanes]:
     """The mesh's share of the correction: first order, by the kinks of a mid-line that shears.
 
     It is kept apart from that of the equilibrium: the two may cancel on one mesh.
 
     Args:
-        solved: what was solved, and the change by what its mechanics leaves out.
-        finer: the same on the comparison mesh.
+        solved: on the mesh of the solve.
+        finer: on the comparison mesh.
         loads: the line loads.
     """
-    here = _under_loads(solved[0].mechanics, solved[1].q, loads)
-    there = _under_loads(finer[0].mechanics, finer[1].q, loads)
-    moved = [2.0 * (a - b) for a, b in zip(here, there, strict=True)]
-    pressure = 2.0 * (solved[1].pressure - finer[1].pressure)
-    largest = jnp.zeros_like(pressure)
-    if not loads:
-        of_mesh = [_largest(problem.mechanics, change.q) for problem, change in (solved, finer)]
-        largest = 2.0 * (of_mesh[0] - of_mesh[1])
-    return [pressure, *moved, largest]
+    pairs = zip(solved.changes(loads), finer.changes(loads), strict=True)
+    return [2.0 * (here - there) for here, there in pairs]
 
 
-def model_changes(
-    problem: Problem, state: State, change: State, parts: SceneParts
-) -> list[Lanes]:
+def model_changes(solved: Corrected, loads: list[DeadLoad]) -> list[Lanes]:
     """The model's share: what remains of its error after the correction.
 
     Args:
-        problem: membrane, oil and loads.
-        state: their equilibrium.
-        change: first-order effect of what the mechanics leaves out.
-        parts: of the scene.
+        solved: the equilibrium and its correction.
+        loads: the line loads and patches.
     """
-    mechanics, loads = problem.mechanics, parts.forces
-    moved = _under_loads(mechanics, change.q, loads)
-    largest = jnp.zeros_like(state.pressure)
-    if not loads:
-        largest = _largest(mechanics, state.q + change.q) - _largest(mechanics, state.q)
-        largest = _PRESSURE_ALONE * largest
-    margin = mechanics.omitted_margin
-    return [margin * x for x in (change.pressure, *moved, largest)]
+    *changes, largest = solved.changes(loads)
+    margin = solved.problem.mechanics.omitted_margin
+    return [margin * x for x in (*changes, _PRESSURE_ALONE * largest)]
