@@ -286,7 +286,7 @@ class Solid(AbstractSection):
         """
         if self.layout.layers % 2:
             return (0.5,)
-        return (0.3, 0.2) if self.layout.layers == 2 else (0.14, 0.1)
+        return (0.3, 0.2) if self.layout.layers == 2 else (0.14, 0.08)
 
 
 def _moments(change: Float[Array, "gauss layer element lane"]) -> Array:
