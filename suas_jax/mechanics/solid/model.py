@@ -24,8 +24,7 @@ _LOCAL_FIELD = 0.125
 _SMALLEST = 0.5
 # Tolerances above which 64 x 2 elements do for most scenes, and up to which 128 x 4 do not.
 _LOOSE, _STRICT = 2e-3, 2e-4
-# Thickness over radius up to which two layers less do, above and below the strict tolerance.
-_THIN, _THIN_STRICT = 0.03, 0.02
+_THIN = 0.03  # thickness over radius up to which two layers less do
 # Steps in which meshes are refined, pairs of layers among them, and the orders by which errors
 # fall along and across: what is seen in random scenes.
 _FACTORS = (1.0, 1.5, 2.0, 3.0, 4.0)
@@ -95,12 +94,12 @@ class SolidModel(AbstractModel):
         Twice as many cost less than a second program to load, let alone to compile.
         """
         least = 8 * 2 * (1 + len(scene.loads))
-        thickness = scene.geometry.thickness / scene.geometry.inner_radius
         if scene.rtol > _LOOSE:
             return (max(64, least), 2)
+        thick = scene.geometry.thickness > _THIN * scene.geometry.inner_radius
         if scene.rtol > _STRICT:
-            return (max(128, least), 2 if thickness <= _THIN else 4)
-        return (max(384, least), 4 if thickness <= _THIN_STRICT else 6)
+            return (max(128, least), 4 if thick else 2)
+        return (max(384, least), 6 if thick else 4)
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """The same as for a solve."""
