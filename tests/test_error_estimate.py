@@ -53,6 +53,16 @@ def test_the_stated_error_of_the_shell_is_above_the_true_one_and_near(
     assert true < shells[name]["error_estimate"] < 20 * true
 
 
+def test_the_stated_error_under_a_pressure_alone_is_above_the_true_one_and_near() -> None:
+    # On few elements most of it is that of the correction's effect on the largest displacement.
+    pressed = scene(
+        {"kind": "pressure", "pressure": "1 kPa"}, oil={"model": "vented"}, thickness=0.0025
+    )
+    few, many = (solve(with_solve(pressed, model="shell", elements=n)).report for n in (16, 64))
+    true = abs(few["max_displacement_m"] / many["max_displacement_m"] - 1)
+    assert true < few["discretisation_error"] < 10 * true
+
+
 @pytest.mark.parametrize(
     "path",
     ["loads.0.displacement_m", pytest.param("oil_pressure_Pa", marks=pytest.mark.long)],

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from suas_jax.mechanics.solid.element import PRESSURES, quadratic
+from suas_jax.mechanics.solid.element import PRESSURES, located, node_weights
 from suas_jax.mechanics.solid.layout import Layout, with_midpoints
 
 Mesh = tuple[Float[np.ndarray, " station"], int]
@@ -25,7 +25,7 @@ def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -
     lines = np.empty((old.nodes, 2, 2 * old.elements + 1))
     lines[:, :, ::2] = stations.reshape(old.nodes, 2, -1)
     lines[:, :, 1::2] = inside[: old.dof].reshape(old.nodes, 2, -1)
-    by_node = shapes(*across, old.layers), shapes(*along, old.elements)
+    by_node = node_weights(*across, old.layers), node_weights(*along, old.elements)
     moved = np.einsum("yb,bca,xa->ycx", by_node[0], lines, by_node[1], optimize=True)
     between = moved[:, :, 1::2].reshape(new.dof, -1)
     pressures = inside[old.dof :].reshape(PRESSURES, old.layers, old.elements)
@@ -40,19 +40,3 @@ def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -
     below = np.concatenate([between, np.stack([mean, *slopes]).reshape(-1, new.elements)])
     above = moved[:, :, ::2].reshape(new.dof, -1)
     return np.concatenate([above, np.pad(below, [(0, 0), (0, 1)])])[:, :, None]
-
-
-def located(ends: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Elements in which places lie, and their local coordinates there."""
-    element = np.clip(np.searchsorted(ends, x, side="right") - 1, 0, len(ends) - 2)
-    start, end = ends[element], ends[element + 1]
-    return element, 2 * (x - start) / (end - start) - 1
-
-
-def shapes(element: np.ndarray, xi: np.ndarray, elements: int) -> np.ndarray:
-    """Weights of the nodes in the values at places [place, node]."""
-    weights = np.zeros((len(xi), 2 * elements + 1))
-    rows = np.arange(len(xi))
-    for k, weight in enumerate(quadratic(xi)):
-        weights[rows, 2 * element + k] += weight
-    return weights

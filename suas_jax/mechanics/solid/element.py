@@ -33,6 +33,22 @@ def quadratic(x: Values, derivative: int = 0) -> list[Values]:
     return [x * (x - 1) / 2, 1 - x * x, x * (x + 1) / 2]
 
 
+def located(ends: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Elements in which places lie, and their local coordinates there."""
+    element = np.clip(np.searchsorted(ends, x, side="right") - 1, 0, len(ends) - 2)
+    start, end = ends[element], ends[element + 1]
+    return element, 2 * (x - start) / (end - start) - 1
+
+
+def node_weights(element: np.ndarray, xi: np.ndarray, elements: int) -> np.ndarray:
+    """Weights of the nodes in the values at places [place, node]."""
+    weights = np.zeros((len(xi), 2 * elements + 1))
+    rows = np.arange(len(xi))
+    for k, weight in enumerate(quadratic(xi)):
+        weights[rows, 2 * element + k] += weight
+    return weights
+
+
 def mixed(table: Float[np.ndarray, "row column"], x: Array) -> Array:
     """Apply a constant matrix to the leading axis: one product for all elements."""
     flat = jnp.asarray(table) @ x.reshape(table.shape[1], -1)

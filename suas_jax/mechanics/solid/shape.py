@@ -9,8 +9,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import Displacements, Profile
-from suas_jax.mechanics.solid.carry import located, shapes
-from suas_jax.mechanics.solid.element import NODES, quadratic
+from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadratic
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.quadrature import gauss_legendre
@@ -196,7 +195,7 @@ def joined_along(layout: Layout, q: StationVector) -> StationVector:
 def joined_across(layout: Layout, q: StationVector) -> StationVector:
     """The same deformation on layers joined in pairs; their number is even."""
     coarse = Layout(layout.elements, layout.layers // 2)
-    nodes = shapes(*located(layout.faces, coarse.heights), layout.layers)
+    nodes = node_weights(*located(layout.faces, coarse.heights), layout.layers)
     stations, middles = (jnp.einsum("cn,xn...->xc...", nodes, x) for x in layout.lines(q))
     _, p = layout.gather(q)
     heights = np.diff(layout.faces)

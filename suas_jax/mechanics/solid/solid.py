@@ -280,9 +280,7 @@ class Solid(AbstractSection):
     def error_shares(self) -> tuple[float, ...]:
         """Observed in random scenes (`benchmarks/error_estimate.py`).
 
-        Point loads limit the rate of convergence along the arc to two and more, corners of
-        clamps and ends of spread loads that across the thickness to one to two. Where the
-        difference across is unknown, that along the arc stands for both.
+        Where the difference across is unknown, that along the arc stands for both.
         """
         if self.layout.layers % 2:
             return (0.5,)

@@ -158,7 +158,7 @@ class ElementTangent(AbstractTangent):
         found = bases.column @ (kept - columns.carried @ both)
         found = jnp.moveaxis(found, (0, 1), (2, 3))
         both = jnp.moveaxis(bases.sides @ both, (0, 1), (2, 3))
-        x = bases.station @ moved + (x - moved)
+        x = bases.station @ moved + (x - moved)  # places that are held stay as they are
         free, mean = found[: 2 * layout.layers + 2], found[2 * layout.layers + 2 :]
         outer = jnp.concatenate(
             [_taken(both[:dof], 3, 4), _taken(both[dof:], 3, 4), _taken(free, 2, 2)]
