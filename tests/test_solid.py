@@ -12,6 +12,8 @@ from skins import EPDM, built, check, find, line, problem_of, quick, scene, stat
 from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs, with_solve
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
 from suas_jax.constitutive.specimens.inflation import tube
+from suas_jax.figures.solid import plot_solid
+from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.model import SOLID
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
@@ -367,6 +369,14 @@ def test_a_refined_solve_starts_from_the_coarser_mesh() -> None:
     assert refined.report["iterations"] < given.report["iterations"]
     for key in ("oil_pressure_Pa", "max_displacement_m", "strain_energy_J"):
         assert refined.report[key] == pytest.approx(given.report[key], rel=1e-9)
+
+
+def test_the_stretch_through_the_thickness_is_drawn_where_its_nodes_are() -> None:
+    spec = scene(line(30, 1.0), thickness=4e-4)
+    found = solve(with_solve(spec, model="solid", mesh=(96, 4)))
+    (drawn,) = plot_solid(found).axes[2].lines
+    nodes = 0.4 * Layout(96, 4).heights  # mm; those of two layers are drawn twice
+    np.testing.assert_allclose(np.unique(np.round(drawn.get_ydata(), 9)), nodes, atol=1e-8)
 
 
 def test_scene_of_a_solid_reports_like_the_shell() -> None:

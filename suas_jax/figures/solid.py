@@ -57,7 +57,9 @@ def plot_solid(solution: Solution) -> Figure:
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()
-    _across(panels[2], solution, fields.hoop_stretch.reshape(grid), spread)
+    depth = np.linalg.norm(fields.position, axis=-1) - geometry.inner_radius
+    across = np.stack([fields.hoop_stretch, 1e3 * depth], -1).reshape(*grid, 2)
+    _across(panels[2], solution, across, spread)
     figure.suptitle(
         f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
         f"smallest gap {1e3 * report['min_gap_m']:.3g} mm ({report['status']})"
@@ -65,18 +67,23 @@ def plot_solid(solution: Solution) -> Figure:
     return figure
 
 
-def _across(axes: Axes, solution: Solution, stretch: np.ndarray, spread: np.ndarray) -> None:
-    """Plot the hoop stretch through the thickness under every line load, or at the crown."""
+def _across(axes: Axes, solution: Solution, values: np.ndarray, spread: np.ndarray) -> None:
+    """Plot the hoop stretch through the thickness under every line load, or at the crown.
+
+    Args:
+        axes: to draw in.
+        solution: the solid's.
+        values: hoop stretch and distance from the inner face [mm] at the nodes
+            [element, layer, node, 2].
+        spread: angles of every element's ends and middle [rad].
+    """
     loads = [load["angle_deg"] for load in solution.report["loads"] if "angle_deg" in load]
-    layers = stretch.shape[1]
-    depth = (np.arange(layers)[:, None] + np.array([0, 0.5, 1])) / layers
-    depth = 1e3 * solution.scene.geometry.thickness * depth.ravel()
     for degrees in loads or [0.0]:
         near = np.abs(spread[:, [0, 2]] - np.deg2rad(degrees))
         element, side = np.unravel_index(np.argmin(near), near.shape)
         nodes = [NODES.index((2 * int(side), b)) for b in range(3)]
-        values = stretch[element][:, nodes].ravel()
-        axes.plot(values, depth, ".-", label=f"{degrees:.4g}°")
+        stretch, depth = values[element][:, nodes].reshape(-1, 2).T
+        axes.plot(stretch, depth, ".-", label=f"{degrees:.4g}°")
     axes.set(xlabel="hoop stretch", ylabel="distance from the inner face [mm]")
     axes.locator_params(axis="x", nbins=4)
     axes.grid(alpha=0.3)
