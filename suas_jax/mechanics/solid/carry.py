@@ -20,7 +20,7 @@ def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -
     """
     old, new = (Layout(len(angles) - 1, layers) for angles, layers in (origin, target))
     along = located(origin[0], with_midpoints(target[0]))
-    across = located(old.faces, new.heights)
+    across = located(old.layer_ends, new.heights)
     stations, inside = q[: old.dof, :, 0], q[old.dof :, :-1, 0]
     lines = np.empty((old.nodes, 2, 2 * old.elements + 1))
     lines[:, :, ::2] = stations.reshape(old.nodes, 2, -1)
@@ -34,7 +34,7 @@ def carried(q: Float[np.ndarray, "row station 1"], origin: Mesh, target: Mesh) -
     mean, by_xi, by_eta = pressures[:, layer[:, None], element]
     mean = mean + by_xi * xi + by_eta * eta[:, None]
     lengths = [np.diff(angles) for angles, _ in (origin, target)]
-    heights = [np.diff(layout.faces) for layout in (old, new)]
+    heights = [np.diff(layout.layer_ends) for layout in (old, new)]
     ratio = (heights[1] / heights[0][layer])[:, None]
     slopes = by_xi * lengths[1] / lengths[0][element], by_eta * ratio
     below = np.concatenate([between, np.stack([mean, *slopes]).reshape(-1, new.elements)])

@@ -58,11 +58,11 @@ class Layout(NamedTuple):
         return 2 * self.dof + PRESSURES * self.layers
 
     @property
-    def faces(self) -> Float[np.ndarray, " face"]:
+    def layer_ends(self) -> Float[np.ndarray, " end"]:
         """Where layers begin and end, as shares of the thickness.
 
-        They are thin at the faces, where corners of clamps and ends of spread loads make the
-        solution singular. Every other one is where half as many layers begin and end.
+        Layers are thin at the faces, where corners of clamps and ends of spread loads make the
+        solution singular. Every other end is one of half as many layers.
         """
         even = np.linspace(-1, 1, self.layers + 1)
         return (1 + np.sign(even) * (1 - (1 - np.abs(even)) ** _GRADING)) / 2
@@ -70,7 +70,7 @@ class Layout(NamedTuple):
     @property
     def heights(self) -> Float[np.ndarray, " node"]:
         """Where the nodes across lie, as shares of the thickness."""
-        return with_midpoints(self.faces)
+        return with_midpoints(self.layer_ends)
 
     def split(self, q: StationVector) -> tuple[Array, Array]:
         """Displacements at the stations, and what lies between them, [row, ..., lane]."""

@@ -139,8 +139,8 @@ class SolidModel(AbstractModel):
         elements, layers = counts
         geometry = scene.geometry
         thickness = geometry.thickness / (geometry.inner_radius + geometry.thickness)
-        lowest = Layout(elements, layers).faces[1]
-        local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness * lowest)
+        thinnest = Layout(elements, layers).layer_ends[1]
+        local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness * thinnest)
         pairs = plan_section(scene, (elements + 1) // 2, decay, local)
         return SolidPlan(pairs.refined(elements), layers)
 

@@ -195,10 +195,10 @@ def joined_along(layout: Layout, q: StationVector) -> StationVector:
 def joined_across(layout: Layout, q: StationVector) -> StationVector:
     """The same deformation on layers joined in pairs; their number is even."""
     coarse = Layout(layout.elements, layout.layers // 2)
-    nodes = node_weights(*located(layout.faces, coarse.heights), layout.layers)
+    nodes = node_weights(*located(layout.layer_ends, coarse.heights), layout.layers)
     stations, middles = (jnp.einsum("cn,xn...->xc...", nodes, x) for x in layout.lines(q))
     _, p = layout.gather(q)
-    heights = np.diff(layout.faces)
+    heights = np.diff(layout.layer_ends)
     first = jnp.asarray(heights[::2] / (heights[::2] + heights[1::2]))
     joined = _joined_modes(p, 1, 2, first[:, None, None])
     return _assembled(coarse, stations, middles, joined)

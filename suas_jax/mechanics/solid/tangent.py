@@ -122,7 +122,7 @@ class ElementTangent(AbstractTangent):
         """Condense, sweep along the arc, recover; see the module."""
         layout, mask, bases = self.layout, self.mask(), _Bases.of(self.layout)
         element = Condensed.of(self.stiffness, self.constraint, self.penalty)
-        columns, diagonal, upper = self._columns(element)
+        columns, diagonal, upper = self._columns(element, bases)
         factors = factorise(diagonal, upper)
 
         lanes = max(right.shape[-1], self.stiffness.shape[-1])
@@ -185,10 +185,10 @@ class ElementTangent(AbstractTangent):
         )
         return Sweep(solution, negative, smallest / scale)
 
-    def _columns(self, element: Condensed) -> tuple[_Columns, Array, Array]:
+    def _columns(self, element: Condensed, bases: _Bases) -> tuple[_Columns, Array, Array]:
         """Eliminate what is left inside the columns; blocks of the stations."""
         k, mean, dof = element.stiffness, element.mean, self.layout.dof
-        tail, bases = k.shape[4:], _Bases.of(self.layout)
+        tail = k.shape[4:]
 
         def block(row: str, column: str) -> Array:
             (r0, r1, rs), (c0, c1, cs) = _GROUPS[row], _GROUPS[column]
