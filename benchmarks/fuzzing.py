@@ -3,12 +3,13 @@
     python benchmarks/fuzzing.py --seconds 3600
 
 Mutated bytes go into every frame decoder and every parser of files (logs, baselines, skins,
-scenes, load paths, material data), mutated tables into the configuration. What a parser
-may raise is what its command turns into one line for the user; anything else is a finding,
+scenes, load paths, material data), mutated tables into the configuration. Frames come out in
+the order of their arrival. What a parser may raise is what its command turns into one line for the user; anything else is a finding,
 printed with the seed that makes it again. Exit status: 0 nothing found, 1 findings.
 """
 
 import argparse
+import itertools
 import random
 import resource
 import signal
@@ -121,13 +122,16 @@ def frame_target(name: str) -> tuple[Callable[[bytes], object], bytes]:
         integrity = Integrity(decode.clock_modulus, decode.checked)
         draw = random.Random(len(data))
         at = 0
+        readings: list[Reading] = []
         while at < len(data):
             size = draw.choice((1, 7, 100, 4096))
-            for reading in decode.feed(data[at : at + size], 0.001 * at):
-                integrity.judge(reading)
+            readings += decode.feed(data[at : at + size], 0.001 * at)
             at += size
-        for reading in decode.finish():
+        readings += decode.finish()
+        for reading in readings:
             integrity.judge(reading)
+        if any(b.t_host < a.t_host for a, b in itertools.pairwise(readings)):
+            raise AssertionError("t_host runs backwards")
 
     readings = (Reading(k, 0.01 * k, k % 3, (13000 + k, None, 7)) for k in range(30))
     return feed, b"".join(map(ENCODERS[name], readings))

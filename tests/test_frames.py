@@ -271,6 +271,38 @@ def test_late_modules_are_believed_at_their_second_line():
     assert decode.tally.malformed == 1 + 130
 
 
+def test_a_late_module_s_first_line_never_comes_out_behind_later_ones():
+    decode = decoder("text")
+    decode.feed(text_lines(0, 5), 0.0)
+    late = [ENCODERS["text"](Reading(seq, 0.0, 7, (1, 2))) for seq in (5, 6, 7)]
+    back = decode.feed(late[0], 1.0) + decode.feed(text_lines(5, 6), 2.0)
+    back += decode.feed(late[1] + late[2], 3.0)
+    assert [(r.seq, r.t_host) for r in back if r.module == 7] == [(6, 3.0), (7, 3.0)]
+    assert decode.tally.malformed == 1
+
+
+@pytest.mark.parametrize("name", [name for name in ENCODERS if name != "roboskin"])
+def test_damaged_streams_come_out_in_the_order_of_their_arrival(name):
+    """Flipped bits in 1 of 1000 bytes, of 4 modules: modules that are none, and late ones."""
+    rng = random.Random(5)
+    taxels = tuple(range(13000, 13010))
+    frames = (Reading(k, 0.01 * k, m, taxels) for k in range(1500) for m in range(4))
+    data = bytearray(b"".join(map(ENCODERS[name], frames)))
+    for _ in range(len(data) // 1000):
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    decode = decoder(format_of(name))
+    chunks = range(0, len(data), 64)
+    back = [r for at in chunks for r in decode.feed(bytes(data[at : at + 64]), 1e-4 * at)]
+    back += decode.finish()
+    assert len(back) > 4500
+    assert [r.t_host for r in back] == sorted(r.t_host for r in back)
+
+
+def test_a_clock_of_any_length_is_read_or_refused():
+    lines = [b'{"seq":1,"t":1%s,"module":0,"so":[5]}\n' % (b"0" * n) for n in (3, 400, 5000)]
+    assert [r.t_device for r in decoded("jsonl", *lines)] == [1000.0]
+
+
 @pytest.mark.parametrize("chunk", [700, 9000])
 def test_an_endless_line_is_one_damaged_line(chunk):
     decode = decoder("text")

@@ -10,6 +10,7 @@ are ignored. A line that was cut is no JSON, but a changed digit goes unnoticed.
 
 import json
 import math
+import sys
 from typing import TypeGuard
 
 from suas_jax.acquisition.frames.reading import FrameFormat, Reading, Tally
@@ -74,7 +75,7 @@ def _parsed(line: bytes, t_host: float) -> Reading | None:
         return None
     if not isinstance(counts, list) or not counts:
         return None
-    if type(clock) not in (int, float) or clock < 0.0 or math.isinf(clock):
+    if type(clock) not in (int, float) or clock < 0.0 or clock > sys.float_info.max:
         return None
     if not all(count is None or _whole(count, _MAX_COUNT) for count in counts):
         return None

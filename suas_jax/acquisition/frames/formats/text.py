@@ -10,6 +10,7 @@ and the first line after the port was opened must not be the tail of a longer on
 """
 
 import binascii
+import math
 import re
 from collections import Counter
 
@@ -57,6 +58,7 @@ class TextDecoder:
         self._opening = True  # nothing has been released since the port was opened
         self._any_line = False
         self._last_seq = -2
+        self._last_heard = -math.inf  # when the last line that was released came [s]
         self._held: list[Reading] = []
         self._strangers: dict[int, Reading] = {}
 
@@ -178,10 +180,17 @@ class TextDecoder:
         return released
 
     def _introduced(self, reading: Reading) -> list[Reading]:
-        """Believe in a module that appears late when it has said the same width twice."""
+        """Believe in a module that appears late when it has said the same width twice.
+
+        The first of the two lines is refused where later ones have been released since:
+        readings come out in the order in which they arrived.
+        """
         before = self._strangers.pop(reading.module, None)
         if before is not None and len(before.counts) == len(reading.counts):
-            return self._released([before, reading])
+            if before.t_host >= self._last_heard:
+                return self._released([before, reading])
+            self._refuse(1)
+            return self._released([reading])
         if before is not None or len(self._strangers) >= _MAX_HELD:
             self._refuse(1)
         if before is not None or len(self._strangers) < _MAX_HELD:
@@ -207,7 +216,7 @@ class TextDecoder:
             self._widths.setdefault(module, width)
         kept = [reading for reading in readings if self._fits(reading)]
         if kept:
-            self._last_seq = kept[-1].seq
+            self._last_seq, self._last_heard = kept[-1].seq, kept[-1].t_host
         return kept
 
     def _fits(self, reading: Reading) -> bool:
