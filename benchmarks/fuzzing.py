@@ -4,8 +4,9 @@
 
 Mutated bytes go into every frame decoder and every parser of files (logs, baselines, skins,
 scenes, load paths, material data), mutated tables into the configuration. Frames come out in
-the order of their arrival. What a parser may raise is what its command turns into one line for the user; anything else is a finding,
-printed with the seed that makes it again. Exit status: 0 nothing found, 1 findings.
+the order of their arrival. What a parser may raise is what its command turns into one line for
+the user; anything else is a finding, printed with the seed that makes it again. Exit status: 0
+nothing found, 1 findings.
 """
 
 import argparse

@@ -10,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fitting import load_dataset
 from suas_jax.acquisition.log.log_file import group_frames, read_log, sequence_notes
 from suas_jax.config import load_scene, parse_quantity
+from suas_jax.config.csv_table import read_csv_table
 from suas_jax.config.errors import ConfigError, show
 
 SCENE = Path(__file__).parent.parent / "configs" / "scenes" / "case_b.toml"
@@ -153,6 +155,40 @@ def test_logs_that_continue_each_other_in_a_circle(tmp_path: Path) -> None:
     for name in ("a", "own"):
         with pytest.raises(ValueError, match="no earlier part"):
             read_log(tmp_path / f"{name}.csv")
+
+
+READERS = {
+    "log": (read_log, "t_host_s,t_device_s,seq,module,so_1\n0,0,1,0,5\n0,0,2,0,"),
+    "table": (read_csv_table, "time_s,force_N\n0,1\n1,"),
+    "material": (
+        lambda file: load_dataset("uniaxial", file),
+        "stretch_1,nominal_stress_MPa\n1,0\n1.1,",
+    ),
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_fields_of_200000_characters(reader: str, tmp_path: Path) -> None:
+    read, text = READERS[reader]
+    file = tmp_path / "long.csv"
+    file.write_text(f'{text}"{"1" * 200_000}"\n')
+    with pytest.raises(ValueError, match=r"long.csv.*line 3: .* more than 131072 char") as told:
+        read(file)
+    assert len(str(told.value)) < 300 + len(str(file))
+    file.write_text(f"{text}{'1' * 200_000}\n")
+    if reader == "table":  # whose numbers are judged by whom they are for
+        assert len(read(file).rows[-1][1][-1]) == 200_000
+        return
+    with pytest.raises(ValueError, match=r'line 3, column .*"1{40,80}"') as told:
+        read(file)
+    assert len(str(told.value)) < 300 + len(str(file))
+
+
+def test_a_remark_of_200000_characters_is_no_obstacle(tmp_path: Path) -> None:
+    remark = "x" * 200_000
+    file = tmp_path / "long.csv"
+    file.write_text(f"stretch_1,nominal_stress_MPa,note\n1,0,{remark}\n1.1,0.1,\n1.2,0.2,\n")
+    np.testing.assert_array_equal(load_dataset("uniaxial", file).value, [0, 1e5, 2e5])
 
 
 def test_many_parts_are_read_as_one(tmp_path: Path) -> None:

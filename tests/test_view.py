@@ -8,10 +8,12 @@ import gc
 import io
 import json
 import shutil
+import socket
 import threading
 import time
 import tracemalloc
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -106,6 +108,11 @@ def test_wishes_are_kept_within_what_is_offered() -> None:
 
     assert wish(type="set", name="load.0.force", value=99) == ("load.0.force", 20.0)
     assert wish(type="set", name="load.0.force", value=float("nan")) == ("load.0.force", 0.0)
+    for value in (10**3900, float("inf")):  # what JSON of 4 kB can hold
+        assert wish(type="set", name="load.0.force", value=value) == ("load.0.force", 20.0)
+        assert wish(type="set", name="load.0.force", value=-value) == ("load.0.force", 0.0)
+        assert wish(type="seek", value=value) == ("seek", 3.0)
+        assert wish(type="speed", value=value) is None
     assert wish(type="seek", value=-5) == ("seek", 0.0)
     for bad in (
         {"type": "set", "name": "material.C1", "value": 1},
@@ -153,11 +160,81 @@ def test_only_its_own_pages_are_answered() -> None:
             "../hub.py",
         ):
             assert answer(server.url + name)[0] == 404
+        status, response = answer(f"{server.url}{'a' * 300}.js")
+        assert status == 404
+        assert response.headers["X-Content-Type-Options"] == "nosniff"
         with (
             pytest.raises(OSError, match=f"127.0.0.1:{port}"),
             ViewServer(Hub({}), "127.0.0.1", int(port)),
         ):
             pass
+
+
+def address(server: ViewServer) -> tuple[str, int]:
+    """Host and port of a server."""
+    found = urllib.parse.urlsplit(server.url)
+    assert found.hostname is not None
+    assert found.port is not None
+    return found.hostname, found.port
+
+
+def asked(server: ViewServer, request: bytes) -> bytes:
+    """The begin of what is answered to these bytes."""
+    host, port = address(server)
+    with socket.create_connection((host, port), 10) as client:
+        client.sendall(request.replace(b"HOST", f"Host: {host}:{port}".encode()))
+        return client.recv(1000)
+
+
+@pytest.mark.parametrize(
+    ("request_", "status"),
+    [
+        (b"GET /" + b"a" * 9000 + b" HTTP/1.1\r\nHOST\r\n\r\n", 400),
+        (b"GET / HTTP/1.1\r\nHOST\r\nX: " + b"a" * 9000 + b"\r\n\r\n", 400),
+        (b"GET / HTTP/1.1\r\nHost: a:99999999\r\n\r\n", 403),
+        (b"GET / HTTP/1.1\r\nHost: \xff\xfe\r\n\r\n", 403),
+        (b"GET http://[ HTTP/1.1\r\nHOST\r\n\r\n", 400),
+        (b"\x16\x03\x01\0\r\n\r\n", 400),
+    ],
+)
+def test_requests_that_make_no_sense(
+    request_: bytes, status: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with ViewServer(Hub({"title": "x"}), "127.0.0.1", 0) as server:
+        head = asked(server, request_).split(b"\r\n")[0]
+    assert head.split()[1] == str(status).encode()
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.view.server._MOST_CONNECTIONS", 3)
+    with ViewServer(Hub({"title": "x"}), "127.0.0.1", 0) as server, contextlib.ExitStack() as s:
+        for _ in range(3):
+            s.enter_context(socket.create_connection(address(server)))
+        end = time.monotonic() + 10
+        while answer(server.url)[0] != 503:  # those accepted at once are counted afterwards
+            assert time.monotonic() < end
+
+
+@pytest.mark.parametrize(
+    "begin", [b"", b"GET / HTTP/1.1\r\n", b"GET / HTTP/1.1\r\nHost: localhost\r\nX: "]
+)
+def test_a_connection_without_a_whole_request_is_closed(
+    begin: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fitting.view.server._PATIENCE", 0.2)
+    with (
+        ViewServer(Hub({"title": "x"}), "127.0.0.1", 0) as server,
+        socket.create_connection(address(server), 10) as client,
+    ):
+        client.sendall(begin)
+        end = time.monotonic() + 10
+        with contextlib.suppress(ConnectionError):  # one byte at a time is no excuse
+            while begin and time.monotonic() < end:
+                client.sendall(b"x")
+                time.sleep(0.02)
+            assert client.recv(100) == b""
+        assert time.monotonic() < end
 
 
 # --- in the browser -----------------------------------------------------------------------

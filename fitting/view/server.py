@@ -3,12 +3,17 @@
 It answers nobody but pages that it served: a request has to name this server as its host, or
 any web site could reach it through a name of its own, and a websocket's origin has to be this
 server. The page may load nothing from elsewhere (Content-Security-Policy).
+
+Connections are bounded, and one without a whole request is closed after some seconds: whoever
+sends a byte now and then keeps nobody out for long.
 """
 
 import asyncio
 import contextlib
 import ipaddress
 import json
+import logging
+import os
 import threading
 import time
 from pathlib import Path
@@ -28,6 +33,7 @@ _TYPES = {
     ".css": "text/css",
     ".txt": "text/plain",
 }
+_FILES = {path.name: path for path in _PAGE.iterdir() if path.suffix in _TYPES}
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "connect-src 'self'; img-src 'self' data:; base-uri 'none'; form-action 'none'; "
@@ -37,11 +43,16 @@ _HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-cache",
 }
+_LOGGER = logging.getLogger("suas view")
+# Of requests that make no sense aiohttp would write the whole stack.
+_LOGGER.disabled = not os.environ.get("SUAS_TRACEBACK")
 _RATE = 30.0  # pictures a second at most
 _UNSEEN = 1.0  # a page that draws nothing (a hidden tab) gets a picture so often [s]
 _MOST_BYTES = 4096  # of a message from a page
 _MOST_PAGES = 8
 _BEAT = 10.0  # between two looks whether a page is still there [s]
+_PATIENCE = 10.0  # with a connection that sends no whole request [s]
+_MOST_CONNECTIONS = 128
 
 
 class ViewServer:
@@ -96,18 +107,30 @@ class ViewServer:
     async def _serve(self) -> None:
         application = web.Application(middlewares=[self._only_own], client_max_size=_MOST_BYTES)
         application.router.add_get("/socket", self._socket)
-        application.router.add_get("/", self._file)
-        application.router.add_get("/{name}", self._file)
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=1.0)
+        application.router.add_get("/{name:.*}", self._file)
+        runner = web.AppRunner(
+            application,
+            access_log=None,
+            logger=_LOGGER,
+            shutdown_timeout=1.0,
+            keepalive_timeout=_PATIENCE,
+        )
         await runner.setup()
+        server = runner.server
+        assert server is not None
+
+        def accepted() -> asyncio.BaseProtocol:
+            full = len(server.connections) >= _MOST_CONNECTIONS
+            return _Refusal() if full else server()
+
         try:
-            site = web.TCPSite(runner, self._host, self._port)
-            await site.start()
-            port = runner.addresses[0][1]
+            listener = await self._loop.create_server(accepted, self._host, self._port)
+            port = listener.sockets[0].getsockname()[1]
             name = f"[{self._host}]" if ":" in self._host else self._host
             self.url = f"http://{name}:{port}/"
             self._ready.set()
             await self._end.wait()
+            listener.close()
         except OSError as error:
             self._failure = OSError(
                 error.errno, error.strerror or str(error), f"{self._host}:{self._port}"
@@ -123,18 +146,21 @@ class ViewServer:
 
     @web.middleware
     async def _only_own(self, request: web.Request, handler: Any) -> web.StreamResponse:
-        if not _is_own_name(request.url.host or "", self._host):
-            raise web.HTTPForbidden(text=f"{request.host}: this server has another name")
-        response: web.StreamResponse = await handler(request)
+        try:
+            if not _is_own_name(_named_host(request), self._host):
+                raise web.HTTPForbidden(text="this server has another name")
+            response: web.StreamResponse = await handler(request)
+        except web.HTTPException as refusal:
+            refusal.headers.update(_HEADERS)
+            raise
         if not response.prepared:
             response.headers.update(_HEADERS)
         return response
 
     async def _file(self, request: web.Request) -> web.Response:
-        name = request.match_info.get("name", "index.html")
-        path = _PAGE / name
-        if path.parent != _PAGE or path.suffix not in _TYPES or not path.is_file():
-            raise web.HTTPNotFound
+        path = _FILES.get(request.match_info["name"] or "index.html")
+        if path is None:
+            raise web.HTTPNotFound(text="this server has no such file; its page is at /")
         kind = _TYPES[path.suffix]
         return web.Response(body=path.read_bytes(), content_type=kind, charset="utf-8")
 
@@ -213,6 +239,25 @@ class _Page:
         wish = understood(message, self._hub.description)
         if wish is not None:
             self._hub.wish(*wish)
+
+
+class _Refusal(asyncio.Protocol):
+    """A connection above what is allowed: answered without a look at what it asks."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        text = f"{_MOST_CONNECTIONS} connections are open already\n"
+        head = f"HTTP/1.1 503 Service Unavailable\r\nContent-Length: {len(text)}\r\n"
+        transport.write(f"{head}Connection: close\r\n\r\n{text}".encode())
+        transport.close()
+
+
+def _named_host(request: web.Request) -> str:
+    """The host that a request names, without its port; empty where it makes no sense."""
+    try:
+        return request.url.host or ""
+    except ValueError:
+        return ""
 
 
 def _is_own_name(name: str, host: str) -> bool:

@@ -5,12 +5,11 @@ survives a file that was cut off, and so have the files of test machines, whose 
 decimal signs and units have to be found out.
 """
 
-import csv
 import math
 from pathlib import Path
 from typing import NamedTuple
 
-from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
 
 _MOST_BYTES = 64 * MEGABYTE
 
@@ -35,7 +34,8 @@ def read_csv_table(file: Path) -> CsvTable:
     """Read a table.
 
     Raises:
-        ValueError: a row has another number of fields than there are names; says which line.
+        ValueError: a row has another number of fields than there are names, or one that is
+            too long; says which line.
         OSError: the file can't be read.
     """
     text = read_bytes(file, _MOST_BYTES).decode("utf-8-sig")
@@ -50,7 +50,10 @@ def read_csv_table(file: Path) -> CsvTable:
             if not names:
                 header[key.strip()] = value.strip()
         elif bare:
-            fields = tuple(text.strip() for text in next(csv.reader([line])))
+            try:
+                fields = tuple(text.strip() for text in split_fields(line))
+            except ValueError as error:
+                raise ValueError(f"{file}, line {number}: {error}") from None
             if not names:
                 names, first = fields, number
             elif len(fields) != len(names):

@@ -1,6 +1,7 @@
 """Bounded reading: regular files only, of a size that can be worked with."""
 
 import contextlib
+import csv
 import errno
 import os
 import stat
@@ -73,6 +74,32 @@ def check_readable(
     """Refuse what a library is about to open by its name; see `opened`."""
     with opened(path, most_bytes, remember=remember):
         pass
+
+
+def split_fields(line: str, delimiter: str = ",", *, strict: bool = False) -> list[str]:
+    """The fields of one line of a table, without the quotes around them.
+
+    Args:
+        line: without its end.
+        delimiter: between the fields.
+        strict: refuse quotes that don't end, or end inside a field.
+
+    Raises:
+        ValueError: a line with quotes has a field longer than `csv.field_size_limit`, or
+            quotes that `strict` refuses.
+    """
+    if '"' not in line:
+        return line.split(delimiter)
+    try:
+        return next(csv.reader([line], delimiter=delimiter, strict=strict))
+    except csv.Error as error:
+        most = csv.field_size_limit()
+        if len(line) <= most:
+            raise ValueError(f"quotes: {error}") from None
+        raise ValueError(
+            f"a field of more than {most} characters, the most that a line with quotes may "
+            "have; is a closing quote missing?"
+        ) from None
 
 
 def _too_large(size: int, most_bytes: int) -> str:

@@ -5,7 +5,6 @@ ends; commas, semicolons, tabs, bars or blanks between fields; lines that begin 
 % are comments. Workbooks: every sheet, values as they were last computed.
 """
 
-import csv
 import dataclasses
 import io
 import os
@@ -16,7 +15,7 @@ from pathlib import Path
 
 from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing, looks_numeric
-from suas_jax.files.reading import MEGABYTE, read_bytes
+from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
 
 _MOST_BYTES = 64 * MEGABYTE
 _MOST_UNPACKED = 512 * MEGABYTE
@@ -69,7 +68,7 @@ def read_cells(path: str | os.PathLike[str]) -> list[Cells]:
             f"{file}: is a workbook of the old format .xls; save it as .xlsx or as CSV"
         )
     text, encoding = _decoded(file, raw)
-    return [_delimited(text, encoding)]
+    return [_delimited(file, text, encoding)]
 
 
 def _raw(file: str) -> bytes:
@@ -96,7 +95,7 @@ def _decoded(file: str, raw: bytes) -> tuple[str, str]:
         return raw.decode("cp1252", errors="replace"), "Latin-1 (Windows 1252)"
 
 
-def _delimited(text: str, encoding: str) -> Cells:
+def _delimited(file: str, text: str, encoding: str) -> Cells:
     comments, kept, lines = [], [], []
     for number, line in enumerate(text.splitlines(), 1):
         bare = line.strip().strip("\x1a\ufeff")
@@ -109,7 +108,12 @@ def _delimited(text: str, encoding: str) -> Cells:
     # A separator declared for Excel says nothing else.
     if kept and re.fullmatch(r"sep=.", kept[0].strip()):
         kept, lines = kept[1:], lines[1:]
-    rows = [fields(line, delimiter) for line in kept]
+    rows = []
+    for number, line in zip(lines, kept, strict=True):
+        try:
+            rows.append(fields(line, delimiter))
+        except ValueError as error:
+            raise DataError(f"{file}: line {number}: {error}") from None
     return Cells("", rows, lines, tuple(comments), delimiter, encoding)
 
 
@@ -120,13 +124,17 @@ def _is_comment(line: str) -> bool:
 
 
 def fields(line: str, delimiter: str) -> list[str]:
-    """The fields of a line of text, without blanks around them."""
+    """The fields of a line of text, without blanks around them.
+
+    Raises:
+        ValueError: as `split_fields`.
+    """
     if delimiter == " ":
         # Names may hold single blanks, in lines whose columns stand wider apart.
         wide = re.split(r"\s{2,}", line.strip())
         narrow = line.split()
         return wide if len(wide) > 1 and any(" " in cell for cell in wide) else narrow
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter))]
+    return [cell.strip() for cell in split_fields(line, delimiter)]
 
 
 def _delimiter(lines: list[str]) -> str:
@@ -139,7 +147,10 @@ def _delimiter(lines: list[str]) -> str:
         for line in sample:
             if delimiter not in line.strip():
                 continue
-            cells = fields(line, delimiter)
+            try:
+                cells = fields(line, delimiter)
+            except ValueError:  # said of the line once it is read
+                continue
             filled = [cell for cell in cells if not is_missing(cell)]
             numbers = sum(looks_numeric(cell) for cell in filled)
             share += numbers / len(filled) if len(cells) > 1 and filled else 0.0

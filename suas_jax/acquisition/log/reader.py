@@ -1,6 +1,5 @@
 """Read an SO log strictly, whoever wrote it."""
 
-import csv
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,7 +16,7 @@ from suas_jax.acquisition.log.format import (
     LogFileError,
 )
 from suas_jax.acquisition.log.text_column import TextColumn, number_in
-from suas_jax.files.reading import MEGABYTE, opened, read_bytes
+from suas_jax.files.reading import MEGABYTE, opened, read_bytes, split_fields
 
 # Between the fields of a row once quotes are undone: ASCII's unit separator.
 _SEPARATOR = "\x1f"
@@ -174,8 +173,8 @@ class _Parser:
         if '"' not in line:
             return line.replace(",", _SEPARATOR)
         try:
-            return _SEPARATOR.join(next(csv.reader([line], strict=True)))
-        except csv.Error as error:
+            return _SEPARATOR.join(split_fields(line, strict=True))
+        except ValueError as error:
             raise LogFileError(f"{self.path}, line {number}: {error}") from None
 
     def _comment(self, line: str) -> None:

@@ -75,7 +75,7 @@ class TextColumn(NamedTuple):
 
     def _refused(self, i: int, expected: str) -> LogFileError:
         return LogFileError(
-            f'{self.path}, line {self.lines[i]}, column {self.name}: "{self.texts[i]}": '
+            f'{self.path}, line {self.lines[i]}, column {self.name}: "{self.texts[i][:80]}": '
             f"expected {expected}"
         )
 
