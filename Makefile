@@ -9,7 +9,7 @@ demo: $(READY)
 	$(BIN)/python benchmarks/demo.py
 
 test: check
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # What takes more than 10 s beside a cheaper test of the same.
 test-long: $(READY)

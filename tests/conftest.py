@@ -2,16 +2,18 @@
 
 import gc
 import os
-import pathlib
 from collections.abc import Iterator
 
 # As commands do, and before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
+import platformdirs
 import pytest
 
+from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.machine_code import keep_machine_code
 from suas_jax.runtime.memory import give_back_freed_memory
 
 # As in suas_jax.runtime.compiled: half the compile time for the same programs. Read when
@@ -23,17 +25,27 @@ jax.config.update("jax_enable_x64", True)
 # As in suas_jax.runtime.settings: an eighth of the suite's time, which is mostly tracing.
 gc.set_threshold(100_000)
 jax.config.update("jax_traceback_in_locations_limit", 0)
-CACHE = pathlib.Path(__file__).parent.parent / ".jax_cache"
-# What commands keep between runs: the suite neither uses nor fills the user's own folder.
+# Every program is kept between runs, in a private folder that checkouts share, with its
+# size bounded; where there is none, compiling takes its time. The user's own programs are
+# neither used nor replaced.
+CACHE = platformdirs.user_cache_path("suas_jax") / "tests"
+PROGRAMS = CacheFolder(
+    CACHE / "programs", most_bytes=2_000_000_000, key_file=CACHE / "key" / "key"
+)
+keep_machine_code(PROGRAMS, CACHE / "programs")
 os.environ["XDG_CACHE_HOME"] = str(CACHE / "commands")
-jax.config.update("jax_compilation_cache_dir", str(CACHE))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first: none of them is left over for one process at the end."""
+    items.sort(key=lambda item: -item.path.stat().st_size)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def programs_of_one_file() -> Iterator[None]:
     """Free what a file's programs take: those of the whole suite would need gigabytes."""
     yield
+    PROGRAMS.settled()
     COMPILED.forget()
     jax.clear_caches()
     gc.collect()

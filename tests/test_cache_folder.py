@@ -127,6 +127,29 @@ def test_the_least_recently_used_go_first(tmp_path: Path) -> None:
     assert folder.get("e") == CONTENT
 
 
+def test_a_folder_with_room_is_looked_through_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Programs come in thousands; two processes that don't look keep to the limit."""
+    looks, scandir, size = [], os.scandir, len(CONTENT) + 32
+    pair = [folder_in(tmp_path, most_bytes=20 * size) for _ in range(2)]
+    assert [folder.refusal for folder in pair] == [None, None]
+
+    def counted(path: Path) -> object:
+        looks.append(path)
+        return scandir(path)
+
+    monkeypatch.setattr(os, "scandir", counted)
+    for k in range(8):
+        for name, folder in zip("ab", pair, strict=True):
+            folder.put(f"{name}{k}", CONTENT)
+    assert len(looks) == 2
+    for k in range(8, 40):
+        for name, folder in zip("ab", pair, strict=True):
+            folder.put(f"{name}{k}", CONTENT)
+            assert len(list((tmp_path / "kept").glob("*.kept"))) <= 20
+
+
 def test_drafts_left_over_are_removed(tmp_path: Path) -> None:
     folder_in(tmp_path).put("a", CONTENT)
     left, fresh = tmp_path / "kept" / ".draft-x", tmp_path / "kept" / ".draft-y"

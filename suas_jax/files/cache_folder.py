@@ -55,6 +55,7 @@ class CacheFolder:
         self._key: bytes | None = None
         self._refusal: str | None = None
         self._marker: tuple[int, Path, int] | None = None  # descriptor, file, process
+        self._room = 0  # bytes to write before the folder is looked through again
 
     @property
     def refusal(self) -> str | None:
@@ -90,7 +91,9 @@ class CacheFolder:
                 stream.write(self._code(name, content))
                 stream.write(content)
             os.replace(draft, self._file(name))
-            self._tidy()
+            self._room -= len(content) + _CODE
+            if self._room < 0:
+                self._tidy()
         except OSError:
             return
 
@@ -150,10 +153,12 @@ class CacheFolder:
                     total += facts.st_size
         for _, size, path in sorted(kept):
             if total <= self._most_bytes:
-                return
+                break
             with contextlib.suppress(OSError):
                 os.unlink(path)
             total -= size
+        # Other processes write as well: half of what is left, for each of two.
+        self._room = (self._most_bytes - total) // 2
 
     def _mark(self, name: str) -> None:
         """Name an entry in this process's marker."""
