@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -39,13 +40,26 @@ def test_the_page_lists_the_public_names(package: str) -> None:
 
 
 @pytest.mark.parametrize("page", ["docs/api", "README", "docs/start", "docs/design"])
-def test_code_of_the_page_runs(page: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_of_the_page_runs(
+    page: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def with_effect(*arguments: Any) -> dict[str, float]:
+        slopes = gradient(*arguments)
+        assert sum(slope != 0.0 for slope in slopes.values()) > 5
+        return slopes
+
+    gradient = suas_jax.gradient
+    monkeypatch.setattr("suas_jax.gradient", with_effect)
     monkeypatch.chdir(ROOT)
     # The settings of the tests are kept; the caches of a user are left alone.
     monkeypatch.setattr("suas_jax.runtime.settings.configure", lambda: None)
-    blocks = code_blocks((ROOT / f"{page}.md").read_text(encoding="utf-8"))
+    text = (ROOT / f"{page}.md").read_text(encoding="utf-8")
+    blocks = code_blocks(text)
     assert blocks
     exec(compile(blocks, page, "exec"), {"__name__": "page"})
+    answers = re.findall(r"```python\n[^`]*```\n\n```text\n([^`]*)```", text)
+    if answers:
+        assert capsys.readouterr().out == "".join(answers)
 
 
 UNCONFIGURED = """

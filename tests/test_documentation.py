@@ -1,6 +1,8 @@
 """The pages: keys and commands that are described, code that runs, commands that parse."""
 
+import ast
 import importlib
+import json
 import re
 import shlex
 import sys
@@ -14,6 +16,7 @@ import typer.main
 
 from fitting.cli.app import app
 from fitting.cli.examples import EXAMPLES, commands_of
+from suas_jax import load_scene
 from suas_jax.config.validation import TABLES
 
 ROOT = Path(__file__).parent.parent
@@ -133,3 +136,77 @@ def test_imports_of_the_page_are_there(page: Path) -> None:
         if language == "python":
             lines = re.findall(r"^(?:from .* import .*|import .*)$", block, re.MULTILINE)
             exec("\n".join(lines), {})
+
+
+def files_shown(page: Path) -> Iterator[tuple[str, str]]:
+    """Name and text of the files of `configs` that a page prints, named in their first line."""
+    for language, block in FENCE.findall(page.read_text(encoding="utf-8")):
+        if language == "toml" and (named := re.match(r"# (configs/\S+)\n", block)):
+            yield named[1], block[named.end() :]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_files_that_a_page_prints_are_as_they_stand(page: Path) -> None:
+    for name, text in files_shown(page):
+        whole = (ROOT / name).read_text(encoding="utf-8")
+        assert text == re.sub(r"\A(#.*\n)*", "", whole)
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "start.md"], ids=lambda p: p.stem)
+def test_a_first_page_runs_the_scene_that_it_prints(page: Path) -> None:
+    ((name, _),) = files_shown(page)
+    first = next(line for line in command_lines(page) if line.startswith("suas solve"))
+    assert shlex.split(first)[2] == name
+    # Whoever changes its force changes the answer.
+    assert load_scene(ROOT / name).solve.oil_pressure is None
+
+
+def gradients_shown() -> list[str]:
+    """Command lines of the pages and of the help that differentiate."""
+    lines = [line for page in PAGES for line in command_lines(page)]
+    lines += [line for examples in EXAMPLES.values() for line in examples]
+    return sorted({line for line in lines if "--gradient" in line})
+
+
+@pytest.mark.parametrize("line", gradients_shown())
+def test_no_example_differentiates_what_its_scene_prescribes(line: str) -> None:
+    words = shlex.split(line)
+    scene, quantity = load_scene(ROOT / words[2]), words[words.index("--gradient") + 1]
+    scaled = scene.solve.oil_pressure is not None
+    assert not re.fullmatch("oil_pressure_Pa" if scaled else r"loads\.\d+\.force_N", quantity)
+
+
+def draws(source: str) -> bool:
+    """Whether a cell of a notebook draws: defining a function that does is not drawing."""
+    tree = ast.parse(re.sub(r"^%.*$", "", source, flags=re.MULTILINE))
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.FunctionDef):
+            continue
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            if name.startswith("plot_") or name in ("figure", "subplots"):
+                return True
+        waiting += ast.iter_child_nodes(node)
+    return False
+
+
+@pytest.mark.parametrize(
+    "notebook", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem
+)
+def test_cells_of_notebooks_that_draw_keep_their_pictures(notebook: Path) -> None:
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    drawing = [cell for cell in code if draws("".join(cell["source"]))]
+    for cell in drawing:
+        kinds = {kind for output in cell["outputs"] for kind in output.get("data", {})}
+        assert kinds & {"image/png", "image/gif"}, "".join(cell["source"])
+    assert drawing
+
+
+def test_the_picture_of_the_first_page_has_all_its_colours() -> None:
+    picture = (DOCS / "pad.png").read_bytes()
+    true_colour, with_transparency = 2, 6  # 3 is a palette
+    assert picture[25] in (true_colour, with_transparency)
+    assert len(picture) < 400_000

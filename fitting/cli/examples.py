@@ -11,7 +11,7 @@ import typer
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "solve": (
         "suas solve configs/scenes/case_b.toml --plot section.png",
-        "suas solve configs/scenes/case_b.toml --json --gradient oil_pressure_Pa",
+        "suas solve configs/scenes/press.toml --gradient min_gap_m",
     ),
     "sweep": ("suas sweep configs/scenes/case_b.toml --force 0:40:21 --plot curve.png",),
     "range": ("suas range configs/skins/suas.toml --plot range.png",),
