@@ -1,0 +1,1407 @@
+"""Formulas of load estimation against closed forms, on a skin that is one line of NumPy."""
+
+import dataclasses
+import itertools
+from types import SimpleNamespace
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.optimize import least_squares
+
+from fitting.force_range.bound import ForceRange, least_errors
+from fitting.inverse_load import posterior as frame_posterior
+from fitting.inverse_load.check import section_log
+from fitting.inverse_load.check.changed_input import AbstractInputFit
+from fitting.inverse_load.check.verdict import (
+    DIAMETER,
+    WIDTH,
+    Gain,
+    ModelVerdict,
+    gain_of,
+    verdict_of,
+)
+from fitting.inverse_load.drift import Drift, DriftDensities
+from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.fit.covariance import covariance_of, inverse
+from fitting.inverse_load.fit.detection import (
+    ArcDetector,
+    PadDetector,
+    false_alarm_rate,
+    without_errors,
+)
+from fitting.inverse_load.fit.doubts import Doubts
+from fitting.inverse_load.fit.explanation import widened
+from fitting.inverse_load.fit.least_squares import Fit, Target, _last_step, _step
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors
+from fitting.inverse_load.fit.outliers import FaultyTaxels, _inliers, _least_trimmed
+from fitting.inverse_load.fit.section_errors import SectionErrors, _filled, _most_alike
+from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.live.filter import LoadFilter
+from fitting.inverse_load.model.contact_parameters import SECTION
+from fitting.inverse_load.model.evaluation import Evaluation
+from fitting.inverse_load.search import table as load_table
+from fitting.inverse_load.search.nearest import NodeSearch
+from fitting.inverse_load.search.pairs import _scaled
+from fitting.inverse_load.search.table import LoadTable
+from fitting.inverse_load.weighing import ReadingWeights, zero_of_readings
+from suas_jax.config.input_errors import STIFFNESS
+from suas_jax.equilibrium.equilibrium import State
+from tests.skins import quick
+from tests.stand_ins import (
+    AT_REST,
+    TAXELS,
+    DimpleFitter,
+    DimpleNodes,
+    dimple_readings,
+    explanations,
+)
+
+RNG = np.random.default_rng(0)
+SLOPES = RNG.normal(size=(2, 6))  # of six readings by two parameters
+WEIGHT = np.array([1.0, 4.0, 0.25, 1.0, 2.0, 1.0])
+
+
+# --- covariance and explanations ----------------------------------------------------------
+
+
+def test_covariance_is_the_inverse_of_the_information_in_any_units() -> None:
+    information = (SLOPES * WEIGHT) @ SLOPES.T
+    for units in ((1.0, 1.0), (1e-9, 1e12)):
+        scale = np.diag(units)
+        found = inverse((scale @ information @ scale)[None])[0]
+        expected = np.linalg.inv(information) / np.outer(units, units)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_what_nothing_determines_has_no_bound_and_takes_nothing_from_the_rest() -> None:
+    found = inverse(np.array([[[4.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 9.0]]]))
+    np.testing.assert_allclose(found[0], [[0.25, 0.0], [0.0, np.inf]], rtol=1e-9)
+    np.testing.assert_allclose(found[1], [[np.inf, 0.0], [0.0, 1 / 9]], rtol=1e-9)
+
+
+def test_covariances_of_one_and_two_contacts_fill_their_own_part() -> None:
+    information = np.full((2, 4, 4), np.nan)
+    information[0, :2, :2] = np.diag([4.0, 1.0])
+    information[1] = np.diag([1.0, 2.0, 4.0, 5.0])
+    best = explanations(np.zeros((2, 4)), contacts=[1, 2], information=information)
+    found = covariance_of(best, 2)
+    np.testing.assert_allclose(found[0, :2, :2], np.diag([0.25, 1.0]), rtol=1e-9)
+    assert np.isnan(found[0, 2:]).all()
+    np.testing.assert_allclose(found[1], np.diag([1.0, 0.5, 0.25, 0.2]), rtol=1e-9)
+
+
+def test_p_value_is_that_of_chi_square_with_the_readings_in_use() -> None:
+    weight = np.ones((3, 10))
+    weight[:, :2] = 0.0
+    best = explanations(
+        np.zeros((3, 4)),
+        contacts=[1, 2, 2],
+        weight=weight,
+        so=np.zeros((3, 10)),
+        chi2=[7.0, 7.0, np.inf],
+    )
+    assert best.used().tolist() == [8, 8, 8]
+    np.testing.assert_allclose(best.p_value(2), [*stats.chi2.sf(7.0, [6, 4]), 0.0], rtol=1e-12)
+    few = explanations(np.zeros((1, 4)), so=np.zeros((1, 2)), chi2=3.0)  # no degree is left
+    np.testing.assert_allclose(few.p_value(4), stats.chi2.sf(3.0, 1), rtol=1e-12)
+
+
+def test_the_cheapest_of_several_candidates_of_a_frame_wins() -> None:
+    now = explanations(np.zeros((3, 1)), chi2=[5.0, 5.0, 5.0])
+    others = explanations([[1.0], [2.0], [3.0], [4.0]], chi2=[4.0, 3.0, 3.5, 6.0])
+    best, changed = now.cheapest(np.array([2, 2, 2, 0]), others)
+    assert changed.tolist() == [2]
+    assert best.parameters[:, 0].tolist() == [0.0, 0.0, 2.0]
+    assert best.score.tolist() == [5.0, 5.0, 3.0]
+    # With a penalty of two it is no cheaper.
+    same, changed = now.cheapest(np.array([2, 2, 2, 0]), others.penalised(2.0))
+    assert not changed.size
+    assert same is now
+    assert now.penalised(2.0).score.tolist() == [7.0, 7.0, 7.0]
+    assert now.penalised(2.0).chi2.tolist() == [5.0, 5.0, 5.0]
+
+
+def test_explanations_are_joined_and_widened() -> None:
+    one, two = explanations([[1.0]]), explanations([[2.0], [3.0]], chi2=[1.0, 2.0])
+    both = one.joined(two)
+    assert len(both) == 3
+    assert both.parameters[:, 0].tolist() == [1.0, 2.0, 3.0]
+    assert both.rows(np.array([2])).chi2.tolist() == [2.0]
+    found = widened(np.ones((2, 1, 1, 3)), 2, 2)
+    assert found.shape == (2, 2, 2, 3)
+    assert np.isfinite(found[:, 0, 0]).all()
+    assert np.isnan(found[:, 1]).all()
+
+
+# --- detection ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("z", [-1.0, 0.0, 2.5, 6.0])
+def test_rate_of_false_alarms_is_that_of_the_tube_formula(z: float) -> None:
+    length, area = 3.0, 2.0
+    bounded = max(z, 0.0)
+    expected = (length / (2 * np.pi) + area * bounded / (2 * np.pi) ** 1.5) * np.exp(
+        -(bounded**2) / 2
+    ) + stats.norm.sf(z)
+    found = false_alarm_rate(np.array(z), np.array(length), np.array(area))
+    assert found == pytest.approx(min(expected, 1.0), rel=1e-12)
+
+
+def test_length_of_patterns_on_a_circle_is_their_angle_whatever_they_weigh() -> None:
+    turn = np.linspace(0.0, 1.2, 9)
+    patterns = np.stack([np.cos(turn), np.sin(turn)], 1)
+    weight = np.array([4.0, 0.25])
+    detector = ArcDetector(patterns / np.sqrt(weight) * np.linspace(1, 5, 9)[:, None])
+    size = np.linspace(1, 5, 9)[None]
+    length, area = detector.extent(weight[None], size)
+    np.testing.assert_allclose(length, 1.2, rtol=1e-12)
+    np.testing.assert_array_equal(area, 0.0)
+
+
+def test_a_light_contact_has_the_significance_of_its_size() -> None:
+    patterns = np.array([[3.0, 0.0], [0.0, 2.0]])
+    detector = ArcDetector(patterns)
+    weight = np.array([[4.0, 1.0], [4.0, 0.0]])
+    found = detector.test(np.array([[0.5, 0.7], [-0.5, np.nan]]), weight)
+    # sqrt(w) times the reading, along the better of both axes.
+    np.testing.assert_allclose(found.statistic, [1.0, -1.0], rtol=1e-12)
+    length = [np.pi / 2, np.pi / 2]
+    np.testing.assert_allclose(
+        found.p_value[0],
+        false_alarm_rate(found.statistic, np.array(length), np.zeros(2))[0],
+        rtol=1e-12,
+    )
+
+
+def test_threshold_is_where_the_rate_is_reached() -> None:
+    turn = np.linspace(0.0, 1.5, 20)
+    detector = ArcDetector(2.0 * np.stack([np.cos(turn), np.sin(turn)], 1))
+    for rate in (1e-2, 1e-6):
+        z = detector.threshold(rate)
+        found = false_alarm_rate(np.array(z), np.array(1.5), np.array(0.0))
+        assert float(found) == pytest.approx(rate, rel=1e-9)
+
+
+def test_area_and_edge_of_patterns_on_a_sphere() -> None:
+    """A patch of the unit sphere between two parallels: area and edge are known."""
+    height, width = 0.3, 0.4
+    up, round_ = np.linspace(-height / 2, height / 2, 31), np.linspace(0, width, 41)
+    a, b = np.meshgrid(up, round_, indexing="ij")
+    patterns = np.stack([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)], -1)
+    detector = PadDetector(3.0 * patterns.reshape(-1, 3), (31, 41))
+    assert detector.channels == 3
+    length, area = detector.extent(np.ones((1, 3)), np.full((1, 31 * 41), 3.0))
+    np.testing.assert_allclose(area, 2 * width * np.sin(height / 2), rtol=1e-3)
+    edge = 2 * height + 2 * width * np.cos(height / 2)
+    np.testing.assert_allclose(length, edge / 2, rtol=1e-3)
+
+
+ERRORS = np.array([[2.0, 0.0, 0.5], [0.0, 1.0, -0.3]])
+THREE = np.array([[1.0, 4.0, 0.25]])
+
+
+def test_what_errors_explain_is_taken_off_as_by_their_covariance() -> None:
+    """W - R^T R is the inverse of the noise's covariance with the errors' S^T S added."""
+    change = np.array([[0.3, -0.2, 1.0]])
+    left, root = without_errors(change, THREE, ERRORS)
+    whole = np.linalg.inv(np.diag(1 / THREE[0]) + ERRORS.T @ ERRORS)
+    np.testing.assert_allclose(np.diag(THREE[0]) - root[0].T @ root[0], whole, rtol=1e-10)
+    np.testing.assert_allclose(THREE[0] * left[0], whole @ change[0], rtol=1e-10)
+
+
+@pytest.mark.parametrize("pad", [False, True])
+def test_significance_with_errors_of_the_inputs(pad: bool) -> None:
+    patterns = RNG.normal(size=(4, 3))
+    detector = PadDetector(patterns, (2, 2)) if pad else ArcDetector(patterns)
+    change = np.array([[0.3, -0.2, 1.0]])
+    found = detector.test(change, THREE, ERRORS)
+    whole = np.linalg.inv(np.diag(1 / THREE[0]) + ERRORS.T @ ERRORS)
+    size = np.sqrt(np.einsum("pi,ij,pj->p", patterns, whole, patterns))
+    expected = (patterns @ whole @ change[0] / size).max()
+    np.testing.assert_allclose(found.statistic, expected, rtol=1e-10)
+    unit = (np.linalg.cholesky(whole).T @ (patterns / size[:, None]).T).T
+    if pad:
+        sides = [np.linalg.norm(unit[i] - unit[j]) for i, j in ((0, 1), (2, 3), (0, 2), (1, 3))]
+        length, area = sum(sides) / 2, cell_area(unit)
+    else:
+        cosine = np.clip((unit[1:] * unit[:-1]).sum(1), -1, 1)
+        length, area = float(np.arccos(cosine).sum()), 0.0
+    rate = false_alarm_rate(np.array(expected), np.array(length), np.array(area))
+    np.testing.assert_allclose(found.p_value, rate, rtol=1e-9)
+
+
+def cell_area(unit: np.ndarray) -> float:
+    """Mean area of the two ways to cut a cell of four patterns in triangles."""
+    total = 0.0
+    for i, j, k in itertools.combinations(range(4), 3):
+        a, b = unit[j] - unit[i], unit[k] - unit[i]
+        total += 0.5 * np.sqrt((a @ a) * (b @ b) - (a @ b) ** 2)
+    return float(total / 2)
+
+
+# --- systematic errors --------------------------------------------------------------------
+
+
+class KnownErrors(AbstractSystematicErrors):
+    """Errors whose slopes are given."""
+
+    def __init__(self, slopes: np.ndarray, own: np.ndarray | None = None) -> None:
+        self.names = tuple(f"e{k}" for k in range(len(slopes)))
+        self.rest = np.zeros_like(slopes)
+        self._slopes, self._own = slopes, own
+
+    def slopes(self, best: Any, per_contact: int, contacts: int) -> np.ndarray:
+        """The same in all frames."""
+        return np.repeat(self._slopes[None], len(best), 0)
+
+    def unexplained(self, best: Any, per_contact: int) -> np.ndarray | None:
+        """As given."""
+        return self._own
+
+
+ERROR_SLOPES = RNG.normal(size=(2, 6))
+RESIDUAL = RNG.normal(size=6)
+
+
+def test_errors_of_a_frame_are_those_of_least_squares_with_the_loads() -> None:
+    """Loads and errors fitted at once, each error weighed by its own deviation of one."""
+    best = explanations([[0.1, 3.0]], so=np.zeros((1, 6)), jacobian=[SLOPES], weight=WEIGHT)
+    found = KnownErrors(ERROR_SLOPES).of(best, RESIDUAL[None], 2)
+    both = np.vstack([SLOPES, ERROR_SLOPES])
+    information = (both * WEIGHT) @ both.T
+    whole = np.linalg.inv(information + np.diag([0.0, 0.0, 1.0, 1.0]))
+    x = whole @ (both * WEIGHT) @ RESIDUAL
+    np.testing.assert_allclose(found.likely[0], x[2:], rtol=1e-9)
+    np.testing.assert_allclose(found.spread[0], whole[2:, 2:], rtol=1e-9)
+    loads = np.linalg.solve(information[:2, :2], (SLOPES * WEIGHT) @ RESIDUAL)
+    np.testing.assert_allclose(loads - found.gain[0] @ found.likely[0], x[:2], rtol=1e-8)
+    left = RESIDUAL - loads @ SLOPES
+    rest = RESIDUAL - x @ both
+    decrease = WEIGHT @ left**2 - WEIGHT @ rest**2 - (x[2:] ** 2).sum()
+    np.testing.assert_allclose(found.decrease, decrease, rtol=1e-7)
+    pull = (ERROR_SLOPES - found.gain[0].T @ SLOPES) * WEIGHT @ RESIDUAL
+    np.testing.assert_allclose(found.pull[0], pull, rtol=1e-9)
+
+
+@pytest.mark.parametrize("absorbed", [False, True])
+def test_covariance_by_errors_is_their_spread_and_shift_carried_to_the_loads(
+    absorbed: bool,
+) -> None:
+    best = explanations(
+        [[0.1, 3.0]],
+        so=np.zeros((1, 6)),
+        jacobian=[SLOPES],
+        weight=WEIGHT,
+        absorbed=np.array([absorbed]),
+    )
+    errors = KnownErrors(ERROR_SLOPES)
+    told = errors.of(best, RESIDUAL[None], 2)
+    second = told.spread[0]
+    if not absorbed:
+        second = second + np.outer(told.likely[0], told.likely[0])
+    expected = told.gain[0] @ second @ told.gain[0].T
+    found = errors.covariance(best, RESIDUAL[None], 2)
+    np.testing.assert_allclose(found[0], expected, rtol=1e-10)
+    own = np.diag([3.0, 5.0])[None]
+    more = KnownErrors(ERROR_SLOPES, own).covariance(best, RESIDUAL[None], 2)
+    np.testing.assert_allclose(more[0], expected + own[0], rtol=1e-10)
+
+
+def test_many_frames_of_several_numbers_of_contacts_keep_their_places() -> None:
+    contacts = np.where(np.arange(200) % 3 == 0, 2, 1)
+    wide = RNG.normal(size=(200, 4, 6))
+    wide[contacts == 1, 2:] = np.nan
+    information = np.full((200, 4, 4), np.nan)
+    for k, count in enumerate(contacts):
+        own = wide[k, : 2 * count]
+        information[k, : 2 * count, : 2 * count] = (own * WEIGHT) @ own.T
+    best = explanations(
+        np.zeros((200, 4)),
+        contacts=contacts,
+        so=np.zeros((200, 6)),
+        jacobian=wide,
+        weight=np.tile(WEIGHT, (200, 1)),
+        information=information,
+    )
+    y = RNG.normal(size=(200, 6))
+    errors = KnownErrors(ERROR_SLOPES)
+    found = errors.covariance(best, y, 2)
+    for k in (0, 1, 130, 199):
+        one = np.array([k])
+        alone = errors.covariance(best.rows(one), y[one], 2)[0]
+        np.testing.assert_allclose(found[k], alone, rtol=1e-9)
+        width = 2 * contacts[k]
+        assert np.isfinite(found[k, :width, :width]).all()
+        assert np.isnan(found[k, width:]).all()
+
+
+def test_loads_and_errors_end_where_fitted_at_once() -> None:
+    """Where errors explain what loads don't: the smallest chi2 plus squares of the errors."""
+    errors = KnownErrors(np.array([3.0 * np.cos(9 * TAXELS), 2.0 * np.sin(11 * TAXELS)]))
+    truth, most_likely = np.array([0.12, 9.0]), np.array([2.0, -1.5])
+    y = dimple_readings(truth) + most_likely @ errors._slopes
+    weight = np.full((1, 13), 25.0)
+    fitter = DimpleFitter()
+    plain = fitter.fit(y, weight, truth[None], None, 1)
+    found = LoadsAndErrors(fitter, errors).fit(y, weight, truth[None], None, 1)  # type: ignore[arg-type]
+    assert plain.chi2[0] > 100.0
+    assert found.absorbed[0]
+    assert not plain.absorbed[0]
+
+    def cost(x: np.ndarray) -> np.ndarray:
+        model = dimple_readings(x[:2])[0] + x[2:] @ errors._slopes
+        return np.append(5.0 * (model - y[0]), x[2:])
+
+    whole = least_squares(cost, np.append(truth, 0 * most_likely))
+    assert found.chi2[0] == pytest.approx(2 * whole.cost, rel=0.02)
+    np.testing.assert_allclose(found.parameters[0, :2], whole.x[:2], rtol=1e-2)
+    np.testing.assert_allclose(
+        found.so[0], dimple_readings(whole.x[:2])[0] + whole.x[2:] @ errors._slopes, atol=0.3
+    )
+    # What noise explains is left alone, and so is what errors don't explain.
+    good = LoadsAndErrors(fitter, errors).fit(
+        dimple_readings(truth),
+        weight,
+        truth[None],
+        None,
+        1,  # type: ignore[arg-type]
+    )
+    assert not good.absorbed[0]
+    other = dimple_readings(truth) + 20.0 * (np.arange(13) == 3)
+    bad = LoadsAndErrors(fitter, errors).fit(other, weight, truth[None], None, 1)  # type: ignore[arg-type]
+    assert not bad.absorbed[0]
+
+
+# --- faulty taxels and doubts -------------------------------------------------------------
+
+
+def test_taxels_beyond_four_and_a_half_deviations_stand_out() -> None:
+    weight = np.array([[4.0, 4.0, 4.0, 0.0, 4.0]])
+    so = np.array([[2.2, 2.3, -2.24, 0.0, np.nan]])
+    kept = _inliers(np.zeros((1, 5)), weight, so)
+    assert kept.tolist() == [[4.0, 0.0, 4.0, 0.0, 0.0]]
+
+
+def test_least_trimmed_squares_finds_the_node_behind_an_outlier() -> None:
+    nodes = DimpleNodes()
+    node = 3 * 8 + 1
+    y = nodes.readings[[node, node]].copy()
+    y[0, 6] += 5000.0
+    y[1, [2, 6]] += 3000.0
+    weight = np.ones((2, 13))
+    weight[1, 0] = 0.0
+    found, trimmed = _least_trimmed(nodes, y, weight, np.array([1.0, 2.0]))
+    assert found.tolist() == [node, node]
+    assert np.flatnonzero(trimmed[0] == 0).tolist() == [6]
+    assert np.flatnonzero(trimmed[1] == 0).tolist() == [0, 2, 6]
+    assert weight.sum() == 25.0  # the caller's own are left alone
+
+
+def test_a_faulty_taxel_is_left_out_for_its_price() -> None:
+    nodes, fitter = DimpleNodes(), DimpleFitter()
+
+    def fit(y: Any, weight: Any, start: Any, states: Any, count: int) -> Any:
+        return fitter.fit(y, weight, start, states, count).penalised(12.0 * (count - 1))
+
+    faulty = FaultyTaxels(nodes, fit, 2, 2)
+    truth = np.array([[0.1, 8.0], [-0.2, 6.0]])
+    y = dimple_readings(truth)
+    y[0, 4] += 100.0
+    weight = np.ones((2, 13))
+    best = fitter.fit(y, weight, truth, None, 1)
+    before = best.score.copy()
+    found = faulty.explained_without(y, weight, np.array([0]), best)
+    np.testing.assert_allclose(found.parameters[0, :2], truth[0], rtol=1e-4)
+    assert np.flatnonzero(found.weight[0] == 0).tolist() == [4]
+    assert found.score[0] == pytest.approx(4.5**2, abs=1e-3)
+    assert found.score[1] == before[1]
+    # Three of thirteen taxels are more than a fifth.
+    y[0, [2, 9]] += 300.0
+    best = fitter.fit(y, weight, truth, None, 1)
+    found = faulty.explained_without(y, weight, np.array([0]), best)
+    assert (found.weight[0] > 0).all()
+
+
+def test_a_hint_is_half_a_penalty_in_the_residuals() -> None:
+    nodes = DimpleNodes()
+    doubts = Doubts(DimpleFitter(), nodes, penalty=20.0, most_contacts=2)
+    pattern = nodes.signatures[10]
+    weight = np.full(13, 2.0)
+    unit = pattern / np.sqrt(weight @ pattern**2)
+    so = dimple_readings([0.0, 5.0])
+    for gain, hinted in ((9.9, False), (10.1, True)):
+        best = explanations([[0.0, 5.0]], so=so, weight=weight)
+        y = so + np.sqrt(gain) * unit
+        assert doubts.hinted(y, best).tolist() == [hinted]
+        assert doubts.hinted(so - 5 * np.sqrt(gain) * unit, best).tolist() == [False]
+        # A taxel that is left out says nothing.
+        out = dataclasses.replace(best, weight=np.zeros((1, 13)))
+        assert doubts.hinted(y, out).tolist() == [False]
+    one = Doubts(DimpleFitter(), nodes, penalty=20.0, most_contacts=1)
+    assert one.hinted(so + 9 * unit, best).tolist() == [False]
+
+
+def test_doubts_of_a_recording_come_at_once_and_those_of_a_stream_twice() -> None:
+    nodes = DimpleNodes()
+    so = dimple_readings([0.0, 5.0])
+
+    def frame(chi2: float, hint: int | None = None) -> tuple[Any, Any]:
+        pattern = 0 * AT_REST if hint is None else nodes.signatures[hint]
+        unit = pattern / max(np.sqrt(pattern @ pattern), 1e-300)
+        return so + 4.0 * unit, explanations([[0.0, 5.0]], so=so, chi2=chi2)
+
+    good, poor, awful = (stats.chi2.isf(p, 11) for p in (0.5, 1.5e-3, 1e-5))
+    recording = Doubts(DimpleFitter(), nodes, 20.0, 2)
+    for chi2, hint, doubted in ((good, None, 0), (poor, None, 1), (good, 4, 1)):
+        assert recording.of(*frame(chi2, hint)).tolist() == [bool(doubted)]
+    stream = Doubts(DimpleFitter(live=True), nodes, 20.0, 2)
+    told = [
+        bool(stream.of(*frame(*which))[0])
+        for which in (
+            (poor, None),  # the first
+            (poor, None),  # the second
+            (good, 4),  # a hint
+            (good, 4),  # the same place
+            (good, 14),  # another place
+            (good, 15),  # next to it
+            (awful, None),
+        )
+    ]
+    assert told == [False, True, False, True, False, True, True]
+    assert not stream.of(*frame(good, 4))[0]
+    stream.forget()
+    assert not stream.of(*frame(good, 4))[0]
+
+
+# --- selection ----------------------------------------------------------------------------
+
+
+def selected(loads: Any, noise: float = 0.0, *, live: bool = False, **options: Any) -> Any:
+    """Selection, readings and weights of frames with such loads [frame, 2 k]."""
+    x = np.atleast_2d(np.asarray(loads, float))
+    y = dimple_readings(x, x.shape[1] // 2)
+    y = y + noise * np.random.default_rng(1).normal(size=y.shape)
+    settings = {"penalty": 20.0, "most_contacts": 2, **options}
+    return (
+        Selection(DimpleFitter(live=live), DimpleNodes(), **settings),
+        y,
+        np.ones_like(y),
+    )
+
+
+def test_one_contact_is_found_and_nothing_is_added_to_it() -> None:
+    selection, y, weight = selected([[0.07, 6.0], [-0.31, 12.0]], 1.0)
+    best, others = selection.explain(y, weight)
+    assert best.contacts.tolist() == [1, 1]
+    np.testing.assert_allclose(best.parameters[:, :2], [[0.07, 6], [-0.31, 12]], rtol=0.1)
+    assert others == [None, None]
+
+
+def test_two_contacts_are_told_apart_and_cost_the_penalty() -> None:
+    selection, y, weight = selected([[-0.25, 0.3, 8.0, 5.0]])
+    best, _ = selection.explain(y, weight)
+    assert best.contacts.tolist() == [2]
+    np.testing.assert_allclose(np.sort(best.parameters[0, :2]), [-0.25, 0.3], atol=1e-3)
+    assert best.chi2[0] < 0.1
+    assert best.score[0] - best.chi2[0] == pytest.approx(20.0)
+
+
+def test_three_contacts_are_found_by_adding_one() -> None:
+    selection, y, weight = selected([[-0.4, 0.0, 0.4, 8.0, 5.0, 6.0]], most_contacts=3)
+    best, _ = selection.explain(y, weight)
+    assert best.contacts.tolist() == [3]
+    np.testing.assert_allclose(np.sort(best.parameters[0, :3]), [-0.4, 0.0, 0.4], atol=1e-3)
+    assert best.score[0] - best.chi2[0] == pytest.approx(40.0)
+
+
+def test_a_contact_whose_force_gains_less_than_the_penalty_is_taken_out() -> None:
+    selection, y, weight = selected([[-0.25, 8.0]])
+    two = selection._fit_several(y, weight, np.array([[0.3, -0.25, 0.3, 8.0]]), None, 2)
+    # The weak contact explains nothing: without it the score is less by the penalty.
+    found = selection._fewer_contacts(y, weight, two)
+    assert found.contacts.tolist() == [1]
+    np.testing.assert_allclose(found.parameters[0, :2], [-0.25, 8.0], rtol=1e-3)
+    kept, y, weight = selected([[-0.25, 0.3, 8.0, 5.0]])
+    two = kept._fit_several(y, weight, np.array([[-0.25, 0.3, 8.0, 5.0]]), None, 2)
+    assert kept._fewer_contacts(y, weight, two).contacts.tolist() == [2]
+
+
+def test_a_pull_is_one_force_outwards_where_pushes_explain_nothing() -> None:
+    selection, y, weight = selected([[0.1, -6.0]])
+    found = selection.pulled(y, weight)
+    np.testing.assert_allclose(found.parameters[0, :2], [0.1, -6.0], rtol=1e-3)
+    best, _ = selection.explain(y, weight)
+    assert best.parameters[0, 1] == pytest.approx(-6.0, rel=1e-3)
+    assert best.score[0] == pytest.approx(20.0, abs=0.1)  # the price of two contacts
+
+
+def test_a_second_mode_that_is_better_takes_the_first_s_place() -> None:
+    selection, y, weight = selected([[0.0, 6.0]])
+    best = selection.fitter.fit(y, weight, np.array([[0.4, 2.0]]), None, 1)
+    wrong = dataclasses.replace(best, chi2=np.array([50.0]), score=np.array([50.0]))
+    wrong.parameters[0, :2] = 0.4, 2.0
+    node = selection.nodes.nearest_to(np.array([[0.0, 8.0]]), 1)
+    found, others = selection._second_modes(y, weight, node, wrong)
+    np.testing.assert_allclose(found.parameters[0, :2], [0.0, 6.0], atol=1e-4)
+    (other,) = others
+    assert other is not None
+    assert other.chi2 == 50.0
+    assert other.parameters[0] == 0.4
+    # The other way round the found one is the alternative, and near ones are none.
+    right = selection.fitter.fit(y, weight, np.array([[0.0, 6.0]]), None, 1)
+    right.parameters[0, 0] = 0.4
+    same, others = selection._second_modes(y, weight, node, right)
+    assert same.chi2[0] <= right.chi2[0]
+    right.parameters[0, 0] = 0.1
+    assert selection._second_modes(y, weight, node, right)[1] == [None]
+    assert selection._second_modes(y, weight, np.array([-1]), right) == (right, [None])
+
+
+def test_prediction_of_a_stream_is_one_gauss_newton_step() -> None:
+    selection, y, weight = selected([[0.1, 6.0]], live=True)
+    selection.explain(y, weight)
+    assert selection.last is not None
+    moved = dimple_readings([0.102, 6.1])
+    predicted = selection._predicted(moved, weight)
+    np.testing.assert_allclose(predicted[0], [0.102, 6.1], atol=2e-3)
+    fits = selection.fitter.fits
+    best, _ = selection.explain(moved, weight)
+    np.testing.assert_allclose(best.parameters[0, :2], [0.102, 6.1], rtol=1e-4)
+    assert selection.fitter.fits == fits + 1
+    selection.forget()
+    assert selection.last is None
+
+
+def test_a_stream_goes_on_with_two_contacts_from_those_before() -> None:
+    selection, y, weight = selected([[-0.25, 0.3, 8.0, 5.0]], live=True)
+    for step in (0.0, 0.0, 0.002):
+        y = dimple_readings([-0.25 + step, 0.3, 8.0, 5.0 + 10 * step], 2)
+        best, _ = selection.explain(y, weight)
+    assert best.contacts.tolist() == [2]
+    np.testing.assert_allclose(np.sort(best.parameters[0, :2]), [-0.248, 0.3], atol=1e-4)
+
+
+# --- search -------------------------------------------------------------------------------
+
+
+def test_costs_are_weighted_squares_but_for_a_constant() -> None:
+    nodes = DimpleNodes()
+    y = dimple_readings([[0.05, 8.0]]) + 1.0
+    weight = np.linspace(0.5, 2.0, 13)[None]
+    exact = (weight * (y - nodes.readings) ** 2).sum(1)
+    found = nodes.costs(y, weight)[0]
+    np.testing.assert_allclose(found - found.min(), exact - exact.min(), rtol=1e-3, atol=0.5)
+
+
+def test_nearest_node_and_the_nearest_far_from_it() -> None:
+    nodes = DimpleNodes()
+    weight = np.zeros((1, 13))
+    weight[0, [0, 12]] = 1.0  # only the outermost taxels: both ends look alike
+    y = np.tile(AT_REST, (1, 1))
+    y[0, [0, 12]] = dimple_readings([0.5, 8.0])[0, 12]
+    first, second = nodes.nearest(y, weight)
+    assert abs(nodes.loads[first[0], 0]) == pytest.approx(0.5)
+    assert nodes.loads[second[0], 0] == pytest.approx(-nodes.loads[first[0], 0])
+    # All taxels: one place only.
+    y = dimple_readings([0.2, 8.0])
+    first, second = nodes.nearest(y, np.ones((1, 13)))
+    np.testing.assert_allclose(nodes.loads[first[0]], [0.2, 8.0])
+    assert second.tolist() == [-1]
+
+
+def test_minima_of_a_frame_lie_apart_and_best_first() -> None:
+    nodes = DimpleNodes()
+    y = dimple_readings([-0.3, 0.3, 8.0, 6.0], 2)[0]
+    found = nodes.minima(y, np.full(13, 1e-3), 3, 1e9)
+    angles = nodes.loads[found, 0]
+    assert len(found) == 3
+    assert angles[0] == pytest.approx(-0.3, abs=0.051)
+    assert angles[1] == pytest.approx(0.3, abs=0.051)
+    assert (np.abs(np.subtract.outer(angles, angles))[np.triu_indices(3, 1)] >= 0.15).all()
+    assert len(nodes.minima(y, np.ones(13), 3, 1.0)) == 1
+
+
+def test_places_farther_than_the_separation_are_modes_of_their_own() -> None:
+    nodes = DimpleNodes()
+    a = np.array([[0.0, 1.0], [0.0, 1.0]])
+    b = np.array([[0.16, 9.0], [0.14, 9.0]])
+    assert nodes.apart(a, b).tolist() == [True, False]
+
+
+def test_pairs_of_nodes_are_found_in_their_superposition() -> None:
+    pairs = DimpleNodes().several()
+    y = dimple_readings([-0.25, 0.3, 8.0, 20.0], 2)[0]
+    starts = pairs.of_two(y, np.ones(13))
+    parameters, strongest = starts[0]
+    np.testing.assert_allclose(parameters, [-0.25, 0.3, 8.0, 20.0], rtol=1e-3)
+    np.testing.assert_allclose(pairs._search.loads[strongest], [0.3, 20.0])
+    assert len(starts) == 3
+    for other, _ in starts[1:]:
+        assert np.abs(other[:2] - parameters[:2]).max() >= 0.1
+    # Forces between the nodes' are scaled from them.
+    y = dimple_readings([-0.25, 0.3, 11.0, 14.0], 2)[0]
+    np.testing.assert_allclose(pairs.of_two(y, np.ones(13))[0][0], [-0.25, 0.3, 11, 14], 1e-2)
+
+
+def test_one_more_contact_is_sought_in_what_a_fit_leaves() -> None:
+    pairs = DimpleNodes().several()
+    y = dimple_readings([-0.25, 0.3, 8.0, 6.0], 2)[0]
+    one = np.array([-0.25, 8.0, np.nan, np.nan])
+    starts = pairs.of_one_more(y, np.ones(13), one, dimple_readings([-0.25, 8.0])[0], 1)
+    parameters, strongest = starts[0]
+    np.testing.assert_allclose(parameters, [-0.25, 0.3, 8.0, 6.0], rtol=1e-3)
+    assert pairs._search.loads[strongest, 0] == pytest.approx(-0.25)
+    assert len(starts) == 3
+    assert abs(starts[1][0][1] - 0.3) >= 0.1
+
+
+def test_scales_of_a_pair_are_least_squares_within_a_factor_of_two() -> None:
+    patterns, measured = RNG.normal(size=(5, 7)), RNG.normal(size=7)
+    products, along = patterns @ patterns.T, patterns @ measured
+    wanted = patterns[0] * 1.5 + patterns[1] * 0.7
+    first, second, cost = _scaled(products, patterns @ wanted)
+    assert first[0, 1] == pytest.approx(1.5, rel=1e-9)
+    assert second[0, 1] == pytest.approx(0.7, rel=1e-9)
+    assert cost[0, 1] == pytest.approx(-(wanted @ wanted), rel=1e-9)
+    for a, b in ((0, 1), (2, 4)):
+        first, second, cost = _scaled(products, along)
+        x, y = first[a, b], second[a, b]
+        assert 0.5 <= x <= 2.0
+        left = measured - x * patterns[a] - y * patterns[b]
+        assert cost[a, b] == pytest.approx(left @ left - measured @ measured, rel=1e-9)
+
+
+def quadratic_table() -> LoadTable:
+    """Readings that are quadratic in angle and log force, with caps that differ by angle."""
+    angles = np.linspace(-0.5, 0.5, 11)
+    cap = 50.0 * np.exp(0.4 * angles)
+    forces = cap[:, None] * np.geomspace(0.01, 1.0, 9)
+    a, f = np.broadcast_arrays(angles[:, None], np.log(forces))
+    so = np.stack(
+        [1e3 + 20 * a + 30 * f + 9 * a * a + 4 * a * f + 6 * f * f, 1e3 - 50 * a * f], -1
+    )
+    return LoadTable(
+        angles, forces, so, np.full(2, 990.0), np.zeros((11, 9, 1, 1)), 0 * forces, cap
+    )
+
+
+def test_taylor_terms_of_a_table_are_its_derivatives_by_angle_and_log_force() -> None:
+    table = quadratic_table()
+    by_angle, by_log = table.steps
+    assert by_angle == pytest.approx(0.1)
+    assert by_log == pytest.approx(np.log(100) / 8)
+    found = table.taylor.reshape(11, 9, 6, 2)[5, 4]  # away from the table's edges
+    a, f = table.angles[5], np.log(table.forces[5, 4])
+    expected = [
+        table.so[5, 4, 0],
+        by_angle * (20 + 18 * a + 4 * f),
+        by_log * (30 + 4 * a + 12 * f),
+        by_angle**2 * 18,
+        by_angle * by_log * 4,
+        by_log**2 * 12,
+    ]
+    np.testing.assert_allclose(found[:, 0], expected, rtol=2e-2, atol=1e-2)
+    np.testing.assert_allclose(table.signatures[5], (table.so[5, 0] - 990) / table.forces[5, 0])
+
+
+def test_loads_near_a_node_are_those_of_its_taylor_polynomial() -> None:
+    table = quadratic_table()
+    search = object.__new__(NodeSearch)
+    search._table = table
+    search.loads = np.stack([np.repeat(table.angles, 9), table.forces.reshape(-1)], 1)
+    angle, force = table.angles[5] + 0.03, table.forces[5, 4] * 1.2
+    a, f = angle, np.log(force)
+    y = [1e3 + 20 * a + 30 * f + 9 * a * a + 4 * a * f + 6 * f * f, 1e3 - 50 * a * f]
+    found = search.near(np.array([y]), np.ones((1, 2)), np.array([5 * 9 + 4]))
+    np.testing.assert_allclose(found[0], [angle, force], rtol=2e-2)
+
+
+def test_nearest_state_of_a_section_s_table() -> None:
+    table = quadratic_table()
+    search = object.__new__(NodeSearch)
+    search._table, search.known = table, np.ones(99, bool)
+    search.known[2 * 9 + 6] = False
+    wanted = np.array(
+        [
+            [table.angles[3] + 0.04, 9.0, 1.1 * table.forces[3, 5], 1.0],
+            [table.angles[2], 9.0, table.forces[2, 6], 1.0],  # has no state: the lightest
+        ]
+    )
+    assert search.nearest_to(wanted, 2).tolist() == [3 * 9 + 5, 2 * 9]
+
+
+def touching(monkeypatch: pytest.MonkeyPatch, closes: float) -> list[float]:
+    """Solves whose gap of 5 mm closes in proportion to the force, at `closes` (1 + angle)."""
+    asked: list[float] = []
+
+    def solve(skin: Any, angle: Any, force: Any, start: Any) -> Any:
+        asked.extend(np.ravel(force))
+        gap = 5e-3 * (1 - np.asarray(force) / (closes * (1 + np.asarray(angle))))
+        return None, gap, None, np.zeros(len(gap), int)
+
+    monkeypatch.setattr(load_table, "_solve", solve)
+    return asked
+
+
+def test_force_of_first_contact_is_bracketed_and_halved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    touching(monkeypatch, 10.0)
+    angles = np.array([0.0, 0.5])
+    skin: Any = None
+    found = load_table.first_contacts(skin, angles, np.array([9.0, 13.0]))
+    np.testing.assert_allclose(found, [10.0, 15.0], rtol=1e-4)
+    # Where the membrane is beyond the wall already, nothing is known.
+    assert load_table.first_contacts(skin, angles[:1], np.array([11.0])).tolist() == [np.inf]
+
+
+def test_largest_force_of_the_table_leaves_a_fiftieth_of_the_gap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    touching(monkeypatch, 10.0)
+    skin: Any = SimpleNamespace(geometry=SimpleNamespace(oil_gap=[5e-3]))
+    found = load_table._largest_forces(skin, np.array([0.0, 0.5]))
+    assert (found <= 0.98 * np.array([10.0, 15.0])).all()
+    assert (found > 0.92 * np.array([10.0, 15.0])).all()
+
+
+# --- least squares ------------------------------------------------------------------------
+
+
+def quadratic_fit(x: list[float], gradient: list[float], information: Any) -> tuple[Fit, Any]:
+    """A lane at parameters with this gradient and information, and wide bounds."""
+    count = len(x)
+    zero = jnp.zeros(1)
+    state = State(jnp.zeros((0, 0, 1)), zero, zero)
+    evaluation = Evaluation(
+        jnp.zeros((2, 1)), jnp.ones((count, 2, 1)), zero, zero, state, jnp.zeros(1, int)
+    )
+    fit = Fit(
+        jnp.array(x)[:, None],
+        evaluation,
+        jnp.array([7.0]),
+        jnp.array(gradient)[:, None],
+        jnp.array(information)[..., None],
+        jnp.array([1e-3]),
+    )
+    bound = jnp.full((count, 1), 10.0)
+    return fit, Target(jnp.zeros((2, 1)), jnp.ones((2, 1)), -bound, bound)
+
+
+step_of = quick(_step, eqx.filter_jit)
+last_step = quick(_last_step, eqx.filter_jit)
+INFORMATION = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -0.3], [0.5, -0.3, 1e6]])
+GRADIENT = [2.0, -3.0, 400.0]
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.7])
+def test_step_of_a_fit_is_gauss_newton_s_damped_on_the_diagonal(damping: float) -> None:
+    fit, target = quadratic_fit([0.0, 0.0, 0.0], GRADIENT, INFORMATION)
+    step, decrease = step_of(fit, target, jnp.array([damping]))
+    matrix = INFORMATION + damping * np.diag(np.diag(INFORMATION))
+    expected = np.linalg.solve(matrix, GRADIENT)
+    np.testing.assert_allclose(np.asarray(step)[:, 0], expected, rtol=1e-8)
+    np.testing.assert_allclose(np.asarray(decrease), expected @ GRADIENT, rtol=1e-8)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_parameter_against_its_bound_is_held_there(side: float) -> None:
+    gradient = [2.0 * side, -3.0, 400.0]
+    fit, target = quadratic_fit([10.0 * side, 0.0, 0.0], gradient, INFORMATION)
+    step, _ = step_of(fit, target, jnp.zeros(1))
+    expected = np.linalg.solve(INFORMATION[1:, 1:], gradient[1:])
+    np.testing.assert_allclose(np.asarray(step)[:, 0], [0.0, *expected], rtol=1e-8)
+
+
+def test_last_step_is_taken_to_first_order_where_a_fit_has_settled() -> None:
+    fit, target = quadratic_fit([9.9, 0.0, 0.0], GRADIENT, INFORMATION)
+    step = np.linalg.solve(INFORMATION, GRADIENT)
+    end = last_step(fit, target)
+    moved = np.minimum(step, [0.1, 10.0, 10.0])
+    np.testing.assert_allclose(
+        np.asarray(end.parameters)[:, 0], moved + np.array([9.9, 0, 0]), 1e-8
+    )
+    np.testing.assert_allclose(np.asarray(end.evaluation.so)[:, 0], moved.sum(), rtol=1e-8)
+    np.testing.assert_allclose(np.asarray(end.chi2), 7.0 - 1e-3, rtol=1e-12)
+    far = fit._replace(predicted_decrease=jnp.array([1e-2]))
+    same = last_step(far, target)
+    np.testing.assert_array_equal(np.asarray(same.parameters), np.asarray(fit.parameters))
+    np.testing.assert_array_equal(np.asarray(same.chi2), 7.0)
+
+
+# --- errors of a section ------------------------------------------------------------------
+
+
+def test_change_of_a_contact_that_does_most_nearly_what_an_error_does() -> None:
+    jacobian = RNG.normal(size=(3, 2, 6)) * np.array([1e-3, 1e4])[:, None]
+    alike = RNG.normal(size=(3, 4, 2))
+    moved = alike @ jacobian
+    np.testing.assert_allclose(_most_alike(jacobian, moved), alike, rtol=1e-3)
+    dead = jacobian.copy()
+    dead[0, 1] = 0.0
+    assert _most_alike(dead, moved)[0, :, 1].tolist() == [0.0] * 4
+
+
+def test_where_a_force_has_no_state_that_of_less_force_stands() -> None:
+    values = np.array([[[1.0], [np.nan], [np.nan]], [[np.nan], [2.0], [3.0]]])
+    assert _filled(values)[..., 0].tolist() == [[1.0, 1.0, 1.0], [0.0, 2.0, 3.0]]
+
+
+def test_errors_under_one_contact_are_interpolated_in_angle_and_log_force() -> None:
+    """S = F l(angle, log F) + (g_a, F g_f) J with l and g linear between the nodes."""
+    table = quadratic_table()
+    a = np.broadcast_to(table.angles[:, None], table.forces.shape)
+    errors = object.__new__(SectionErrors)
+    errors._table = table
+    # Linear in the angle at equal shares of the largest force, and in the level.
+    level = np.broadcast_to(np.arange(9.0), a.shape)
+    left, by_a, by_f = 1 + 2 * a + 0.1 * level, 3 - a + 0.2 * level, 0.5 + a - 0.1 * level
+    errors._per_newton = left[..., None, None] * np.array([[1.0, 2.0]])
+    errors._alike = np.stack([by_a, by_f], -1)[:, :, None]
+    errors.rest = np.array([[7.0, 8.0]])
+    angle, force = np.array([0.13]), np.array([4.0])
+    jacobian = np.array([[[1.0, -1.0], [0.3, 0.4]]])
+    low, share = 6, 0.3  # 0.13 lies between 0.1 and 0.2
+
+    def at(values: np.ndarray) -> float:
+        total = 0.0
+        for i, part in ((low, 1 - share), (low + 1, share)):
+            exact = np.log(4.0 / table.forces[i, 0]) / table.steps[1]
+            total += part * float(np.interp(exact, np.arange(9.0), values[i]))
+        return total
+
+    expected = (
+        4.0 * at(left) * np.array([1.0, 2.0])
+        + at(by_a) * jacobian[0, 0]
+        + 4.0 * at(by_f) * jacobian[0, 1]
+        + errors.rest[0]
+    )
+    np.testing.assert_allclose(errors.under_one(angle, force, jacobian)[0, 0], expected, 1e-9)
+    # Beyond the table its outermost values stand.
+    far = errors.under_one(np.array([9.0]), np.array([1e9]), 0 * jacobian)
+    expected = 1e9 * left[-1, -1] * np.array([1.0, 2.0]) + errors.rest[0]
+    np.testing.assert_allclose(far[0, 0], expected, rtol=1e-9)
+
+
+# --- verdicts -----------------------------------------------------------------------------
+
+
+def test_gain_of_an_input_is_that_of_fitting_it_with_every_contact() -> None:
+    frames = 3
+    weight, residual = np.tile(WEIGHT, (frames, 1)), RNG.normal(size=(frames, 6))
+    jacobian, slopes = RNG.normal(size=(frames, 2, 6)), RNG.normal(size=(frames, 6))
+    found = gain_of("m", slopes, weight, residual, jacobian)
+    columns = np.zeros((6 * frames, 2 * frames + 1))
+    for k in range(frames):
+        columns[6 * k : 6 * k + 6, 2 * k : 2 * k + 2] = jacobian[k].T
+        columns[6 * k : 6 * k + 6, -1] = slopes[k]
+    root = np.sqrt(weight).ravel()[:, None]
+    wanted = residual.ravel()[:, None]
+    left_without = np.linalg.lstsq(root * columns[:, :-1], root * wanted, None)[1]
+    whole, left = np.linalg.lstsq(root * columns, root * wanted, None)[:2]
+    assert found.chi2 == pytest.approx(float((left_without - left).item()), rel=1e-9)
+    assert found.change == pytest.approx(float(whole[-1].item()), rel=1e-9)
+    covariance = np.linalg.inv((root * columns).T @ (root * columns))
+    assert found.error == pytest.approx(np.sqrt(covariance[-1, -1]), rel=1e-9)
+    # What is not used or not known takes no part.
+    slopes[0, 0], weight[0, 0] = np.nan, 0.0
+    assert np.isfinite(gain_of("m", slopes, weight, residual, jacobian).chi2)
+    nothing = gain_of("m", 0 * slopes, weight, residual, jacobian)
+    assert nothing == Gain(0.0, "m", 0.0, np.inf)
+
+
+def test_verdict_names_the_best_input_and_those_that_explain_as_much() -> None:
+    best = Gain(400.0, "geometry.oil_gap", 0.05, 0.004)
+    near, far = (Gain(400.0 - less, "oil.x", 0.1, 0.01) for less in (24.0, 26.0))
+    found = verdict_of([best, near, far], chi2=1000.0, dof=301)
+    assert (found.chi2_per_dof, found.explained) == (1000.0 / 301, 2.0)
+    assert (found.name, found.change, found.error) == ("geometry.oil_gap", 0.05, 0.004)
+    assert found.others == (near,)
+    # Of a large rest, a fiftieth is as good as the same.
+    assert verdict_of([best, near, far], chi2=2000.0, dof=301).others == (near, far)
+    assert found.text == (
+        "the skin file doesn't explain the log (chi2 per dof 3.32); it would with the oil_gap "
+        "in [geometry] changed by +5.0 +- 0.4 % (chi2 per dof 2.00); as well with the x in "
+        "[oil] changed by +10.0 +- 1.0 %"
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "text"),
+    [
+        (ModelVerdict(1.02, True), "the skin file explains the log (chi2 per dof 1.02)"),
+        (
+            ModelVerdict(3.0, False),
+            "the skin file doesn't explain the log (chi2 per dof 3.00), and no single input of "
+            "it would",
+        ),
+        (
+            ModelVerdict(3.0, False, explained=1.1, shift=-1),
+            "the skin file doesn't explain the log (chi2 per dof 3.00); it would with the "
+            "readings moved by -1 taxels: a column too many or missing, or another order "
+            "(chi2 per dof 1.10)",
+        ),
+        (
+            ModelVerdict(3.0, False, WIDTH, 0.0203, explained=1.2),
+            "the skin file doesn't explain the log (chi2 per dof 3.00); it would with contacts "
+            "that press an arc of some 20 mm (chi2 per dof 1.20)",
+        ),
+        (
+            ModelVerdict(1.0, False, STIFFNESS, 0.123, 0.00045),
+            "the measured forces or pressures ask for the stiffness changed by "
+            "+12.30 +- 0.04 %; the readings alone can't show it",
+        ),
+        (
+            ModelVerdict(1.19, False, "geometry.oil_gap", -0.02, 0.003, 1.01),
+            "the oil_gap in [geometry] changed by -2.0 +- 0.3 % would explain the log better "
+            "(chi2 per dof 1.01 instead of 1.19)",
+        ),
+    ],
+)
+def test_verdicts_in_words(verdict: ModelVerdict, text: str) -> None:
+    assert verdict.text == text.replace("stiffness", STIFFNESS)
+
+
+def test_what_sets_a_skin_file_right() -> None:
+    def command(**changes: Any) -> str:
+        return dataclasses.replace(ModelVerdict(3.0, False), **changes).command("s.toml", "log")
+
+    assert command(shift=1).startswith("compare the order of the taxels in s.toml")
+    assert command(name="geometry.oil_gap") == "suas fit sensor s.toml log --fit gap"
+    assert command(name=DIAMETER) == "suas invert s.toml log --diameter free"
+    assert command(name="geometry.width") == command() == ""
+
+
+class Parabola(AbstractInputFit):
+    """Chi2 that is least at a given change."""
+
+    def __init__(self, lowest: float) -> None:
+        fit: Any = SimpleNamespace(chi2=np.array([100.0, 60.0]))
+        none: Any = None
+        super().__init__(none, none, none, fit)
+        self._lowest = lowest
+
+    def chi2(self, path: str, change: float) -> float:
+        """100 and what the change is off."""
+        return 100.0 + 6000.0 * (change - self._lowest) ** 2
+
+
+def test_best_change_of_an_input_is_where_the_contacts_leave_least() -> None:
+    start = Gain(1.0, "geometry.oil_gap", 0.5, 0.01)
+    found = Parabola(0.1).best(start)
+    assert found.change == pytest.approx(0.1, abs=2e-3)
+    assert found.chi2 == pytest.approx(60.0, abs=0.1)
+    assert found.error == 0.01
+    # Where chi2 falls on to the end of what is tried, something else is wrong.
+    assert Parabola(0.5).best(start).chi2 == 0.0
+    assert Parabola(0.5)._lost.tolist() == [200.0, 160.0]
+
+
+def test_measured_over_model_weighs_large_readings_most() -> None:
+    model = np.linspace(1.0, 10.0, 10)
+    measured = 1.3 * model
+    measured[0] = 1.2
+    found = section_log._ratio(measured, model)
+    assert found is not None
+    weight = measured**2
+    mean = (weight * measured / model).sum() / weight.sum()
+    error = np.sqrt((weight**2 * (measured / model - mean) ** 2).sum()) / weight.sum()
+    np.testing.assert_allclose(found, [mean, error], rtol=1e-12)
+    assert section_log._ratio(1.009 * model, model) is None  # one per cent at least
+    assert section_log._ratio(1.011 * model, model) is not None
+    scattered = np.where(np.arange(10) % 2, 1.4, 0.8) * model
+    assert section_log._ratio(scattered, model) is None  # within four deviations
+    assert section_log._ratio(measured[:7], model[:7]) is None  # eight at least
+    measured[3] = np.nan
+    measured[4] = -1.0
+    measured[5] = 0.0
+    assert section_log._ratio(measured, model) is None
+
+
+@pytest.mark.parametrize("shift", [-2, -1, 1, 2])
+def test_readings_moved_by_a_column_are_found_out(shift: int) -> None:
+    y = dimple_readings([[-0.3, 12.0], [0.0, 9.0], [0.25, 12.0]])
+    moved = np.roll(y - AT_REST, -shift, 1) + AT_REST
+    selection = Selection(DimpleFitter(), DimpleNodes(), 20.0, 1)
+    estimator: Any = SimpleNamespace(model_rest=AT_REST, selection=selection)
+    weight = np.ones_like(y)
+    found = section_log._shifted(estimator, moved, weight, 50.0)
+    assert found is not None
+    assert found.shift == shift
+    assert found.chi2_per_dof == 50.0
+    assert found.explained < 0.1
+    # A shift must explain far better than none.
+    assert section_log._shifted(estimator, moved, weight, 2 * found.explained) is not None
+    assert section_log._shifted(estimator, moved, weight, 1.9 * found.explained) is None
+
+
+# --- weighing and drift -------------------------------------------------------------------
+
+
+def test_readings_are_weighed_by_noise_drift_and_the_model_s_own_error() -> None:
+    weights = ReadingWeights(
+        zero=np.array([10.0, 20.0, np.nan]),
+        variance=np.array([4.0, 9.0, 1.0]),
+        model_rest=np.array([1000.0, 1000.0, 1000.0]),
+        model_error=0.01,
+        pressure_noise=None,
+    )
+    assert weights.taxels == 3
+    so = np.array([[1210.0, 1020.0, 1000.0], [65535.0, np.nan, 1.0]])
+    y, weight = weights.weigh(so)
+    assert y.tolist() == [[1200.0, 1000.0, 0.0], [0.0, 0.0, 0.0]]
+    np.testing.assert_allclose(weight, [[1 / (4 + 4), 1 / 9, 0.0], [0.0, 0.0, 0.0]])
+    drift = Drift(np.array([[5.0, 0.0, 0.0]]), np.array([[2.0, 0.0, 0.0]]))
+    y, weight = weights.weigh(so[:1], np.array([[False, True, False]]), drift=drift)
+    assert y.tolist() == [[1195.0, 0.0, 0.0]]
+    np.testing.assert_allclose(weight, [[1 / (6 + 1.95**2), 0.0, 0.0]])
+    change = weights.change_from_rest(so, np.zeros((2, 3), bool))
+    np.testing.assert_array_equal(change, [[200.0, 0.0, np.nan], [np.nan] * 3])
+
+
+def test_a_measured_pressure_is_one_more_channel() -> None:
+    weights = ReadingWeights(np.zeros(1), np.ones(1), np.full(1, 1e3), 0.01, 50.0)
+    so = np.full((3, 1), 1000.0)
+    y, weight = weights.weigh(so, pressure=np.array([3000.0, np.nan, -3000.0]))
+    assert y[:, 1].tolist() == [3000.0, 0.0, -3000.0]
+    np.testing.assert_allclose(weight[:, 1], [1 / (2500 + 900), 0.0, 1 / (2500 + 900)])
+    assert weights.weigh(so)[1][:, 1].tolist() == [0.0] * 3
+    never = dataclasses.replace(weights, pressure_noise=np.inf)
+    assert never.weigh(so, pressure=np.full(3, 1.0))[1][:, 1].tolist() == [0.0] * 3
+
+
+def test_zero_of_readings_is_the_baseline_s_or_the_calibration_s() -> None:
+    rest = np.array([1000.0, 1001.0])
+    spec: Any = SimpleNamespace(calibration=None)
+    zero, variance = zero_of_readings(spec, rest, np.array([1010.0, 1005.0]), 0.5)
+    assert zero.tolist() == [10.0, 4.0]
+    assert variance.tolist() == 0.5
+    assert [x.tolist() for x in zero_of_readings(spec, rest, None, 0.5)] == [[0.0, 0.0]] * 2
+    spec.calibration = SimpleNamespace(offsets=(3.0, -2.0), offset_errors=(0.5, np.nan))
+    zero, variance = zero_of_readings(spec, rest, None, 0.5)
+    assert zero.tolist() == [3.0, -2.0]
+    assert variance.tolist() == [0.25, 0.0]
+    spec.calibration = SimpleNamespace(offsets=(3.0,), offset_errors=())
+    with pytest.raises(ValueError, match="1 numbers for the skin's 2 taxels"):
+        zero_of_readings(spec, rest, None, 0.5)
+
+
+def test_walk_of_the_readings_at_rest_grows_with_time() -> None:
+    rest = np.array([1000.0, 2000.0])
+    found = DriftDensities(taxel=0.1, common=0.2, gain=1e-3, before=1.0).walk(rest, 3.0)
+    own, shared = 0.01 * np.eye(2), 0.04 + 1e-6 * np.outer(rest, rest)
+    np.testing.assert_allclose(found, 3 * (own + shared), rtol=1e-12)
+
+
+def test_sizes_of_a_drift_are_mean_and_largest() -> None:
+    drift = Drift(np.array([[1.0, -5.0, 1.0], [2.0, 2.0, 2.0]]), np.zeros((2, 3)))
+    assert drift.sizes() == [(-1.0, -5.0), (2.0, 2.0)]
+    assert drift.rows(slice(1, 2)).sizes() == [(2.0, 2.0)]
+
+
+# --- filter -------------------------------------------------------------------------------
+
+
+def estimate(angle: float, force: float, systematic: Any = None) -> LoadEstimate:
+    """One contact with a covariance of 1e-4 rad^2 and 4 N^2."""
+    return LoadEstimate(
+        True, (Contact(angle, force, None, np.diag([1e-4, 4.0]), systematic=systematic),)
+    )
+
+
+def test_filter_is_kalman_s_with_constant_velocity() -> None:
+    follower, dt = LoadFilter(angle_density=2.0, force_density=300.0), 0.1
+    follower.feed(1.0, estimate(0.1, 5.0))
+    (found,) = follower.feed(1.0 + dt, estimate(0.11, 6.0))
+    assert found.covariance is not None
+    for k, (density, rate, noise, values) in enumerate(
+        ((2.0, 1.0, 1e-4, (0.1, 0.11)), (300.0, 400.0, 4.0, (5.0, 6.0)))
+    ):
+        move = np.array([[1.0, dt], [0.0, 1.0]])
+        driven = density * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        before = move @ np.diag([noise, rate]) @ move.T + driven
+        gain = before[:, 0] / (before[0, 0] + noise)
+        mean = values[0] + gain[0] * (values[1] - values[0])
+        variance = before[0, 0] * (1 - gain[0])
+        assert (found.angle, found.force)[k] == pytest.approx(mean, rel=1e-10)
+        assert found.covariance[k, k] == pytest.approx(variance, rel=1e-9)
+
+
+def test_filter_leaves_what_a_calibration_leaves_open() -> None:
+    follower, shared = LoadFilter(), np.diag([0.0, 3.0])
+    for k in range(40):
+        (found,) = follower.feed(0.01 * k, estimate(0.1, 5.0, shared))
+    assert found.covariance is not None
+    assert 3.0 < found.covariance[1, 1] < 4.0
+
+
+def test_filter_begins_a_track_beyond_five_deviations_and_at_no_covariance_none() -> None:
+    follower = LoadFilter()
+    follower.feed(0.0, estimate(0.1, 5.0))
+    (other,) = follower.feed(0.0, estimate(0.1 + 0.0708, 5.0))  # sqrt(2) deviations make 5
+    assert other.angle == pytest.approx(0.1708)
+    (same,) = follower.feed(0.0, estimate(0.1708 + 0.07, 5.0))
+    assert same.angle == pytest.approx(0.1708 + 0.035)
+    unknown = LoadEstimate(True, (Contact(0.1, 5.0, None, None),))
+    assert follower.feed(1.0, unknown) == []
+    assert follower.feed(1.0, LoadEstimate(None)) == []
+
+
+# --- estimates ----------------------------------------------------------------------------
+
+
+class Assessment(AbstractLoadAssessment):
+    """Estimates on a skin whose wall is reached at 20 N (1 + angle)."""
+
+    def first_contact(self, place: np.ndarray) -> float:
+        """20 N at the crown."""
+        return float(20.0 * (1 + place[0]))
+
+    def near_taxels(self, place: np.ndarray, taxels: np.ndarray) -> bool:
+        """Whether any counts."""
+        return bool(taxels.any())
+
+    def at_edge(self, place: np.ndarray) -> bool:
+        """From 0.5 rad on."""
+        return bool(abs(place[0]) >= 0.5)
+
+
+def assessed(
+    parameters: Any,
+    deviation: float = 0.1,
+    *,
+    contacts: int = 1,
+    chi2: float = 11.0,
+    other: Alternative | None = None,
+    full_scale: bool = False,
+    systematic: Any = None,
+    **fields: Any,
+) -> LoadEstimate:
+    """The estimate of one frame of 13 taxels, forces with a deviation, angles of 0.01 rad."""
+    x = np.atleast_2d(np.asarray(parameters, float))
+    sigma = np.repeat([0.01, deviation], contacts)
+    best = explanations(
+        x,
+        contacts=contacts,
+        so=np.zeros((1, 13)),
+        information=np.diag(1 / sigma**2)[None],
+        chi2=chi2,
+        **fields,
+    )
+    one = Assessment(SECTION, 0.06, 13)
+    shared = None if systematic is None else np.diag(systematic)[None]
+    (found,) = one.estimates(best, [other], np.full((1, 13), full_scale), shared)
+    return found
+
+
+def test_an_estimate_has_the_fit_s_covariance_and_chi2_per_degree_of_freedom() -> None:
+    found = assessed([0.2, 5.0], systematic=[0.0, 0.16])
+    (contact,) = found.contacts
+    assert (found.status, found.chi2_per_dof) == ("ok", 1.0)
+    assert contact.arc_position == pytest.approx(0.012)
+    assert contact.covariance is not None
+    assert contact.noise_covariance is not None
+    np.testing.assert_allclose(np.diag(contact.covariance), [1e-4, 0.17], rtol=1e-9)
+    np.testing.assert_allclose(np.diag(contact.noise_covariance), [1e-4, 0.01], rtol=1e-9)
+    assert contact.deviation("force") == pytest.approx(np.sqrt(0.17))
+    assert found.at_least is None
+    # A poor fit widens the noise's part by its ratio.
+    poor = assessed([0.2, 5.0], chi2=55.0)
+    assert poor.status == "poor_fit"
+    assert poor.contacts[0].covariance is not None
+    assert poor.contacts[0].covariance[1, 1] == pytest.approx(0.05)
+
+
+MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]))
+
+
+@pytest.mark.parametrize(
+    ("status", "parameters", "options"),
+    [
+        ("ok", [0.2, 5.0], {}),
+        ("no_convergence", [0.2, 5.0], {"chi2": np.inf}),
+        ("no_convergence", [0.2, 5.0], {"predicted_decrease": np.array([0.11])}),
+        ("ok", [0.2, 5.0], {"predicted_decrease": np.array([0.09])}),
+        ("poor_fit", [0.2, 5.0], {"chi2": stats.chi2.isf(0.9e-4, 11)}),
+        ("ok", [0.2, 5.0], {"chi2": stats.chi2.isf(1.1e-4, 11)}),
+        ("model_mismatch", [0.2, 5.0], {"chi2": 99.1}),
+        ("poor_fit", [0.2, 5.0], {"chi2": 98.9}),
+        ("wall_contact", [0.2, 5.0], {"chi2": 99.1, "full_scale": True}),
+        ("wall_contact", [0.2, 5.0], {"full_scale": True}),
+        ("wall_contact", [0.2, 5.0], {"min_gap": np.zeros(1)}),
+        ("wall_contact", [0.0, 19.61], {}),  # within 2 deviations and 1 % of 20 N
+        ("ok", [0.0, 19.59], {}),
+        ("at_edge", [0.5, 5.0], {}),
+        ("pull", [0.2, -5.0], {}),
+        ("ambiguous", [0.2, 5.0], {"other": MODE}),
+        ("ok", [0.2, 5.0], {"other": MODE._replace(chi2=17.1)}),
+        ("imprecise", [0.2, 5.0], {"deviation": 1.01}),
+        ("ok", [0.2, 5.0], {"deviation": 0.99}),
+    ],
+)
+def test_statuses_and_their_thresholds(
+    status: str, parameters: list[float], options: dict[str, Any]
+) -> None:
+    assert assessed(parameters, **options).status == status
+
+
+def test_at_the_wall_a_force_is_bounded_from_below() -> None:
+    """95 % one-sided: 1.645 deviations less than the force, or than that of first contact."""
+    for force, bound in ((19.9, 19.9), (25.0, 20.0)):
+        found = assessed([0.0, force], 0.5, systematic=[0.0, 0.24])
+        assert found.status == "wall_contact"
+        assert found.at_least == pytest.approx(bound - 1.645 * 0.7, rel=1e-4)
+        assert found.contacts[0].covariance is None
+    two = assessed([0.0, 0.1, 15.0, 3.0], 0.5, contacts=2, full_scale=True)
+    assert two.at_least == pytest.approx(18.0 - 1.645 * np.sqrt(0.5), rel=1e-4)
+    # One contact alone may bound better than both.
+    sure = assessed([0.0, 0.1, 15.0, 0.1], 0.5, contacts=2, full_scale=True)
+    assert sure.at_least == pytest.approx(15.0 - 1.645 * 0.5, rel=1e-4)
+    assert len(sure.contacts) == 1  # the other's force is no twice its error
+    assert len(two.contacts) == 2
+
+
+def test_an_ambiguous_frame_has_its_other_load_beside() -> None:
+    found = assessed([0.2, 5.0], other=MODE)
+    (other,) = found.alternatives
+    assert (other.angle, other.force) == (-0.3, 4.0)
+    assert other.covariance is not None
+    np.testing.assert_allclose(np.diag(other.covariance), [1e-4, 0.01], rtol=1e-9)
+
+
+def test_a_contact_is_imprecise_beyond_what_anybody_wants() -> None:
+    def contact(**sigma: float) -> Contact:
+        names = ("angle", "axial", "force", "direction", "tilt")
+        small = {"angle": 1e-3, "axial": 1e-4, "force": 0.1, "direction": 0.01, "tilt": 0.01}
+        both = small | sigma
+        covariance = np.diag([both[name] ** 2 for name in names])
+        return Contact(0.1, -5.0, 0.1, covariance, axial=0.0, tilt=0.1)
+
+    assert not contact().imprecise
+    limits = {"angle": np.deg2rad(2), "axial": 2e-3, "force": 1.0}
+    limits |= {"direction": np.deg2rad(10), "tilt": np.deg2rad(10)}
+    for name, limit in limits.items():
+        assert not contact(**{name: 0.99 * limit}).imprecise
+        assert contact(**{name: 1.01 * limit}).imprecise
+        assert contact(**{name: 0.0}).imprecise
+    assert Contact(0.1, 5.0, None, None).imprecise
+    assert np.isnan(Contact(0.1, 5.0, None, None).deviation("force"))
+
+
+# --- posterior ----------------------------------------------------------------------------
+
+
+class Flat(AbstractLoadPosterior):
+    """A prior even over a volume."""
+
+    def log_probability(self, y: Any, mode: Any) -> Any:
+        """Not needed."""
+        raise NotImplementedError
+
+
+def stand_in_estimator(volume: float = 50.0) -> Any:
+    """What evidence and names of modes ask of an estimator."""
+    selection = SimpleNamespace(fitter=DimpleFitter())
+    posterior = Flat(DimpleNodes(), 1, volume, 0.02, np.array([[-1.0]]))
+    return SimpleNamespace(selection=selection, posterior=posterior)
+
+
+def mode(parameters: Any, sigma: Any, chi2: float = 3.0) -> Any:
+    """One explanation with these deviations."""
+    count = len(parameters) // 2
+    information = np.diag(1 / np.square(sigma))[None]
+    return explanations([parameters], contacts=count, information=information, chi2=chi2)
+
+
+def test_evidence_of_a_mode_is_its_gaussian_integral_over_the_prior() -> None:
+    estimator = stand_in_estimator()
+    one = mode([0.1, 5.0], [0.01, 0.2])
+    expected = np.exp(-1.5) * 2 * np.pi * 0.01 * 0.2 / 50.0
+    assert np.exp(frame_posterior._log_evidence(estimator, one)) == pytest.approx(expected)
+    two = mode([0.1, 0.4, 5.0, 6.0], [0.01, 0.02, 0.2, 0.1])
+    expected = np.exp(-1.5) * (2 * np.pi) ** 2 * (0.01 * 0.02 * 0.2 * 0.1) * 2 / 50.0**2
+    assert np.exp(frame_posterior._log_evidence(estimator, two)) == pytest.approx(expected)
+    # A mode is no wider than its prior.
+    wide = mode([0.1, 5.0], [10.0, 100.0])
+    assert frame_posterior._log_evidence(estimator, wide) == pytest.approx(-1.5)
+
+
+def test_modes_are_distinct_where_contacts_are_felt_and_apart() -> None:
+    estimator = stand_in_estimator()
+    sigma = [0.01, 0.01, 1.0, 1.0]
+    for parameters, distinct in (
+        ([0.1, 0.4, 5.0, 2.1], True),
+        ([0.1, 0.4, 5.0, 1.9], False),
+        ([0.1, 0.176, 5.0, 5.0], True),
+        ([0.1, 0.174, 5.0, 5.0], False),
+    ):
+        assert frame_posterior._distinct(estimator, mode(parameters, sigma)) == distinct
+    assert frame_posterior._distinct(estimator, mode([0.1, 0.5], [0.01, 1.0]))  # one alone
+    assert not frame_posterior._distinct(estimator, mode([0.1, 5.0], [np.inf, 1.0]))
+
+
+def test_kinds_of_modes() -> None:
+    estimator = stand_in_estimator()
+    best: Any = SimpleNamespace(contacts=1, parameters=np.array([0.3, 5.0]))
+    for parameters, kind in (
+        ([-0.29, 4.0], "mirror"),
+        ([-0.1, 4.0], "place"),
+        ([0.1, 0.4, 5.0, 6.0], "contacts"),
+    ):
+        one = mode(parameters, [0.01] * len(parameters))
+        assert frame_posterior._kind(estimator, best, one) == kind
+    a, b, c = (mode([x, 0.4, 5.0, 6.0], [0.01] * 4) for x in (0.1, 0.119, 0.121))
+    assert frame_posterior._same(estimator, a, b)
+    assert not frame_posterior._same(estimator, a, c)
+    swapped = mode([0.4, 0.1, 6.0, 5.0], [0.01] * 4)
+    assert frame_posterior._same(estimator, a, swapped)
+    assert not frame_posterior._same(estimator, a, mode([0.1, 5.0], [0.01] * 2))
+
+
+# --- range --------------------------------------------------------------------------------
+
+
+def test_least_errors_are_the_bound_of_cramer_and_rao() -> None:
+    jacobian = np.stack([SLOPES, 2 * SLOPES], -1)  # [parameter, taxel, force]
+    weight = np.tile(WEIGHT[:, None], (1, 2))
+    found = least_errors(jacobian, weight)
+    expected = np.sqrt(np.diag(np.linalg.inv((SLOPES * WEIGHT) @ SLOPES.T)))
+    np.testing.assert_allclose(found, np.stack([expected, expected / 2], 1), rtol=1e-9)
+    assert least_errors(jacobian, 0 * weight).tolist() == [[np.inf] * 2] * 2
+
+
+def test_range_is_from_the_first_force_told_to_the_last() -> None:
+    force = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 4.0, 8.0]])
+    error = np.array([[0.3, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0]])
+    saturated = np.zeros((2, 4, 3), bool)
+    saturated[0, 2:, 1] = True
+    zero = np.zeros_like(force)
+    found = ForceRange(
+        np.array([0.0, 0.1]),
+        np.array([6.0, np.nan]),
+        np.array([1e3, np.nan]),
+        force,
+        error,
+        zero + 0.01,
+        zero,
+        saturated,
+        1.0,
+        True,
+    )
+    assert found.told[0].tolist() == [False, True, True, False]
+    np.testing.assert_array_equal(found.smallest, [2.0, np.nan])
+    np.testing.assert_array_equal(found.largest, [4.0, np.nan])
+    np.testing.assert_array_equal(found.saturation, [4.0, np.nan])
+    rows = found.report()["angles"]
+    assert rows[0]["first_contact"] == {"force_N": 6.0, "oil_pressure_Pa": 1e3}
+    assert rows[1]["first_contact"] is None
+    assert [p["wall_contact"] for p in rows[0]["points"]] == [False, False, False, True]
+    assert [p["saturated_taxels"] for p in rows[0]["points"]] == [0, 0, 1, 1]
+    assert rows[1]["angle_deg"] == pytest.approx(np.rad2deg(0.1))

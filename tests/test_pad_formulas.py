@@ -1,0 +1,607 @@
+"""Formulas of load estimation on a pad against closed forms: tolerances, spline, steps."""
+
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fitting.inverse_load.pad import input_errors as pad_errors
+from fitting.inverse_load.pad.columns import LEVELS
+from fitting.inverse_load.pad.input_errors import PadErrors, gap_line
+from fitting.inverse_load.pad.interpolant import (
+    Correction,
+    PadInterpolant,
+    _lagrange,
+    force_components,
+)
+from fitting.inverse_load.pad.least_squares import Fit, PadLeastSquares, damped_step
+from fitting.inverse_load.pad.mirror import mirror_images, mirrored
+from fitting.inverse_load.pad.search import PadNodeSearch
+from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
+from fitting.inverse_load.pad.table import PadTable, reciprocal
+from suas_jax.config import InputErrors, SkinSpec, load_skin
+from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
+from tests.stand_ins import explanations
+
+SKIN = """
+[geometry]
+inner_radius = "55 mm"
+thickness = "5 mm"
+half_angle = "60 deg"
+width = "100 mm"
+oil_gap = "5 mm"
+ends = "clamped"
+[material]
+law = "mooney-rivlin"
+C1 = "300 kPa"
+C2 = "100 kPa"
+C3 = "0 Pa"
+[oil]
+model = "incompressible"
+relative_permittivity = 2.0
+[electrodes]
+lsb = "0.1 fF"
+stray = "20 fF"
+layers = [{ thickness = "0.1 mm", relative_permittivity = 4.0 }]
+taxels = [
+  { angle = "-10 deg", axial = "5 mm", diameter = "4 mm" },
+  { angle = "10 deg", axial = "5 mm", diameter = "4 mm" },
+  { angle = "0 deg", axial = "-5 mm", diameter = "6 mm" },
+]
+"""
+AREA = np.pi / 4 * np.array([4e-3, 4e-3, 6e-3]) ** 2
+GAP, PERMITTIVITY, LAYER, LSB, STRAY = 5e-3, 2.0, 0.1e-3 / 4.0, 0.1e-15, 200.0
+# 1 / (SO - stray) = a + b w of parallel plates.
+BY_GAP = LSB / (VACUUM_PERMITTIVITY * AREA * PERMITTIVITY)
+AT_REST = BY_GAP * GAP + LAYER * LSB / (VACUUM_PERMITTIVITY * AREA)
+
+
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory: pytest.TempPathFactory) -> SkinSpec:
+    place: Path = tmp_path_factory.mktemp("pad") / "skin.toml"
+    place.write_text(SKIN)
+    return load_skin(place)
+
+
+def linear_table(
+    *, diameter: float = 8e-3, slope: float = 1.0, stray: float = 0.0, taxels: int = 3
+) -> PadTable:
+    """A table in which u falls in proportion to the force, by a share that depends on place.
+
+    u = 1e-3 - slope 1e-5 F (1 + angle + 20 axial) (1 + taxel), p = 100 F; the largest force
+    is 10 N (1 + axial).
+    """
+    angle, axial = np.linspace(-0.4, 0.4, 7), np.linspace(-0.04, 0.04, 7)
+    cap = 10.0 * np.exp(np.broadcast_to(axial, (7, 7)))
+    force = cap[..., None] * LEVELS
+    place = 1 + angle[:, None, None] + 20 * axial[:, None]
+    share = (place * force)[..., None] * (1 + np.arange(taxels))
+    rest = np.full(taxels, stray + 1e3)
+    return PadTable(
+        angle,
+        axial,
+        cap,
+        np.full((7, 7), np.inf),
+        1e-3 - slope * 1e-5 * share,
+        100.0 * force,
+        0.01 * np.broadcast_to(LEVELS, force.shape),
+        rest,
+        np.full(taxels, stray),
+        diameter,
+    )
+
+
+# --- errors of the inputs -----------------------------------------------------------------
+
+
+def test_line_of_the_gap_is_that_of_parallel_plates(spec: SkinSpec) -> None:
+    stray, rest, slope = gap_line(spec, {})
+    np.testing.assert_allclose(stray, STRAY, rtol=1e-12)
+    np.testing.assert_allclose(rest, AT_REST, rtol=1e-12)
+    np.testing.assert_allclose(slope, BY_GAP, rtol=1e-9)
+    _, rest, slope = gap_line(
+        spec, {"geometry.oil_gap": 4e-3, "oil.relative_permittivity": 4.0}
+    )
+    np.testing.assert_allclose(slope, BY_GAP / 2, rtol=1e-9)
+    np.testing.assert_allclose(rest, AT_REST - BY_GAP * (GAP - 4e-3 / 2), rtol=1e-9)
+
+
+ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffness)
+    "geometry.oil_gap": (5e-5, 0.0, BY_GAP * 5e-5, 0.0, 0.0),
+    "oil.relative_permittivity": (0.1, 0.0, -0.05 * BY_GAP * GAP, -0.05, 0.0),
+    "electrodes.lsb": (2e-18, -0.02 * STRAY, 0.02 * AT_REST, 0.02, 0.0),
+    "electrodes.stray": (1e-15, 10.0, 0.0 * AREA, 0.0, 0.0),
+    "material.C1": (40e3, 0.0, 0.0 * AREA, 0.0, 0.1),
+    "material.C2": (-20e3, 0.0, 0.0 * AREA, 0.0, -0.05),
+    "geometry.thickness": (5e-4, 0.0, 0.0 * AREA, 0.0, 0.1 * 1.5),
+}
+
+
+def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
+    """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
+    paths = tuple(ERRORS)
+    errors = InputErrors(paths, np.diag([x[0] for x in ERRORS.values()]), paths, "stated")
+    table: Any = SimpleNamespace(rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PadErrors, "_solved_stiffening", lambda self, path: 1.5)
+        skin = pad_skin_of(spec, contact=False)
+        return PadErrors(spec, errors, skin, table, from_rest=from_rest, slots=1)
+
+
+@pytest.fixture(scope="module")
+def errors(spec: SkinSpec) -> PadErrors:
+    return errors_of(spec)
+
+
+@pytest.mark.parametrize("path", ERRORS)
+def test_error_of_a_pad_s_input_moves_readings_as_plates_and_stiffness_do(
+    errors: PadErrors, path: str
+) -> None:
+    """DSO = dstray - (SO - stray)^2 (da + db / b (u - a)) - n F dSO/dF."""
+    _, stray, constant, relative, stiffer = ERRORS[path]
+    u, force, by_force, pressure = 0.7 * AT_REST, 3.0, np.array([5.0, 6.0, 7.0, 80.0]), 500.0
+    jacobian = np.zeros((1, 3, 4))
+    jacobian[0, 2] = by_force
+    best = explanations(
+        [[0.1, 0.0, force]],
+        so=np.append(STRAY + 1 / u, pressure),
+        jacobian=jacobian,
+        pressure=np.array([pressure]),
+    )
+    found = errors.slopes(best, 3, 1)[0, list(ERRORS).index(path)]
+    expected = stray - (constant + relative * (u - AT_REST)) / u**2
+    expected = np.append(expected - stiffer * force * by_force[:3], 0.0)
+    expected[3] = stiffer * (pressure - force * by_force[3])
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-9)
+    at_rest = np.append(stray - constant / AT_REST**2, 0.0)
+    np.testing.assert_allclose(errors.rest[list(ERRORS).index(path)], at_rest, rtol=1e-5)
+
+
+def test_readings_from_a_baseline_are_moved_by_the_change_alone(
+    spec: SkinSpec, errors: PadErrors
+) -> None:
+    best = explanations([[0.0, 0.0, 0.0]], so=np.append(STRAY + 2 / AT_REST, 0.0))
+    best = dataclasses.replace(best, jacobian=np.zeros((1, 3, 4)))
+    from_rest = errors_of(spec, from_rest=True)
+    assert not from_rest.rest.any()
+    absolute = errors.slopes(best, 3, 1)
+    np.testing.assert_allclose(from_rest.slopes(best, 3, 1), absolute - errors.rest, rtol=1e-9)
+
+
+def test_forces_of_all_contacts_stiffen_together(errors: PadErrors) -> None:
+    """Of two contacts the forces stand fifth and sixth."""
+    jacobian = np.arange(24.0).reshape(1, 6, 4)
+    best = explanations(
+        [[0.0, 0.1, 0.0, 0.0, 2.0, 3.0]],
+        contacts=2,
+        so=np.append(STRAY + 1 / AT_REST, 0.0),
+        jacobian=jacobian,
+    )
+    found = errors.slopes(best, 3, 2)[0, list(ERRORS).index("material.C1")]
+    np.testing.assert_allclose(
+        found, -0.1 * (2.0 * jacobian[0, 4] + 3.0 * jacobian[0, 5]), rtol=1e-5
+    )
+
+
+def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
+    errors: PadErrors,
+) -> None:
+    one = explanations([[0.3, 0.01, 8.0]])
+    radius = 60e-3
+    expected = np.array([5e-5 / radius, 5e-5, 0.04]) ** 2
+    found = errors.unexplained(one, 3)
+    assert found is not None
+    np.testing.assert_allclose(found[0], np.diag(expected), rtol=1e-12)
+    two = explanations([[0.3, 0.1, 0.0, 0.0, 8.0, 2.0]], contacts=2)
+    found = errors.unexplained(two, 3)
+    assert found is not None
+    expected = np.array([5e-5 / radius, 5e-5 / radius, 5e-5, 5e-5, 0.04, 0.01]) ** 2
+    np.testing.assert_allclose(np.diag(found[0]), expected, rtol=1e-12)
+
+
+def test_exponent_of_a_dimension_is_what_less_force_does_as_well(
+    spec: SkinSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A membrane whose displacement is F / t^3: two per cent of t are six of stiffness."""
+    monkeypatch.setattr(pad_errors.platformdirs, "user_cache_path", lambda name: tmp_path)
+    forces = []
+
+    def channels(skin: Any, loads: np.ndarray, diameter: float, slots: int) -> np.ndarray:
+        thickness = float(skin.geometry.thickness[0]) / 5e-3
+        forces.extend(loads[:, 2])
+        force = loads[:, 2] * (1 - 3 * (thickness - 1))
+        place = 1 + loads[:, 0] + loads[:, 1]
+        so = (force * place)[:, None] * np.array([1.0, 2.0, np.nan])
+        return np.column_stack([so, 100 * loads[:, 2]])
+
+    monkeypatch.setattr(pad_errors, "solved_channels", channels)
+    own = object.__new__(PadErrors)
+    own._spec, own._skin, own._slots = spec, pad_skin_of(spec, contact=False), 1
+    own._inputs, own._table = {}, linear_table()
+    assert own._solved_stiffening("geometry.thickness") == pytest.approx(3.0, rel=1e-9)
+    largest = 10.0  # at the middle of the pad
+    expected = np.array([1.0, 0.98, 1.0]) * 0.4 * largest
+    np.testing.assert_allclose(forces, [*expected, *expected], rtol=1e-12)
+    # The second time it comes from the cache.
+    assert own._solved_stiffening("geometry.thickness") == pytest.approx(3.0, rel=1e-9)
+    assert len(forces) == 6
+
+
+# --- spline -------------------------------------------------------------------------------
+
+
+def test_spline_of_cubics_is_exact_inside_and_beyond_its_nodes() -> None:
+    nodes = np.array([-1.0, -0.3, 0.1, 0.7, 1.0, 2.0])
+    x = np.array([-1.5, -1.0, -0.5, 0.1, 0.5, 1.99, 2.0, 2.5])
+
+    def cubic(x: np.ndarray) -> np.ndarray:
+        return 1 - 2 * x + 3 * x**2 - 0.5 * x**3
+
+    spline = TensorSpline.through((nodes,), cubic(nodes)[:, None])
+    value, slope = spline(x)
+    np.testing.assert_allclose(value[:, 0], cubic(x), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(slope[:, 0, 0], -2 + 6 * x - 1.5 * x**2, rtol=1e-10, atol=1e-10)
+
+
+def test_basis_sums_to_one_everywhere() -> None:
+    basis = SplineBasis(np.linspace(0.0, 1.0, 7) ** 2)
+    first, value, slope = basis.at(np.linspace(0.0, 1.0, 23))
+    np.testing.assert_allclose(value.sum(1), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(slope.sum(1), 0.0, atol=1e-10)
+    assert first.min() == 0
+    assert first.max() == 7 - 4
+
+
+def test_spline_in_three_variables_has_a_slope_in_each() -> None:
+    axes = np.linspace(-1, 1, 4), np.linspace(0, 2, 5), np.linspace(-2, 1, 6)
+    a, b, c = np.meshgrid(*axes, indexing="ij")
+    values = np.stack([a**2 * b + c, a * b**3 * c**2], -1)
+    x, y, z = np.array([0.3, -0.9]), np.array([1.7, 0.2]), np.array([-1.1, 0.6])
+    value, slope = TensorSpline.through(axes, values)(x, y, z)
+    np.testing.assert_allclose(value, np.stack([x**2 * y + z, x * y**3 * z**2], 1), rtol=1e-10)
+    expected = [
+        np.stack([2 * x * y, x**2, np.ones(2)], 1),
+        np.stack([y**3 * z**2, 3 * x * y**2 * z**2, 2 * x * y**3 * z], 1),
+    ]
+    np.testing.assert_allclose(slope, np.stack(expected, 2), rtol=1e-9)
+
+
+# --- table --------------------------------------------------------------------------------
+
+
+def test_signatures_are_changes_per_newton_of_a_light_contact() -> None:
+    table = linear_table(stray=50.0)
+    found = table.signatures.reshape(7, 7, 4)
+    place = 1 + table.angle[:, None] + 20 * table.axial
+    np.testing.assert_allclose(found[..., 3], 100.0, rtol=1e-12)
+    for taxel in range(3):
+        # dSO = -du / u^2 with u = 1e-3 at rest
+        np.testing.assert_allclose(found[..., taxel], 10.0 * place * (1 + taxel), rtol=1e-9)
+
+
+def test_nodes_hold_light_states_and_the_table_s_own() -> None:
+    table = linear_table(stray=50.0)
+    loads, channels = table.nodes
+    levels = np.array([0.015, 0.03, 0.06, *LEVELS[2:]])
+    assert loads.shape == (7 * 7 * 9, 3)
+    np.testing.assert_allclose(loads[:9, :2], np.tile([-0.4, -0.04], (9, 1)))
+    np.testing.assert_allclose(loads[9, :2], [-0.4, table.axial[1]])
+    np.testing.assert_allclose(loads[-9:, 2], 10 * np.exp(0.04) * levels, rtol=1e-12)
+    angle, axial, force = loads.T
+    u = 1e-3 - 1e-5 * force * (1 + angle + 20 * axial)
+    np.testing.assert_allclose(channels[:, 0], 50.0 + 1 / u, rtol=1e-9)
+    np.testing.assert_allclose(channels[:, 3], 100 * force, rtol=1e-9)
+
+
+def test_thinned_table_keeps_its_outermost_places() -> None:
+    table = dataclasses.replace(linear_table(), angle=np.arange(7.0), axial=np.arange(7.0))
+    for every, i, j in ((2, [0, 2, 4, 6], [0, 2, 4, 6]), (4, [0, 4, 6], [0, 4, 6])):
+        thin = table.thinned(every)
+        assert thin.angle.tolist() == i
+        assert thin.axial.tolist() == j
+        np.testing.assert_array_equal(thin.u, table.u[np.ix_(i, j)])
+        np.testing.assert_array_equal(thin.cap, table.cap[np.ix_(i, j)])
+        np.testing.assert_array_equal(thin.pressure, table.pressure[np.ix_(i, j)])
+        np.testing.assert_array_equal(thin.surplus, table.surplus[np.ix_(i, j)])
+        np.testing.assert_array_equal(thin.first_contact, table.first_contact[np.ix_(i, j)])
+
+
+def test_reciprocals_of_forces_and_back() -> None:
+    force = np.array([4.0, np.inf, 0.0, -2.0, np.nan, 1e-10])
+    expected = [0.25, 0.0, np.inf, np.inf, np.inf, np.inf]
+    np.testing.assert_array_equal(reciprocal(force), expected)
+    np.testing.assert_allclose(reciprocal(reciprocal(np.array([4.0, np.inf]))), [4.0, np.inf])
+
+
+def test_force_of_first_contact_is_interpolated_by_its_reciprocal() -> None:
+    """Infinite where the membrane can't reach the wall; bilinear between four places."""
+    table = linear_table()
+    corner = np.full((7, 7), np.inf)
+    corner[1, 2], corner[1, 3], corner[2, 2], corner[2, 3] = 2.0, 4.0, 5.0, 10.0
+    table = dataclasses.replace(table, first_contact=corner)
+    a, z = table.angle, table.axial
+    angle = np.array([a[1], a[1] + 0.25 * (a[2] - a[1]), a[6], a[1]])
+    axial = np.array([z[2], z[2] + 0.5 * (z[3] - z[2]), z[6], z[3]])
+    found = table.first_contact_at(angle, axial)
+    between = 0.75 * (0.5 / 2 + 0.5 / 4) + 0.25 * (0.5 / 5 + 0.5 / 10)
+    np.testing.assert_allclose(found, [2.0, 1 / between, 1e9, 4.0], rtol=1e-9)
+
+
+def test_force_on_the_mesh_grows_by_the_surplus_of_its_level() -> None:
+    table = linear_table()
+    angle, axial = np.array([0.1, 0.1, 0.1]), np.array([0.0, 0.0, 0.0])
+    force = np.array([5.0, 10.0, 30.0])  # the largest is 10 N
+    expected = force * (1 + 0.01 * np.array([0.5, 1.0, 1.0]))
+    np.testing.assert_allclose(table.force_on_mesh(angle, axial, force), expected, rtol=1e-9)
+
+
+# --- interpolant --------------------------------------------------------------------------
+
+
+def test_contacts_add_up_in_reciprocal_readings() -> None:
+    table = linear_table(stray=50.0)
+    interpolant = PadInterpolant((table,))
+    x = np.array([[0.1, -0.2, 0.01, -0.02, 3.0, 2.0]])
+    found = interpolant(x, 2)
+    taxel = 1 + np.arange(3)
+    fall = 1e-5 * (3.0 * (1 + 0.1 + 0.2) + 2.0 * (1 - 0.2 - 0.4)) * taxel
+    u = 1e-3 - fall
+    np.testing.assert_allclose(found.readings[0, :3], 50.0 + 1 / u, rtol=1e-8)
+    np.testing.assert_allclose(found.readings[0, 3], 500.0, rtol=1e-8)
+    np.testing.assert_allclose(found.change[0, :3], -fall, rtol=1e-7)
+    by_u = -1 / u**2
+    slopes = -1e-5 * by_u * np.array([[3.0], [2.0], [60.0], [40.0], [1.3], [0.4]]) * taxel
+    np.testing.assert_allclose(found.jacobian[0, :, :3], slopes, rtol=1e-7)
+    np.testing.assert_allclose(found.jacobian[0, 4:, 3], 100.0, rtol=1e-8)
+    np.testing.assert_allclose(found.jacobian[0, :4, 3], 0.0, atol=1e-4)
+    change = np.array([1e-5, 2e-5, 3e-5, 7.0])
+    moved = interpolant(x, 2, Correction(x[0], change, 1.0))
+    np.testing.assert_allclose(moved.readings[0, :3], 50 + 1 / (u + change[:3]), rtol=1e-8)
+    np.testing.assert_allclose(moved.readings[0, 3], 507.0, rtol=1e-8)
+    np.testing.assert_allclose(moved.change, found.change, rtol=1e-12)
+
+
+def test_last_slope_goes_on_beyond_the_table_and_a_closed_gap_has_none() -> None:
+    interpolant = PadInterpolant((linear_table(),))
+    found = interpolant(np.array([[0.0, 0.0, 20.0]]), 1)  # twice the largest force
+    np.testing.assert_allclose(found.readings[0, 0], 1 / (1e-3 - 20e-5), rtol=1e-7)
+    closed = interpolant(np.array([[0.0, 0.0, 200.0]]), 1)
+    np.testing.assert_allclose(closed.readings[0, :3], 1e6, rtol=1e-9)  # a thousandth of u
+    assert not closed.jacobian[0, :, :3].any()
+    np.testing.assert_allclose(closed.readings[0, 3], 20e3, rtol=1e-7)
+
+
+def test_largest_force_is_that_of_the_table_that_reaches_least_far() -> None:
+    wide = dataclasses.replace(linear_table(diameter=16e-3), cap=2 * linear_table().cap)
+    angle, axial = np.array([0.0, 0.3]), np.array([0.0, 0.02])
+    expected = 10 * np.exp([0.0, 0.02])
+    for tables in ((linear_table(), wide), (wide, linear_table())):
+        found = PadInterpolant(tables).largest(angle, axial)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_readings_are_polynomials_of_the_square_of_the_diameter() -> None:
+    """Three tables whose u falls in proportion to 1 + 1e4 d^2 + 1e8 d^4."""
+
+    def size(d: float) -> float:
+        return 1 + 1e4 * d**2 + 1e8 * d**4
+
+    tables = tuple(linear_table(diameter=d, slope=size(d)) for d in (4e-3, 8e-3, 12e-3))
+    interpolant = PadInterpolant(tables)
+    assert interpolant.parameters.names == ("angle", "axial", "force", "diameter")
+    d, force = 6e-3, 2.0
+    found = interpolant(np.array([[0.0, 0.0, force, d]]), 1)
+    u = 1e-3 - 1e-5 * force * size(d)
+    assert found.readings[0, 0] == pytest.approx(1 / u, rel=1e-8)
+    by_diameter = 1e-5 * force * (2e4 * d + 4e8 * d**3) / u**2
+    assert found.jacobian[0, 3, 0] == pytest.approx(by_diameter, rel=1e-6)
+    assert found.jacobian[0, 2, 0] == pytest.approx(1e-5 * size(d) / u**2, rel=1e-7)
+
+
+def test_lagrange_polynomials_and_slopes() -> None:
+    nodes, x = np.array([1.0, 2.0, 4.0]), np.array([1.5, 3.0])
+    share, slope = _lagrange(nodes, x)
+    for power in range(3):
+        np.testing.assert_allclose(share @ nodes**power, x**power, rtol=1e-12)
+    np.testing.assert_allclose(slope @ nodes**2, 2 * x, rtol=1e-10)
+    np.testing.assert_allclose(slope @ np.ones(3), 0.0, atol=1e-12)
+
+
+def test_force_turns_along_the_arc_and_tilts_along_the_axis() -> None:
+    x = np.array([0.1, 0.02, 5.0, 0.3, -0.4])
+    plane = 5 * np.cos(-0.4)
+    expected = [plane * np.cos(0.3), plane * np.sin(0.3), 5 * np.sin(-0.4)]
+    np.testing.assert_allclose(force_components(x), expected, rtol=1e-12)
+
+
+def test_readings_under_a_tilted_force_are_linear_in_what_is_tangential() -> None:
+    interpolant = PadInterpolant((linear_table(),), direction=True)
+    x = np.array([0.05, 0.01, 4.0, 0.3, -0.2])
+    across = np.array([[[1e-5, 2e-5, 3e-5, 11.0], [-2e-5, 1e-5, 0.0, 7.0]]])
+    near = Correction(x, np.zeros(4), 1.0, across)
+    found = interpolant(x[None], 1, near)
+    radial, along, axial = force_components(x)
+    fall = 1e-5 * radial * (1 + 0.05 + 0.2) * (1 + np.arange(3))
+    change = along * across[0, 0] + axial * across[0, 1]
+    u = 1e-3 - fall + change[:3]
+    np.testing.assert_allclose(found.readings[0, :3], 1 / u, rtol=1e-8)
+    np.testing.assert_allclose(found.readings[0, 3], 100 * radial + change[3], rtol=1e-8)
+    step = 1e-6
+    for k in range(5):
+        high, low = (
+            interpolant(x[None] + side * step * np.eye(5)[k], 1, near).readings[0]
+            for side in (1, -1)
+        )
+        slope = (high - low) / (2 * step)
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-5)
+
+
+# --- least squares ------------------------------------------------------------------------
+
+
+def quadratic(parameters: list[float], gradient: list[float], information: Any) -> Fit:
+    none = np.zeros((1, 0))
+    return Fit(
+        np.array([parameters]),
+        none,
+        none,
+        np.zeros(1),
+        np.array([gradient]),
+        np.array([information], float),
+    )
+
+
+def test_step_without_damping_is_gauss_s_and_its_decrease_that_of_the_parabola() -> None:
+    information = np.array([[4.0, 1.0], [1.0, 100.0]])
+    gradient = [2.0, -3.0]
+    fit = quadratic([0.0, 0.0], gradient, information)
+    far = np.full((1, 2), 10.0)
+    step, decrease = damped_step(fit, -far, far, np.zeros(1))
+    expected = np.linalg.solve(information, gradient)
+    np.testing.assert_allclose(step[0], expected, rtol=1e-8)
+    assert decrease[0] == pytest.approx(expected @ gradient, rel=1e-8)
+    # Damping of one: the diagonal counts twice.
+    step, _ = damped_step(fit, -far, far, np.ones(1))
+    expected = np.linalg.solve(information + np.diag([4.0, 100.0]), gradient)
+    np.testing.assert_allclose(step[0], expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_presses_against_a_bound_takes_no_part_in_the_step(side: float) -> None:
+    information = np.array([[4.0, 1.0], [1.0, 100.0]])
+    low, high = np.array([[-1.0, -1.0]]), np.array([[1.0, 1.0]])
+    fit = quadratic([side, 0.0], [2.0 * side, 5.0], information)
+    step, decrease = damped_step(fit, low, high, np.zeros(1))
+    np.testing.assert_allclose(step[0], [0.0, 0.05], rtol=1e-8)
+    assert decrease[0] == pytest.approx(0.25, rel=1e-8)
+    # Away from the bound it is free.
+    fit = quadratic([side, 0.0], [-2.0 * side, 5.0], information)
+    step, _ = damped_step(fit, low, high, np.zeros(1))
+    np.testing.assert_allclose(
+        step[0], np.linalg.solve(information, [-2.0 * side, 5.0]), rtol=1e-8
+    )
+
+
+def test_a_parameter_that_nothing_shows_stays() -> None:
+    fit = quadratic([0.0, 0.0], [0.0, 3.0], [[0.0, 0.0], [0.0, 9.0]])
+    far = np.full((1, 2), 10.0)
+    step, decrease = damped_step(fit, -far, far, np.zeros(1))
+    np.testing.assert_allclose(step[0], [0.0, 1 / 3], rtol=1e-8)
+    assert decrease[0] == pytest.approx(1.0, rel=1e-8)
+
+
+EDGE = (0.35, 0.035)
+
+
+def test_bounds_of_contacts_on_a_pad() -> None:
+    one = PadLeastSquares(PadInterpolant((linear_table(),)), EDGE)
+    x = np.array([[0.1, 0.2, 0.0, 0.02, 3.0, 4.0]])
+    cap = 10 * np.exp([0.0, 0.02])
+    low, high = one.bounds(x, 2, False)
+    np.testing.assert_allclose(low[0], [-0.35, -0.35, -0.035, -0.035, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(high[0, :4], [0.35, 0.35, 0.035, 0.035])
+    np.testing.assert_allclose(high[0, 4:], 1.2 * cap, rtol=1e-9)
+    low, high = one.bounds(x, 2, True)
+    np.testing.assert_allclose(low[0, 4:], -0.3 * cap, rtol=1e-9)
+    np.testing.assert_array_equal(high[0, 4:], 0.0)
+    # Beyond the edge the largest force is that at the edge.
+    _, high = one.bounds(np.array([[0.0, 9.0, 1.0]]), 1, False)
+    assert high[0, 2] == pytest.approx(12 * np.exp(0.035), rel=1e-9)
+
+
+def test_bounds_of_diameters_and_directions() -> None:
+    tables = linear_table(diameter=4e-3), linear_table(diameter=12e-3)
+    free = PadLeastSquares(PadInterpolant(tables, direction=True), EDGE)
+    low, high = free.bounds(np.array([[0.0, 0.0, 1.0, 6e-3, 0.0, 0.0]]), 1, False)
+    np.testing.assert_allclose(low[0, 3:], [4e-3, -np.pi / 3, -np.pi / 3], rtol=1e-12)
+    np.testing.assert_allclose(high[0, 3:], [12e-3, np.pi / 3, np.pi / 3], rtol=1e-12)
+
+
+def test_volume_of_the_prior_is_a_box_times_a_normal_density_s() -> None:
+    cap = float(linear_table().cap.mean())
+    box = 4 * 0.35 * 0.035 * 1.2 * cap
+    assert PadLeastSquares(
+        PadInterpolant((linear_table(),)), EDGE
+    ).prior_volume() == pytest.approx(box, rel=1e-12)
+    tables = linear_table(diameter=4e-3), linear_table(diameter=12e-3)
+    wide = PadLeastSquares(PadInterpolant(tables, direction=True), EDGE)
+    more = np.sqrt(2 * np.pi) * 3e-3 * (2 * np.pi / 3) ** 2
+    assert wide.prior_volume() == pytest.approx(box * more, rel=1e-12)
+
+
+def test_fit_of_exact_readings_finds_the_loads_and_chi2_their_misfit() -> None:
+    interpolant = PadInterpolant((linear_table(),))
+    fitter = PadLeastSquares(interpolant, EDGE)
+    truth = np.array([[0.1, 0.01, 4.0]])
+    y = interpolant(truth, 1).readings
+    # Without the pressure, force and place could not be told apart in a table so plain.
+    weight = np.array([[1.0, 1.0, 0.0, 1e-2]])
+    found = fitter.fitted(y, weight, np.array([[0.0, 0.01, 2.0]]), 1, None, False)
+    assert found.chi2[0] < 1e-4
+    assert found.parameters[0, 2] == pytest.approx(4.0, rel=1e-4)
+    assert found.parameters[0, 0] + 20 * found.parameters[0, 1] == pytest.approx(0.3, rel=1e-3)
+    off = y + np.array([[3.0, -2.0, 1e6, 10.0]])
+    chi2 = fitter.chi2(off, weight, truth, 1, None)
+    assert chi2[0] == pytest.approx(9.0 + 4.0 + 1.0, rel=1e-6)
+
+
+def test_a_free_diameter_has_a_normal_prior_of_6_and_3_mm() -> None:
+    tables = linear_table(diameter=4e-3), linear_table(diameter=12e-3)
+    interpolant = PadInterpolant(tables)
+    fitter = PadLeastSquares(interpolant, EDGE)
+    x = np.array([[0.1, 0.01, 4.0, 9e-3]])
+    weight = np.array([[1.0, 1.0, 1.0, 1e-2]])
+    y = interpolant(x, 1).readings
+    found = fitter._judged(y, weight, x, 1, None)
+    assert found.chi2[0] == pytest.approx(1.0, rel=1e-9)  # one deviation off
+    assert found.gradient[0, 3] == pytest.approx(-1 / 3e-3, rel=1e-9)
+    slopes = found.jacobian[0]
+    expected = (slopes * weight) @ slopes.T
+    expected[3, 3] += 1 / 3e-3**2
+    np.testing.assert_allclose(found.information[0], expected, rtol=1e-10)
+
+
+# --- search and mirror --------------------------------------------------------------------
+
+
+def test_distance_on_a_pad_is_along_the_outer_face() -> None:
+    search = PadNodeSearch(linear_table(), radius=60e-3)
+    a, b = np.array([[0.1, 0.02, 5.0]]), np.array([[0.3, 0.05, 1.0]])
+    expected = np.hypot(60e-3 * 0.2, 0.03)
+    np.testing.assert_allclose(search.distance(a, b), expected, rtol=1e-12)
+
+
+def test_nearest_node_has_the_nearest_place_and_force() -> None:
+    search = PadNodeSearch(linear_table(), radius=60e-3)
+    for node in (0, 5, 17, 40, len(search.loads) - 1):
+        angle, axial, force = search.loads[node]
+        two = np.array([[angle + 0.02, 9.0, axial - 0.001, 9.0, 1.02 * force, 9.0]])
+        assert search.nearest_to(two, 2).tolist() == [node]
+
+
+def test_quarters_are_mirrored_about_their_first_row_and_column() -> None:
+    quarter = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+    expected = [
+        [6.0, 5.0, 4.0, 5.0, 6.0],
+        [3.0, 2.0, 1.0, 2.0, 3.0],
+        [6.0, 5.0, 4.0, 5.0, 6.0],
+    ]
+    np.testing.assert_array_equal(mirrored(quarter), expected)
+
+
+def test_mirror_images_of_taxels_are_told_apart_by_place_and_size(spec: SkinSpec) -> None:
+    """Two taxels are each other's image; the third, on the middle plane, is its own."""
+    skin, image = mirror_images(pad_skin_of(spec, contact=False))
+    taxels = skin.electrodes.taxels
+    place = np.stack([np.asarray(taxels.angle)[:, 0], np.asarray(taxels.axial)[:, 0]], 1)
+    assert len(place) == 2 + 2 + 1 + 1
+    own = np.array([[np.deg2rad(-10), 5e-3], [np.deg2rad(10), 5e-3], [0.0, -5e-3]])
+    for k, sign in enumerate(([1, 1], [-1, 1], [1, -1], [-1, -1])):
+        np.testing.assert_allclose(place[image[k]], own * sign, atol=1e-9)
+    assert image[0, 0] == image[1, 1]
+    assert image[0, 2] == image[1, 2] != image[2, 2]
+    np.testing.assert_allclose(np.asarray(taxels.diameter)[image[3], 0], [4e-3, 4e-3, 6e-3])
