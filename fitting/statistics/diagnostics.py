@@ -232,11 +232,12 @@ def _smoothed(columns: np.ndarray) -> np.ndarray:
 
 
 def _basis(columns: np.ndarray, tolerance: float = 1e-10) -> tuple[np.ndarray, int]:
-    """Orthonormal basis of the space that unit columns span, and its dimension."""
+    """Orthonormal basis of the space of columns no longer than one, and its dimension."""
     if columns.shape[1] == 0:
         return columns, 0
     u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    kept = s > tolerance * max(float(s[0]), 1e-300)
+    # What is left of columns that others take is rounding: no scale to measure it by.
+    kept = s > tolerance * max(float(s[0]), 1.0)
     return u[:, kept], int(kept.sum())
 
 
