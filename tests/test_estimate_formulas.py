@@ -1,0 +1,559 @@
+"""What is made of fitted loads, against closed forms: verdicts, statuses, evidence, ranges."""
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from fitting.force_range.bound import ForceRange, least_errors
+from fitting.inverse_load import posterior as frame_posterior
+from fitting.inverse_load.check import section_log
+from fitting.inverse_load.check.changed_input import AbstractInputFit
+from fitting.inverse_load.check.verdict import (
+    DIAMETER,
+    WIDTH,
+    Gain,
+    ModelVerdict,
+    gain_of,
+    verdict_of,
+)
+from fitting.inverse_load.drift import Drift, DriftDensities
+from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
+from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.live.filter import LoadFilter
+from fitting.inverse_load.model.contact_parameters import SECTION
+from fitting.inverse_load.weighing import ReadingWeights, zero_of_readings
+from suas_jax.config.input_errors import STIFFNESS
+from tests.stand_ins import (
+    AT_REST,
+    DimpleFitter,
+    DimpleNodes,
+    dimple_readings,
+    explanations,
+)
+
+RNG = np.random.default_rng(0)
+SLOPES = RNG.normal(size=(2, 6))  # of six readings by two parameters
+WEIGHT = np.array([1.0, 4.0, 0.25, 1.0, 2.0, 1.0])
+
+
+# --- verdicts -----------------------------------------------------------------------------
+
+
+def test_gain_of_an_input_is_that_of_fitting_it_with_every_contact() -> None:
+    frames = 3
+    weight, residual = np.tile(WEIGHT, (frames, 1)), RNG.normal(size=(frames, 6))
+    jacobian, slopes = RNG.normal(size=(frames, 2, 6)), RNG.normal(size=(frames, 6))
+    found = gain_of("m", slopes, weight, residual, jacobian)
+    columns = np.zeros((6 * frames, 2 * frames + 1))
+    for k in range(frames):
+        columns[6 * k : 6 * k + 6, 2 * k : 2 * k + 2] = jacobian[k].T
+        columns[6 * k : 6 * k + 6, -1] = slopes[k]
+    root = np.sqrt(weight).ravel()[:, None]
+    wanted = residual.ravel()[:, None]
+    left_without = np.linalg.lstsq(root * columns[:, :-1], root * wanted, None)[1]
+    whole, left = np.linalg.lstsq(root * columns, root * wanted, None)[:2]
+    assert found.chi2 == pytest.approx(float((left_without - left).item()), rel=1e-9)
+    assert found.change == pytest.approx(float(whole[-1].item()), rel=1e-9)
+    covariance = np.linalg.inv((root * columns).T @ (root * columns))
+    assert found.error == pytest.approx(np.sqrt(covariance[-1, -1]), rel=1e-9)
+    # What is not used or not known takes no part.
+    slopes[0, 0], weight[0, 0] = np.nan, 0.0
+    assert np.isfinite(gain_of("m", slopes, weight, residual, jacobian).chi2)
+    nothing = gain_of("m", 0 * slopes, weight, residual, jacobian)
+    assert nothing == Gain(0.0, "m", 0.0, np.inf)
+
+
+def test_verdict_names_the_best_input_and_those_that_explain_as_much() -> None:
+    best = Gain(400.0, "geometry.oil_gap", 0.05, 0.004)
+    near, far = (Gain(400.0 - less, "oil.x", 0.1, 0.01) for less in (24.0, 26.0))
+    found = verdict_of([best, near, far], chi2=1000.0, dof=301)
+    assert (found.chi2_per_dof, found.explained) == (1000.0 / 301, 2.0)
+    assert (found.name, found.change, found.error) == ("geometry.oil_gap", 0.05, 0.004)
+    assert found.others == (near,)
+    # Of a large rest, a fiftieth is as good as the same.
+    assert verdict_of([best, near, far], chi2=2000.0, dof=301).others == (near, far)
+    assert found.text == (
+        "the skin file doesn't explain the log (chi2 per dof 3.32); it would with the oil_gap "
+        "in [geometry] changed by +5.0 +- 0.4 % (chi2 per dof 2.00); as well with the x in "
+        "[oil] changed by +10.0 +- 1.0 %"
+    )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "text"),
+    [
+        (ModelVerdict(1.02, True), "the skin file explains the log (chi2 per dof 1.02)"),
+        (
+            ModelVerdict(3.0, False),
+            "the skin file doesn't explain the log (chi2 per dof 3.00), and no single input of "
+            "it would",
+        ),
+        (
+            ModelVerdict(3.0, False, explained=1.1, shift=-1),
+            "the skin file doesn't explain the log (chi2 per dof 3.00); it would with the "
+            "readings moved by -1 taxels: a column too many or missing, or another order "
+            "(chi2 per dof 1.10)",
+        ),
+        (
+            ModelVerdict(3.0, False, WIDTH, 0.0203, explained=1.2),
+            "the skin file doesn't explain the log (chi2 per dof 3.00); it would with contacts "
+            "that press an arc of some 20 mm (chi2 per dof 1.20)",
+        ),
+        (
+            ModelVerdict(1.0, False, STIFFNESS, 0.123, 0.00045),
+            "the measured forces or pressures ask for the stiffness changed by "
+            "+12.30 +- 0.04 %; the readings alone can't show it",
+        ),
+        (
+            ModelVerdict(1.19, False, "geometry.oil_gap", -0.02, 0.003, 1.01),
+            "the oil_gap in [geometry] changed by -2.0 +- 0.3 % would explain the log better "
+            "(chi2 per dof 1.01 instead of 1.19)",
+        ),
+    ],
+)
+def test_verdicts_in_words(verdict: ModelVerdict, text: str) -> None:
+    assert verdict.text == text.replace("stiffness", STIFFNESS)
+
+
+def test_what_sets_a_skin_file_right() -> None:
+    def command(**changes: Any) -> str:
+        return dataclasses.replace(ModelVerdict(3.0, False), **changes).command("s.toml", "log")
+
+    assert command(shift=1).startswith("compare the order of the taxels in s.toml")
+    assert command(name="geometry.oil_gap") == "suas fit sensor s.toml log --fit gap"
+    assert command(name=DIAMETER) == "suas invert s.toml log --diameter free"
+    assert command(name="geometry.width") == command() == ""
+
+
+class Parabola(AbstractInputFit):
+    """Chi2 that is least at a given change."""
+
+    def __init__(self, lowest: float) -> None:
+        fit: Any = SimpleNamespace(chi2=np.array([100.0, 60.0]))
+        none: Any = None
+        super().__init__(none, none, none, fit)
+        self._lowest = lowest
+
+    def chi2(self, path: str, change: float) -> float:
+        """100 and what the change is off."""
+        return 100.0 + 6000.0 * (change - self._lowest) ** 2
+
+
+def test_best_change_of_an_input_is_where_the_contacts_leave_least() -> None:
+    start = Gain(1.0, "geometry.oil_gap", 0.5, 0.01)
+    found = Parabola(0.1).best(start)
+    assert found.change == pytest.approx(0.1, abs=2e-3)
+    assert found.chi2 == pytest.approx(60.0, abs=0.1)
+    assert found.error == 0.01
+    # Where chi2 falls on to the end of what is tried, something else is wrong.
+    assert Parabola(0.5).best(start).chi2 == 0.0
+    assert Parabola(0.5)._lost.tolist() == [200.0, 160.0]
+
+
+def test_measured_over_model_weighs_large_readings_most() -> None:
+    model = np.linspace(1.0, 10.0, 10)
+    measured = 1.3 * model
+    measured[0] = 1.2
+    found = section_log._ratio(measured, model)
+    assert found is not None
+    weight = measured**2
+    mean = (weight * measured / model).sum() / weight.sum()
+    error = np.sqrt((weight**2 * (measured / model - mean) ** 2).sum()) / weight.sum()
+    np.testing.assert_allclose(found, [mean, error], rtol=1e-12)
+    assert section_log._ratio(1.009 * model, model) is None  # one per cent at least
+    assert section_log._ratio(1.011 * model, model) is not None
+    scattered = np.where(np.arange(10) % 2, 1.4, 0.8) * model
+    assert section_log._ratio(scattered, model) is None  # within four deviations
+    assert section_log._ratio(measured[:7], model[:7]) is None  # eight at least
+    measured[3] = np.nan
+    measured[4] = -1.0
+    measured[5] = 0.0
+    assert section_log._ratio(measured, model) is None
+
+
+@pytest.mark.parametrize("shift", [-2, -1, 1, 2])
+def test_readings_moved_by_a_column_are_found_out(shift: int) -> None:
+    y = dimple_readings([[-0.3, 12.0], [0.0, 9.0], [0.25, 12.0]])
+    moved = np.roll(y - AT_REST, -shift, 1) + AT_REST
+    selection = Selection(DimpleFitter(), DimpleNodes(), 20.0, 1)
+    estimator: Any = SimpleNamespace(model_rest=AT_REST, selection=selection)
+    weight = np.ones_like(y)
+    found = section_log._shifted(estimator, moved, weight, 50.0)
+    assert found is not None
+    assert found.shift == shift
+    assert found.chi2_per_dof == 50.0
+    assert found.explained < 0.1
+    # A shift must explain far better than none.
+    assert section_log._shifted(estimator, moved, weight, 2 * found.explained) is not None
+    assert section_log._shifted(estimator, moved, weight, 1.9 * found.explained) is None
+
+
+# --- weighing and drift -------------------------------------------------------------------
+
+
+def test_readings_are_weighed_by_noise_drift_and_the_model_s_own_error() -> None:
+    weights = ReadingWeights(
+        zero=np.array([10.0, 20.0, np.nan]),
+        variance=np.array([4.0, 9.0, 1.0]),
+        model_rest=np.array([1000.0, 1000.0, 1000.0]),
+        model_error=0.01,
+        pressure_noise=None,
+    )
+    assert weights.taxels == 3
+    so = np.array([[1210.0, 1020.0, 1000.0], [65535.0, np.nan, 1.0]])
+    y, weight = weights.weigh(so)
+    assert y.tolist() == [[1200.0, 1000.0, 0.0], [0.0, 0.0, 0.0]]
+    np.testing.assert_allclose(weight, [[1 / (4 + 4), 1 / 9, 0.0], [0.0, 0.0, 0.0]])
+    drift = Drift(np.array([[5.0, 0.0, 0.0]]), np.array([[2.0, 0.0, 0.0]]))
+    y, weight = weights.weigh(so[:1], np.array([[False, True, False]]), drift=drift)
+    assert y.tolist() == [[1195.0, 0.0, 0.0]]
+    np.testing.assert_allclose(weight, [[1 / (6 + 1.95**2), 0.0, 0.0]])
+    change = weights.change_from_rest(so, np.zeros((2, 3), bool))
+    np.testing.assert_array_equal(change, [[200.0, 0.0, np.nan], [np.nan] * 3])
+
+
+def test_a_measured_pressure_is_one_more_channel() -> None:
+    weights = ReadingWeights(np.zeros(1), np.ones(1), np.full(1, 1e3), 0.01, 50.0)
+    so = np.full((3, 1), 1000.0)
+    y, weight = weights.weigh(so, pressure=np.array([3000.0, np.nan, -3000.0]))
+    assert y[:, 1].tolist() == [3000.0, 0.0, -3000.0]
+    np.testing.assert_allclose(weight[:, 1], [1 / (2500 + 900), 0.0, 1 / (2500 + 900)])
+    assert weights.weigh(so)[1][:, 1].tolist() == [0.0] * 3
+    never = dataclasses.replace(weights, pressure_noise=np.inf)
+    assert never.weigh(so, pressure=np.full(3, 1.0))[1][:, 1].tolist() == [0.0] * 3
+
+
+def test_zero_of_readings_is_the_baseline_s_or_the_calibration_s() -> None:
+    rest = np.array([1000.0, 1001.0])
+    spec: Any = SimpleNamespace(calibration=None)
+    zero, variance = zero_of_readings(spec, rest, np.array([1010.0, 1005.0]), 0.5)
+    assert zero.tolist() == [10.0, 4.0]
+    assert variance.tolist() == 0.5
+    assert [x.tolist() for x in zero_of_readings(spec, rest, None, 0.5)] == [[0.0, 0.0]] * 2
+    spec.calibration = SimpleNamespace(offsets=(3.0, -2.0), offset_errors=(0.5, np.nan))
+    zero, variance = zero_of_readings(spec, rest, None, 0.5)
+    assert zero.tolist() == [3.0, -2.0]
+    assert variance.tolist() == [0.25, 0.0]
+    spec.calibration = SimpleNamespace(offsets=(3.0,), offset_errors=())
+    with pytest.raises(ValueError, match="1 numbers for the skin's 2 taxels"):
+        zero_of_readings(spec, rest, None, 0.5)
+
+
+def test_walk_of_the_readings_at_rest_grows_with_time() -> None:
+    rest = np.array([1000.0, 2000.0])
+    found = DriftDensities(taxel=0.1, common=0.2, gain=1e-3, before=1.0).walk(rest, 3.0)
+    own, shared = 0.01 * np.eye(2), 0.04 + 1e-6 * np.outer(rest, rest)
+    np.testing.assert_allclose(found, 3 * (own + shared), rtol=1e-12)
+
+
+def test_sizes_of_a_drift_are_mean_and_largest() -> None:
+    drift = Drift(np.array([[1.0, -5.0, 1.0], [2.0, 2.0, 2.0]]), np.zeros((2, 3)))
+    assert drift.sizes() == [(-1.0, -5.0), (2.0, 2.0)]
+    assert drift.rows(slice(1, 2)).sizes() == [(2.0, 2.0)]
+
+
+# --- filter -------------------------------------------------------------------------------
+
+
+def estimate(angle: float, force: float, systematic: Any = None) -> LoadEstimate:
+    """One contact with a covariance of 1e-4 rad^2 and 4 N^2."""
+    return LoadEstimate(
+        True, (Contact(angle, force, None, np.diag([1e-4, 4.0]), systematic=systematic),)
+    )
+
+
+def test_filter_is_kalman_s_with_constant_velocity() -> None:
+    follower, dt = LoadFilter(angle_density=2.0, force_density=300.0), 0.1
+    follower.feed(1.0, estimate(0.1, 5.0))
+    (found,) = follower.feed(1.0 + dt, estimate(0.11, 6.0))
+    assert found.covariance is not None
+    for k, (density, rate, noise, values) in enumerate(
+        ((2.0, 1.0, 1e-4, (0.1, 0.11)), (300.0, 400.0, 4.0, (5.0, 6.0)))
+    ):
+        move = np.array([[1.0, dt], [0.0, 1.0]])
+        driven = density * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+        before = move @ np.diag([noise, rate]) @ move.T + driven
+        gain = before[:, 0] / (before[0, 0] + noise)
+        mean = values[0] + gain[0] * (values[1] - values[0])
+        variance = before[0, 0] * (1 - gain[0])
+        assert (found.angle, found.force)[k] == pytest.approx(mean, rel=1e-10)
+        assert found.covariance[k, k] == pytest.approx(variance, rel=1e-9)
+
+
+def test_filter_leaves_what_a_calibration_leaves_open() -> None:
+    follower, shared = LoadFilter(), np.diag([0.0, 3.0])
+    for k in range(40):
+        (found,) = follower.feed(0.01 * k, estimate(0.1, 5.0, shared))
+    assert found.covariance is not None
+    assert 3.0 < found.covariance[1, 1] < 4.0
+
+
+def test_filter_begins_a_track_beyond_five_deviations_and_at_no_covariance_none() -> None:
+    follower = LoadFilter()
+    follower.feed(0.0, estimate(0.1, 5.0))
+    (other,) = follower.feed(0.0, estimate(0.1 + 0.0708, 5.0))  # sqrt(2) deviations make 5
+    assert other.angle == pytest.approx(0.1708)
+    (same,) = follower.feed(0.0, estimate(0.1708 + 0.07, 5.0))
+    assert same.angle == pytest.approx(0.1708 + 0.035)
+    unknown = LoadEstimate(True, (Contact(0.1, 5.0, None, None),))
+    assert follower.feed(1.0, unknown) == []
+    assert follower.feed(1.0, LoadEstimate(None)) == []
+
+
+# --- estimates ----------------------------------------------------------------------------
+
+
+class Assessment(AbstractLoadAssessment):
+    """Estimates on a skin whose wall is reached at 20 N (1 + angle)."""
+
+    def first_contact(self, place: np.ndarray) -> float:
+        """20 N at the crown."""
+        return float(20.0 * (1 + place[0]))
+
+    def near_taxels(self, place: np.ndarray, taxels: np.ndarray) -> bool:
+        """Whether any counts."""
+        return bool(taxels.any())
+
+    def at_edge(self, place: np.ndarray) -> bool:
+        """From 0.5 rad on."""
+        return bool(abs(place[0]) >= 0.5)
+
+
+def assessed(
+    parameters: Any,
+    deviation: float = 0.1,
+    *,
+    contacts: int = 1,
+    chi2: float = 11.0,
+    other: Alternative | None = None,
+    full_scale: bool = False,
+    systematic: Any = None,
+    **fields: Any,
+) -> LoadEstimate:
+    """The estimate of one frame of 13 taxels, forces with a deviation, angles of 0.01 rad."""
+    x = np.atleast_2d(np.asarray(parameters, float))
+    sigma = np.repeat([0.01, deviation], contacts)
+    best = explanations(
+        x,
+        contacts=contacts,
+        so=np.zeros((1, 13)),
+        information=np.diag(1 / sigma**2)[None],
+        chi2=chi2,
+        **fields,
+    )
+    one = Assessment(SECTION, 0.06, 13)
+    shared = None if systematic is None else np.diag(systematic)[None]
+    (found,) = one.estimates(best, [other], np.full((1, 13), full_scale), shared)
+    return found
+
+
+def test_an_estimate_has_the_fit_s_covariance_and_chi2_per_degree_of_freedom() -> None:
+    found = assessed([0.2, 5.0], systematic=[0.0, 0.16])
+    (contact,) = found.contacts
+    assert (found.status, found.chi2_per_dof) == ("ok", 1.0)
+    assert contact.arc_position == pytest.approx(0.012)
+    assert contact.covariance is not None
+    assert contact.noise_covariance is not None
+    np.testing.assert_allclose(np.diag(contact.covariance), [1e-4, 0.17], rtol=1e-9)
+    np.testing.assert_allclose(np.diag(contact.noise_covariance), [1e-4, 0.01], rtol=1e-9)
+    assert contact.deviation("force") == pytest.approx(np.sqrt(0.17))
+    assert found.at_least is None
+    # A poor fit widens the noise's part by its ratio.
+    poor = assessed([0.2, 5.0], chi2=55.0)
+    assert poor.status == "poor_fit"
+    assert poor.contacts[0].covariance is not None
+    assert poor.contacts[0].covariance[1, 1] == pytest.approx(0.05)
+
+
+MODE = Alternative(15.0, np.array([-0.3, 4.0]), np.diag([1e4, 100.0]))
+
+
+@pytest.mark.parametrize(
+    ("status", "parameters", "options"),
+    [
+        ("ok", [0.2, 5.0], {}),
+        ("no_convergence", [0.2, 5.0], {"chi2": np.inf}),
+        ("no_convergence", [0.2, 5.0], {"predicted_decrease": np.array([0.11])}),
+        ("ok", [0.2, 5.0], {"predicted_decrease": np.array([0.09])}),
+        ("poor_fit", [0.2, 5.0], {"chi2": stats.chi2.isf(0.9e-4, 11)}),
+        ("ok", [0.2, 5.0], {"chi2": stats.chi2.isf(1.1e-4, 11)}),
+        ("model_mismatch", [0.2, 5.0], {"chi2": 99.1}),
+        ("poor_fit", [0.2, 5.0], {"chi2": 98.9}),
+        ("wall_contact", [0.2, 5.0], {"chi2": 99.1, "full_scale": True}),
+        ("wall_contact", [0.2, 5.0], {"full_scale": True}),
+        ("wall_contact", [0.2, 5.0], {"min_gap": np.zeros(1)}),
+        ("wall_contact", [0.0, 19.61], {}),  # within 2 deviations and 1 % of 20 N
+        ("ok", [0.0, 19.59], {}),
+        ("at_edge", [0.5, 5.0], {}),
+        ("pull", [0.2, -5.0], {}),
+        ("ambiguous", [0.2, 5.0], {"other": MODE}),
+        ("ok", [0.2, 5.0], {"other": MODE._replace(chi2=17.1)}),
+        ("imprecise", [0.2, 5.0], {"deviation": 1.01}),
+        ("ok", [0.2, 5.0], {"deviation": 0.99}),
+    ],
+)
+def test_statuses_and_their_thresholds(
+    status: str, parameters: list[float], options: dict[str, Any]
+) -> None:
+    assert assessed(parameters, **options).status == status
+
+
+def test_at_the_wall_a_force_is_bounded_from_below() -> None:
+    """95 % one-sided: 1.645 deviations less than the force, or than that of first contact."""
+    for force, bound in ((19.9, 19.9), (25.0, 20.0)):
+        found = assessed([0.0, force], 0.5, systematic=[0.0, 0.24])
+        assert found.status == "wall_contact"
+        assert found.at_least == pytest.approx(bound - 1.645 * 0.7, rel=1e-4)
+        assert found.contacts[0].covariance is None
+    two = assessed([0.0, 0.1, 15.0, 3.0], 0.5, contacts=2, full_scale=True)
+    assert two.at_least == pytest.approx(18.0 - 1.645 * np.sqrt(0.5), rel=1e-4)
+    # One contact alone may bound better than both.
+    sure = assessed([0.0, 0.1, 15.0, 0.1], 0.5, contacts=2, full_scale=True)
+    assert sure.at_least == pytest.approx(15.0 - 1.645 * 0.5, rel=1e-4)
+    assert len(sure.contacts) == 1  # the other's force is no twice its error
+    assert len(two.contacts) == 2
+
+
+def test_an_ambiguous_frame_has_its_other_load_beside() -> None:
+    found = assessed([0.2, 5.0], other=MODE)
+    (other,) = found.alternatives
+    assert (other.angle, other.force) == (-0.3, 4.0)
+    assert other.covariance is not None
+    np.testing.assert_allclose(np.diag(other.covariance), [1e-4, 0.01], rtol=1e-9)
+
+
+def test_a_contact_is_imprecise_beyond_what_anybody_wants() -> None:
+    def contact(**sigma: float) -> Contact:
+        names = ("angle", "axial", "force", "direction", "tilt")
+        small = {"angle": 1e-3, "axial": 1e-4, "force": 0.1, "direction": 0.01, "tilt": 0.01}
+        both = small | sigma
+        covariance = np.diag([both[name] ** 2 for name in names])
+        return Contact(0.1, -5.0, 0.1, covariance, axial=0.0, tilt=0.1)
+
+    assert not contact().imprecise
+    limits = {"angle": np.deg2rad(2), "axial": 2e-3, "force": 1.0}
+    limits |= {"direction": np.deg2rad(10), "tilt": np.deg2rad(10)}
+    for name, limit in limits.items():
+        assert not contact(**{name: 0.99 * limit}).imprecise
+        assert contact(**{name: 1.01 * limit}).imprecise
+        assert contact(**{name: 0.0}).imprecise
+    assert Contact(0.1, 5.0, None, None).imprecise
+    assert np.isnan(Contact(0.1, 5.0, None, None).deviation("force"))
+
+
+# --- posterior ----------------------------------------------------------------------------
+
+
+class Flat(AbstractLoadPosterior):
+    """A prior even over a volume."""
+
+    def log_probability(self, y: Any, mode: Any) -> Any:
+        """Not needed."""
+        raise NotImplementedError
+
+
+def stand_in_estimator(volume: float = 50.0) -> Any:
+    """What evidence and names of modes ask of an estimator."""
+    selection = SimpleNamespace(fitter=DimpleFitter())
+    posterior = Flat(DimpleNodes(), 1, volume, 0.02, np.array([[-1.0]]))
+    return SimpleNamespace(selection=selection, posterior=posterior)
+
+
+def mode(parameters: Any, sigma: Any, chi2: float = 3.0) -> Any:
+    """One explanation with these deviations."""
+    count = len(parameters) // 2
+    information = np.diag(1 / np.square(sigma))[None]
+    return explanations([parameters], contacts=count, information=information, chi2=chi2)
+
+
+def test_evidence_of_a_mode_is_its_gaussian_integral_over_the_prior() -> None:
+    estimator = stand_in_estimator()
+    one = mode([0.1, 5.0], [0.01, 0.2])
+    expected = np.exp(-1.5) * 2 * np.pi * 0.01 * 0.2 / 50.0
+    assert np.exp(frame_posterior._log_evidence(estimator, one)) == pytest.approx(expected)
+    two = mode([0.1, 0.4, 5.0, 6.0], [0.01, 0.02, 0.2, 0.1])
+    expected = np.exp(-1.5) * (2 * np.pi) ** 2 * (0.01 * 0.02 * 0.2 * 0.1) * 2 / 50.0**2
+    assert np.exp(frame_posterior._log_evidence(estimator, two)) == pytest.approx(expected)
+    # A mode is no wider than its prior.
+    wide = mode([0.1, 5.0], [10.0, 100.0])
+    assert frame_posterior._log_evidence(estimator, wide) == pytest.approx(-1.5)
+
+
+def test_modes_are_distinct_where_contacts_are_felt_and_apart() -> None:
+    estimator = stand_in_estimator()
+    sigma = [0.01, 0.01, 1.0, 1.0]
+    for parameters, distinct in (
+        ([0.1, 0.4, 5.0, 2.1], True),
+        ([0.1, 0.4, 5.0, 1.9], False),
+        ([0.1, 0.176, 5.0, 5.0], True),
+        ([0.1, 0.174, 5.0, 5.0], False),
+    ):
+        assert frame_posterior._distinct(estimator, mode(parameters, sigma)) == distinct
+    assert frame_posterior._distinct(estimator, mode([0.1, 0.5], [0.01, 1.0]))  # one alone
+    assert not frame_posterior._distinct(estimator, mode([0.1, 5.0], [np.inf, 1.0]))
+
+
+def test_kinds_of_modes() -> None:
+    estimator = stand_in_estimator()
+    best: Any = SimpleNamespace(contacts=1, parameters=np.array([0.3, 5.0]))
+    for parameters, kind in (
+        ([-0.29, 4.0], "mirror"),
+        ([-0.1, 4.0], "place"),
+        ([0.1, 0.4, 5.0, 6.0], "contacts"),
+    ):
+        one = mode(parameters, [0.01] * len(parameters))
+        assert frame_posterior._kind(estimator, best, one) == kind
+    a, b, c = (mode([x, 0.4, 5.0, 6.0], [0.01] * 4) for x in (0.1, 0.119, 0.121))
+    assert frame_posterior._same(estimator, a, b)
+    assert not frame_posterior._same(estimator, a, c)
+    swapped = mode([0.4, 0.1, 6.0, 5.0], [0.01] * 4)
+    assert frame_posterior._same(estimator, a, swapped)
+    assert not frame_posterior._same(estimator, a, mode([0.1, 5.0], [0.01] * 2))
+
+
+# --- range --------------------------------------------------------------------------------
+
+
+def test_least_errors_are_the_bound_of_cramer_and_rao() -> None:
+    jacobian = np.stack([SLOPES, 2 * SLOPES], -1)  # [parameter, taxel, force]
+    weight = np.tile(WEIGHT[:, None], (1, 2))
+    found = least_errors(jacobian, weight)
+    expected = np.sqrt(np.diag(np.linalg.inv((SLOPES * WEIGHT) @ SLOPES.T)))
+    np.testing.assert_allclose(found, np.stack([expected, expected / 2], 1), rtol=1e-9)
+    assert least_errors(jacobian, 0 * weight).tolist() == [[np.inf] * 2] * 2
+
+
+def test_range_is_from_the_first_force_told_to_the_last() -> None:
+    force = np.array([[1.0, 2.0, 4.0, 8.0], [1.0, 2.0, 4.0, 8.0]])
+    error = np.array([[0.3, 0.4, 0.5, 3.0], [1.0, 1.0, 1.0, 9.0]])
+    saturated = np.zeros((2, 4, 3), bool)
+    saturated[0, 2:, 1] = True
+    zero = np.zeros_like(force)
+    found = ForceRange(
+        np.array([0.0, 0.1]),
+        np.array([6.0, np.nan]),
+        np.array([1e3, np.nan]),
+        force,
+        error,
+        zero + 0.01,
+        zero,
+        saturated,
+        1.0,
+        True,
+    )
+    assert found.told[0].tolist() == [False, True, True, False]
+    np.testing.assert_array_equal(found.smallest, [2.0, np.nan])
+    np.testing.assert_array_equal(found.largest, [4.0, np.nan])
+    np.testing.assert_array_equal(found.saturation, [4.0, np.nan])
+    rows = found.report()["angles"]
+    assert rows[0]["first_contact"] == {"force_N": 6.0, "oil_pressure_Pa": 1e3}
+    assert rows[1]["first_contact"] is None
+    assert [p["wall_contact"] for p in rows[0]["points"]] == [False, False, False, True]
+    assert [p["saturated_taxels"] for p in rows[0]["points"]] == [0, 0, 1, 1]
+    assert rows[1]["angle_deg"] == pytest.approx(np.rad2deg(0.1))
