@@ -33,6 +33,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
@@ -232,7 +233,9 @@ def _run_and_exit(copy: pathlib.Path, tests: list[str], limit: int) -> None:
     resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
     os.environ["PYTHONPATH"] = str(copy)
     sys.path[:] = [str(copy)] + [p for p in sys.path if p not in ("", str(ROOT))]
-    for name in [n for n in sys.modules if n.split(".")[0] in ("benchmarks", "tests", *PACKAGES)]:
+    for name in [
+        n for n in sys.modules if n.split(".")[0] in ("benchmarks", "tests", *PACKAGES)
+    ]:
         del sys.modules[name]
     status = 3
     try:
@@ -246,16 +249,33 @@ def _run_and_exit(copy: pathlib.Path, tests: list[str], limit: int) -> None:
 def _import_what_takes_long() -> None:
     """Packages of others, which no mutant changes; none of them starts a thread."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for name in (
-        "equinox hypothesis jax.experimental.sparse jinja2 lineax matplotlib.pyplot openpyxl "
-        "optimistix pint pydantic pytest rich.console scipy.interpolate scipy.optimize "
-        "scipy.sparse.linalg scipy.special scipy.stats tomlkit typer.testing xdist"
-    ).split():
+    for name in [
+        "equinox",
+        "hypothesis",
+        "jax.experimental.sparse",
+        "jinja2",
+        "lineax",
+        "matplotlib.pyplot",
+        "openpyxl",
+        "optimistix",
+        "pint",
+        "pydantic",
+        "pytest",
+        "rich.console",
+        "scipy.interpolate",
+        "scipy.optimize",
+        "scipy.sparse.linalg",
+        "scipy.special",
+        "scipy.stats",
+        "tomlkit",
+        "typer.testing",
+        "xdist",
+    ]:
         __import__(name)
 
 
 @contextlib.contextmanager
-def _copies(count: int) -> object:
+def _copies(count: int) -> Iterator[list[pathlib.Path]]:
     """Copies of the tree, compiled: byte code is checked by the source's content."""
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copies = [pathlib.Path(folder) / f"tree{k}" for k in range(count)]
@@ -295,7 +315,9 @@ class _Judge:
                     running[runner] = self._one(runner, waiting)
         return judged
 
-    def _one(self, runner: Runner, waiting: list[Mutant]):  # type: ignore[no-untyped-def]  # noqa: ANN202
+    def _one(
+        self, runner: Runner, waiting: list[Mutant]
+    ) -> Generator[None, None, tuple[Mutant, Ended] | None]:
         """Try the next mutant; a generator that yields while it waits."""
         if not waiting:
             return None
@@ -325,8 +347,11 @@ class _Judge:
 
 def _show(mutant: Mutant, ended: Ended, count: int, total: int) -> None:
     if ended.outcome not in ("killed", "hung"):
-        print(f"{count}/{total} {ended.outcome} ({ended.seconds:.0f} s): {mutant.file}:"
-              f"{mutant.line}\n    {mutant.change}", flush=True)
+        print(
+            f"{count}/{total} {ended.outcome} ({ended.seconds:.0f} s): {mutant.file}:"
+            f"{mutant.line}\n    {mutant.change}",
+            flush=True,
+        )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -335,7 +360,7 @@ def run(options: argparse.Namespace) -> int:
     mutants = draw(options.count, options.seed, options.words)
     tests = recorded()
     _import_what_takes_long()
-    with _copies(options.processes) as copies:  # type: ignore[attr-defined]
+    with _copies(options.processes) as copies:
         runners = [Runner(copy, options.limit) for copy in copies]
         judged = _Judge(tests, options.budget).all(mutants, runners)
     known = tomllib.loads((ROOT / "benchmarks/equivalent_mutants.toml").read_text())
@@ -351,8 +376,8 @@ def run(options: argparse.Namespace) -> int:
     used = sum(ended.seconds for _, ended in judged)
     killed = counts.get("killed", 0) + counts.get("hung", 0)
     print(
-        f"{killed} of {len(judged)} killed, {100 * killed / max(len(judged), 1):.1f} % {counts}; "
-        f"{used:.0f} s of processor time, {time.perf_counter() - begin:.0f} s"
+        f"{killed} of {len(judged)} killed, {100 * killed / max(len(judged), 1):.1f} % "
+        f"{counts}; {used:.0f} s of processor time, {time.perf_counter() - begin:.0f} s"
     )
     return int(killed < WANTED * len(judged))
 
