@@ -21,6 +21,7 @@ forked from this one, which has imported what takes long to import. Exit status 
 import argparse
 import ast
 import contextlib
+import importlib
 import json
 import os
 import pathlib
@@ -47,6 +48,14 @@ _MEMORY = 8 * 2**30  # bytes; a mutant may fill a list without end
 _NOT_COPIED = (".git", ".venv", ".hypothesis", "__pycache__", "demo", "shared", "notebooks")
 _QUIET = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-m", ""]
 _QUIET += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # plugins are imported before
+
+
+_LONG_TO_IMPORT = (
+    *("equinox", "hypothesis", "jax.experimental.sparse", "jinja2", "lineax", "openpyxl"),
+    *("matplotlib.pyplot", "optimistix", "pint", "pydantic", "pytest", "rich.console"),
+    *("scipy.interpolate", "scipy.optimize", "scipy.sparse.linalg", "scipy.special"),
+    *("scipy.stats", "tomlkit", "typer.testing", "xdist"),
+)
 
 
 class Test(NamedTuple):
@@ -249,29 +258,8 @@ def _run_and_exit(copy: pathlib.Path, tests: list[str], limit: int) -> None:
 def _import_what_takes_long() -> None:
     """Packages of others, which no mutant changes; none of them starts a thread."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    for name in [
-        "equinox",
-        "hypothesis",
-        "jax.experimental.sparse",
-        "jinja2",
-        "lineax",
-        "matplotlib.pyplot",
-        "openpyxl",
-        "optimistix",
-        "pint",
-        "pydantic",
-        "pytest",
-        "rich.console",
-        "scipy.interpolate",
-        "scipy.optimize",
-        "scipy.sparse.linalg",
-        "scipy.special",
-        "scipy.stats",
-        "tomlkit",
-        "typer.testing",
-        "xdist",
-    ]:
-        __import__(name)
+    for name in _LONG_TO_IMPORT:
+        importlib.import_module(name)
 
 
 @contextlib.contextmanager
