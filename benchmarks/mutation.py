@@ -1,7 +1,6 @@
 """The share of random mistakes in both packages that tests notice, quickest tests first.
 
-    python -m venv .venv/.mutants
-    .venv/.mutants/bin/python -m pip install --target .venv/.mutants/packages \
+    .venv/bin/python -m pip install --target .venv/.mutants/packages \
         cosmic-ray==8.7.0 coverage==7.17.3
     .venv/bin/python -m benchmarks.mutation record            which lines each test executes
     .venv/bin/python -m benchmarks.mutation record tests/test_drift.py
@@ -48,8 +47,6 @@ _MEMORY = 8 * 2**30  # bytes; a mutant may fill a list without end
 _NOT_COPIED = (".git", ".venv", ".hypothesis", "__pycache__", "demo", "shared", "notebooks")
 _QUIET = ["-q", "-x", "-n", "0", "-p", "no:cacheprovider", "--hypothesis-seed=0", "-m", ""]
 _QUIET += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # plugins are imported before
-
-
 _LONG_TO_IMPORT = (
     *("equinox", "hypothesis", "jax.experimental.sparse", "jinja2", "lineax", "openpyxl"),
     *("matplotlib.pyplot", "optimistix", "pint", "pydantic", "pytest", "rich.console"),
