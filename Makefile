@@ -35,7 +35,8 @@ $(READY): pyproject.toml requirements.lock
 	fi; \
 	echo "Creating .venv with $$found"; \
 	$$found -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	  --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -60,12 +61,16 @@ audit: $(READY)
 	  --allow-only="$$(printf '%s' '$(LICENCES)' | sed 's/; */;/g')" \
 	  --packages $$(sed -n 's/==.*//p' requirements.lock)
 
-# Pin what is installed now, the benchmarks' peers aside; needs an environment in which the
-# tests pass.
-PEERS := felupe|pypardiso|mkl|intel-.*|tbb|tcmlib|umf
-lock:
-	$(BIN)/python -m pip freeze --exclude-editable \
-	  | grep -vE '@|^($(PEERS))==' > requirements.lock
+# One lock for every Python from 3.11 on (what differs is marked), with hashes, by uv in an
+# environment of its own. Pins stay where they can; `make lock LOCK=--upgrade` takes the newest.
+LOCKER := .venv/.lock
+LOCK :=
+lock: $(READY)
+	test -x $(LOCKER)/bin/uv || $(BIN)/python -m venv $(LOCKER)
+	$(LOCKER)/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
+	$(LOCKER)/bin/uv pip compile pyproject.toml --extra dev --extra docs \
+	  --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --quiet \
+	  $(LOCK) --output-file requirements.lock
 
 clean:
 	rm -rf .venv .jax_cache demo docs/_build docs/generated docs/notebooks

@@ -29,6 +29,7 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.mechanics.base import largest
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.numerics.bordered_solve import BorderedVector
+from suas_jax.runtime.compiled import OPTIONS
 from suas_jax.scene.build import build_problem, plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
@@ -221,7 +222,7 @@ def trials() -> list[Trial]:
 _compiled = functools.partial(
     eqx.filter_jit,
     compiler_options={
-        "xla_cpu_use_fusion_emitters": False,
+        **OPTIONS,
         "xla_backend_optimization_level": 0,
     },
 )

@@ -12,14 +12,13 @@ import platformdirs
 import pytest
 
 from suas_jax.files.cache_folder import CacheFolder
-from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.compiled import COMPILED, OPTIONS
 from suas_jax.runtime.machine_code import keep_machine_code
 from suas_jax.runtime.memory import give_back_freed_memory
 
-# As in suas_jax.runtime.compiled: half the compile time for the same programs. Read when
-# the first program is compiled.
-os.environ["XLA_FLAGS"] = (
-    os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
+# The options of compiled programs for every other one, too. Read when the first is compiled.
+os.environ["XLA_FLAGS"] = " ".join(
+    [os.environ.get("XLA_FLAGS", "")] + [f"--{k}={str(v).lower()}" for k, v in OPTIONS.items()]
 )
 jax.config.update("jax_enable_x64", True)
 # As in suas_jax.runtime.settings: an eighth of the suite's time, which is mostly tracing.

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import emcee
 import h5py
@@ -14,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from fitting.material.report.posterior_files import to_arviz
 from fitting.statistics.laplace import Gaussian, laplace
 from fitting.statistics.log_probability import Batch
 from fitting.statistics.posterior import Settings, sample
@@ -234,6 +236,24 @@ def main():
 if __name__ == "__main__":
     main()
 """
+
+
+def test_samples_are_written_by_either_arviz(tmp_path: pathlib.Path) -> None:
+    chain = np.linspace(-1.0, 1.0, 24).reshape(4, 2, 3)  # two constants and log s
+    posterior = SimpleNamespace(chain=chain, burn_in=1, log_probability=-chain[..., 0])
+    found = SimpleNamespace(
+        posterior=posterior,
+        fit=SimpleNamespace(family=SimpleNamespace(names=("C1", "C2"))),
+        noise_known=False,
+        constants=lambda theta: 1e6 * theta[:, :2],
+    )
+    file = tmp_path / "samples.nc"
+    to_arviz(found).to_netcdf(str(file), engine="h5netcdf")  # type: ignore[arg-type]
+    kept = chain[1:].swapaxes(0, 1)
+    with h5py.File(file) as written:
+        np.testing.assert_allclose(written["posterior/C2"], 1e6 * kept[..., 1])
+        np.testing.assert_allclose(written["posterior/noise"], np.exp(kept[..., 2]))
+        np.testing.assert_allclose(written["sample_stats/lp"], -kept[..., 0])
 
 
 @pytest.mark.long

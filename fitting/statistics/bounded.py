@@ -1,15 +1,15 @@
-"""Least squares with hard bounds on the constants. The only file that imports jaxopt.
+"""Least squares with hard bounds on the constants.
 
 Bounds are on the constants themselves (pascals, exponents), which is where a person puts
-them; there the cost is minimised by jaxopt's trust-region reflective least squares, in
+them; there the cost is minimised by SciPy's trust-region reflective least squares, in
 units of each constant's natural size. Sign conditions that the law itself has stay.
 """
 
-import warnings
 from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
+from scipy import optimize
 
 from fitting.statistics.least_squares import CONVERGED, Minima
 from fitting.statistics.parameters import AbstractFamily
@@ -92,25 +92,27 @@ def _solve(
     residuals: AbstractResiduals, point: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, float, float]:
     """Constants, cost, and the relative decrease that a step inside the box predicts."""
-    with warnings.catch_warnings():
-        # The library announces on import that it is no longer developed.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        import jaxopt
     size = np.maximum(np.abs(point), 1e-6 * np.max(np.abs(point)))
     size = np.where(np.isfinite(high - low), np.maximum(size, 1e-3 * (high - low)), size)
 
-    def scaled(q: jnp.ndarray) -> jnp.ndarray:
-        r = residuals.of_constants(q * size)
-        return jnp.where(jnp.isfinite(r), r, 1e6)
+    def linearised(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(q * size)))
+        finite = np.isfinite(r)
+        return np.where(finite, r, 1e6), np.where(finite[:, None], J * size, 0.0)
 
     margin = np.where(np.isfinite(high - low), 1e-3 * (high - low), 1e-3 * size)
     start = np.clip(point, low + margin, high - margin) / size
-    solver = jaxopt.ScipyBoundedLeastSquares(
-        fun=scaled,
+    q = optimize.least_squares(
+        lambda q: linearised(q)[0],
+        start,
+        jac=lambda q: linearised(q)[1],
+        bounds=(low / size, high / size),
         method="trf",
-        options={"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 4000},
-    )
-    q = np.asarray(solver.run(jnp.asarray(start), (low / size, high / size)).params)
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+        max_nfev=4000,
+    ).x
     constants = np.clip(q * size, low, high)
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     cost = 0.5 * float(r @ r)

@@ -15,7 +15,7 @@ Functions must be analytic for arguments above −1, which is where 1 + a is pos
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -79,9 +79,10 @@ def _trace_rule(fn: ScalarFunction, primals: tuple, tangents: tuple) -> tuple[Ar
     if not isinstance(d_matrix, SymbolicZero):
         slope = matrix_function(_derivative(fn), parameters, matrix)
         tangent = tangent + jnp.sum(slope * d_matrix, axis=(0, 1))
-    if _moves(d_parameters):
-        both = (*parameters, *_filled(parameters, d_parameters))
-        tangent = tangent + trace_function(_along_parameters(fn), both, matrix)
+    for k, change in enumerate(d_parameters):
+        if not isinstance(change, SymbolicZero):
+            by_parameter = trace_function(_by_parameter(fn, k), parameters, matrix)
+            tangent = tangent + by_parameter * change
     return trace_function(fn, parameters, matrix), tangent
 
 
@@ -94,9 +95,10 @@ def _matrix_rule(fn: ScalarFunction, primals: tuple, tangents: tuple) -> tuple[A
         in_axes = jnp.einsum("ki...,kl...,lj...->ij...", vectors, d_matrix, vectors)
         scaled = _loewner(fn, parameters, eigenvalues) * in_axes
         tangent = tangent + jnp.einsum("ik...,kl...,jl...->ij...", vectors, scaled, vectors)
-    if _moves(d_parameters):
-        both = (*parameters, *_filled(parameters, d_parameters))
-        tangent = tangent + matrix_function(_along_parameters(fn), both, matrix)
+    for k, change in enumerate(d_parameters):
+        if not isinstance(change, SymbolicZero):
+            by_parameter = matrix_function(_by_parameter(fn, k), parameters, matrix)
+            tangent = tangent + by_parameter * change
     return matrix_function(fn, parameters, matrix), tangent
 
 
@@ -160,23 +162,13 @@ def _derivative(fn: ScalarFunction) -> ScalarFunction:
     return derivative
 
 
-def _along_parameters(fn: ScalarFunction) -> ScalarFunction:
-    """The change of f along a direction of its parameters, (parameters, direction)."""
+def _by_parameter(fn: ScalarFunction, k: int) -> ScalarFunction:
+    """∂f/∂p_k."""
 
-    def directional(both: Parameters, a: Array) -> Array:
-        half = len(both) // 2
-        return jax.jvp(lambda *p: fn(p, a), both[:half], both[half:])[1]
+    def derivative(parameters: Parameters, a: Array) -> Array:
+        def along(p: Array) -> Array:
+            return fn((*parameters[:k], p, *parameters[k + 1 :]), a)
 
-    return directional
+        return jax.jvp(along, (parameters[k],), (jnp.ones_like(parameters[k]),))[1]
 
-
-def _moves(tangents: tuple[Any, ...]) -> bool:
-    return any(not isinstance(tangent, SymbolicZero) for tangent in tangents)
-
-
-def _filled(primals: Parameters, tangents: tuple[Any, ...]) -> Parameters:
-    """Tangents with the symbolic zeros written out."""
-    return tuple(
-        jnp.zeros_like(primal) if isinstance(tangent, SymbolicZero) else tangent
-        for primal, tangent in zip(primals, tangents, strict=True)
-    )
+    return derivative

@@ -15,8 +15,11 @@ from suas_jax.runtime.memory import give_back_freed_memory
 from suas_jax.runtime.program_store import KeptProgram, ProgramStore
 
 # XLA's newer way of generating code for the CPU takes twice as long to compile these
-# programs of many small operations, which then run no faster.
-OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+# programs of many small operations, which then run no faster. From JAX 0.11.1 on there is no
+# other, and an option that XLA doesn't know is an error.
+OPTIONS: dict[str, bool | str] = (
+    {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11, 1) else {}
+)
 # A program that runs once is done sooner without the compiler's own optimisation: half the
 # compile time again, for twice the (much shorter) run time.
 _OPTIONS_ONCE = {**OPTIONS, "xla_backend_optimization_level": 0}

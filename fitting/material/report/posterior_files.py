@@ -1,5 +1,6 @@
 """Samples of a law's constants as ArviZ data and as a corner plot."""
 
+import inspect
 import warnings
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,11 @@ def to_arviz(found: MaterialPosterior) -> Any:
     if not found.noise_known:
         columns["noise"] = np.exp(kept[..., -1])
     statistics = {"lp": posterior.log_probability[posterior.burn_in :].T}
-    return arviz.from_dict(posterior=columns, sample_stats=statistics)
+    groups: dict[str, Any] = {"posterior": columns, "sample_stats": statistics}
+    # Since ArviZ 1 the groups are one argument.
+    if "data" in inspect.signature(arviz.from_dict).parameters:
+        return arviz.from_dict(groups)
+    return arviz.from_dict(**groups)
 
 
 def plot_corner(found: MaterialPosterior, file: Path) -> None:
