@@ -50,9 +50,9 @@ docs: $(READY)
 # Licences of what the lock installs, by pip-licenses in an environment of its own. A licence
 # that is written otherwise than here, or unknown, stops it: read it before it is added.
 AUDIT := .venv/.audit
-LICENCES := MIT;MIT License;MIT-CMU;BSD;BSD License;BSD-2-Clause;BSD-3-Clause;\
+LICENCES := MIT;MIT-0;MIT License;MIT-CMU;BSD;BSD License;BSD-2-Clause;BSD-3-Clause;\
 BSD-3-Clause AND 0BSD AND MIT AND Zlib AND CC0-1.0;Apache 2.0;Apache-2.0;\
-Apache-2.0 OR BSD-2-Clause;Apache-2.0 AND MIT;MIT AND PSF-2.0;0BSD OR CC0-1.0;Apache Software License;ISC License (ISCL);PSF-2.0;\
+Apache-2.0 OR BSD-2-Clause;Apache-2.0 OR BSD-3-Clause;Apache-2.0 AND MIT;MIT AND PSF-2.0;0BSD OR CC0-1.0;Apache Software License;ISC License (ISCL);PSF-2.0;\
 Python Software Foundation License;MPL-2.0;Mozilla Public License 2.0 (MPL 2.0);LGPL-3.0-only
 audit: $(READY)
 	test -x $(AUDIT)/bin/pip-licenses || $(BIN)/python -m venv $(AUDIT)

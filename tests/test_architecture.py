@@ -20,7 +20,7 @@ LAYERS = {
         ["simulation", "figures"],
     ],
     "fitting": [
-        ["json_text", "column_units", "html", "dask_client"],
+        ["json_text", "column_units", "html", "workers"],
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],

@@ -3,7 +3,9 @@
 import dataclasses
 import functools
 import json
+import pickle
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,7 @@ from fitting.sensor.logs.data import load_sensor_data
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.shapes import pad_deformations
 from fitting.statistics.posterior import Settings
+from fitting.workers import LocalWorkers
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.runtime import compiled
@@ -201,17 +204,31 @@ def test_more_force_makes_up_for_a_coarse_mesh() -> None:
     np.testing.assert_array_equal(force_surplus(coarse, strange, levels), 0.05)
 
 
+class _Pickling(ThreadPoolExecutor):
+    """What passes between processes, without the processes."""
+
+    def submit(self, function: Any, /, *arguments: Any) -> Any:  # type: ignore[override]
+        """As processes get it."""
+        sent = pickle.loads(pickle.dumps((function, arguments)))
+        return super().submit(sent[0], *sent[1])
+
+
+@pytest.mark.parametrize(
+    "executor", [_Pickling, pytest.param(LocalWorkers, marks=pytest.mark.long)]
+)
 def test_workers_solve_what_this_process_does(
-    skin: PadSkin, solved: Solve, contacts: np.ndarray
+    skin: PadSkin,
+    solved: Solve,
+    contacts: np.ndarray,
+    executor: Callable[[int], Executor],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("fitting.inverse_load.pad.columns.configure", lambda: None)
     images, where = mirror_images(skin)
     few = contacts[:6]  # more than a worker is sent at once
     done: list[int] = []
-    with distributed.Client(
-        processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
-    ) as client:
-        columns = Columns(images, DIAMETER, lambda k, _: done.append(k), MANY, client)
+    with executor(2) as workers:
+        columns = Columns(images, DIAMETER, lambda k, _: done.append(k), MANY, workers)
         found = columns.solve(few[:, :2], few[:, 2], LEVELS[LEVELS != 0])
     assert done[-1] == len(few)
     np.testing.assert_allclose(found.so[:, -1, where[0]], solved(few)[0], rtol=1e-12)
@@ -588,21 +605,45 @@ def test_json_of_a_log(
     assert frames[0]["oil_pressure_Pa"] == pytest.approx(singles[1][0], abs=80)
 
 
+COLUMNS = "t_host_s,t_device_s,seq,module," + ",".join(f"so_{k + 1}" for k in range(35))
+COUNTS = ",160" * 35
+FRAME = f"{COLUMNS}\n0,0,0,0{COUNTS}\n"
+
+
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("log", "options", "words"),
     [
-        (["--diameter", "6"], "--diameter"),
-        (["--diameter", "90 mm"], "diameter"),
-        (["--pressure-noise", "0 Pa"], "pressure_noise"),
+        (FRAME, ["--diameter", "6"], "--diameter"),
+        (FRAME, ["--diameter", "90 mm"], "diameter"),
+        (FRAME, ["--pressure-noise", "0 Pa"], "pressure_noise"),
+        (FRAME, ["--noise", "-1"], "noise"),
+        (FRAME, ["--workers", "tcp://localhost:8786"], "--trust-network"),
+        (FRAME, ["--posterior", "7"], "no such frame; the log has 0 to 0"),
+        (FRAME, ["--plot", "figure.xyz"], "figure.xyz"),
+        (COLUMNS + "\n", [], "no frame in it"),
+        (FRAME.replace("0,0,0,0", "0,0,0,3"), [], "module 3 is none of the skin's"),
+        ("t_host_s,t_device_s,seq,module,so_1\n0,0,0,0,160\n", [], "module 0 has 1 taxels"),
+        (FRAME.replace("seq", "number"), [], "seq"),
+        (f"{FRAME}0,0,1,0{COUNTS}\n".replace("160", "much", 1), [], "much"),
+        ("", [], "log.csv"),
     ],
 )
-def test_what_a_pad_does_not_take_is_refused(
-    folder: Path, estimator: LoadEstimator, options: list[str], words: str
+def test_nothing_is_solved_for_logs_and_options_that_are_refused(
+    folder: Path,
+    tmp_path: Path,
+    log: str,
+    options: list[str],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    (folder / "empty.csv").write_text("t_host_s,t_device_s,seq,module,so_1\n")
-    arguments = ["invert", str(folder / "skin.toml"), str(folder / "empty.csv"), *options]
-    result = CliRunner().invoke(app, arguments)
-    assert result.exit_code == 2
+    def never(*arguments: object) -> None:
+        pytest.fail("the table is made")
+
+    monkeypatch.setattr(pad_parts, "_table", never)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "log.csv").write_text(log)
+    result = CliRunner().invoke(app, ["invert", str(folder / "skin.toml"), "log.csv", *options])
+    assert result.exit_code == 2, result.output
     assert words in result.output
 
 

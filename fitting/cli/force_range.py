@@ -8,9 +8,10 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.figure_option import Plot, check_figures
-from fitting.cli.pad_options import Workers, pad_settings
+from fitting.cli.pad_options import pad_settings
 from fitting.cli.progress import spinner
 from fitting.cli.scene_options import AsJson
+from fitting.cli.worker_options import TrustNetwork, Workers, executor
 from fitting.json_text import json_text
 from suas_jax.files.writing import check_outputs
 
@@ -38,6 +39,7 @@ def find_range(
         typer.Option(metavar="LENGTH", help="On a pad: of the contact; default 6 mm."),
     ] = None,
     workers: Workers = None,
+    trust_network: TrustNetwork = False,
     noise: Annotated[
         float | None,
         typer.Option(help="Standard deviation of a reading, in counts; else the skin file's."),
@@ -57,8 +59,11 @@ def find_range(
         spec = load_skin(skin)
         check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
-        settings = pad_settings(diameter, None, workers)
-        with spinner("finding the range") as show:
+        settings = pad_settings(diameter, None)
+        with (
+            executor(workers, trust_network) as processes,
+            spinner("finding the range") as show,
+        ):
             from suas_jax.runtime.settings import configure
 
             configure()
@@ -73,6 +78,7 @@ def find_range(
                     (angles, axials),
                     noise,
                     progress=show,
+                    workers=processes,
                     **settings,  # type: ignore[arg-type]
                 )
                 if plot is not None:
@@ -83,7 +89,7 @@ def find_range(
                 from fitting.force_range.bound import force_range
                 from fitting.force_range.figure import plot_range
 
-                if settings:
+                if settings or workers is not None:
                     raise ValueError("--diameter and --workers are for pads")
                 found = force_range(spec, angles, noise, show)
                 if plot is not None:

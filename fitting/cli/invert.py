@@ -8,9 +8,9 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.pad_options import Workers, pad_settings
+from fitting.cli.pad_options import pad_settings
 from fitting.cli.progress import spinner
-from suas_jax.files.reading import check_readable
+from fitting.cli.worker_options import TrustNetwork, Workers, executor
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -74,6 +74,7 @@ def invert(
         ),
     ] = None,
     workers: Workers = None,
+    trust_network: TrustNetwork = False,
     noise: Annotated[
         float | None,
         typer.Option(metavar="COUNTS", help="Standard deviation; default: the skin file's."),
@@ -113,8 +114,6 @@ def invert(
     with bad_input():
         if (log is None) == (live is None) and live is None:
             raise ValueError("LOG: missing; give an SO log, or --live PORT")
-        from suas_jax.acquisition.log.reader import MOST_BYTES
-
         record = log if live is not None else None
         check_outputs([plot, record, mcap], overwrite=overwrite)
         if serve is not None and live is None:
@@ -123,18 +122,22 @@ def invert(
             from fitting.robotics.recording import require_mcap
 
             require_mcap()
-        if live is None and log is not None:  # before the estimator is made, which takes long
-            check_readable(log, MOST_BYTES)
+        on_pad = pad_settings(diameter, pressure_noise)
+        from suas_jax.config import load_skin
         from suas_jax.runtime.settings import configure
 
+        spec = load_skin(skin)
         configure()
 
         def prepare() -> "LoadEstimator":
-            from fitting.inverse_load.skin_estimator import skin_estimator
+            from fitting.inverse_load.skin_estimator import estimator_of
 
-            with spinner("preparing the estimate") as show:
-                estimator = skin_estimator(
-                    skin,
+            with (
+                executor(workers, trust_network) as processes,
+                spinner("preparing the estimate") as show,
+            ):
+                estimator = estimator_of(
+                    spec,
                     baseline,
                     progress=show,
                     direction=direction,
@@ -144,7 +147,8 @@ def invert(
                     live=live is not None,
                     model_error=model_error,
                     follow_drift=baseline is not None,
-                    **pad_settings(diameter, pressure_noise, workers),
+                    workers=processes,
+                    **on_pad,
                 )
             if estimator.input_errors.text:
                 typer.echo(f"suas: {estimator.input_errors.text}", err=True)
@@ -166,12 +170,20 @@ def invert(
 
             run_live(prepare, options, watchers)
             return
-        estimator = prepare()
         assert log is not None
-        from fitting.cli.invert_log import invert_log
+        from fitting.cli.invert_log import invert_log, read_for
 
-        readings, estimates = invert_log(
-            estimator, skin, log, as_json=as_json, smooth=smooth, plot=plot, posterior=posterior
+        readings = read_for(spec, log, noise, as_json=as_json, plot=plot, posterior=posterior)
+        estimator = prepare()
+        estimates = invert_log(
+            estimator,
+            readings,
+            skin,
+            log,
+            as_json=as_json,
+            smooth=smooth,
+            plot=plot,
+            posterior=posterior,
         )
         if mcap is not None:
             from fitting.robotics.log_recording import write_readings

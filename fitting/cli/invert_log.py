@@ -1,4 +1,4 @@
-"""The part of `suas invert` that estimates the loads of a log, prints and draws them."""
+"""The parts of `suas invert` that read a log, and estimate, print and draw its loads."""
 
 from pathlib import Path
 
@@ -14,44 +14,46 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.posterior import LoadMode, frame_posterior
 from fitting.inverse_load.readings import (
     EmptyLogError,
+    Layout,
     LayoutMismatchError,
     LogReadings,
+    noise_of_readings,
     readings_of,
 )
 from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
 from fitting.inverse_load.report.text import frame_json, print_table
 from fitting.json_text import json_text
 from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.config import SkinSpec
 
 
-def invert_log(
-    estimator: LoadEstimator,
-    skin: Path,
+def read_for(
+    spec: SkinSpec,
     log: Path,
+    noise: float | None,
     *,
     as_json: bool,
-    smooth: bool,
     plot: Path | None,
     posterior: int | None,
-) -> tuple[LogReadings, list[LoadEstimate]]:
-    """Estimate a log, print and draw what was found, and return it with the readings.
+) -> LogReadings:
+    """Read and judge a log, before the estimator is made, which may take minutes.
 
     Args:
-        estimator: of the skin.
-        skin: its file.
+        spec: the skin.
         log: SO log.
-        as_json: print a JSON line a frame, not a table.
-        smooth: add loads filtered over time.
+        noise: standard deviation of a reading [counts]; the skin file's if None.
+        as_json: whether JSON lines are printed.
         plot: file of a figure, if one is wanted.
         posterior: number of the frame whose loads are sampled, if one is wanted.
 
     Raises:
         Exit: the log can't be used.
-        ValueError: no such frame, or no such figure.
+        ValueError: no such frame, or no such figure; or the skin has no electrodes.
     """
     check_figures(plot)
+    Layout(spec)  # the skin has electrodes
     try:
-        readings = readings_of(read_log(log), estimator.spec, estimator.reading_noise)
+        readings = readings_of(read_log(log), spec, noise_of_readings(spec, noise))
     except (EmptyLogError, LayoutMismatchError) as error:
         status = "empty_log" if isinstance(error, EmptyLogError) else "layout_mismatch"
         if as_json:
@@ -61,6 +63,40 @@ def invert_log(
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
         _say(f"{log}: {note}")
+    if posterior is not None and posterior not in readings.seq:
+        raise ValueError(
+            f"--posterior {posterior}: no such frame; the log has {readings.seq.min()} to "
+            f"{readings.seq.max()}"
+        )
+    return readings
+
+
+def invert_log(
+    estimator: LoadEstimator,
+    readings: LogReadings,
+    skin: Path,
+    log: Path,
+    *,
+    as_json: bool,
+    smooth: bool,
+    plot: Path | None,
+    posterior: int | None,
+) -> list[LoadEstimate]:
+    """Estimate a log, print and draw what was found, and return it.
+
+    Args:
+        estimator: of the skin.
+        readings: of the log, by `read_for`.
+        skin: its file.
+        log: SO log.
+        as_json: print a JSON line a frame, not a table.
+        smooth: add loads filtered over time.
+        plot: file of a figure, if one is wanted.
+        posterior: number of the frame whose loads are sampled, if one is wanted.
+
+    Raises:
+        ValueError: the frame has no load to sample.
+    """
     modes = None if posterior is None else _modes(estimator, readings, posterior)
     with bar("estimating loads", len(readings.so)) as advance:
         estimates = estimator.estimate(
@@ -103,7 +139,7 @@ def invert_log(
         print_table(readings.time, estimates)
         if modes is not None:
             typer.echo("\n".join(posterior_lines(modes)))
-    return readings, estimates
+    return estimates
 
 
 def _verdict(
@@ -124,13 +160,7 @@ def _verdict(
 
 def _modes(estimator: LoadEstimator, readings: LogReadings, seq: int) -> list[LoadMode]:
     """Modes of the frame with a number."""
-    frames = np.flatnonzero(readings.seq == seq)
-    if not frames.size:
-        raise ValueError(
-            f"--posterior {seq}: no such frame; the log has {readings.seq.min()} to "
-            f"{readings.seq.max()}"
-        )
-    i = int(frames[0])
+    i = int(np.flatnonzero(readings.seq == seq)[0])
     try:
         return frame_posterior(
             estimator,

@@ -6,6 +6,7 @@ with. Its states pass through the wall: nothing is said of forces beyond first c
 """
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -135,7 +136,7 @@ def pad_force_range(
     *,
     diameter: float = DIAMETER,
     progress: Callable[[str], None] = lambda text: None,
-    workers: int | str | None = None,
+    workers: Executor | None = None,
 ) -> PadForceRange:
     """Find the range of a round radial contact over a pad.
 
@@ -147,7 +148,7 @@ def pad_force_range(
         noise: standard deviation of a reading [counts]; the skin file's if None.
         diameter: of the contact [m].
         progress: called with what is being done.
-        workers: that solve the table, see `pad_table_of`.
+        workers: that solve the table (`fitting.workers`); None: this process.
 
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.

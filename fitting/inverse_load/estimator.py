@@ -17,6 +17,7 @@ same in all frames.
 
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
 from fitting.inverse_load.weighing import ROUNDING, ReadingWeights, zero_of_readings
 from suas_jax.acquisition.log.format import MAX_COUNT
@@ -81,8 +83,8 @@ class LoadEstimator:
         pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
         follow_drift: follow the readings at rest in frames without contact, where their times
             are given; with a baseline.
-        workers: that solve a pad's table: a number of local processes, or a Dask scheduler's
-            address; None: this process, on all cores.
+        workers: that solve a pad's table (`fitting.workers`); None: this process, on all
+            cores.
         resolution: of a pad's table; None: fine enough for thin membranes.
 
     Raises:
@@ -102,7 +104,7 @@ class LoadEstimator:
     diameter: float | None = DIAMETER
     pressure_noise: float = float("inf")
     follow_drift: bool = False
-    workers: int | str | None = None
+    workers: Executor | None = None
     resolution: "PadResolution | None" = None
     input_errors: InputErrors = field(init=False)
     skin: Any = field(init=False)
@@ -110,11 +112,7 @@ class LoadEstimator:
 
     def __post_init__(self) -> None:
         self._check()
-        assert self.spec.electrodes is not None
-        noise = self.spec.electrodes.noise if self.noise is None else self.noise
-        if not (np.isfinite(noise) and noise >= 0):
-            raise ValueError(f"noise = {noise}: zero or more counts are needed")
-        self.reading_noise = float(noise)
+        self.reading_noise = noise_of_readings(self.spec, self.noise)
         self.input_errors = input_errors(self.spec)
         parts = self._make_parts()
         self._parts = parts

@@ -196,6 +196,19 @@ class LogReadings:
     force: NDArray[np.float64] | None = None
 
 
+def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
+    """Standard deviation of a reading [counts]: the skin file's where none is given.
+
+    Raises:
+        ValueError: it is no number of counts.
+    """
+    assert spec.electrodes is not None
+    found = spec.electrodes.noise if noise is None else noise
+    if not (np.isfinite(found) and found >= 0):
+        raise ValueError(f"noise = {found}: zero or more counts are needed")
+    return float(found)
+
+
 def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     """Readings of a log.
 

@@ -1,16 +1,18 @@
-"""Many calibrations on Dask: a file of membranes in, one line of results a membrane out.
+"""Many calibrations at once: a file of membranes in, one line of results a membrane out.
 
-The client alone writes results, one line as each calibration ends, and never calibrates a
-membrane that the file already holds. A worker that dies takes nothing with it: Dask runs
-what it had again elsewhere, and a result that arrives a second time is dropped.
+This process alone writes results, one line as each calibration ends, and never calibrates a
+membrane that the file already holds. A worker that dies takes nothing with it: what it had is
+done again elsewhere (`fitting.workers`).
 """
 
 import json
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, as_completed
 from pathlib import Path
 from typing import Any
 
 from fitting.json_text import json_text
+from fitting.workers import LostWorkerError
 from suas_jax.config import ConfigError
 from suas_jax.config.toml_file import read_toml
 from suas_jax.files.reading import MEGABYTE, read_bytes
@@ -119,7 +121,7 @@ def finished(results: Path) -> set[str]:
 def calibrate_all(
     jobs: list[dict[str, Any]],
     results: Path,
-    client: Any,
+    workers: Executor,
     progress: Callable[[int, int, str], None] = lambda done, total, name: None,
 ) -> int:
     """Calibrate every membrane that has no result yet.
@@ -127,40 +129,39 @@ def calibrate_all(
     Args:
         jobs: from `load_jobs`.
         results: JSON lines, appended to.
-        client: `distributed.Client`.
+        workers: that calibrate (`fitting.workers`).
         progress: called with membranes done, all of them, and the last one's name.
 
     Returns:
         How many results were added.
-    """
-    from distributed import as_completed
 
+    Raises:
+        LostWorkerError: names the membranes that took their workers with them; they have no
+            result, all others have theirs.
+    """
     known = finished(results)
     waiting = [job for job in jobs if job["name"] not in known]
-    futures = client.map(
-        calibrate,
-        waiting,
-        key=[f"calibrate-{job['name']}" for job in waiting],
-        pure=False,
-        retries=3,
-    )
-    names = dict(zip((future.key for future in futures), waiting, strict=True))
+    names = {workers.submit(calibrate, job): job["name"] for job in waiting}
+    lost: list[str] = []
     text = read_bytes(results, _MOST_BYTES) if results.exists() else b""
     added = 0
     with results.open("a", encoding="utf-8") as file:
         if text and not text.endswith(b"\n"):
             file.write("\n")  # what a kill cut off stays alone on its line
-        for future in as_completed(futures):
-            name = names[future.key]["name"]
-            if name in known:
+        for future in as_completed(names):
+            name, error = names[future], future.exception()
+            if isinstance(error, LostWorkerError):
+                lost.append(f"membrane {name}: {error}")
                 continue
-            if future.status == "finished":
+            if error is None:
                 line = future.result()
             else:
-                line = {"name": name, "status": "failed", "message": str(future.exception())}
+                line = {"name": name, "status": "failed", "message": str(error)}
             file.write(json_text(line) + "\n")
             file.flush()
             known.add(name)
             added += 1
             progress(len(known), len(jobs), name)
+    if lost:
+        raise LostWorkerError("\n".join(lost))
     return added

@@ -2,9 +2,9 @@
 
 import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,7 +24,6 @@ _PASSES = 6  # attempts to find the largest force
 _NARROWED = 1.2  # ratio of a force at which paths end to one that is reached, near enough
 _FEW = 20  # columns that aren't worth the compiler's own optimisation
 _AT_ONCE = 4  # columns that a worker is sent
-_RETRIES = 2
 READ = eqx.filter_jit(readings)
 """The readings of solved contacts, to be run by `COMPILED`."""
 _READ_ALONG = eqx.filter_jit(readings_along)
@@ -47,7 +46,7 @@ class Columns:
         diameter: of the contacts [m].
         progress: called with the number of columns solved and their total.
         total: columns that will be solved.
-        client: of Dask, whose workers solve them; None: this process, on all cores.
+        workers: that solve them; None: this process, on all cores.
     """
 
     def __init__(
@@ -56,14 +55,10 @@ class Columns:
         diameter: float,
         progress: Callable[[int, int], None],
         total: int,
-        client: Any = None,
+        workers: Executor | None = None,
     ) -> None:
-        self.skin, self._diameter, self._client = skin, diameter, client
+        self.skin, self._diameter, self._workers = skin, diameter, workers
         self._progress, self._total, self._done = progress, total, 0
-        # Kept, or the workers would forget it between one solve and the next.
-        self._sent = (
-            None if client is None else client.scatter(skin, broadcast=True, hash=False)
-        )
 
     def solve(
         self,
@@ -85,8 +80,8 @@ class Columns:
         diameter = np.full(len(places), self._diameter)
         numbers = np.column_stack([places, force, diameter])
         levels = np.broadcast_to(levels, (len(places), levels.shape[-1]))
-        if self._client is not None:
-            return _joined(self._on_workers(numbers, levels, skin.elements, once))
+        if self._workers is not None:
+            return _joined(self._on_workers(self._workers, skin, numbers, levels, once))
 
         def column(numbers: NDArray[np.float64], levels: NDArray[np.float64]) -> Column:
             found = solve_column(skin, numbers, levels, once)
@@ -100,35 +95,21 @@ class Columns:
 
     def _on_workers(
         self,
+        workers: Executor,
+        skin: PadSkin,
         numbers: NDArray[np.float64],
         levels: NDArray[np.float64],
-        elements: tuple[int, int],
         once: bool,
     ) -> list[Column]:
-        """Columns in the order of their places, solved on Dask's workers."""
-        from distributed import as_completed
-
-        starts = range(0, len(numbers), _AT_ONCE)
-        parts = [(numbers[k : k + _AT_ONCE], levels[k : k + _AT_ONCE]) for k in starts]
+        """Columns in the order of their places."""
+        parts = [slice(k, k + _AT_ONCE) for k in range(0, len(numbers), _AT_ONCE)]
         futures = [
-            self._client.submit(
-                _solve_columns,
-                self._sent,
-                *part,
-                elements,
-                once,
-                pure=False,
-                retries=_RETRIES,
-            )
+            workers.submit(_solve_columns, skin, numbers[part], levels[part], once)
             for part in parts
         ]
-        sizes = {
-            future.key: len(part) for future, (part, _) in zip(futures, parts, strict=True)
-        }
         for future in as_completed(futures):
-            future.result()  # raises what the worker raised
-            self._count(sizes[future.key])
-        return [row for rows in self._client.gather(futures) for row in rows]
+            self._count(len(future.result()))  # raises what the worker raised
+        return [row for future in futures for row in future.result()]
 
     def _count(self, columns: int) -> None:
         self._done += columns
@@ -164,12 +145,10 @@ def _solve_columns(
     skin: PadSkin,
     numbers: NDArray[np.float64],
     levels: NDArray[np.float64],
-    elements: tuple[int, int],
     once: bool,
 ) -> list[Column]:
     """A few columns [column, number] in a worker's process, their levels [column, level]."""
     configure()
-    skin = replace(skin, elements=elements)
     return [solve_column(skin, *row, once) for row in zip(numbers, levels, strict=True)]
 
 

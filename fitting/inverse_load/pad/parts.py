@@ -1,6 +1,7 @@
 """What estimates contacts on a pad: the parts that `LoadEstimator` needs."""
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,7 @@ def pad_parts(
     most_contacts: int,
     from_rest: bool,
     progress: Callable[[str], None],
-    workers: int | str | None,
+    workers: Executor | None,
     resolution: PadResolution,
 ) -> tuple[EstimationParts, PadSkin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
@@ -126,7 +127,7 @@ def table_of_pad(
     spec: SkinSpec,
     diameter: float,
     progress: Callable[[str], None],
-    workers: int | str | None,
+    workers: Executor | None,
 ) -> tuple[PadSkin, PadTable]:
     """A pad's model and its table of solved states.
 
@@ -143,7 +144,7 @@ def _table(
     spec: SkinSpec,
     diameter: float,
     progress: Callable[[str], None],
-    workers: int | str | None,
+    workers: Executor | None,
     resolution: PadResolution = FINE,
 ) -> PadTable:
     def shown(done: int, total: int) -> None:

@@ -1,16 +1,14 @@
 """Solving the table of a pad, or reading it from the cache."""
 
-import contextlib
 import io
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from fitting.dask_client import dask_client
 from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
@@ -51,7 +49,7 @@ def pad_table_of(
     resolution: PadResolution = FINE,
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    workers: int | str | None = None,
+    workers: Executor | None = None,
 ) -> PadTable:
     """The table of a pad, from the cache where it is there.
 
@@ -60,8 +58,7 @@ def pad_table_of(
         diameter: of the contacts [m].
         resolution: of the table.
         progress: called with the number of columns solved and their total.
-        workers: that solve it: a number of local processes or a Dask scheduler's address;
-            None: this process, on all cores.
+        workers: that solve it (`fitting.workers`); None: this process, on all cores.
     """
     skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
     folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
@@ -80,8 +77,7 @@ def pad_table_of(
         with np.load(io.BytesIO(content)) as data:
             found = {key: data[key] for key in PadTable.__dataclass_fields__}
         return PadTable(**{**found, "diameter": float(found["diameter"])})
-    with contextlib.nullcontext() if workers is None else dask_client(workers) as client:
-        table = build_pad_table(skin, diameter, resolution, progress, client)
+    table = build_pad_table(skin, diameter, resolution, progress, workers)
     stream = io.BytesIO()
     np.savez(stream, **{key: getattr(table, key) for key in table.__dataclass_fields__})
     folder.put(name, stream.getvalue())
@@ -93,7 +89,7 @@ def build_pad_table(
     diameter: float,
     resolution: PadResolution = FINE,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    client: Any = None,
+    workers: Executor | None = None,
 ) -> PadTable:
     """Solve all states of the table, on all cores or on workers.
 
@@ -102,7 +98,7 @@ def build_pad_table(
         diameter: of the contacts [m].
         resolution: of the table.
         progress: called with the number of columns solved and their total.
-        client: of Dask, whose workers solve it; None: this process.
+        workers: that solve it; None: this process.
     """
     images, where = mirror_images(skin)
     edge = edge_of(skin, diameter)
@@ -114,7 +110,7 @@ def build_pad_table(
     probes = tuple(np.linspace(0, e, n) for e, n in zip(edge, resolution.probes, strict=True))
     passes = 2 if resolution.finer is None else 4
     total = len(places) + passes * len(grid(*probes))
-    columns = Columns(images, diameter, progress, total, client)
+    columns = Columns(images, diameter, progress, total, workers)
     cap, touch = largest_forces(columns, probes)
     force = np.exp(_between(probes, np.log(cap), places))
     surplus = np.zeros((len(places), len(LEVELS)))
