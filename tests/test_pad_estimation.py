@@ -9,6 +9,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -208,9 +209,12 @@ class _Pickling(ThreadPoolExecutor):
     """What passes between processes, without the processes."""
 
     def submit(self, function: Any, /, *arguments: Any) -> Any:  # type: ignore[override]
-        """As processes get it."""
-        sent = pickle.loads(pickle.dumps((function, arguments)))
-        return super().submit(sent[0], *sent[1])
+        """As processes get it, in which float64 is off until a function asks for it."""
+        sent = pickle.dumps((function, arguments))
+        jax.config.update("jax_enable_x64", False)
+        received = pickle.loads(sent)
+        jax.config.update("jax_enable_x64", True)
+        return super().submit(received[0], *received[1])
 
 
 @pytest.mark.parametrize(

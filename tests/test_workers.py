@@ -84,12 +84,30 @@ def test_workers_end_with_a_process_that_is_killed() -> None:
         "futures = [own.submit(time.sleep, 600) for _ in range(2)]\n"
         "time.sleep(600)\n"
     )
-    parent = psutil.Popen([sys.executable, "-c", program], cwd=ROOT)
-    waited(lambda: len(spawned(parent)) == 2)
-    family = parent.children(recursive=True)
-    parent.kill()
-    parent.wait()
+    with running(program) as parent:
+        waited(lambda: len(spawned(parent)) == 2)
+        family = parent.children(recursive=True)
+        parent.kill()
+        parent.wait()
     assert psutil.wait_procs(family, PATIENCE)[1] == []
+
+
+@contextlib.contextmanager
+def running(program: str, *arguments: str) -> Iterator[psutil.Popen]:
+    """A process in a group of its own, as a terminal has it, killed at the end."""
+    process = psutil.Popen(
+        [sys.executable, "-c", program, *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.stderr.close()
+        process.wait()
 
 
 def spawned(parent: psutil.Process) -> list[psutil.Process]:
@@ -116,19 +134,14 @@ def test_a_command_with_workers_has_no_door_and_is_interrupted_at_once(tmp_path:
     )
     run = "import sys; from fitting.cli.app import main; sys.exit(main())"
     files = [str(tmp_path / "jobs.toml"), "-o", str(tmp_path / "results.jsonl")]
-    command = psutil.Popen(
-        [sys.executable, "-c", run, "fit", "materials", *files, "--workers", "2"],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-        start_new_session=True,  # as a terminal has it: Ctrl-C goes to the whole group
-    )
-    waited(lambda: len(spawned(command)) == 2)
-    family = [command, *command.children(recursive=True)]
-    assert {process: doors(process) for process in family} == {p: [] for p in family}
-    os.killpg(command.pid, signal.SIGINT)
-    assert command.wait(PATIENCE) == 130
-    assert command.stderr.read().decode() == "suas: interrupted\n"
-    assert psutil.wait_procs(family, PATIENCE)[1] == []
+    with running(run, "fit", "materials", *files, "--workers", "2") as command:
+        waited(lambda: len(spawned(command)) == 2)
+        family = [command, *command.children(recursive=True)]
+        assert {process: doors(process) for process in family} == {p: [] for p in family}
+        os.killpg(command.pid, signal.SIGINT)  # Ctrl-C goes to the whole group
+        assert command.wait(PATIENCE) == 130
+        assert command.stderr.read().decode() == "suas: interrupted\n"
+        assert psutil.wait_procs(family, PATIENCE)[1] == []
 
 
 class Losing(Executor):

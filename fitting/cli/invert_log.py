@@ -14,10 +14,8 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.posterior import LoadMode, frame_posterior
 from fitting.inverse_load.readings import (
     EmptyLogError,
-    Layout,
     LayoutMismatchError,
     LogReadings,
-    noise_of_readings,
     readings_of,
 )
 from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
@@ -51,9 +49,8 @@ def read_for(
         ValueError: no such frame, or no such figure; or the skin has no electrodes.
     """
     check_figures(plot)
-    Layout(spec)  # the skin has electrodes
     try:
-        readings = readings_of(read_log(log), spec, noise_of_readings(spec, noise))
+        readings = readings_of(read_log(log), spec, noise)
     except (EmptyLogError, LayoutMismatchError) as error:
         status = "empty_log" if isinstance(error, EmptyLogError) else "layout_mismatch"
         if as_json:

@@ -209,17 +209,18 @@ def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
     return float(found)
 
 
-def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
+def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
     """Readings of a log.
 
     Args:
         log: the log.
         spec: the skin it was taken from.
-        noise: standard deviation of a reading [counts].
+        noise: standard deviation of a reading [counts]; the skin file's if None.
 
     Raises:
         EmptyLogError: no frame in it.
         LayoutMismatchError: it is another skin's.
+        ValueError: the skin has no electrodes, or the noise is no number of counts.
     """
     layout = Layout(spec)
     frames: Frames = group_frames(log)
@@ -229,7 +230,7 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float) -> LogReadings:
     layout.check(modules, frames.of_module, str(log.path))
     so = layout.pick(modules, frames.of_module)
     time = np.where(np.isfinite(frames.t_device), frames.t_device, frames.t_host)
-    stuck = stuck_taxels(so, noise)
+    stuck = stuck_taxels(so, noise_of_readings(spec, noise))
     notes = [*log.notes, *sequence_notes(log), *_scale_note(log.header, spec)]
     if stuck.any():
         names = layout.names(np.asarray(stuck.any(0)))

@@ -1,6 +1,7 @@
 """Solved states of a pad under one contact: columns of all forces at one place."""
 
 import os
+import pickle
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import replace
@@ -102,9 +103,10 @@ class Columns:
         once: bool,
     ) -> list[Column]:
         """Columns in the order of their places."""
+        sent = pickle.dumps(skin)
         parts = [slice(k, k + _AT_ONCE) for k in range(0, len(numbers), _AT_ONCE)]
         futures = [
-            workers.submit(_solve_columns, skin, numbers[part], levels[part], once)
+            workers.submit(_solve_columns, sent, numbers[part], levels[part], once)
             for part in parts
         ]
         for future in as_completed(futures):
@@ -142,13 +144,17 @@ def solve_column(
 
 
 def _solve_columns(
-    skin: PadSkin,
+    sent: bytes,
     numbers: NDArray[np.float64],
     levels: NDArray[np.float64],
     once: bool,
 ) -> list[Column]:
-    """A few columns [column, number] in a worker's process, their levels [column, level]."""
+    """A few columns [column, number] in a worker's process, their levels [column, level].
+
+    The skin is sent as bytes: read before float64 is on, its arrays would be of float32.
+    """
     configure()
+    skin = pickle.loads(sent)
     return [solve_column(skin, *row, once) for row in zip(numbers, levels, strict=True)]
 
 
