@@ -140,7 +140,11 @@ class LocalWorkers(Executor):
         del self._own.worker
         worker.pipe.close()
         status = worker.process.exitcode or 0
-        how = f"was ended by {signal.Signals(-status).name}" if status < 0 else "ended"
+        how = (
+            f"was ended by {signal.Signals(-status).name}"
+            if status < 0
+            else f"ended with status {status}"
+        )
         return f"worker process {worker.process.pid} {how}"
 
 
