@@ -271,7 +271,7 @@ def test_a_lost_worker_neither_loses_nor_repeats_results(tmp_path: pathlib.Path)
         [sys.executable, str(script), str(jobs), str(results)],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         check=True,
-        timeout=240,
+        timeout=600,
         capture_output=True,
     )
     lines = results.read_text().splitlines()
