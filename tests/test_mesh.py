@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from skins import quick
 
 from suas_jax.mesh.plan import MeshPlan, load_points, plan_mesh
 from suas_jax.skin.geometry import SkinGeometry, outward, tangent
@@ -23,17 +24,18 @@ def skin(**changes: float) -> SkinGeometry:
         "width": 0.123,
         "oil_gap": 0.005,
     }
-    return SkinGeometry(**{k: jnp.array([v]) for k, v in (dimensions | changes).items()})
+    return SkinGeometry(**{k: np.array([v]) for k, v in (dimensions | changes).items()})
 
 
 OUTER = float(skin().outer_radius[0])
+points_of = quick(load_points)
 
 
 def load(
     angle: float, force: float = 7.0, turn: float = 0.0, spread: float | None = None
 ) -> LineLoad:
-    arc = None if spread is None else jnp.array([spread])
-    return LineLoad(jnp.array([angle]), jnp.array([force]), jnp.array([turn]), arc)
+    arc = None if spread is None else np.array([spread])
+    return LineLoad(np.array([angle]), np.array([force]), np.array([turn]), arc)
 
 
 def plan_of(
@@ -50,14 +52,14 @@ def placed(
     plan: MeshPlan, loads: list[LineLoad], geometry: SkinGeometry | None = None
 ) -> tuple[np.ndarray, np.ndarray, LoadPoints]:
     """Angles of the stations and of the load points, and the points."""
-    angles, every = load_points(plan, geometry or skin(), loads)
-    angles = np.asarray(angles)
+    found = points_of(plan, geometry or skin(), loads)
+    angles, every = jax.tree.map(np.asarray, found)
     used = plan.loaded
-    assert not np.any(np.asarray(every.force)[:, ~used])
+    assert not np.any(every.force[:, ~used])
     points = LoadPoints(every.select[:, used], every.xi[used], every.force[:, used])
-    element = np.argmax(np.asarray(points.select), 0)[:, 0]
+    element = np.argmax(points.select, 0)[:, 0]
     assert np.array_equal(np.sum(points.select, 0)[:, 0], np.ones(len(element)))
-    xi = np.asarray(points.xi)[:, 0]
+    xi = points.xi[:, 0]
     start, end = angles[element, 0], angles[element + 1, 0]
     return angles[:, 0], start + xi * (end - start), points
 
@@ -202,7 +204,7 @@ def test_single_element() -> None:
     total = -7 / 0.123 * (outward(0.4) + outward(-0.1))
     np.testing.assert_allclose(np.sum(points.force, 1)[:, 0], total, rtol=1e-13)
     none = plan_of([], 1)
-    assert load_points(none, skin(), [])[1].force.shape[1] == 0
+    assert points_of(none, skin(), [])[1].force.shape[1] == 0
 
 
 @pytest.mark.parametrize("elements", [1, 2, 5, 16, 31])
