@@ -2,6 +2,8 @@
 
 import dataclasses
 import pathlib
+from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +17,11 @@ from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, shear_factors
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.spherical_cap import SphericalCap
-from fitting.material.fit.comparison import compare_laws
+from fitting.material.fit import comparison as comparison_of_laws
+from fitting.material.fit.comparison import Comparison, compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
-from fitting.material.fit.search import NoFit
+from fitting.material.fit.search import NoFit, refuse_without_stiffness
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
 from fitting.statistics.diagnostics import misfit
@@ -341,9 +344,105 @@ def test_laws_are_ranked_by_information(treloar: list[Dataset]) -> None:
     made = made_by(MooneyRivlin(2e5, 3e4), treloar, 0.01, 4)
     candidates = (("neo-hookean", 1), ("mooney-rivlin", 2), ("ogden", 1))
     comparison = compare_laws(made, candidates, starts=16)
-    assert comparison.best.family.title == "mooney-rivlin"
+    assert comparison.best.family.title == "mooney-rivlin-2"
     aicc = [row["aicc"] for row in comparison.table]
     assert aicc == sorted(aicc)
+
+
+@pytest.mark.parametrize(
+    ("law", "constants", "says"),
+    [
+        (("mooney-rivlin", 2), [1e5, -1e5], "must be positive and finite, got 0.0"),
+        (("mooney-rivlin", 2), [1e5, 0.01 - 1e5], "its shear modulus is 0.02 Pa"),
+        (("ogden", 1), [1e-300, 1e-300], "must be positive"),
+        (("gent", 1), [1.0, 100.0], "its shear modulus is 1 Pa"),
+    ],
+)
+def test_a_law_without_stiffness_at_rest_is_no_answer(
+    treloar: list[Dataset], law: tuple[str, int], constants: list[float], says: str
+) -> None:
+    chosen = family(*law)
+    with pytest.raises(NoFit, match=f"^{chosen.title}: .*{says}"):
+        refuse_without_stiffness(treloar, chosen, np.array(constants))
+
+
+def test_a_law_that_is_soft_at_rest_is_an_answer(treloar: list[Dataset]) -> None:
+    least = 1e-3 * min(data.modulus for data in treloar)
+    refuse_without_stiffness(treloar, family("neo-hookean"), np.array([1.001 * least]))
+    refuse_without_stiffness(treloar, family("mooney-rivlin", 2), np.array([2e5, -1.9e5]))
+
+
+def silicone(folder: pathlib.Path) -> Dataset:
+    """A soft silicone that softens first and stiffens up to a stretch of 17."""
+    stretch = np.linspace(1.0, 17.0, 40)
+    stress = 12.0 * (1.0 - np.exp(-(stretch - 1.0) / 0.8)) + 0.27 * (stretch - 1.0) ** 3
+    rows = (f"{x:.6g},{y:.6g}" for x, y in zip(stretch, stress, strict=True))
+    file = folder / "silicone.csv"
+    file.write_text("\n".join(["stretch,nominal_stress_kPa", *rows]), encoding="utf-8")
+    return load_dataset("uniaxial", file)
+
+
+def test_auto_answers_where_a_law_has_no_stiffness_at_rest(tmp_path: pathlib.Path) -> None:
+    data = silicone(tmp_path)
+    laws = (("mooney-rivlin", 2), ("neo-hookean", 1), ("yeoh", 3))
+    comparison = compare_laws([data], laws, starts=16)
+    assert "without stiffness at rest" in comparison.failed["mooney-rivlin-2"]
+    assert comparison.best.family.title == "yeoh"
+    assert comparison.best.shear_modulus()[0] == pytest.approx(data.modulus, rel=0.5)
+    assert all(np.isfinite(row["aicc"]) for row in comparison.table)
+
+
+@pytest.mark.parametrize(
+    ("readings", "correlation", "expected"),
+    [
+        (100, 0.0, 100.0),
+        (100, 0.19, 100.0),  # no more than chance: below 2/sqrt(n)
+        (100, 0.5, 100.0 / 3.0),
+        (40, 0.9, 7.0),  # 40/19 would leave no AICc of a law of four constants
+        (6, 0.9, 6.0),
+    ],
+)
+def test_correlated_residuals_are_fewer_readings(
+    readings: int, correlation: float, expected: float
+) -> None:
+    def fit(cost: float, rho: float, constants: int) -> SimpleNamespace:
+        residuals = SimpleNamespace(used=np.ones(readings, bool))
+        return SimpleNamespace(
+            cost=cost,
+            problem=SimpleNamespace(residuals=residuals),
+            misfit=SimpleNamespace(autocorrelation=rho),
+            family=SimpleNamespace(size=constants),
+        )
+
+    fits: tuple[Any, ...] = (fit(2.0, 0.95, 1), fit(1.0, correlation, 4))
+    assert Comparison(fits, {}).effective_number == pytest.approx(expected)
+
+
+def test_laws_that_fail_are_left_out_with_their_reasons(
+    treloar: list[Dataset], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(sets: list[Dataset], law: Family, **options: object) -> object:
+        if law.title == "gent":
+            return dataclasses.replace(whole, minima=stuck)
+        if law.title in failing:
+            raise NoFit(f"{law.title}: none of 64 starts gave finite stresses")
+        return whole
+
+    whole = fit_material(treloar, "neo-hookean", starts=1)
+    stuck = whole.minima._replace(converged=np.zeros_like(whole.minima.converged))
+    monkeypatch.setattr(comparison_of_laws, "fit_material", fails)
+    failing = {"ogden-1"}
+    laws = (("gent", 1), ("ogden", 1), ("neo-hookean", 1))
+    comparison = compare_laws(treloar, laws)
+    assert [fit.family.title for fit in comparison.fits] == ["neo-hookean"]
+    reasons = {
+        "gent": "no start converged",
+        "ogden-1": "none of 64 starts gave finite stresses",
+    }
+    assert comparison.failed == reasons
+    failing.add("neo-hookean")
+    with pytest.raises(NoFit, match=r"gent: no start converged; ogden-1: none.*; neo-hookean:"):
+        compare_laws(treloar, laws)
 
 
 def test_hard_bounds_hold_and_agree_with_scipy(treloar: list[Dataset]) -> None:

@@ -191,12 +191,19 @@ class Family(AbstractFamily):
         build: the law's class.
         modulus_is_sum: the first two constants are bound by C₁ + C₂ > 0; the first
             parameter is then the logarithm of that sum.
+        shown: name for people, where it is not the law's.
     """
 
     law_name: str
     parts: tuple[Constant, ...]
     build: Callable[..., AbstractLaw]
     modulus_is_sum: bool = False
+    shown: str = ""
+
+    @property
+    def title(self) -> str:
+        """Name for people."""
+        return self.shown or self.law_name
 
     @property
     def names(self) -> tuple[str, ...]:  # type: ignore[override]

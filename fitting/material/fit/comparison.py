@@ -25,7 +25,8 @@ class Comparison:
 
     Attributes:
         fits: one per law that could be fitted, lowest AICc first.
-        failed: reasons, by law, of those that could not.
+        failed: reasons, by title, of those that could not: too few readings, no finite
+            stresses, no convergence, no stiffness at rest.
         refused: further reasons against laws, by title, such as a scene's stretches.
     """
 
@@ -38,7 +39,9 @@ class Comparison:
         """Number of independent readings: n (1 − ρ)/(1 + ρ).
 
         ρ is the correlation of neighbouring residuals of the law that follows the data most
-        closely; what correlation others have on top is their misfit.
+        closely; what correlation others have on top is their misfit. Where nothing but
+        misfit is left, as of a smooth curve that no law follows, ρ says little of the noise:
+        there are at least as many as give that law a finite AICc.
         """
         count = float(self.fits[0].problem.residuals.used.sum())
         closest = min(self.fits, key=lambda fit: fit.cost)
@@ -46,7 +49,8 @@ class Comparison:
         # A correlation that chance explains is none.
         if rho < 2.0 / np.sqrt(count):
             return count
-        return count * (1.0 - rho) / (1.0 + rho)
+        least = closest.family.size + 3.0
+        return max(count * (1.0 - rho) / (1.0 + rho), min(least, count))
 
     def aicc(self, fit: MaterialFit) -> float:
         """AICc of a fit with the effective number of readings."""
@@ -144,6 +148,9 @@ def compare_laws(
         progress: called with each law's title before it is fitted.
         refuses: a reason against a fit that is about to be recommended; "" for none.
         options: as for `fit_material`.
+
+    Raises:
+        NoFit: every law failed; says why each.
     """
     fits, failed = [], {}
     count = sum(data.size for data in sets)
@@ -154,11 +161,17 @@ def compare_laws(
             continue
         progress(chosen.title)
         try:
-            fits.append(fit_material(sets, chosen, doubt=False, **options))
+            fit = fit_material(sets, chosen, doubt=False, **options)
         except NoFit as error:
-            failed[chosen.title] = str(error)
+            failed[chosen.title] = str(error).removeprefix(f"{chosen.title}: ")
+            continue
+        if fit.status == "not_converged":
+            failed[chosen.title] = "no start converged"
+        else:
+            fits.append(fit)
     if not fits:
-        raise NoFit("no law could be fitted: " + "; ".join(failed.values()))
+        reasons = (f"{title}: {reason}" for title, reason in failed.items())
+        raise NoFit("no law could be fitted: " + "; ".join(reasons))
     comparison = ranked(fits, failed)
     refused: dict[str, str] = {}
     while refuses is not None and len(refused) < len(fits):

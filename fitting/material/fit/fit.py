@@ -19,7 +19,7 @@ from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.fit.residuals import readings
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.reweighting import search_for_typical_specimen, weighed_search
-from fitting.material.fit.search import SKIN_LANES, NoFit
+from fitting.material.fit.search import SKIN_LANES, NoFit, refuse_without_stiffness
 from fitting.material.fit.specimens import has_several_specimens
 from fitting.material.fit.suspects import (
     fit_suspects,
@@ -83,7 +83,7 @@ def fit_material(
 
     Raises:
         ValueError: law, terms, residual, branch or bounds are not allowed.
-        NoFit: no start gave finite residuals.
+        NoFit: no start gave finite residuals, or the best law has no stiffness at rest.
         Float64Error: float64 is off.
     """
     require_float64()
@@ -110,6 +110,7 @@ def fit_material(
     if remembers:
         chosen = WithEffects(chosen, prony, mullins, window_of(used, prony))
     fit = _fitted(used, chosen, bounds, [*remarks, *notes], suspects, settings, doubt=doubt)
+    refuse_without_stiffness(fit.sets, fit.family, fit.constants)
     if not (doubt and "slack" in zero and fit.misfit.significant):
         return fit
     gone = False
@@ -118,6 +119,7 @@ def fit_material(
         shorter = _fitted(rest, chosen, bounds, [*remarks, *notes], suspects, settings)
         # A toe fades; what is left of it where it can no longer be seen still pulls.
         if gone or (share == _TOES[-1] and not shorter.misfit.significant):
+            refuse_without_stiffness(shorter.sets, shorter.family, shorter.constants)
             text = f"readings below {100.0 * share:.0f} % of the largest stress left out: a toe"
             return dataclasses.replace(shorter, remarks=(*shorter.remarks, text))
         gone = not shorter.misfit.significant

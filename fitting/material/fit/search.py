@@ -13,6 +13,7 @@ from fitting.material.fit.residuals import Residuals
 from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 from fitting.statistics.parameters import AbstractFamily
+from suas_jax.config.quantities import format_quantity
 
 SKIN_LANES = 4
 """Most starts for data of a skin, where every residual is an equilibrium."""
@@ -24,9 +25,43 @@ _BULGE_STEPS, _APART, _FARTHEST = 40, 0.1, 300.0
 # virgin one over that of the data taken as elastic.
 _BESIDE, _BESIDE_STEPS, _LONG_TERM, _VIRGIN = 6, 80, 0.7, 1.2
 
+# Smallest shear modulus of a law over that of the least deformed readings: below it the search
+# was on its way to zero, where no minimum is.
+_LEAST_STIFFNESS = 1e-3
+
 
 class NoFit(ArithmeticError):  # noqa: N818
-    """No constants can be returned: every start failed."""
+    """No constants can be returned: every start failed, or the best is no rubber."""
+
+
+def refuse_without_stiffness(
+    sets: Sequence[Dataset], family: AbstractFamily, constants: np.ndarray
+) -> None:
+    """Refuse constants of a law that has no stiffness at rest.
+
+    Args:
+        sets: the data.
+        family: the law.
+        constants: those that follow the data best, SI units.
+
+    Raises:
+        NoFit: the law refuses the constants, or its shear modulus is below a thousandth of
+            what the least deformed readings of every test suggest.
+    """
+    suggested = min((data.modulus for data in sets if data.modulus > 0.0), default=0.0)
+    try:
+        modulus = float(family.law(jnp.asarray(constants)).shear_modulus)
+    except ValueError as error:  # rounding leaves nothing of a sum such as C1 + C2
+        reason = str(error)
+    else:
+        if modulus > _LEAST_STIFFNESS * suggested:
+            return
+        found, wanted = (format_quantity(x, "stress") for x in (modulus, suggested))
+        reason = f"its shear modulus is {found}, the least deformed readings suggest {wanted}"
+    raise NoFit(
+        f"{family.title}: follows the data best without stiffness at rest ({reason}); choose "
+        f"another law"
+    )
 
 
 def search(

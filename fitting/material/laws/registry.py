@@ -40,7 +40,9 @@ def family(law: str, terms: int | None = None) -> AbstractFamily:
         _part(key, declared, positive=declared.positive or key in alone)
         for key, declared in chosen.items()
     )
-    return Family(law, parts, registry.LAWS[law], modulus_is_sum=bound)
+    # Where several numbers of constants are compared, the name tells them apart.
+    shown = f"{law}-{count}" if len(spec.compared) > 1 else law
+    return Family(law, parts, registry.LAWS[law], modulus_is_sum=bound, shown=shown)
 
 
 def candidates() -> list[tuple[str, int]]:
