@@ -12,6 +12,7 @@ import pytest
 import scipy.optimize
 from scipy import stats
 
+from fitting.material.experiments.artefacts import curve_suspects
 from fitting.material.experiments.bulge import Bulge
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, shear_factors
@@ -390,6 +391,10 @@ def test_auto_answers_where_a_law_has_no_stiffness_at_rest(tmp_path: pathlib.Pat
     assert comparison.best.family.title == "yeoh"
     assert comparison.best.shear_modulus()[0] == pytest.approx(data.modulus, rel=0.5)
     assert all(np.isfinite(row["aicc"]) for row in comparison.table)
+
+
+def test_a_stretch_of_a_soft_silicone_is_no_mistaken_percent(tmp_path: pathlib.Path) -> None:
+    assert curve_suspects(silicone(tmp_path)) == []
 
 
 @pytest.mark.parametrize(
