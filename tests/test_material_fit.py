@@ -385,11 +385,11 @@ def silicone(folder: pathlib.Path) -> Dataset:
 
 def test_auto_answers_where_a_law_has_no_stiffness_at_rest(tmp_path: pathlib.Path) -> None:
     data = silicone(tmp_path)
-    laws = (("mooney-rivlin", 2), ("neo-hookean", 1), ("yeoh", 3))
+    laws = (("mooney-rivlin", 2), ("yeoh", 3))
     comparison = compare_laws([data], laws, starts=16)
     assert "without stiffness at rest" in comparison.failed["mooney-rivlin-2"]
     assert comparison.best.family.title == "yeoh"
-    assert comparison.best.shear_modulus()[0] == pytest.approx(data.modulus, rel=0.5)
+    assert float(comparison.best.law.shear_modulus) == pytest.approx(data.modulus, rel=0.5)
     assert all(np.isfinite(row["aicc"]) for row in comparison.table)
 
 
