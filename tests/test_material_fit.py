@@ -2,8 +2,6 @@
 
 import dataclasses
 import pathlib
-from types import SimpleNamespace
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +17,7 @@ from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, 
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.spherical_cap import SphericalCap
 from fitting.material.fit import comparison as comparison_of_laws
-from fitting.material.fit.comparison import Comparison, compare_laws
+from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.fit.search import NoFit, refuse_without_stiffness
@@ -395,32 +393,6 @@ def test_auto_answers_where_a_law_has_no_stiffness_at_rest(tmp_path: pathlib.Pat
 
 def test_a_stretch_of_a_soft_silicone_is_no_mistaken_percent(tmp_path: pathlib.Path) -> None:
     assert curve_suspects(silicone(tmp_path)) == []
-
-
-@pytest.mark.parametrize(
-    ("readings", "correlation", "expected"),
-    [
-        (100, 0.0, 100.0),
-        (100, 0.19, 100.0),  # no more than chance: below 2/sqrt(n)
-        (100, 0.5, 100.0 / 3.0),
-        (40, 0.9, 7.0),  # 40/19 would leave no AICc of a law of four constants
-        (6, 0.9, 6.0),
-    ],
-)
-def test_correlated_residuals_are_fewer_readings(
-    readings: int, correlation: float, expected: float
-) -> None:
-    def fit(cost: float, rho: float, constants: int) -> SimpleNamespace:
-        residuals = SimpleNamespace(used=np.ones(readings, bool))
-        return SimpleNamespace(
-            cost=cost,
-            problem=SimpleNamespace(residuals=residuals),
-            misfit=SimpleNamespace(autocorrelation=rho),
-            family=SimpleNamespace(size=constants),
-        )
-
-    fits: tuple[Any, ...] = (fit(2.0, 0.95, 1), fit(1.0, correlation, 4))
-    assert Comparison(fits, {}).effective_number == pytest.approx(expected)
 
 
 def test_laws_that_fail_are_left_out_with_their_reasons(

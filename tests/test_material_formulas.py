@@ -289,16 +289,19 @@ def fit(title: str, cost: float, **changes: Any) -> Any:
 
 
 def test_correlated_residuals_leave_fewer_readings() -> None:
-    def number(rho: float) -> float:
+    def number(rho: float, readings: int = 100) -> float:
         closest = fit("a", 1.0, misfit=SimpleNamespace(autocorrelation=rho, significant=False))
         other = fit("b", 2.0, misfit=SimpleNamespace(autocorrelation=0.9, significant=True))
+        other.problem.residuals.used = np.ones(readings, bool)
         return Comparison((other, closest), {}).effective_number
 
     assert number(0.5) == pytest.approx(100 * 0.5 / 1.5)
     assert number(0.19) == 100.0  # within two standard errors
     assert number(0.21) == pytest.approx(100 * 0.79 / 1.21)
     assert number(-0.5) == 100.0
-    assert number(0.99) == pytest.approx(100 * 0.03 / 1.97)
+    assert number(0.99, 1000) == pytest.approx(1000 * 0.03 / 1.97)
+    assert number(0.99) == 5.0  # three more than the closest law's constants
+    assert number(0.99, 4) == pytest.approx(4.0)  # and no more than there are
 
 
 # --- Prony terms --------------------------------------------------------------------------
