@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from suas_jax.config.law import LawSpec
 from suas_jax.constitutive.deformation import AbstractDeformation
@@ -32,8 +32,8 @@ class AbstractLaw(eqx.Module):
         spec: the law's declaration, by which its constants are checked; None for a law of
             one's own, which no file can name.
         has_limit: whether there are deformations that the law has no energy for, such as
-            beyond a locking stretch: the energy is not a number there, and load steps are
-            kept from going there.
+            beyond a locking stretch: the energy is not a number there, load steps are kept
+            from going there, and no state with a face there is called an equilibrium.
         in_stretches: whether the energy is written in principal stretches: with its
             derivatives thousands of operations, which programs then do once.
     """
@@ -75,6 +75,14 @@ class AbstractLaw(eqx.Module):
         Returns:
             Ψ [J/m³], in the broadcast shape of deformation and constants; zero at rest.
         """
+
+    def has_energy(self, deformation: AbstractDeformation) -> Bool[Array, "..."]:
+        """Whether states of deformation lie in the law's domain; see `has_limit`.
+
+        Args:
+            deformation: the states, arrays of any shape.
+        """
+        return jnp.isfinite(self.energy(deformation))
 
     @property
     @abc.abstractmethod

@@ -6,7 +6,7 @@ is no state at all. So every state found is judged once more by itself.
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 
 from suas_jax.equilibrium.balance import (
     Problem,
@@ -32,6 +32,7 @@ def validity(
     forces: tuple[Lanes, Lanes],
     stretch_min: Lanes,
     energy: Lanes,
+    in_domain: Bool[Array, " lane"],
 ) -> Int[Array, " lane"]:
     """Judge a state: finite, in the law's domain, with length left, in balance.
 
@@ -41,6 +42,8 @@ def validity(
         forces: the largest that nothing balances, and the size of those that balance.
         stretch_min: smallest stretch of a fibre.
         energy: strain energy.
+        in_domain: whether the law has an energy on both faces, which lie outside of the points
+            that the strain energy is a sum over.
 
     Returns:
         Index of the outcome: zero where the state is valid, else what is wrong with it.
@@ -54,7 +57,7 @@ def validity(
         (~(volume <= _VOLUME), "volume_not_kept"),
         (~(error <= allowed * scale), "unbalanced"),
         (~(stretch_min > 0), "inverted"),
-        (~jnp.isfinite(energy), "outside_material_domain"),
+        (~(jnp.isfinite(energy) & in_domain), "outside_material_domain"),
     ):
         found = jnp.where(wrong, index_of(name), found)
     return found

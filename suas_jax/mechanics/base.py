@@ -228,6 +228,13 @@ class AbstractMechanics(eqx.Module):
         """The same membrane held by another wall, or by none."""
         return dataclasses.replace(self, wall=wall)
 
+    def with_more_fibres(self) -> Self:
+        """The same membrane, its energy summed up over twice as many fibres of the thickness.
+
+        The membrane itself where it is no sum over fibres.
+        """
+        return self
+
     def stored_energy(self, q: StationVector) -> Lanes:
         """Strain energy of the state that is reported, per width [J/m]."""
         return self.strain_energy(q)

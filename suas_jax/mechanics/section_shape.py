@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import FibreStretch
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shape import AbstractShape, Extreme
@@ -122,3 +123,10 @@ class SectionShape(AbstractShape):
         stretch = jnp.stack(self._stretches())
         modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
         return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
+
+    def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """See the base class."""
+        lanes = self.profile.angle.shape[-1]
+        faces = [x.reshape(-1, lanes) for x in self._stretches()]
+        stretch = jnp.concatenate([*faces, jnp.stack(self.stretch_range())])
+        return jnp.all(law.has_energy(FibreStretch(stretch**2 - 1)), 0)

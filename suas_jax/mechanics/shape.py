@@ -51,3 +51,7 @@ class AbstractShape(eqx.Module):
     @abc.abstractmethod
     def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
         """Whether the law is Drucker stable everywhere on both faces."""
+
+    @abc.abstractmethod
+    def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """Whether the law has an energy everywhere on both faces, and at stretches reported."""

@@ -1,5 +1,6 @@
 """What is observed of a solved state, and how far it can be trusted."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -96,6 +97,8 @@ def assess(
         by_mesh, by_kinks, stable = [], [], None
         for plan, share in zip(meshes.compared, origin.mechanics.error_shares, strict=True):
             other = problem_of(parts, plan, wall=wall)
+            finer = other.mechanics.with_more_fibres()
+            other = dataclasses.replace(other, mechanics=finer)
             q = origin.mechanics.to_comparison_mesh(start.q, plan.counts)
             there = start._replace(q=q)
             its_check, its_change = verify(other, there, omitted=check is None)
@@ -139,7 +142,8 @@ def assess(
         "by_mesh": parts_of_error,
         "floor": floor,
     }
-    verdict = validity(problem, state, forces, report["stretch_min"], report["strain_energy_J"])
+    known = (report[key] for key in ("stretch_min", "strain_energy_J"))
+    verdict = validity(problem, state, forces, *known, report.pop("in_domain"))
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.

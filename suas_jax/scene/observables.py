@@ -104,6 +104,7 @@ def observe(
         "strain_energy_J": energy * geometry.width if mechanics.per_width else energy,
         "stretch_min": stretch_min,
         "stretch_max": stretch_max,
+        "in_domain": shape.in_domain(mechanics.law),
         "material_stable": shape.material_stable(mechanics.law),
         "volume_residual": volume_residual(problem, state),
         "taxels": taxel_observables(parts, problem, state),

@@ -7,7 +7,7 @@ stress to the last digit.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -183,6 +183,10 @@ class Pad(AbstractMechanics):
             wall=None,
             mirrored_planes=plan.mirrored,
         )
+
+    def with_more_fibres(self) -> Self:
+        """See the base class."""
+        return dataclasses.replace(self, layers=2 * self.layers)
 
     @property
     def parts(self) -> int:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import LogStretches
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.pad.faces import Faces, hoop_stretch, principal_stretches
 from suas_jax.mechanics.shape import AbstractShape, Extreme
@@ -116,3 +117,14 @@ class PadShape(AbstractShape):
         low, high = principal_stretches(strains)
         modulus = drucker_modulus(law, low, high)
         return jnp.all((modulus > 0) & (low > CRUSHED), (0, 1, 2))
+
+    def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """See the base class."""
+        strains = jnp.stack([self.grid.inner_strain, self.grid.outer_strain], 1)
+        low, high = jnp.log(principal_stretches(strains))
+        # A hoop stretch is reported alone: strained least, the other two are equal.
+        hoop = jnp.log(jnp.stack(self.stretch_range()))
+        on_faces = law.has_energy(LogStretches(low, high))
+        return jnp.all(on_faces, (0, 1, 2)) & jnp.all(
+            law.has_energy(LogStretches(hoop, -hoop / 2)), 0
+        )

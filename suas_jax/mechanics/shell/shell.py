@@ -243,6 +243,10 @@ class Shell(AbstractSection):
         """
         return dataclasses.replace(self, equilibrium=equilibrium)
 
+    def with_more_fibres(self) -> Self:
+        """See the base class."""
+        return dataclasses.replace(self, layers=2 * self.layers)
+
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
         qe = self.elements.gather(q)
