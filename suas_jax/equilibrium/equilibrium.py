@@ -26,7 +26,7 @@ from suas_jax.equilibrium.balance import (
 )
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure
-from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.bordered_solve import BorderedVector, eliminate, solve_bordered
@@ -236,15 +236,8 @@ def equilibrium(
     stepping = stepping or LoadStepping()
     root = _root(problem, start, stepping, wall_on_demand, omitted)
     found = Equilibrium.of(problem, root.found)._replace(change=root.change)
-    mechanics = problem.mechanics
-    if not mechanics.law.has_limit:
-        return found
-    # The law's energy is summed up between the faces, where the membrane is strained most.
-    q = jax.lax.stop_gradient(found.state.q)
-    lost = (found.result == 0) & ~mechanics.shape(q).in_domain(mechanics.law)
-    return found._replace(
-        result=jnp.where(lost, index_of("outside_material_domain"), found.result)
-    )
+    result = kept_in_domain(problem.mechanics, found.state.q, found.result)
+    return found._replace(result=result)
 
 
 def differentiable(problem: Problem, state: State) -> State:

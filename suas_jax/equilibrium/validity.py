@@ -5,6 +5,7 @@ pole of a law's energy, or through a fibre of no length, can end at a root of th
 is no state at all. So every state found is judged once more by itself.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
@@ -15,8 +16,8 @@ from suas_jax.equilibrium.balance import (
     volume_residual,
 )
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.mechanics.base import largest
-from suas_jax.numerics.array_types import Lanes
+from suas_jax.mechanics.base import AbstractMechanics, largest
+from suas_jax.numerics.array_types import Lanes, StationVector
 
 # Of the forces that balance one another, and of the film's volume. Rounding alone leaves
 # 2e-9 of a load a tenth of a degree from a clamp, where elements are shortest.
@@ -68,3 +69,22 @@ def force_balance(problem: Problem, state: State) -> tuple[Lanes, Lanes]:
     net = state.pressure - state.factor * problem.external_pressure
     a = problem.mechanics.assemble(state.q, net, state.factor)
     return largest(a.residual), forces_in_balance(problem, state, a)
+
+
+def kept_in_domain(
+    mechanics: AbstractMechanics, q: StationVector, result: Int[Array, " lane"]
+) -> Int[Array, " lane"]:
+    """The outcome of a solve, unless a face lies beyond the law's limit.
+
+    Energies are summed up between the faces, where a membrane is strained most.
+
+    Args:
+        mechanics: the membrane.
+        q: the unknowns found.
+        result: index of the outcome.
+    """
+    if not mechanics.law.has_limit:
+        return result
+    inside = mechanics.shape(jax.lax.stop_gradient(q)).in_domain(mechanics.law)
+    lost = (result == 0) & ~inside
+    return jnp.where(lost, index_of("outside_material_domain"), result)

@@ -83,6 +83,18 @@ class Compiled:
             self.store.settled()
         return found
 
+    def run_or_trace(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Run a program, or make it part of the one that is being traced.
+
+        Args:
+            function: made by `equinox.filter_jit`.
+            arguments: its arguments; numbers run it, tracers (of `jax.grad`, `jax.vmap`, a
+                function that is compiled) don't.
+        """
+        if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
+            return function(*arguments)
+        return self.run(function, *arguments)
+
     def forget(self) -> None:
         """Free the memory that programs take; those kept between runs stay on disk."""
         self._programs.clear()

@@ -142,8 +142,8 @@ def assess(
         "by_mesh": parts_of_error,
         "floor": floor,
     }
-    known = (report[key] for key in ("stretch_min", "strain_energy_J"))
-    verdict = validity(problem, state, forces, *known, report.pop("in_domain"))
+    stretch, energy = report["stretch_min"], report["strain_energy_J"]
+    verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.

@@ -29,6 +29,7 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.sensing.electrodes import Electrodes, Readings
@@ -145,10 +146,11 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     """Loads to sensor output.
 
     Differentiable by every array of the skin and of the loads, in forward and reverse mode,
-    through the implicit derivative of the equilibrium. Compile it
-    (``suas_jax.jit(forward)``): one program serves all loads of the same shape, and a
-    lane is cheaper than a call. A load that doesn't converge is named in `result`, a taxel
-    that touches the wall in `readings.touching`; nothing is raised.
+    through the implicit derivative of the equilibrium. Called with numbers it runs a compiled
+    program, kept between runs: one serves all loads of the same shape, and a lane is cheaper
+    than a call. What is made of it is best compiled whole (``suas_jax.jit(jax.grad(loss))``).
+    A load that doesn't converge is named in `result`, a taxel that touches the wall in
+    `readings.touching`; nothing is raised.
 
     Args:
         skin: the skin.
@@ -160,6 +162,12 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
         Float64Error: float64 is off.
     """
     require_float64()
+    output: SensorOutput = COMPILED.run_or_trace(_forward, skin, loads, start)
+    return output
+
+
+@eqx.filter_jit
+def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
     problem = skin.problem(loads)
     found = equilibrium(problem, start, wall_on_demand=True, omitted=True)
     root, shown, shell = corrected(problem, found.state, found.change)
@@ -179,7 +187,7 @@ def load_jacobian(
 ) -> tuple[SensorOutput, Float[Array, "kind load taxel lane"]]:
     """Sensor output and its exact derivatives by angle, force and turn of every load.
 
-    All columns share one factorisation of the tangent.
+    All columns share one factorisation of the tangent. Compiled as `forward` is.
 
     Args:
         skin: the skin.
@@ -193,11 +201,17 @@ def load_jacobian(
         Float64Error: float64 is off.
     """
     require_float64()
+    found: tuple[SensorOutput, Array] = COMPILED.run_or_trace(_jacobian, skin, loads, start)
+    return found
+
+
+@eqx.filter_jit
+def _jacobian(skin: Skin, loads: Loads, start: State | None) -> tuple[SensorOutput, Array]:
     loads = loads.in_lanes()
     count, lanes = loads.angle.shape
 
     def so(loads: Loads) -> tuple[Array, SensorOutput]:
-        output = forward(skin, loads, start)
+        output = _forward(skin, loads, start)
         return output.so, output
 
     _, push, output = jax.linearize(so, loads, has_aux=True)

@@ -25,8 +25,10 @@ from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected, corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import Footprint, PadPlan, plan_pad
+from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.forward import SensorOutput
 from suas_jax.scene.parts import skin_parts
@@ -202,9 +204,9 @@ def pad_forward(
 
     Differentiable by every array of the skin and of the patches, in forward and reverse
     mode, through the implicit derivative of the equilibrium and of what transverse shear
-    adds to it. Compile it (``suas_jax.jit(pad_forward)``): one program serves contacts
-    anywhere, as many at once and as many lanes. A case that doesn't converge is named in
-    `result`; nothing is raised.
+    adds to it. Called with numbers it runs a compiled program, kept between runs: one serves
+    contacts anywhere, as many at once and as many lanes. A case that doesn't converge is
+    named in `result`; nothing is raised.
 
     Args:
         skin: the pad.
@@ -217,7 +219,14 @@ def pad_forward(
         Float64Error: float64 is off.
     """
     require_float64()
+    output: SensorOutput = COMPILED.run_or_trace(_pad_forward, skin, patches, meshes, start)
+    return output
 
+
+@eqx.filter_jit
+def _pad_forward(
+    skin: PadSkin, patches: Patches, meshes: PadPlan, start: State | None
+) -> SensorOutput:
     def one(arguments: tuple[Patches, PadPlan, State | None]) -> SensorOutput:
         patches, plan, start = arguments
         start = jax.tree.map(lambda x: x[..., None], start)
@@ -242,14 +251,16 @@ def _solve(
         contact = corrected_contact(pad, shown, root)
         force = jnp.sum(contact.area * contact.pressure, (0, 1))
     readings = skin.electrodes.read(pad, shown.q)
-    return SensorOutput(readings, shown.pressure, force, gap, root, found.result)
+    result = kept_in_domain(pad, shown.q, found.result)
+    return SensorOutput(readings, shown.pressure, force, gap, root, result)
 
 
 def read(skin: PadSkin, problem: Problem, state: State, found: Array) -> PadReadings:
     """The readings of a state in one lane."""
     so = skin.electrodes.read(problem.mechanics, state.q).so[..., 0]
     gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
-    return PadReadings(so, state.pressure[0], gap[0], found[0])
+    outcome = kept_in_domain(problem.mechanics, state.q, (~found).astype(jnp.int32))
+    return PadReadings(so, state.pressure[0], gap[0], outcome[0] == 0)
 
 
 def readings(skin: PadSkin, patches: Patches, plan: PadPlan) -> PadReadings:
