@@ -1,5 +1,6 @@
 """The forward model: against a solve of its own mesh, in lanes, and its derivatives."""
 
+import dataclasses
 from collections.abc import Callable
 
 import jax
@@ -9,6 +10,8 @@ import pytest
 from skins import EPDM, quick
 
 from suas_jax.config import continuous_inputs, scene_from_dict
+from suas_jax.runtime.compiled import COMPILED, OPTIONS
+from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.forward import (
     Loads,
     SensorOutput,
@@ -17,6 +20,7 @@ from suas_jax.scene.forward import (
     loads_of,
     skin_of,
 )
+from suas_jax.scene.pad_forward import pad_forward
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 
 GEOMETRY = {
@@ -120,6 +124,38 @@ def test_converged_everywhere_and_undisturbed_by_a_start(
     assert not np.any(batch.readings.touching)
     again = run(pad, loads(), batch.state)
     np.testing.assert_allclose(again.so, batch.so, rtol=1e-9)
+
+
+def test_called_with_numbers_it_compiles_once(
+    pad: object, batch: SensorOutput, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(OPTIONS, "xla_backend_optimization_level", 0)
+    first = forward(pad, loads())
+    np.testing.assert_allclose(first.so, batch.so, rtol=1e-9)
+    compiled: list[str] = []
+    lighter = dataclasses.replace(loads(), force=0.9 * loads().force)
+
+    def listen(event: str, *_: object, **__: object) -> None:
+        compiled.extend([event] * ("backend_compile" in event))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        second = forward(pad, lighter)
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+    assert not compiled
+    assert not np.any(second.result)
+    assert np.all(np.asarray(second.oil_pressure) < np.asarray(first.oil_pressure))
+
+
+def test_what_numbers_call_is_kept_between_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program is kept where its name says what it is."""
+    called: list[Callable] = []
+    monkeypatch.setattr(COMPILED, "run", lambda function, *_: called.append(function))
+    forward(None, loads())
+    load_jacobian(None, loads())
+    pad_forward(None, None, None)
+    assert len({content_key(function) for function in called}) == 3
 
 
 def test_its_mesh_serves_loads_anywhere_on_the_arc(batch: SensorOutput) -> None:

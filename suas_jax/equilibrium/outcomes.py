@@ -28,8 +28,9 @@ class RESULTS(eqx.Enumeration):
     )
     outside_material_domain = (
         "The state found lies outside the material law's domain, such as beyond a locking "
-        "stretch: it has no energy, and no membrane is in it. Reduce the load, or choose "
-        "constants whose domain holds the stretches."
+        "stretch, inside or on a face: it has no energy there, and no membrane is in it. "
+        "Reduce the load, choose constants whose domain holds the stretches, or try the solid, "
+        "which resolves the thickness."
     )
     inverted = (
         "The state found has fibres that are turned inside out: no membrane is in it. Reduce "

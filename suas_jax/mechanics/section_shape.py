@@ -126,7 +126,6 @@ class SectionShape(AbstractShape):
 
     def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
         """See the base class."""
-        lanes = self.profile.angle.shape[-1]
-        faces = [x.reshape(-1, lanes) for x in self._stretches()]
-        stretch = jnp.concatenate([*faces, jnp.stack(self.stretch_range())])
+        faces, reported = jnp.stack(self._stretches()), jnp.stack(self.stretch_range())
+        stretch = jnp.concatenate([faces.reshape(-1, faces.shape[-1]), reported])
         return jnp.all(law.has_energy(FibreStretch(stretch**2 - 1)), 0)

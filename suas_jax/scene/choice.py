@@ -7,6 +7,7 @@ import numpy as np
 
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.scene.program import number, prepared, run_program, structure_of
@@ -103,6 +104,12 @@ def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
             found = _attempt(scene, name, counts, once=once)
             return found, f"The mesh given is that of the {name}."
     shell = _attempt(scene, "shell", None, once=once)
+    if number(shell.outcome["result"]) == index_of("outside_material_domain"):
+        # Its few fibres may leave the faces beyond a limit that more layers keep to.
+        solid = _attempt(scene, "solid", None, once=once)
+        if solid.converged:
+            return solid, "Solid chosen: the shell's faces lie beyond the material's limit."
+        return shell, "The solid did not converge."
     if not shell.converged:
         return shell, "Shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
