@@ -11,9 +11,15 @@ from suas_jax.skin.loads import LineLoad
 
 
 class AbstractSection(AbstractMechanics):
-    """A membrane in plane strain; sums are per unit of width."""
+    """A membrane in plane strain; sums are per unit of width.
+
+    Attributes:
+        resolves_loads: whether stretches of the outer face diverge under line loads on finer
+            meshes.
+    """
 
     per_width: ClassVar[bool] = True
+    resolves_loads: ClassVar[bool] = False
 
     @property
     @abc.abstractmethod
@@ -43,7 +49,7 @@ class AbstractSection(AbstractMechanics):
 
     def shape(self, q: StationVector) -> SectionShape:
         """The deformed section, sampled; see the base class."""
-        return SectionShape(self.profile(q, SAMPLES), self.clamp_reach)
+        return SectionShape(self.profile(q, SAMPLES), self.clamp_reach, self.resolves_loads)
 
     def under(self, q: StationVector, load: LineLoad) -> Displacements:
         """How the section moves under a load; see the base class."""

@@ -4,6 +4,7 @@ Extremes are taken at the vertex of a parabola through neighbouring samples, so 
 can be differentiated.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
@@ -65,10 +66,12 @@ class SectionShape(AbstractShape):
     Attributes:
         profile: the samples.
         clamp_reach: angle from a clamped edge within which stretches diverge [rad].
+        resolves_loads: whether stretches of the outer face diverge under line loads.
     """
 
     profile: Profile
     clamp_reach: Lanes
+    resolves_loads: bool = eqx.field(static=True, default=False)
 
     def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
         """Radius [m] and polar angle [rad] of the inner face as it is now."""
@@ -126,6 +129,8 @@ class SectionShape(AbstractShape):
 
     def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
         """See the base class."""
-        faces, reported = jnp.stack(self._stretches()), jnp.stack(self.stretch_range())
+        inner, outer = self._stretches()
+        faces = inner if self.resolves_loads else jnp.stack([inner, outer])
+        reported = jnp.stack(self.stretch_range())
         stretch = jnp.concatenate([faces.reshape(-1, faces.shape[-1]), reported])
         return jnp.all(law.has_energy(FibreStretch(stretch**2 - 1)), 0)

@@ -54,4 +54,7 @@ class AbstractShape(eqx.Module):
 
     @abc.abstractmethod
     def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
-        """Whether the law has an energy everywhere on both faces, and at stretches reported."""
+        """Whether the law has an energy on both faces, and at the stretches that are reported.
+
+        Places where stretches diverge on finer meshes are left out.
+        """

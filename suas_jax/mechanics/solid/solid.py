@@ -9,6 +9,8 @@ clamped edge to clamped edge and inner to outer face. The oil's pressure follows
 face; loads are dead forces on the outer one.
 """
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -59,6 +61,7 @@ class Solid(AbstractSection):
         symmetric: whether the last station is the crown of a symmetric arch.
     """
 
+    resolves_loads: ClassVar[bool] = True
     law: AbstractLaw
     thickness: Lanes
     angles: Float[Array, "station #lane"]
