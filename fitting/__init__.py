@@ -1,7 +1,10 @@
 """Tools that fit the skin's model to measurements: docs/api.md."""
 
-import importlib
-from typing import Any
+from __future__ import annotations
+
+TYPE_CHECKING = False  # `suas` begins here, and can't answer Ctrl-C while typing is imported
+if TYPE_CHECKING:
+    from typing import Any
 
 # Public names and where they live, imported when first used, as in suas_jax.
 _HOMES = {
@@ -34,6 +37,8 @@ __all__ = sorted(_HOMES)
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import importlib
+
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 

@@ -73,7 +73,7 @@ def test_the_model_has_folders_alone_at_its_top() -> None:
 
 def test_commands_that_compute_nothing_start_without_jax() -> None:
     program = (
-        "import sys, suas_jax, suas_jax.config, fitting.cli.app;"
+        "import sys, suas_jax, suas_jax.config, fitting.cli.commands;"
         "sys.exit(sorted({'jax', 'matplotlib', 'scipy'} & set(sys.modules)) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

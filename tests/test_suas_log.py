@@ -379,7 +379,7 @@ def test_a_port_that_can_not_be_opened_is_named(args, words, tmp_path, capsys):
 
 def test_the_logger_imports_no_jax():
     program = (
-        "import sys, fitting.cli.app\n"
+        "import sys, fitting.cli.commands\n"
         "import suas_jax.acquisition.view, suas_jax.acquisition.frames.registry\n"
         "import suas_jax.acquisition.log.record\n"
         "import suas_jax.config\n"

@@ -1,94 +1,68 @@
-"""The console script `suas`."""
+"""The console script `suas`: what has to stand before anything else is imported.
 
-import gc
+Ctrl-C is answered from the first line of `main` on, so nothing is imported above that an
+interpreter has not loaded anyway, but for `signal`.
+"""
+
 import os
+import signal
 import sys
-from importlib.metadata import version
-from typing import Annotated
-
-import typer
-
-from fitting.cli import (
-    calibrate,
-    contract,
-    data,
-    example_files,
-    export,
-    fit_material,
-    fit_materials,
-    fit_sensor,
-    force_range,
-    health,
-    invert,
-    log,
-    new,
-    simulate,
-    solve,
-    sweep,
-    view,
-)
-from fitting.cli.examples import add_examples
-
-app = typer.Typer(
-    help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
-    epilog="Start with: suas examples, then: suas solve configs/scenes/case_b.toml",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
-new.register(app)
-example_files.register(app)
-solve.register(app)
-sweep.register(app)
-simulate.register(app)
-log.register(app)
-data.register(app)
-health.register(app)
-calibrate.register(app)
-
-# `suas fit` holds every command that fits the model to measurements.
-fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
-fit_material.register(fit)
-fit_sensor.register(fit)
-fit_materials.register(fit)
-app.add_typer(fit, name="fit")
-invert.register(app)
-exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
-export.register(exports)
-app.add_typer(exports, name="export")
-force_range.register(app)
-view.register(app)
-add_examples(app)
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"suas_jax {version('suas-jax')}")
-        raise typer.Exit
+def __getattr__(name: str) -> object:
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from fitting.cli.commands import app
 
-
-@app.callback()
-def _options(
-    context: typer.Context,
-    show_version: Annotated[
-        bool,
-        typer.Option(
-            "--version", callback=_print_version, is_eager=True, help="Print the version."
-        ),
-    ] = False,
-) -> None:
-    from suas_jax.files.command import command_files
-
-    context.with_resource(command_files())
+    return app
 
 
 def main() -> None:
     """Run the command line."""
+    # A program in the background of a shell's script has been told to ignore Ctrl-C.
+    listens = signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+    if listens:
+        signal.signal(signal.SIGINT, _end_at_once)
+    from fitting.cli.limited_memory import run_in_child_where_limited
+
+    run_in_child_where_limited()
     # Read when NumPy and SciPy are imported, which commands do. Each has a pool of threads of
     # its own, which on busy cores wait for one another longer than matrices this small take.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    import gc
+
     gc.set_threshold(100_000)  # as `configure` has it: imports make many objects that stay
+    from fitting.cli import contract
+    from fitting.cli.commands import app
+
+    sys.unraisablehook = _interrupt_again
+    if listens:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     status = contract.run(app)
+    if listens:  # all is said and written
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     # Compiled programs, freed object by object, would take a sixth of a solve's time; the
     # system takes the memory of a process that ends at once.
     gc.freeze()
     sys.exit(status)
+
+
+def _end_at_once(*_: object) -> None:
+    """Answer Ctrl-C while the program is imported, when nothing is open yet.
+
+    An exception would end as a stack, or be swallowed by what is imported.
+    """
+    if "--json" in sys.argv:
+        os.write(1, b'{"status": "interrupted", "message": "interrupted"}\n')
+    os.write(2, b"suas: interrupted\n")
+    os._exit(130)
+
+
+def _interrupt_again(lost: "sys.UnraisableHookArgs") -> None:
+    """Repeat a Ctrl-C that fell into a finaliser, which can't pass it on."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        import threading
+
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+    else:
+        sys.__unraisablehook__(lost)

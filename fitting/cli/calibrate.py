@@ -8,6 +8,7 @@ import typer
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
 
@@ -113,14 +114,14 @@ def calibrate(
             [name.strip() for name in fit.split(",") if name.strip()],
             model,
         )
-        report = run_calibration(options, lambda text: typer.echo(text, err=True))
+        report = run_calibration(options, lambda text: say(text, err=True))
     if as_json:
-        typer.echo(json_text(report))
+        say(json_text(report))
         return
     for name, value in report["parameters"].items():
         deviation, unit = report["standard_errors"][name], report["units"][name]
-        typer.echo(f"{name}: {value:.6g} +- {deviation:.2g} {unit}".rstrip())
+        say(f"{name}: {value:.6g} +- {deviation:.2g} {unit}".rstrip())
     for warning in report["warnings"]:
-        typer.echo(f"warning: {warning}")
+        say(f"warning: {warning}")
     verdicts = {None: "not verified", True: "verified", False: "the verification failed"}
-    typer.echo(f"{verdicts[report['verified']]}; written: {target}, {report_file}", err=True)
+    say(f"{verdicts[report['verified']]}; written: {target}, {report_file}", err=True)

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import new_console, printable, say
 
 BAD_INPUT = 2
 NO_SOLUTION = 3
@@ -50,6 +51,8 @@ def run(program: Callable[[], Any]) -> int:
         program: parses the arguments and runs a command; ends with `SystemExit`.
     """
     _replace_missing_streams()
+    if not all(map(str.isprintable, sys.argv)):
+        new_console()  # the parser's messages are Rich's, too
     try:
         status = _status_of(program)
         sys.stdout.flush()
@@ -97,14 +100,14 @@ def answered(status: str) -> None:
 
 def _tell(status: str, message: str) -> None:
     """Say what failed, on the terminal and, where JSON was asked for, to programs."""
-    typer.echo(f"suas: {message}", err=True)
+    say(f"suas: {message}", err=True, lines=True)
     _tell_json(status, message)
 
 
 def _tell_json(status: str, message: str) -> None:
     _told.append(status)
     if "--json" in sys.argv:
-        typer.echo(json_text({"status": status, "message": message}))
+        say(json_text({"status": status, "message": message}))
 
 
 def _in_words(error: BaseException) -> tuple[str, str]:
@@ -119,11 +122,12 @@ def _in_words(error: BaseException) -> tuple[str, str]:
     if isinstance(error, OverflowError):
         return "bad_input", f"a number is too large to compute with ({error})"
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return "bad_input", f"{os.fsdecode(error.filename)}: {error.strerror}"
+        return "bad_input", printable(f"{os.fsdecode(error.filename)}: {error.strerror}")
     if isinstance(error, OSError) and error.strerror:
         return "bad_input", f"standard output or a file: {error.strerror}"
     if isinstance(error, ValueError | OSError):
-        return "bad_input", str(error)
+        mistakes = getattr(error, "mistakes", (error,))  # of a configuration: a line for each
+        return "bad_input", "\n".join(printable(str(mistake)) for mistake in mistakes)
     message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
     return "internal_error", f"internal error: {message}; SUAS_TRACEBACK=1 shows where"
 

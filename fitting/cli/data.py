@@ -9,6 +9,7 @@ from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.named_values import named_values
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
 
 
@@ -53,17 +54,16 @@ def data(
 
             plot_data(table, test, plot)
     if as_json:
-        typer.echo(json_text(report))
+        say(json_text(report))
     else:
         _print(report, test)
 
 
 def _print(report: dict[str, Any], test: Any) -> None:
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console(highlight=False)
+    console = new_console(highlight=False)
     reading = report["reading"]
     mark = {",": "decimal commas", ".": "decimal points"}[reading["decimal_mark"]]
     names = reading["names_line"]

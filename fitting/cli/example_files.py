@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs, write_bytes
 
 
@@ -35,5 +36,5 @@ def examples(
         check_outputs(copies, overwrite=overwrite)
         for copy, path in copies.items():
             write_bytes(copy, path.read_bytes())
-    typer.echo(f"{folder}: {len(copies)} files", err=True)
-    typer.echo(f"try: suas solve {folder / 'scenes' / 'case_b.toml'}", err=True)
+    say(f"{folder}: {len(copies)} files", err=True)
+    say(f"try: suas solve {folder / 'scenes' / 'case_b.toml'}", err=True)

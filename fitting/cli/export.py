@@ -8,6 +8,7 @@ import typer
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import skin_of_log
 from fitting.cli.progress import bar, spinner
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def mcap(
                 estimator = estimator_of(spec, baseline, progress=show)
         readings = _readings(read, spec, estimator)
         for note in readings.notes:
-            typer.echo(f"suas: {log}: {note}", err=True)
+            say(f"suas: {log}: {note}", err=True)
         if loads is not None:
             from fitting.inverse_load.report.read_back import read_estimates
 
@@ -94,7 +95,7 @@ def mcap(
             ) as recording,
         ):
             write_readings(recording, readings, estimates, advance)
-    typer.echo(f"{target}: {len(readings.so)} frames", err=True)
+    say(f"{target}: {len(readings.so)} frames", err=True)
 
 
 def _readings(

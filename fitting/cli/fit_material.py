@@ -11,6 +11,7 @@ from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.named_values import named_bounds, named_file, named_values
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
@@ -283,13 +284,13 @@ def material(
 
                 write_html(fit, report, report_file, bulk)
     if as_json:
-        typer.echo(json_text(report))
+        say(json_text(report))
     elif found:
         from fitting.material.report.text import print_report
 
         print_report(report, fit)
     if not found:
-        typer.echo(f"suas: {report['message']}", err=True)
+        say(f"suas: {report['message']}", err=True)
         raise typer.Exit(NO_SOLUTION)
 
 

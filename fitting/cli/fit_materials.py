@@ -8,6 +8,7 @@ import typer
 from fitting.cli.contract import bad_input
 from fitting.cli.progress import bar
 from fitting.cli.worker_options import ManyWorkers, TrustNetwork, executor
+from suas_jax.acquisition.terminal import say
 
 
 def register(app: typer.Typer) -> None:
@@ -38,4 +39,4 @@ def materials(
         ):
             assert processes is not None
             added = calibrate_all(wanted, output, processes, lambda done, *_: advance(done))
-    typer.echo(f"{added} results added to {output}", err=True)
+    say(f"{added} results added to {output}", err=True)

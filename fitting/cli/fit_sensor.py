@@ -9,6 +9,7 @@ from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_outputs, write_text
 
@@ -171,12 +172,12 @@ def sensor(
             write_text(target, calibrated_skin(skin, found))
             report["skin_file"] = str(target)
     if as_json:
-        typer.echo(json_text(report))
+        say(json_text(report))
     else:
         from fitting.sensor.report.text import print_report
 
         print_report(report, found)
-        typer.echo(f"written: {target}", err=True)
+        say(f"written: {target}", err=True)
 
 
 def _is_own(target: Path, own_name: bool) -> bool:

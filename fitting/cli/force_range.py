@@ -13,6 +13,7 @@ from fitting.cli.progress import spinner
 from fitting.cli.scene_options import AsJson
 from fitting.cli.worker_options import TrustNetwork, Workers, executor
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -96,16 +97,15 @@ def find_range(
                     plot_range(found, plot)
                 report, table, where = found.report(), _section_rows(found), None
     if as_json:
-        typer.echo(json_text(report))
+        say(json_text(report))
         return
-    from rich.console import Console
     from rich.table import Table
 
     # Markup would swallow the units in brackets.
     shown = Table(*table[0], caption=where)
     for row in table[1:]:
         shown.add_row(*row)
-    Console(markup=False).print(shown)
+    new_console(markup=False).print(shown)
 
 
 def _section_rows(found: "ForceRange") -> list[list[str]]:

@@ -10,6 +10,7 @@ from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.log import FORMAT_NAMES
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def health(
 
             plot_health(found, plot)
     if as_json:
-        typer.echo(json_text(health_json(found)))
+        say(json_text(health_json(found)))
     else:
         _print(found)
 
@@ -84,7 +85,7 @@ def _listened(port: str, format_name: str, baud: int, duration: float) -> "SoLog
             format_name,
             path,
             duration=duration,
-            report=lambda text: typer.echo(f"suas: {text}", err=True),
+            report=lambda text: say(f"suas: {text}", err=True),
         )
         if not result["rows"]:
             raise ValueError(f"{port}: no frame came in {duration:g} s")
@@ -103,12 +104,11 @@ def _places(skin: Path) -> dict[tuple[int, int], tuple[float, float]]:
 
 
 def _print(found: "Health") -> None:
-    from rich.console import Console
     from rich.table import Table
 
     from suas_jax.acquisition.health import FAULTS
 
-    console = Console(highlight=False)
+    console = new_console(highlight=False)
     table = Table(
         "taxel", "mean", "noise", "drift/min", "lost", "stuck", "sat.", "follows", "faults"
     )

@@ -11,6 +11,7 @@ from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.pad_options import pad_settings
 from fitting.cli.progress import spinner
 from fitting.cli.worker_options import TrustNetwork, Workers, executor
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def invert(
                     **on_pad,
                 )
             if estimator.input_errors.text:
-                typer.echo(f"suas: {estimator.input_errors.text}", err=True)
+                say(f"suas: {estimator.input_errors.text}", err=True)
             return estimator
 
         if live is not None:
@@ -216,6 +217,6 @@ def _watchers(
         from fitting.inverse_load.live.serve import LineServer
 
         server = stack.enter_context(LineServer(serve))
-        typer.echo("suas: JSON lines at {}:{}".format(*server.address), err=True)
+        say("suas: JSON lines at {}:{}".format(*server.address), err=True)
         found.append(server)
     return found

@@ -22,6 +22,7 @@ from fitting.inverse_load.report.posterior_text import posterior_json, posterior
 from fitting.inverse_load.report.text import frame_json, print_table
 from fitting.json_text import json_text
 from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.acquisition.terminal import say
 from suas_jax.config import SkinSpec
 
 
@@ -55,7 +56,7 @@ def read_for(
         status = "empty_log" if isinstance(error, EmptyLogError) else "layout_mismatch"
         if as_json:
             nothing = LoadEstimate(None, status=status)
-            typer.echo(json_text(frame_json(float("nan"), None, nothing)))
+            say(json_text(frame_json(float("nan"), None, nothing)))
         _say(str(error))
         raise typer.Exit(BAD_INPUT) from None
     for note in readings.notes:
@@ -131,11 +132,11 @@ def invert_log(
             if modes is not None and line["seq"] == posterior:
                 line["posterior"] = posterior_json(modes)
             lines.append(json_text(line))
-        typer.echo("\n".join(lines))
+        say("\n".join(lines), lines=True)
     else:
         print_table(readings.time, estimates)
         if modes is not None:
-            typer.echo("\n".join(posterior_lines(modes)))
+            say("\n".join(posterior_lines(modes)), lines=True)
     return estimates
 
 
@@ -171,4 +172,4 @@ def _modes(estimator: LoadEstimator, readings: LogReadings, seq: int) -> list[Lo
 
 
 def _say(text: str) -> None:
-    typer.echo(f"suas: {text}", err=True)
+    say(f"suas: {text}", err=True)

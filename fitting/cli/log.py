@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import BAD_INPUT, Overwrite, answered, bad_input
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 from suas_jax.runtime.registry import model_names
 
@@ -133,11 +134,11 @@ def log(
         )
     if as_json:
         summary = {"path": str(output), "status": status, "message": message}
-        typer.echo(json.dumps(summary | result, allow_nan=False))
+        say(json.dumps(summary | result, allow_nan=False))
     if not silent and (stopped or not as_json):
-        typer.echo(totals, err=True)
+        say(totals, err=True)
     if status != "recorded":
-        typer.echo(f"suas: {message}", err=True)
+        say(f"suas: {message}", err=True)
     over = duration is not None and result["elapsed_s"] >= duration
     if stopped or (silent and over):
         answered(status)
@@ -206,7 +207,7 @@ def baseline(
         check_output(output, overwrite=overwrite)
         log = read_log(path)
         for note in (*log.notes, *sequence_notes(log)):
-            typer.echo(f"suas: {path}: {note}", err=True)
+            say(f"suas: {path}: {note}", err=True)
         taken = take_baseline(log, tolerance=tolerance)
         if reference is not None:
             rest = rest_of(read_baseline(reference), taken)
@@ -224,10 +225,10 @@ def baseline(
             )
         write_baseline(taken, output)
     if as_json:
-        typer.echo(baseline_json(taken), nl=False)
+        say(baseline_json(taken).rstrip(), lines=True)
     else:
         taxels = int((taken.so == taken.so).sum())
-        typer.echo(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)
+        say(f"{output}: {taken.frames} frames of {taxels} taxels at rest", err=True)
 
 
 def skin_of_log(log: "SoLog") -> Path | None:

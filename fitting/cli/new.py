@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output, write_text
 
 # The paper's skin [m, rad].
@@ -106,7 +107,7 @@ def skin(
     with bad_input():
         check_output(file, overwrite=overwrite)
         write_text(file, _section_text() if pad is None else _pad_text(*_counts(pad)))
-    typer.echo(f"{file}: change what differs in your skin, then suas new scene --skin {file}")
+    say(f"{file}: change what differs in your skin, then suas new scene --skin {file}")
 
 
 def scene(
@@ -135,7 +136,7 @@ def scene(
             rtol="1e-2" if dimension == 3 else "1e-3",
         )
         write_text(file, text)
-    typer.echo(f"{file}: suas solve {file}")
+    say(f"{file}: suas solve {file}")
 
 
 _KINDS = {

@@ -9,6 +9,7 @@ import typer
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
 from fitting.cli.progress import spinner
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 
 
@@ -151,7 +152,7 @@ def simulate(
                     settings=settings,
                 )
         except NoSolutionError as error:
-            typer.echo(f"suas: {scene}: {error}", err=True)
+            say(f"suas: {scene}: {error}", err=True)
             raise typer.Exit(NO_SOLUTION) from None
         if output is not None:
             write_simulated_log(log, output, scene)
@@ -164,7 +165,7 @@ def simulate(
         note += f"; {touching} frames touch the wall"
     if log.untold and output is not None:
         note += f"; without its true loads ({log.untold}): suas fit sensor needs --inputs"
-    typer.echo(note, err=True)
+    say(note, err=True)
     if on_air is not None:
         with bad_input():
             play_live(log.readings, on_air)
@@ -184,8 +185,8 @@ def convert(
 
         log = run(source, target, overwrite=overwrite)
     for note in log.notes:
-        typer.echo(f"suas: {source}: {note}", err=True)
-    typer.echo(f"{target}: {len(log)} rows", err=True)
+        say(f"suas: {source}: {note}", err=True)
+    say(f"{target}: {len(log)} rows", err=True)
 
 
 def _stuck(text: str) -> tuple[tuple[int, int], float]:

@@ -15,6 +15,7 @@ from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.progress import spinner
 from fitting.cli.scene_options import AsJson, Model, Rtol, SceneFile, scene_of
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
 
 
@@ -103,9 +104,9 @@ def solve(
 
                 write_vtu(solution, vtu)
     if errors.text:
-        typer.echo(f"suas: {errors.text}", err=True)
+        say(f"suas: {errors.text}", err=True)
     if as_json:
-        typer.echo(json_text(report))
+        say(json_text(report))
     else:
         _print_report(report)
         if report.get("gradient"):
@@ -114,7 +115,7 @@ def solve(
             _print_gradient(report["gradient"], continuous_inputs(spec))
             error = report["gradient_error_estimate"]
             text = "unknown" if error is None else f"{error:.1e}"
-            typer.echo(f"estimated error of the gradient: {text}")
+            say(f"estimated error of the gradient: {text}")
     if not solution.converged:
         raise typer.Exit(NO_SOLUTION)
 
@@ -126,11 +127,10 @@ def _two_digits(x: float) -> str:
 
 def _print_report(report: dict[str, Any]) -> None:
     """What a person wants to see first, with units."""
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
-    console = Console()
+    console = new_console()
     colour = "green" if report["status"] == "converged" else "red"
     message = escape(report["message"])
     console.print(f"[{colour}]{report['status']}[/] ({report['model']}) {message}")
@@ -203,7 +203,6 @@ def _print_report(report: dict[str, Any]) -> None:
 
 def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
     """Derivatives by what a per cent of each input does, the largest first."""
-    from rich.console import Console
     from rich.table import Table
 
     effects = {name: 0.01 * slope * inputs[name] for name, slope in slopes.items()}
@@ -220,7 +219,7 @@ def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
     for name in sorted(felt, key=lambda name: (-abs(effects[name]), -abs(slopes[name]))):
         effect = f"{effects[name]:+.4g}" if inputs[name] != 0.0 else "input is zero"
         table.add_row(name, f"{slopes[name]:+.6g}", effect)
-    console = Console(highlight=False)
+    console = new_console(highlight=False)
     console.print(table)
     if len(felt) < len(slopes):
         count = len(slopes) - len(felt)

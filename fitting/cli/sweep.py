@@ -10,6 +10,7 @@ from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.progress import spinner
 from fitting.cli.scene_options import AsJson, Model, Rtol, SceneFile, scene_of
 from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def sweep(
                 plot_sweep(curve, plot)
     if as_json:
         result = {"points": curve.points, "first_contact": curve.first_contact}
-        typer.echo(json_text(result))
+        say(json_text(result))
     else:
         _print_curve(curve)
     if any(point["status"] != "converged" for point in curve.points):
@@ -98,10 +99,9 @@ def _range(option: str, text: str | None) -> list[float]:
 
 
 def _print_curve(curve: "Sweep") -> None:
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(markup=False)  # which would swallow the units in brackets
+    console = new_console(markup=False)  # which would swallow the units in brackets
     names = (
         "force [N]",
         "oil [kPa]",

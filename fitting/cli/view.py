@@ -14,6 +14,7 @@ import typer
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES, skin_of_log
 from fitting.cli.progress import spinner
+from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def view(
             from fitting.view.server import ViewServer
 
             with ViewServer(hub, host, port) as server:
-                typer.echo(server.url)
+                say(server.url)
                 if browser:
                     webbrowser.open(server.url)
                 yield

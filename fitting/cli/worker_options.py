@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from suas_jax.acquisition.terminal import say
+
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
@@ -45,7 +47,7 @@ def executor(workers: str | None, trust_network: bool) -> "Iterator[Executor | N
     if "://" in workers:
         found = scheduler_workers(workers, trust_network=trust_network)
     elif workers.isascii() and workers.isdigit() and 0 < int(workers) <= _MOST:
-        found = LocalWorkers(int(workers), lambda lost: typer.echo(f"suas: {lost}", err=True))
+        found = LocalWorkers(int(workers), lambda lost: say(f"suas: {lost}", err=True))
     else:
         raise ValueError(
             f"--workers {workers}: a number of processes, 1 to {_MOST}, is needed, or the "

@@ -1,14 +1,63 @@
-"""The terminal of a live command: messages, and where wanted a table that moves below them."""
+r"""What leaves for a terminal: messages, tables, and a table that moves below messages.
+
+Names of files and words from files may hold what a terminal obeys: escape sequences, line ends,
+marks that turn the direction of writing. All of it is shown escaped, as `\x1b`.
+"""
 
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import typer
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.live import Live
     from rich.table import Table
+
+# Control characters, marks and overrides of the direction of writing, ends of lines and
+# paragraphs, and halves of characters, which stand for bytes that are no text.
+_OBEYED = (
+    *range(0x20), *range(0x7F, 0xA0), 0x61C, *range(0x200E, 0x2010), *range(0x2028, 0x202F),
+    *range(0x2066, 0x206A), *range(0xD800, 0xE000),
+)  # fmt: skip
+_ESCAPES = {code: ascii(chr(code))[1:-1] for code in _OBEYED}
+_OF_LINES = {code: text for code, text in _ESCAPES.items() if chr(code) not in "\n\t"}
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    """The text with all that a terminal would obey escaped.
+
+    Args:
+        text: of whatever origin.
+        lines: leave tabs and the ends of lines, which the text is made of.
+    """
+    return text.translate(_OF_LINES if lines else _ESCAPES)
+
+
+def say(text: str, *, err: bool = False, lines: bool = False) -> None:
+    """Print a line on the standard output.
+
+    Args:
+        text: of whatever origin; see `printable`.
+        err: print on stderr.
+        lines: it has more lines than one.
+    """
+    typer.echo(printable(text, lines=lines), err=err)
+
+
+def new_console(**options: Any) -> "Console":
+    """A console of Rich whose texts are `printable`, as are all of Rich from then on.
+
+    Args:
+        options: of the console.
+    """
+    from rich import control
+    from rich.console import Console
+
+    # What Rich takes out of every text that is no sequence of its own: a bell, but no escape.
+    control._CONTROL_STRIP_TRANSLATE.update(_OF_LINES)
+    return Console(**options)
 
 
 class LiveTerminal:
@@ -41,9 +90,10 @@ class LiveTerminal:
     def say(self, sentence: str) -> None:
         """Print a message, above the table."""
         if self._live is not None:
-            self._live.console.print(f"suas: {sentence}", markup=False, highlight=False)
+            text = printable(f"suas: {sentence}")
+            self._live.console.print(text, markup=False, highlight=False)
         else:
-            typer.echo(f"suas: {sentence}", err=True)
+            say(f"suas: {sentence}", err=True)
 
     def due(self) -> bool:
         """Whether the table is wanted and old enough to be drawn again."""
@@ -53,9 +103,10 @@ class LiveTerminal:
         """Draw the table."""
         self._shown = time.monotonic()
         if self._live is None:
-            from rich.console import Console
             from rich.live import Live
 
-            self._live = Live(console=Console(stderr=True), auto_refresh=False, transient=True)
+            self._live = Live(
+                console=new_console(stderr=True), auto_refresh=False, transient=True
+            )
             self._live.start()
         self._live.update(table, refresh=True)

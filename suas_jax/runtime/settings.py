@@ -17,7 +17,11 @@ def configure() -> None:
     """Compute in float64, keep compiled programs between runs, give BLAS one thread.
 
     Whoever wants more threads for other work says so by ``OPENBLAS_NUM_THREADS``.
+
+    Raises:
+        ValueError: ``JAX_PLATFORMS`` names a device that JAX doesn't find.
     """
+    _require_platform()
     if "OPENBLAS_NUM_THREADS" not in os.environ:
         # NumPy and SciPy have a pool of threads each, which wait for one another longer than
         # matrices as small as ours take: up to thirty times as long, on two busy cores.
@@ -39,3 +43,16 @@ def configure() -> None:
         return
     keep_machine_code(programs, cache / "programs")
     COMPILED.store = ProgramStore(programs)
+
+
+def _require_platform() -> None:
+    wanted = jax.config.jax_platforms  # type: ignore[attr-defined] # made at run time
+    if not wanted:
+        return
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError):  # the latter where a platform's plugin is missing
+        raise ValueError(
+            f'JAX_PLATFORMS is "{wanted}", but JAX finds no such device here: unset the '
+            'variable, or set it to "cpu"'
+        ) from None

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-import typer
-
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import FrameReadings, LiveFrame, live_frames
 from fitting.inverse_load.live.view import LoadView
@@ -18,6 +16,7 @@ from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
 from suas_jax.acquisition.signals import ended_by_signal
 from suas_jax.acquisition.stream import Judged, Stream, discard_waiting
+from suas_jax.acquisition.terminal import say
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,7 @@ class JsonLines(LiveWatcher):
 
     def estimated(self, frame: LiveFrame) -> None:
         """Print it."""
-        typer.echo(json_line(frame))
+        say(json_line(frame))
 
 
 def _nobody(estimator: LoadEstimator, stack: contextlib.ExitStack) -> Sequence[LiveWatcher]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from suas_jax.acquisition.terminal import new_console
 
 
 def contact_json(contact: Contact) -> dict[str, Any]:
@@ -95,10 +96,9 @@ def contact_text(contact: Contact) -> str:
 
 def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) -> None:
     """Print what a person wants to see of a log: a line a frame, then the statuses."""
-    from rich.console import Console
     from rich.table import Table
 
-    console = Console(markup=False)  # which would swallow the units in brackets
+    console = new_console(markup=False)  # which would swallow the units in brackets
     table = Table("t [s]", "loads", "oil [kPa]", "χ²/dof", "status")
     for t, e in zip(time.tolist(), estimates, strict=True):
         loads = "\n".join(contact_text(contact) for contact in e.contacts) or "–"

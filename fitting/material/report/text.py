@@ -9,6 +9,7 @@ from rich.table import Table
 
 from fitting.material.cards.card import card
 from fitting.material.fit.result import MaterialFit
+from suas_jax.acquisition.terminal import new_console
 from suas_jax.config.quantities import format_quantity
 from suas_jax.config.schema_material import LAWS
 
@@ -20,7 +21,7 @@ def print_report(report: dict[str, Any], fit: MaterialFit | None) -> None:
         report: the JSON of `suas fit material`.
         fit: the fit it came from; None where only a bulk modulus was fitted.
     """
-    console = Console(highlight=False)
+    console = new_console(highlight=False)
     if fit is not None:
         _print_law(console, report, fit)
     if "bulk_modulus_Pa" in report:

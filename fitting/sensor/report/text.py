@@ -7,6 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fitting.sensor.fit.result import SensorFit
+from suas_jax.acquisition.terminal import new_console
 from suas_jax.config.quantities import format_quantity
 
 _DIMENSIONS = {"m": "length", "F": "capacitance", "Pa": "stress"}
@@ -19,7 +20,7 @@ def print_report(report: dict[str, Any], fit: SensorFit) -> None:
         report: the JSON of `suas fit sensor`.
         fit: the calibration it came from.
     """
-    console = Console(highlight=False)
+    console = new_console(highlight=False)
     colour = "green" if fit.status == "converged" else "yellow"
     residual = report["residual"]
     console.print(

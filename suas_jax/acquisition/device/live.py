@@ -8,13 +8,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import FrameType
 
-import typer
-
 from suas_jax.acquisition.device.device import Device, log_readings, repeated
 from suas_jax.acquisition.device.faults import Faults
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.frames.registry import ENCODERS
 from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.acquisition.terminal import say
 
 
 @dataclass(frozen=True)
@@ -77,10 +76,10 @@ def play_live(readings: Iterable[Reading], options: LiveOptions) -> None:
         with Device(options.format_name, options.faults, options.link) as device:
             name = options.format_name.removesuffix("-checked")
             if options.as_json:
-                typer.echo(json.dumps({"port": device.port, "format": name}))
+                say(json.dumps({"port": device.port, "format": name}))
             else:
-                typer.echo(device.port)
-                typer.echo(
+                say(device.port)
+                say(
                     f"suas: waiting for a host: suas log {device.port} --format {name} -o "
                     "LOG.csv; Ctrl-C ends",
                     err=True,
@@ -97,7 +96,7 @@ def play_live(readings: Iterable[Reading], options: LiveOptions) -> None:
         for number, handler in before.items():
             signal.signal(number, handler)
     if options.as_json:
-        typer.echo(json.dumps(asdict(played)))
+        say(json.dumps(asdict(played)))
     else:
         words = ", ".join(f"{value} {name}" for name, value in asdict(played).items() if value)
-        typer.echo(f"suas: played {words or 'nothing'}", err=True)
+        say(f"suas: played {words or 'nothing'}", err=True)
