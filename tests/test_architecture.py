@@ -1,5 +1,6 @@
 """The direction of imports: along the data flow, and from fitting to the model only."""
 
+import re
 import subprocess
 import sys
 
@@ -79,3 +80,11 @@ def test_commands_that_compute_nothing_start_without_jax() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout == ""
+
+
+def test_one_module_writes_to_the_terminal() -> None:
+    """It escapes what a terminal would obey."""
+    files = [*(ROOT / "suas_jax").rglob("*.py"), *(ROOT / "fitting").rglob("*.py")]
+    writing = re.compile(r"\btyper\.echo\(|\bConsole\(|(?<![\w.])print\(")
+    found = [file.name for file in files if writing.search(file.read_text(encoding="utf-8"))]
+    assert found == ["terminal.py"]

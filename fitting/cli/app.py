@@ -52,10 +52,12 @@ def _end_at_once(*_: object) -> None:
 
     An exception would end as a stack, or be swallowed by what is imported.
     """
-    if "--json" in sys.argv:
-        os.write(1, b'{"status": "interrupted", "message": "interrupted"}\n')
-    os.write(2, b"suas: interrupted\n")
-    os._exit(130)
+    try:
+        if "--json" in sys.argv:
+            os.write(1, b'{"status": "interrupted", "message": "interrupted"}\n')
+        os.write(2, b"suas: interrupted\n")
+    finally:  # whether the outputs are open or not
+        os._exit(130)
 
 
 def _interrupt_again(lost: "sys.UnraisableHookArgs") -> None:

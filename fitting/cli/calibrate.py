@@ -114,7 +114,7 @@ def calibrate(
             [name.strip() for name in fit.split(",") if name.strip()],
             model,
         )
-        report = run_calibration(options, lambda text: say(text, err=True))
+        report = run_calibration(options, lambda text: say(text, err=True, lines=True))
     if as_json:
         say(json_text(report))
         return

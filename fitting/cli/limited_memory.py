@@ -13,12 +13,12 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-# What JAX takes before it has compiled anything, on 2 cores [bytes]: below it fails in many
-# ways, some of which never end.
+# With less, no command that computes answers, on 2 cores [bytes]: JAX fails in many ways, some
+# of which never end.
 _JAX_NEEDS = {"ulimit -v": 1_900_000_000, "ulimit -d": 500_000_000}
 _ADVICE = "commands that compute need 2.5 GB, more on many cores"
 # How the system, an allocator or a compiler ends a process that gets no memory.
-_ENDED = (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS, signal.SIGILL, signal.SIGKILL)
+_ENDED = (signal.SIGABRT, signal.SIGSEGV, signal.SIGBUS)
 _PR_SET_PDEATHSIG = 1
 
 
