@@ -12,6 +12,9 @@ from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
 from fitting.inverse_load.model.contact_parameters import SECTION
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.inverse_load.search.pairs import PairSearch
+from fitting.material.experiments.homogeneous import mode_factors
+from fitting.material.experiments.measurements import Origin
+from fitting.material.experiments.stress_tests import StressTest
 from suas_jax.equilibrium.equilibrium import State
 
 
@@ -107,6 +110,7 @@ class DimpleFitter(AbstractLoadFitter):
     ) -> Explanations:
         """Fit frames one by one."""
         self.fits += 1
+        assert np.shape(start) == (len(y), 2 * contacts)
         rows = []
         for k in range(len(y)):
             root = np.sqrt(weight[k])
@@ -201,3 +205,40 @@ class DimpleNodes(AbstractNodeSearch):
         """Pairs of all nodes."""
         every = np.arange(len(self.loads))
         return PairSearch(self, every, np.zeros(13), self.distance, closest=0.1, apart=0.1)
+
+
+MU = 3e5
+"""Shear modulus of the stand-in rubber [Pa]."""
+
+
+def neo_hookean(stretch: np.ndarray, mode: str = "uniaxial") -> np.ndarray:
+    """Nominal stress of a neo-Hookean solid of 0.3 MPa."""
+    power = {"uniaxial": -2.0, "equibiaxial": -5.0, "pure_shear": -3.0}[mode]
+    return MU * (stretch - stretch**power)
+
+
+def tension(stretch: Any, value: Any = None, *, kind: Any = StressTest, **changes: Any) -> Any:
+    """A uniaxial test of nominal stresses, by default of a neo-Hookean solid."""
+    x = np.asarray(stretch, float)
+    n = len(x)
+    factors = np.stack(mode_factors("uniaxial", x))
+    factors[2:] /= x
+    fields: dict[str, Any] = {
+        "mode": "uniaxial",
+        "file": "a.csv",
+        "value": neo_hookean(x) if value is None else np.asarray(value, float),
+        "sigma": np.full(n, np.nan),
+        "weight": np.ones(n),
+        "specimen": np.full(n, "", object),
+        "line": np.arange(n),
+        "dropped": {},
+        "warnings": (),
+        "origin": Origin("strain", "strain", ""),
+        "measure": "nominal",
+        "coordinate": x,
+        "factors": factors,
+        "companion": np.zeros(n),
+        "direction": np.ones(n, int),
+        "time": np.full(n, np.nan),
+    }
+    return kind(**{**fields, **changes})

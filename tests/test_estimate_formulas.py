@@ -23,6 +23,7 @@ from fitting.inverse_load.check.verdict import (
 from fitting.inverse_load.drift import Drift, DriftDensities
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.load_array import load_array
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.live.filter import LoadFilter
@@ -306,6 +307,22 @@ def test_filter_begins_a_track_beyond_five_deviations_and_at_no_covariance_none(
     assert follower.feed(1.0, LoadEstimate(None)) == []
 
 
+def test_filter_follows_a_pad_s_axial_position() -> None:
+    follower = LoadFilter()
+    noise = np.diag([1e-4, 1e-6, 4.0])
+
+    def frame(axial: float) -> LoadEstimate:
+        return LoadEstimate(True, (Contact(0.1, 5.0, None, noise, axial=axial),))
+
+    follower.feed(0.0, frame(0.0))
+    (found,) = follower.feed(0.1, frame(1e-3))
+    before = 1e-6 + 3.5e-3 * (0.1**2 + 0.1**3 / 3)
+    gain = before / (before + 1e-6)
+    assert found.axial == pytest.approx(gain * 1e-3, rel=1e-9)
+    assert found.covariance is not None
+    assert found.covariance[1, 1] == pytest.approx(before * (1 - gain), rel=1e-9)
+
+
 # --- estimates ----------------------------------------------------------------------------
 
 
@@ -447,6 +464,19 @@ def test_a_contact_is_imprecise_beyond_what_anybody_wants() -> None:
     assert np.isnan(Contact(0.1, 5.0, None, None).deviation("force"))
 
 
+def test_loads_of_a_frame_are_an_array_with_their_covariances() -> None:
+    own = np.arange(9.0).reshape(3, 3)
+    contacts = (Contact(0.1, 5.0, 0.3, own), Contact(0.2, 6.0, None, None))
+    found = load_array(contacts, ("angle", "force", "direction"))
+    assert found["angle_rad"].tolist() == [0.1, 0.2]
+    assert found["force_N"].tolist() == [5.0, 6.0]
+    np.testing.assert_array_equal(found["direction_rad"], [0.3, np.nan])
+    np.testing.assert_array_equal(found["covariance"][0], own)
+    assert np.isnan(found["covariance"][1]).all()
+    fewer = load_array(contacts[:1], ("force", "axial"))
+    np.testing.assert_array_equal(fewer["covariance"][0], [[own[1, 1], np.nan], [np.nan] * 2])
+
+
 # --- posterior ----------------------------------------------------------------------------
 
 
@@ -483,6 +513,21 @@ def test_evidence_of_a_mode_is_its_gaussian_integral_over_the_prior() -> None:
     # A mode is no wider than its prior.
     wide = mode([0.1, 5.0], [10.0, 100.0])
     assert frame_posterior._log_evidence(estimator, wide) == pytest.approx(-1.5)
+
+
+def test_probabilities_of_a_frame_s_modes_are_shares_of_their_evidence() -> None:
+    estimator = stand_in_estimator()
+    estimator.selection = Selection(DimpleFitter(), DimpleNodes(), 20.0, 2)
+    y = dimple_readings([-0.25, 0.3, 8.0, 7.0], 2)
+    weight = np.full((1, 13), 4e-4)  # so noisy that either contact may be all there is
+    found, probability = frame_posterior.likely_modes(estimator, y, weight)
+    rows = [found.rows(np.array([i])) for i in range(len(found))]
+    log = np.array([frame_posterior._log_evidence(estimator, one) for one in rows])
+    assert len(log) > 1
+    np.testing.assert_allclose(probability, np.exp(log) / np.exp(log).sum(), rtol=1e-9)
+    assert (np.diff(probability) <= 0).all()
+    with pytest.raises(ValueError, match="determine no load"):
+        frame_posterior.likely_modes(estimator, y, 0 * weight)
 
 
 def test_modes_are_distinct_where_contacts_are_felt_and_apart() -> None:

@@ -346,6 +346,7 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
         found.so[0], dimple_readings(whole.x[:2])[0] + whole.x[2:] @ errors._slopes, atol=0.3
     )
     # What noise explains is left alone, and so is what errors don't explain.
+    fits = fitter.fits
     good = LoadsAndErrors(fitter, errors).fit(
         dimple_readings(truth),
         weight,
@@ -354,6 +355,7 @@ def test_loads_and_errors_end_where_fitted_at_once() -> None:
         1,  # type: ignore[arg-type]
     )
     assert not good.absorbed[0]
+    assert fitter.fits == fits + 1
     other = dimple_readings(truth) + 20.0 * (np.arange(13) == 3)
     bad = LoadsAndErrors(fitter, errors).fit(other, weight, truth[None], None, 1)  # type: ignore[arg-type]
     assert not bad.absorbed[0]
@@ -520,6 +522,21 @@ def test_a_pull_is_one_force_outwards_where_pushes_explain_nothing() -> None:
     best, _ = selection.explain(y, weight)
     assert best.parameters[0, 1] == pytest.approx(-6.0, rel=1e-3)
     assert best.score[0] == pytest.approx(20.0, abs=0.1)  # the price of two contacts
+
+
+def test_a_faulty_taxel_is_left_out_where_nothing_else_explains_a_frame() -> None:
+    selection, y, weight = selected([[0.1, 8.0], [-0.2, 6.0]])
+    y[0, 4] += 400.0
+    best, _ = selection.explain(y, weight)
+    assert best.contacts.tolist() == [1, 1]
+    assert np.flatnonzero(best.weight[0] == 0).tolist() == [4]
+    np.testing.assert_allclose(best.parameters[:, :2], [[0.1, 8.0], [-0.2, 6.0]], rtol=1e-3)
+
+
+def test_pulls_of_several_frames_are_fitted_each_from_its_own_place() -> None:
+    selection, y, weight = selected([[0.1, -6.0], [-0.3, -4.0]])
+    found = selection.pulled(y, weight)
+    np.testing.assert_allclose(found.parameters[:, :2], [[0.1, -6.0], [-0.3, -4.0]], rtol=1e-3)
 
 
 def test_a_second_mode_that_is_better_takes_the_first_s_place() -> None:

@@ -23,7 +23,6 @@ from fitting.material.experiments.history_thinning import _corners, thinned_hist
 from fitting.material.experiments.homogeneous import mode_factors, padded, shear_factors
 from fitting.material.experiments.measurements import Origin
 from fitting.material.experiments.spherical_cap import SphericalCap
-from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.timing import held_stretch, ramp_of, times_by_rate
 from fitting.material.experiments.toe import idle, toe_end
 from fitting.material.experiments.volumetric import VolumetricTest
@@ -48,43 +47,10 @@ from fitting.statistics.parameters import Constant, Family, Scales
 from fitting.statistics.random_effects import Scatter
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
 from tests.skins import quick
+from tests.stand_ins import MU, neo_hookean, tension
 from tests.test_linear_model import LINE, Y
 
 RNG = np.random.default_rng(0)
-MU = 3e5
-
-
-def neo_hookean(stretch: np.ndarray, mode: str = "uniaxial") -> np.ndarray:
-    """Nominal stress of a neo-Hookean solid of 0.3 MPa."""
-    power = {"uniaxial": -2.0, "equibiaxial": -5.0, "pure_shear": -3.0}[mode]
-    return MU * (stretch - stretch**power)
-
-
-def tension(stretch: Any, value: Any = None, *, kind: Any = StressTest, **changes: Any) -> Any:
-    """A uniaxial test of nominal stresses, by default of a neo-Hookean solid."""
-    x = np.asarray(stretch, float)
-    n = len(x)
-    factors = np.stack(mode_factors("uniaxial", x))
-    factors[2:] /= x
-    fields: dict[str, Any] = {
-        "mode": "uniaxial",
-        "file": "a.csv",
-        "value": neo_hookean(x) if value is None else np.asarray(value, float),
-        "sigma": np.full(n, np.nan),
-        "weight": np.ones(n),
-        "specimen": np.full(n, "", object),
-        "line": np.arange(n),
-        "dropped": {},
-        "warnings": (),
-        "origin": Origin("strain", "strain", ""),
-        "measure": "nominal",
-        "coordinate": x,
-        "factors": factors,
-        "companion": np.zeros(n),
-        "direction": np.ones(n, int),
-        "time": np.full(n, np.nan),
-    }
-    return kind(**{**fields, **changes})
 
 
 # --- intervals ----------------------------------------------------------------------------

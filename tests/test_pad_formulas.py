@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from fitting.inverse_load.pad import input_errors as pad_errors
-from fitting.inverse_load.pad.columns import LEVELS
+from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, largest_forces
+from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.input_errors import PadErrors, gap_line
 from fitting.inverse_load.pad.interpolant import (
     Correction,
@@ -20,8 +21,10 @@ from fitting.inverse_load.pad.interpolant import (
 from fitting.inverse_load.pad.least_squares import Fit, PadLeastSquares, damped_step
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.search import PadNodeSearch
+from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
+from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.scene.pad_forward import pad_skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
@@ -563,6 +566,108 @@ def test_a_free_diameter_has_a_normal_prior_of_6_and_3_mm() -> None:
     expected = (slopes * weight) @ slopes.T
     expected[3, 3] += 1 / 3e-3**2
     np.testing.assert_allclose(found.information[0], expected, rtol=1e-10)
+
+
+# --- solved states ------------------------------------------------------------------------
+
+
+def test_force_at_which_little_of_the_gap_is_left_is_interpolated() -> None:
+    levels = np.array([-0.2, 0.25, 0.5, 0.75, 1.0])
+
+    def reach(gap: list[float], lost: int | None = None) -> tuple[float, float]:
+        found = np.ones((1, 5), bool)
+        if lost is not None:
+            found[0, lost] = False
+        none = np.zeros((1, 5))
+        return _reach(Column(none, none, np.array([gap]), found), 0, levels, 0.2)
+
+    np.testing.assert_allclose(reach([9.0, 0.7, 0.4, 0.1, -0.2]), [2 / 3, 0.75 + 0.25 / 3])
+    # Beyond the last level it is where the last slope leads.
+    np.testing.assert_allclose(reach([9.0, 0.7, 0.5, 0.3, 0.1]), [0.875, 1.125])
+    assert reach([9.0, 0.9, 0.8, 0.7, 0.6]) == (1.0, np.inf)
+    # A path that ends says nothing of what is behind.
+    assert reach([9.0, 0.7, 0.4, 0.1, -0.2], 3) == (0.5, np.inf)
+    assert reach([9.0, 0.7, 0.4, 0.1, -0.2], 1) == (0.25, np.inf)
+
+
+class Membrane:
+    """Columns of a pad whose gap of 5 mm closes at 10 N (1 + angle), a little stiffening."""
+
+    skin = SimpleNamespace(
+        geometry=SimpleNamespace(oil_gap=[5e-3], thickness=[1e-3]),
+        law=SimpleNamespace(shear_modulus=[1e6]),
+    )
+
+    def solve(self, places: Any, force: Any, levels: Any) -> Column:
+        """Gaps at all levels of the forces."""
+        share = force[:, None] * levels / (10.0 * (1 + places[:, :1]))
+        gap = 5e-3 * (1 - np.sign(share) * np.abs(share) ** 0.8)
+        return Column(gap, gap, gap, np.ones(gap.shape, bool))
+
+
+def test_largest_forces_leave_a_twentieth_of_the_gap() -> None:
+    columns: Any = Membrane()
+    cap, touch = largest_forces(columns, (np.array([0.0, 0.5]), np.array([0.0])))
+    closes = 10.0 * np.array([[1.0], [1.5]])
+    np.testing.assert_allclose(touch, closes, rtol=0.03)
+    np.testing.assert_allclose(cap, 0.95**1.25 * closes, rtol=0.03)
+
+
+def test_surplus_of_a_coarse_mesh_is_the_force_that_reads_as_the_finer_one() -> None:
+    levels = np.array([-0.15, 0.28, 0.64, 1.0])
+    so = 1000 + 300 * levels[None, :, None] * np.array([1.0, 2.0])
+    fine = 1000 + 300 * (1.02 * levels)[None, :, None] * np.array([1.0, 2.0])
+    none, found = np.zeros((1, 4)), np.ones((1, 4), bool)
+    coarse, finer = Column(so, none, none, found), Column(fine, none, none, found)
+    np.testing.assert_allclose(force_surplus(coarse, finer, levels), 0.02, rtol=1e-9)
+    much = Column(fine + 30 * (fine - 1000), none, none, found)
+    np.testing.assert_allclose(force_surplus(coarse, much, levels), 0.05)
+    lost = finer._replace(found=np.array([[True, False, True, True]]))
+    rising = lost._replace(so=1000 + (so - 1000) * (1 + 0.02 * levels[None, :, None]))
+    share = force_surplus(coarse, rising, levels)[0]
+    np.testing.assert_allclose(share, 0.02 * levels[[0, 0, 2, 3]], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("live", "share"), [(True, 1.0), (False, 0.2)])
+def test_a_correction_holds_within_millimetres_and_a_share_of_the_force(
+    live: bool, share: float
+) -> None:
+    radius, old = 0.06, np.array([0.1, 0.4, 0.0, 0.01, 5.0, 2.0])
+    kept = Correction(old, np.zeros(4), 1.0)
+
+    def holds(k: int, by: float) -> bool:
+        return near(kept, old + by * np.eye(6)[k], 2, radius, live=live)
+
+    limits = {0: 2.5e-3 / radius, 3: 2.5e-3}
+    limits[4] = share * 0.15 * 5.0 / (1 - share * 0.15)
+    limits[5] = -share * 0.15 * 2.0 / (1 + share * 0.15)
+    for k, limit in limits.items():
+        most = share * limit if k < 4 else limit
+        assert holds(k, 0.99 * most)
+        assert not holds(k, 1.01 * most)
+    turned = Correction(
+        np.array([0.0, 0.0, 5.0, 0.0, 0.0]), np.zeros(4), 1.0, np.zeros((1, 2, 4))
+    )
+    for turn, held in ((0.99, True), (1.01, False)):
+        angle = 2 * np.arcsin(turn * share * 0.15 / 2)
+        now = np.array([0.0, 0.0, 5.0, angle, 0.0])
+        assert near(turned, now, 1, radius, live=live) == held
+
+
+def test_values_of_a_quarter_are_even_between_its_probes() -> None:
+    axes = np.linspace(0, 0.4, 3), np.linspace(0, 0.03, 4)
+    a, z = np.meshgrid(*axes, indexing="ij")
+    values = (1 + a**2 - 200 * z**2)[..., None]
+    places = np.array([[0.1, 0.02], [-0.1, -0.02], [0.3, -0.011]])
+    expected = 1 + places[:, 0] ** 2 - 200 * places[:, 1] ** 2
+    np.testing.assert_allclose(_between(axes, values, places)[:, 0], expected, rtol=1e-9)
+
+
+def test_contacts_stay_on_the_pad(spec: SkinSpec) -> None:
+    angle, axial = edge_of(pad_skin_of(spec, contact=False), 12e-3)
+    margin = 6e-3 + 5e-3 / 4
+    assert angle == pytest.approx(np.deg2rad(60) - margin / 60e-3, rel=1e-12)
+    assert axial == pytest.approx(50e-3 - margin, rel=1e-12)
 
 
 # --- search and mirror --------------------------------------------------------------------
