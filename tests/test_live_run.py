@@ -158,6 +158,28 @@ def test_an_unplugged_port_is_waited_for(
     assert "waiting for it to come back" in capsys.readouterr().err
 
 
+class Deleting(LiveWatcher):
+    """Deletes a file once something is estimated."""
+
+    def __init__(self, file: Path) -> None:
+        self._file: Path | None = file
+
+    def estimated(self, frame: LiveFrame) -> None:
+        """Delete it."""
+        if self._file is not None:
+            self._file.unlink()
+            self._file = None
+
+
+def test_a_live_log_that_is_deleted_goes_on_beside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ValueError, match=r"the log is in .*run\.beside1\.csv"):
+        played(tmp_path, None, [Deleting(tmp_path / "run.csv")])
+    assert len(read_log(tmp_path / "run.beside1.csv")) == FRAMES
+    assert "was deleted or moved" in capsys.readouterr().err
+
+
 def test_a_client_that_does_not_read_delays_nobody() -> None:
     contacts = (Contact(0.3, 1.0, None, None),)
     estimate = LoadEstimate(True, contacts, status="ok", left_out=tuple(range(300)))

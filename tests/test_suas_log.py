@@ -214,9 +214,9 @@ def test_a_log_that_goes_on_and_a_second_logger(tmp_path):
         process = suas(*command, "--flush", 0.05)
         device.wait_for_host()
         device.play(device_frames(60))
-        busy = suas(*command)
-        assert "busy" in busy.communicate(timeout=20)[1]
-        assert busy.returncode == 2
+        second = suas(*command)
+        assert f"process {process.pid} is writing it" in second.communicate(timeout=20)[1]
+        assert second.returncode == 2
         process.kill()
         process.communicate()
         kept = len(read_log(path))
@@ -235,6 +235,33 @@ def test_a_log_that_goes_on_and_a_second_logger(tmp_path):
     assert restarts.tolist() == list(range(kept, kept + MODULES))
     assert np.all(np.diff(log.t_host) >= 0)
     check(log)
+
+
+def test_a_log_that_is_replaced_while_it_is_recorded(tmp_path):
+    """By a second logger, which is refused; by another program, which can't be."""
+    path = tmp_path / "log.csv"
+    with Device("cobs", link=tmp_path / "port") as device, Device("cobs") as spare:
+        process = suas("log", device.port, "--format", "cobs", "-o", path, "--json")
+        device.wait_for_host()
+        device.play(device_frames(30))
+        second = suas("log", spare.port, "--format", "cobs", "-o", path, "--overwrite")
+        assert f"process {process.pid} is writing it" in second.communicate(timeout=20)[1]
+        assert second.returncode == 2
+        (tmp_path / "other").write_text("another program's")
+        os.replace(tmp_path / "other", path)
+        device.play(r for r in device_frames(60) if r.seq >= 30)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGTERM)
+        out, err = process.communicate(timeout=20)
+    beside = tmp_path / "log.beside1.csv"
+    assert process.returncode == 2
+    totals = json.loads(out)
+    assert (totals["status"], totals["beside"]) == ("file_lost", [str(beside)])
+    assert f"{path}: was replaced by another file" in err
+    assert str(beside) in totals["message"]
+    assert path.read_text() == "another program's"
+    log = read_log(beside)
+    assert check(log) == {(seq, module) for seq in range(60) for module in range(MODULES)}
 
 
 def test_a_plain_program_on_the_other_end(tmp_path):

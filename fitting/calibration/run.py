@@ -82,15 +82,27 @@ def run_calibration(
 
     Raises:
         InterruptedStepError: a step was not done; the next call resumes there.
+        OwnedError: another process records to the folder.
         ValueError: the device is of another layout, or the readings can't be used.
         PortError: the port can't be opened.
     """
     spec = load_skin(options.skin)
     if spec.electrodes is None:
         raise ValueError(f"{options.skin}: no [electrodes]: the skin senses nothing")
-    folder = CalibrationFolder(options.folder, options.skin, options.steps)
-    if folder.open_steps:
-        _record(spec, folder, options, say)
+    with CalibrationFolder.owned(options.folder, options.skin, options.steps) as folder:
+        if folder.open_steps:
+            _record(spec, folder, options, say)
+        return _fitted(spec, folder, options, progress)
+
+
+def _fitted(
+    spec: SkinSpec,
+    folder: CalibrationFolder,
+    options: CalibrationOptions,
+    progress: Callable[[str], None],
+) -> dict[str, Any]:
+    """Fit and verify what is recorded, and write the skin and the page."""
+    assert spec.electrodes is not None
     baseline, health = _at_rest(folder, options)
     fitted = [step for step in options.steps if not step.verifies]
     data = load_sensor_data(spec, [folder.log(step) for step in fitted])

@@ -1,18 +1,20 @@
 """What a guided calibration has recorded so far: a folder that an interruption leaves whole."""
 
+import contextlib
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from fitting.calibration.plan import Step
 from suas_jax.acquisition.log.log_file import LogWriter
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading
 from suas_jax.acquisition.stream import Judged
 from suas_jax.config.toml_file import MOST_BYTES
+from suas_jax.files.ownership import owned
 from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text, written
 
@@ -23,7 +25,7 @@ class CalibrationFolder:
     """The logs of a calibration, each written whole when its step is done.
 
     Args:
-        folder: made if it is not there.
+        folder: made by `owned`.
         skin: the file that is calibrated.
         steps: what is recorded.
 
@@ -38,12 +40,23 @@ class CalibrationFolder:
             "skin_sha256": hashlib.sha256(read_bytes(skin, MOST_BYTES)).hexdigest(),
             "steps": [asdict(step) for step in steps],
         }
-        folder.mkdir(parents=True, exist_ok=True)
         file = folder / _PLAN
         if file.exists():
             self._check(file, plan)
         else:
             write_text(file, json.dumps(plan, indent=1) + "\n")
+
+    @classmethod
+    @contextlib.contextmanager
+    def owned(cls, folder: Path, skin: Path, steps: Sequence[Step]) -> Iterator[Self]:
+        """The folder, which no other process records to meanwhile; as the class.
+
+        Raises:
+            OwnedError: another process records to it.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        with owned(folder / _PLAN):
+            yield cls(folder, skin, steps)
 
     def _check(self, file: Path, plan: dict[str, Any]) -> None:
         try:

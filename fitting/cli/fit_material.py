@@ -12,6 +12,7 @@ from fitting.cli.named_values import named_bounds, named_file, named_values
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
+from suas_jax.files.command import own_output
 from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
@@ -200,6 +201,7 @@ def material(
             *(Path(file) for _, file in cards),
         ]
         check_outputs(outputs, overwrite=overwrite)
+        own_output(chain)  # not only when the fit has ended
         check_figures(plot, corner, predictive)
         sets = [
             load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)

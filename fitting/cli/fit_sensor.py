@@ -10,6 +10,7 @@ from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
+from suas_jax.files.command import own_output
 from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_outputs, write_text
 
@@ -120,6 +121,7 @@ def sensor(
         if target.exists() and target.samefile(skin):
             raise ValueError(f"{target}: is the skin file itself; choose another name with -o")
         check_outputs([target, plot], overwrite=overwrite or _is_own(target, output is None))
+        own_output(chain)  # not only when the fit has ended
         check_figures(plot)
         from fitting.sensor.logs.data import load_sensor_data
         from suas_jax.config import continuous_inputs, load_skin

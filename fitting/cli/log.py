@@ -63,9 +63,10 @@ def log(
 ) -> None:
     """Record a port to a log until Ctrl-C, SIGTERM or the end of --duration.
 
-    Lost links are opened again; nothing that was recorded is ever lost.
-    Exit status: 0 recorded, 2 bad input (the port can't be opened, nothing came) or a full
-    disk.
+    Lost links are opened again; nothing that was recorded is ever lost. Where LOG.csv is
+    deleted, moved or replaced meanwhile, LOG.beside1.csv has all of it.
+    Exit status: 0 recorded, 2 bad input (the port can't be opened, nothing came), a full
+    disk, or a log that went on beside its file.
     """
     with bad_input():
         from suas_jax.acquisition.frames.registry import decoder, open_source
@@ -97,6 +98,7 @@ def log(
                 rotate_bytes=None if rotate is None else round(1e6 * rotate),
                 overwrite=overwrite,
                 append=append,
+                report=lambda sentence: view.say(sentence),
             )
         except BaseException:
             source.close()
@@ -123,11 +125,15 @@ def log(
                 )
     stopped = result.pop("stopped")
     silent = not result["rows"] and not stopped
+    beside = result["beside"]
     status = "disk_full" if stopped else "no_frames" if silent else "recorded"
     totals = f"{writer.path}: {totals_text(result)}"
     message = totals
     if stopped:
         message = stopped
+    elif beside:
+        status = "file_lost"
+        message = f"{output}: was lost while it was recorded; the log is in {beside[-1]}"
     elif silent:
         message = (
             f"{port}: no frame came in {result['elapsed_s']:.1f} s; {writer.path} is empty"
@@ -140,7 +146,7 @@ def log(
     if status != "recorded":
         say(f"suas: {message}", err=True)
     over = duration is not None and result["elapsed_s"] >= duration
-    if stopped or (silent and over):
+    if stopped or beside or (silent and over):
         answered(status)
         raise typer.Exit(BAD_INPUT)
 

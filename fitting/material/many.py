@@ -5,6 +5,7 @@ membrane that the file already holds. A worker that dies takes nothing with it: 
 done again elsewhere (`fitting.workers`).
 """
 
+import contextlib
 import json
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, as_completed
@@ -15,6 +16,7 @@ from fitting.json_text import json_text
 from fitting.workers import LostWorkerError
 from suas_jax.config import ConfigError
 from suas_jax.config.toml_file import read_toml
+from suas_jax.files.line_file import LineFile
 from suas_jax.files.reading import MEGABYTE, read_bytes
 
 _MOST_BYTES = 256 * MEGABYTE
@@ -138,16 +140,15 @@ def calibrate_all(
     Raises:
         LostWorkerError: names the membranes that took their workers with them; they have no
             result, all others have theirs.
+        OwnedError: another process writes the file of results.
+        ValueError: the file was deleted, moved or replaced; the results are beside it.
     """
-    known = finished(results)
-    waiting = [job for job in jobs if job["name"] not in known]
-    names = {workers.submit(calibrate, job): job["name"] for job in waiting}
-    lost: list[str] = []
-    text = read_bytes(results, _MOST_BYTES) if results.exists() else b""
-    added = 0
-    with results.open("a", encoding="utf-8") as file:
-        if text and not text.endswith(b"\n"):
-            file.write("\n")  # what a kill cut off stays alone on its line
+    with contextlib.closing(LineFile.open(results)) as file:
+        known = finished(results)
+        added = 0
+        waiting = [job for job in jobs if job["name"] not in known]
+        names = {workers.submit(calibrate, job): job["name"] for job in waiting}
+        lost: list[str] = []
         for future in as_completed(names):
             name, error = names[future], future.exception()
             if isinstance(error, LostWorkerError):
@@ -157,11 +158,12 @@ def calibrate_all(
                 line = future.result()
             else:
                 line = {"name": name, "status": "failed", "message": str(error)}
-            file.write(json_text(line) + "\n")
-            file.flush()
-            known.add(name)
+            file.append(json_text(line) + "\n")
+            file.sync()
             added += 1
-            progress(len(known), len(jobs), name)
+            progress(len(known) + added, len(jobs), name)
     if lost:
         raise LostWorkerError("\n".join(lost))
+    if file.beside:
+        raise ValueError(f"{results}: was lost; the results are in {file.beside[-1]}")
     return added

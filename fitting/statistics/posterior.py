@@ -4,6 +4,7 @@ Nothing here knows what is inferred. A problem is a log-probability of a batch o
 written in JAX, and a Gaussian to start from.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
@@ -17,6 +18,7 @@ from fitting.statistics.chain import LONG_ENOUGH, TAU_SETTLED, Posterior
 from fitting.statistics.laplace import Gaussian, laplace
 from fitting.statistics.log_probability import Batch, LogProbability, NumpyBatch
 from suas_jax.files.command import allow_replacing
+from suas_jax.files.ownership import owned
 from suas_jax.files.reading import MEGABYTE, check_readable
 from suas_jax.files.writing import written
 
@@ -84,7 +86,7 @@ def sample(
         names: of the parameters.
         settings: how to sample.
         key: what the posterior depends on (data, priors); a chain file made with another
-            key is not resumed.
+            key is not resumed. The file has one owner: a second sampler is refused.
         progress: called with steps done, most steps and the slowest autocorrelation time.
 
     Returns:
@@ -93,6 +95,7 @@ def sample(
 
     Raises:
         ValueError: the ensemble is too small, or the chain file belongs to something else.
+        OwnedError: another process writes the chain file.
         PosteriorError: no possible point was found near the start.
     """
     chosen = settings or Settings()
@@ -106,8 +109,20 @@ def sample(
         batch: Batch | NumpyBatch = log_probability
     else:
         batch = Batch(log_probability, p, chosen.walkers // 2)
+    with contextlib.nullcontext() if chosen.chain is None else owned(chosen.chain):
+        return _sampled(batch, start, _Chain(chosen, names, key), chosen, progress)
+
+
+def _sampled(
+    batch: Batch | NumpyBatch,
+    start: Gaussian,
+    backend: "_Chain",
+    chosen: Settings,
+    progress: Callable[[int, int, float], None],
+) -> Posterior:
+    """Steps until the chain has settled, or there are enough."""
+    p = len(backend.names)
     gaussian = laplace(batch, start)
-    backend = _Chain(chosen, names, key)
     sampler = emcee.EnsembleSampler(
         chosen.walkers,
         p,
@@ -139,7 +154,7 @@ def sample(
         backend.save()
     memory = backend.memory
     return Posterior(
-        tuple(names),
+        backend.names,
         memory.get_chain(),
         memory.get_log_prob(),
         tau,
@@ -195,8 +210,9 @@ class _Chain:
 
     def __init__(self, settings: Settings, names: Sequence[str], key: bytes) -> None:
         self.path, self.memory = settings.chain, emcee.backends.Backend()
+        self.names = tuple(names)
         self.last: Any = None
-        text = repr((tuple(names), settings.walkers, settings.moves, settings.seed))
+        text = repr((self.names, settings.walkers, settings.moves, settings.seed))
         self.key = hashlib.sha256(text.encode() + key).hexdigest()
         self.memory.reset(settings.walkers, len(names))
         if self.path is not None and self.path.exists():

@@ -1,1 +1,1 @@
-"""Files: bounded reading, atomic writing, and a folder that keeps what can be made again."""
+"""Files: bounded reading, atomic writing by one owner, a folder of what can be made again."""

@@ -16,14 +16,12 @@ import secrets
 import stat
 import tempfile
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-try:
-    import fcntl
-except ImportError:  # no POSIX system: a crash is not told from a running process there
-    fcntl = None  # type: ignore[assignment]
-
 import platformdirs
+
+from suas_jax.files.ownership import LOCKS, lock, owned
 
 _CODE = 32  # bytes of an authentication code, and of the key
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
@@ -97,6 +95,17 @@ class CacheFolder:
         except OSError:
             return
 
+    @contextlib.contextmanager
+    def making(self, name: str, wait: Callable[[str], None]) -> Iterator[None]:
+        """Be the only process that makes an entry.
+
+        Args:
+            name: of the entry.
+            wait: called with the name of a process that makes it, whose end is waited for.
+        """
+        with owned(self._file(name), wait=wait) if self._open() else contextlib.nullcontext():
+            yield
+
     def discard(self, name: str) -> None:
         """Remove an entry."""
         with contextlib.suppress(OSError):
@@ -148,7 +157,7 @@ class CacheFolder:
                 if entry.name.startswith(_DRAFT):
                     if time.time() - facts.st_mtime > _ABANDONED:
                         os.unlink(entry.path)
-                elif not entry.name.startswith(_MARKER):
+                elif not entry.name.startswith("."):
                     kept.append((facts.st_mtime, facts.st_size, entry.path))
                     total += facts.st_size
         for _, size, path in sorted(kept):
@@ -162,23 +171,22 @@ class CacheFolder:
 
     def _mark(self, name: str) -> None:
         """Name an entry in this process's marker."""
-        if fcntl is None:
+        if not LOCKS:  # a crash is not told from a running process
             return
         with contextlib.suppress(OSError):
             if self._marker is None:
                 descriptor, path = tempfile.mkstemp(prefix=_MARKER, dir=self._folder)
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock(descriptor, Path(path))
                 self._marker = descriptor, Path(path), os.getpid()
                 atexit.register(self.settled)
             os.write(self._marker[0], f"{self._file(name).name}\n".encode())
 
     def _discard_crashed(self) -> None:
         """Discard what a process was loading when it ended without a word."""
-        if fcntl is None:
-            return
         for marker in self._folder.glob(f"{_MARKER}*"):
             with contextlib.suppress(OSError), marker.open("rb") as stream:
-                fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)  # its process has ended
+                if not lock(stream.fileno(), marker):  # taken where its process has ended
+                    continue
                 for line in stream.read(1_000_000).decode("ascii", "replace").splitlines():
                     if re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]*\.kept", line):
                         (self._folder / line).unlink(missing_ok=True)

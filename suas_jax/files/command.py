@@ -7,6 +7,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from suas_jax.files.ownership import owned
+
 
 @dataclass
 class _Command:
@@ -15,10 +17,12 @@ class _Command:
     Attributes:
         inputs: device and inode of each file that was read.
         replaceable: places whose files the user allowed to be replaced.
+        outputs: what it owns until it ends.
     """
 
     inputs: set[tuple[int, int]] = field(default_factory=set)
     replaceable: set[str] = field(default_factory=set)
+    outputs: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
 
 _command: ContextVar[_Command | None] = ContextVar("command", default=None)
@@ -30,11 +34,24 @@ def command_files() -> Iterator[None]:
 
     Outside, in a program that uses this package, a file that is written is replaced.
     """
-    token = _command.set(_Command())
+    command = _Command()
+    token = _command.set(command)
     try:
-        yield
+        with command.outputs:
+            yield
     finally:
         _command.reset(token)
+
+
+def own_output(path: Path | None) -> None:
+    """Own a file that the command will write until it ends; outside of commands, nothing.
+
+    Raises:
+        OwnedError: another process writes it.
+    """
+    command = _command.get()
+    if command is not None and path is not None:
+        command.outputs.enter_context(owned(path))
 
 
 def remember_input(facts: os.stat_result) -> None:

@@ -3,7 +3,8 @@
 Every output goes to a draft beside its place, is forced to the disk and then moved there. A
 process that is killed, or a disk that is full, leaves what was there before; a draft that a
 kill left over is hidden, has no ending that any reader takes, and is removed by the next
-write to the same place.
+write to the same place. Whoever writes owns the place meanwhile, a command from the check of
+its outputs to its end: a second one is refused at once, and told by whom.
 """
 
 import contextlib
@@ -16,7 +17,8 @@ import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from suas_jax.files.command import allow_replacing, is_input, may_replace
+from suas_jax.files.command import allow_replacing, is_input, may_replace, own_output
+from suas_jax.files.ownership import owned, unwritten
 
 _ABANDONED = 3600.0  # age of a draft whose process is taken to have ended [s]
 
@@ -32,11 +34,13 @@ def check_output(path: Path, *, overwrite: bool = False) -> None:
 
     Raises:
         FileExistsError: it exists, is not empty, and `overwrite` is not set.
+        OwnedError: another process writes it.
         ValueError: it is an input of the command that runs, or can't be a file.
         OSError: its folder is missing, or it is a directory.
     """
     if not path.name or "\0" in str(path):
         raise ValueError(f'"{path}": is no name of a file')
+    own_output(path)
     try:
         facts = os.stat(path)
     except FileNotFoundError:
@@ -92,29 +96,68 @@ def written(path: Path) -> Iterator[Path]:
     """
     overwrite = may_replace(path)
     check_output(path, overwrite=overwrite)
-    place = Path(os.path.realpath(path))
     if _is_special(path):  # a device or a pipe can't be replaced
         yield path
         return
+    with owned(path), drafted(path) as draft:
+        yield draft
+        _force_to_disk(draft)
+        publish(draft, path, replace=overwrite)
+        with contextlib.suppress(OSError):
+            _force_to_disk(draft.parent)
+
+
+@contextlib.contextmanager
+def drafted(path: Path) -> Iterator[Path]:
+    """An empty draft beside the place of a file, which is owned; removed in the end."""
+    place = Path(os.path.realpath(path))
     _remove_drafts(place)
     draft = place.with_name(f"{_draft_prefix(place)}{secrets.token_hex()}.part")
-    # The mode that the user's mask gives any new file, or that of the file replaced.
-    draft.touch(exist_ok=False)
+    draft.touch(exist_ok=False)  # with the mode that the user's mask gives any new file
     try:
         yield draft
-        with contextlib.suppress(FileNotFoundError):
-            shutil.copymode(place, draft)
-        _force_to_disk(draft)
-        if overwrite or _is_empty(place):
-            os.replace(draft, place)
-        else:
-            _moved_to_free_place(draft, place)
-    except BaseException:
+    finally:
         with contextlib.suppress(OSError):
             draft.unlink()
-        raise
-    with contextlib.suppress(OSError):
-        _force_to_disk(place.parent)
+
+
+def publish(draft: Path, path: Path, *, replace: bool) -> None:
+    """Move a draft to its place, in one step.
+
+    Args:
+        draft: from `drafted`.
+        path: its place.
+        replace: also a file that is not empty.
+
+    Raises:
+        FileExistsError: there is one, and `replace` is not set.
+        OwnedError: another process writes the one that is there.
+        OSError: it can't be moved.
+    """
+    place = Path(os.path.realpath(path))
+    with contextlib.suppress(FileNotFoundError):
+        shutil.copymode(place, draft)
+    moved = False
+    while not moved:
+        with unwritten(place) as there:
+            if there and not replace and not _is_empty(place):
+                raise FileExistsError(
+                    errno.EEXIST, "was made by another program meanwhile", str(path)
+                )
+            if there:
+                os.replace(draft, place)
+            moved = there or _linked(draft, place)
+
+
+def _linked(draft: Path, place: Path) -> bool:
+    """Move to a name that no file has; False where one has it by now."""
+    try:
+        os.link(draft, place)
+    except FileExistsError:
+        return False
+    except OSError:  # a file system without links
+        os.replace(draft, place)
+    return True
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -126,20 +169,6 @@ def write_bytes(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write UTF-8 text to a file, whole or not at all; see `written`."""
     write_bytes(path, text.encode())
-
-
-def _moved_to_free_place(draft: Path, place: Path) -> None:
-    """Move without replacing what another process put there meanwhile."""
-    try:
-        os.link(draft, place)
-    except FileExistsError:
-        raise FileExistsError(
-            errno.EEXIST, "was made by another program meanwhile", str(place)
-        ) from None
-    except OSError:  # a file system without links
-        os.replace(draft, place)
-    else:
-        draft.unlink()
 
 
 def _draft_prefix(place: Path) -> str:

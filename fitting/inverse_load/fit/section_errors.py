@@ -9,7 +9,6 @@ what the error does, and the little that is left; both change slowly from state 
     S = J g + S'        J of the frame's own contact, g and S' from the table
 """
 
-import io
 from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -18,7 +17,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import platformdirs
 from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
@@ -29,7 +27,7 @@ from fitting.inverse_load.search.table import LANES, LoadTable, table_key
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
 from suas_jax.equilibrium.equilibrium import State, differentiable
-from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.forward import Skin
@@ -122,7 +120,6 @@ class SectionErrors(AbstractSystematicErrors):
             error, taxel]; change of the contact that does the rest, of its angle and, per
             newton, of its force [angle, force, error, 2]; change at rest [error, taxel].
         """
-        folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
         name = content_key(
             {
                 "table": table_key(self._spec, self._skin),
@@ -130,10 +127,10 @@ class SectionErrors(AbstractSystematicErrors):
                 "directions": self._errors.directions,
             }
         )
-        content = folder.get(name)
-        if content is not None:
-            with np.load(io.BytesIO(content)) as data:
-                return data["left"], data["alike"], data["rest"]
+        data = kept_arrays(name, self._computed_table)
+        return data["left"], data["alike"], data["rest"]
+
+    def _computed_table(self) -> dict[str, NDArray[Any]]:
         table = self._table
         angle = np.repeat(table.angles, table.forces.shape[1])
         parameters = np.stack([angle, table.forces.reshape(-1)], 1)
@@ -148,10 +145,7 @@ class SectionErrors(AbstractSystematicErrors):
         found = [
             _filled(x.reshape(*shape, *x.shape[1:])).astype(np.float32) for x in (left, alike)
         ]
-        stream = io.BytesIO()
-        np.savez(stream, left=found[0], alike=found[1], rest=rest)
-        folder.put(name, stream.getvalue())
-        return found[0], found[1], rest
+        return {"left": found[0], "alike": found[1], "rest": rest}
 
     def _by_contact(self, parameters: NDArray[np.float64], state: State) -> NDArray[np.float64]:
         """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""

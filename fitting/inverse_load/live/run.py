@@ -74,6 +74,10 @@ def run_live(
             before.
         options: how to run.
         watchers: makes what takes part; what it enters into the stack is left at the end.
+
+    Raises:
+        ValueError: the log was deleted, moved or replaced, and went on beside its place.
+        PortError: the port can't be opened.
     """
     decode = decoder(options.format_name)
     source = open_source(options.port, options.format_name, options.baud)
@@ -85,7 +89,10 @@ def run_live(
         discard_waiting(source)
         writer: LogWriter | None = None
         if options.log is not None:  # not before the port is known to be there
-            writer = stack.enter_context(_log_writer(estimator, options, decode.extra_columns))
+            extra = decode.extra_columns
+            writer = stack.enter_context(
+                _log_writer(estimator, options, extra, lambda sentence: say(sentence))
+            )
         view = stack.enter_context(LoadView(estimator, options.port, show=not options.as_json))
         present.insert(0, view)
         if options.as_json:
@@ -129,10 +136,17 @@ def run_live(
                 for watcher in present:
                     watcher.estimated(frame)
         say(f"{options.port}: {frames} frames estimated, {dropped} dropped")
+    if writer is not None and writer.beside:
+        raise ValueError(
+            f"{options.log}: was lost while it was recorded; the log is in {writer.beside[-1]}"
+        )
 
 
 def _log_writer(
-    estimator: LoadEstimator, options: LiveOptions, extra_columns: tuple[str, ...]
+    estimator: LoadEstimator,
+    options: LiveOptions,
+    extra_columns: tuple[str, ...],
+    report: Callable[[str], None],
 ) -> LogWriter:
     electrodes = estimator.spec.electrodes
     assert electrodes is not None
@@ -144,4 +158,6 @@ def _log_writer(
         frame_format=options.format_name,
     )
     flags = FLAG_COLUMNS + extra_columns
-    return LogWriter(options.log, header, flags=flags, overwrite=options.overwrite)
+    return LogWriter(
+        options.log, header, flags=flags, overwrite=options.overwrite, report=report
+    )

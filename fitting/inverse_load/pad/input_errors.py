@@ -13,12 +13,10 @@ material; for a dimension it is what a few solved states show, and the part of i
 is no change of stiffness is left out.
 """
 
-import io
 from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
-import platformdirs
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import Explanations
@@ -28,7 +26,7 @@ from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
-from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
@@ -161,7 +159,6 @@ class PadErrors(AbstractSystematicErrors):
 
     def _solved_stiffening(self, path: str) -> float:
         """Relative change of stiffness by that of a dimension, from solved states."""
-        folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
         name = content_key(
             {
                 "path": path,
@@ -172,10 +169,10 @@ class PadErrors(AbstractSystematicErrors):
                 "source": source_digest(),
             }
         )
-        content = folder.get(name)
-        if content is not None:
-            with np.load(io.BytesIO(content)) as data:
-                return float(data["exponent"])
+        kept = kept_arrays(name, lambda: {"exponent": self._stiffening_exponent(path)})
+        return float(kept["exponent"])
+
+    def _stiffening_exponent(self, path: str) -> float:
         value = value_of(self._spec, path)
         changed = pad_skin_of(
             self._spec,
@@ -196,11 +193,7 @@ class PadErrors(AbstractSystematicErrors):
             used = np.isfinite(lighter) & np.isfinite(by)
             top += float(by[used] @ lighter[used])
             size += float(lighter[used] @ lighter[used])
-        exponent = top / size if size > 0 else 0.0
-        stream = io.BytesIO()
-        np.savez(stream, exponent=exponent)
-        folder.put(name, stream.getvalue())
-        return exponent
+        return top / size if size > 0 else 0.0
 
 
 def gap_line(

@@ -1,12 +1,10 @@
 """Solving the table of a pad, or reading it from the cache."""
 
-import io
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-import platformdirs
 from numpy.typing import NDArray
 
 from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid, largest_forces
@@ -16,7 +14,7 @@ from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from suas_jax.config import SkinSpec, continuous_inputs, structure
-from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.pad_forward import ELEMENTS, PadSkin, pad_skin_of
 
@@ -61,7 +59,6 @@ def pad_table_of(
         workers: that solve it (`fitting.workers`); None: this process, on all cores.
     """
     skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
-    folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
     name = content_key(
         {
             "structure": structure(spec),
@@ -72,16 +69,10 @@ def pad_table_of(
             "source": source_digest(),
         }
     )
-    content = folder.get(name)
-    if content is not None:
-        with np.load(io.BytesIO(content)) as data:
-            found = {key: data[key] for key in PadTable.__dataclass_fields__}
-        return PadTable(**{**found, "diameter": float(found["diameter"])})
-    table = build_pad_table(skin, diameter, resolution, progress, workers)
-    stream = io.BytesIO()
-    np.savez(stream, **{key: getattr(table, key) for key in table.__dataclass_fields__})
-    folder.put(name, stream.getvalue())
-    return table
+    found = kept_arrays(
+        name, lambda: vars(build_pad_table(skin, diameter, resolution, progress, workers))
+    )
+    return PadTable(**{**found, "diameter": float(found["diameter"])})  # type: ignore[arg-type]
 
 
 def build_pad_table(

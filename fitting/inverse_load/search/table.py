@@ -6,20 +6,18 @@ user's cache folder under a hash of everything it depends on.
 """
 
 import functools
-import io
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import platformdirs
 from numpy.typing import NDArray
 
 from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
-from suas_jax.files.cache_folder import CacheFolder
+from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.forward import Skin
@@ -108,22 +106,13 @@ def edge_margin(skin: Skin) -> float:
 def table_of(
     spec: SkinSpec, skin: Skin, progress: Callable[[str], None] = lambda text: None
 ) -> LoadTable:
-    """The table of a skin, from the cache where it is there.
+    """The table of a skin, from the cache where it is there."""
 
-    A cache that can't be read or written costs time, never a result.
-    """
-    folder = CacheFolder(platformdirs.user_cache_path("suas_jax") / "tables")
-    name = table_key(spec, skin)
-    content = folder.get(name)
-    if content is not None:
-        with np.load(io.BytesIO(content)) as data:
-            return LoadTable(**{key: data[key] for key in LoadTable.__dataclass_fields__})
-    progress("building the table of solved states")
-    table = build_table(skin)
-    stream = io.BytesIO()
-    np.savez(stream, **{key: getattr(table, key) for key in table.__dataclass_fields__})
-    folder.put(name, stream.getvalue())
-    return table
+    def built() -> dict[str, NDArray[np.float64]]:
+        progress("building the table of solved states")
+        return vars(build_table(skin))
+
+    return LoadTable(**kept_arrays(table_key(spec, skin), built))
 
 
 def table_key(spec: SkinSpec, skin: Skin) -> str:

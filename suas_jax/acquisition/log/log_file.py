@@ -34,9 +34,9 @@ from suas_jax.acquisition.log.format import (
     LogFileError,
     log_header,
 )
-from suas_jax.acquisition.log.line_file import LogWriteError
 from suas_jax.acquisition.log.reader import is_log, read_log
 from suas_jax.acquisition.log.writer import LogWriter
+from suas_jax.files.line_file import LineWriteError
 
 __all__ = [
     "DEFAULT_SCALE",
@@ -46,8 +46,8 @@ __all__ = [
     "MAX_COUNT",
     "UNITS",
     "Frames",
+    "LineWriteError",
     "LogFileError",
-    "LogWriteError",
     "LogWriter",
     "SoLog",
     "flagged",

@@ -8,7 +8,7 @@ from typing import Any
 from suas_jax.acquisition.frames.reading import Decoder
 from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.log.format import RAW_CLOCK
-from suas_jax.acquisition.log.log_file import LogWriteError, LogWriter, log_header
+from suas_jax.acquisition.log.log_file import LineWriteError, LogWriter, log_header
 from suas_jax.acquisition.ports.serial_port import Source
 from suas_jax.acquisition.stream import Judged, Stream
 
@@ -55,8 +55,8 @@ def record(
         on_progress: called some ten times a second.
 
     Returns:
-        What was recorded and what is missing, see `totals`; where the disk is full also
-        `stopped`, which says so.
+        What was recorded and what is missing, see `totals`; `beside` names the files that the
+        log went on in where its own was lost, `stopped` says that the disk is full.
     """
     stopped = None
     batches = stream.batches()
@@ -72,7 +72,7 @@ def record(
                 on_progress()
                 if duration is not None and time.monotonic() - started >= duration:
                     stream.stop.set()
-    except LogWriteError as error:
+    except LineWriteError as error:
         batches.close()
         stopped = (
             f"{error.filename}: {error.strerror}: the recording ends; the file ends with a "
@@ -80,6 +80,7 @@ def record(
         )
     result = totals(stream, time.monotonic() - started)
     result["unwritten_rows"] = result["rows"] - log.rows + log.unwritten
+    result["beside"] = [str(path) for path in log.beside]
     result["stopped"] = stopped
     return result
 

@@ -1,18 +1,20 @@
 """Write an SO log, append-only: its header, its rows, and the parts that it is rotated into.
 
 Rows are gathered and handed to a `LineFile` a few times a second, which sees to it that only
-whole ones reach the disk.
+whole ones reach the disk, and that none is lost where the file is.
 """
 
+import contextlib
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 
 from suas_jax.acquisition.log.format import APPENDED, CONTINUED, KEY_COLUMNS
-from suas_jax.acquisition.log.line_file import LineFile, LogWriteError
 from suas_jax.acquisition.log.resume import LogEnd, end_of_log
+from suas_jax.files.line_file import LineFile, LineWriteError
+from suas_jax.files.ownership import OwnedError
 
 # Columns of a log in which no module ever spoke: a ROBOSKIN triangle's.
 _USUAL_TAXELS = 10
@@ -23,7 +25,9 @@ class LogWriter:
 
     Only whole lines reach the file, at least every `flush_interval` seconds while rows
     come (call `flush` when they don't): a killed process loses no more than that. Every
-    `sync_interval` seconds the file is forced to the disk, for a power cut.
+    `sync_interval` seconds the file is forced to the disk, for a power cut. Where another
+    program has deleted, moved or replaced it by then, all of it is copied to
+    `NAME.beside1.csv`, and the log goes on there.
 
     Args:
         path: file to create. An existing one is refused unless it is empty or
@@ -38,9 +42,9 @@ class LogWriter:
         overwrite: replace an existing file.
         append: go on in an existing file (the last part of a rotated one), whose columns and
             scale must be the same; a last line that was cut off is taken out.
+        report: called with a sentence where the log goes on beside its file.
 
     Attributes:
-        path: the file, or the part, that is written.
         rows: handed over so far.
         unwritten: rows among them that a full disk left no room for.
         elapsed: since the log's `start_time` when this recording began [s].
@@ -50,7 +54,8 @@ class LogWriter:
     Raises:
         FileExistsError: the file exists, and neither `overwrite` nor `append` is set.
         LogFileError: it can't be appended to.
-        OSError: it can't be written, or another program is writing it.
+        OwnedError: another process is writing it.
+        OSError: it can't be written.
     """
 
     def __init__(
@@ -65,30 +70,45 @@ class LogWriter:
         rotate_bytes: int | None = None,
         overwrite: bool = False,
         append: bool = False,
+        report: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         for key, value in header.items():
             if ":" in key or "\n" in key or "\n" in value or "\r" in value:
                 raise ValueError(f"log header {key!r}: {value!r} does not fit on one line")
-        self.path = path
         self.rows = self.unwritten = 0
         self.elapsed = 0.0
         self.resumed = False
         self.notes: tuple[str, ...] = ()
+        self._report = report
+        self._earlier_beside: tuple[Path, ...] = ()
         self._base = path
         self._header = dict(header)
         self._flags = tuple(flags)
         self._flush_interval = flush_interval
         self._sync_interval = sync_interval
         self._rotate_bytes = rotate_bytes
-        self._overwrite = overwrite
         self._part = 1
         self._taxels: int | None = None
         self._pending: list[str] = []
-        end = end_of_log(path) if append else None
-        self._file = self._open() if end is None else self._reopen(end)
+        self._file = (self._reopened() if append else None) or self._open(path, overwrite)
+        self._file.report = report
         self._flushed = self._synced = time.monotonic()
         if taxels is not None:
-            self.start(taxels)
+            try:
+                self.start(taxels)
+            except BaseException:
+                self._file.close()
+                raise
+
+    @property
+    def path(self) -> Path:
+        """The file, or the part, that is written."""
+        return self._file.path
+
+    @property
+    def beside(self) -> tuple[Path, ...]:
+        """Files that the log went on in, where its own was lost."""
+        return self._earlier_beside + self._file.beside
 
     @property
     def taxels(self) -> int | None:
@@ -123,7 +143,7 @@ class LogWriter:
         Times and flags that are NaN are written as missing.
 
         Raises:
-            LogWriteError: the disk takes no more.
+            LineWriteError: the disk takes no more.
         """
         if self._taxels is None:
             self.start(len(counts))
@@ -148,7 +168,7 @@ class LogWriter:
         """Hand all complete rows to the operating system: they survive the process.
 
         Raises:
-            LogWriteError: the disk takes no more; the file ends with a whole row.
+            LineWriteError: the disk takes no more; the file ends with a whole row.
         """
         now = time.monotonic()
         self._flushed = now
@@ -157,7 +177,8 @@ class LogWriter:
             if self._rotate_bytes is not None and self._file.size >= self._rotate_bytes:
                 self._next_part()
         if now - self._synced > self._sync_interval:
-            self._sync()
+            self._synced = now
+            self._file.sync()
 
     def close(self) -> None:
         """Write what is left and force it to the disk."""
@@ -167,7 +188,7 @@ class LogWriter:
             if self._taxels is None:
                 self.start(_USUAL_TAXELS)  # an empty log is still a log
             self.flush()
-            self._sync()
+            self._file.sync()
         finally:
             self._file.close()
 
@@ -182,24 +203,38 @@ class LogWriter:
     ) -> None:
         self.close()
 
-    def _open(self) -> LineFile:
+    def _open(self, path: Path, overwrite: bool = False) -> LineFile:
         header = self._header | ({"part": str(self._part)} if self._part > 1 else {})
         text = "".join(f"# {key}: {value}\n" for key, value in header.items())
-        return LineFile.create(self.path, text, overwrite=self._overwrite)
+        return LineFile.create(path, text, overwrite=overwrite)
 
-    def _reopen(self, end: LogEnd) -> LineFile:
-        """Open the last part of an existing log, behind its last whole line."""
-        end.check(self._header, self._flags)
+    def _reopened(self) -> LineFile | None:
+        """The last part of an existing log, behind its last whole line; None: there is none."""
+        while (end := end_of_log(self._base)) is not None:
+            end.check(self._header, self._flags)
+            file = LineFile.reopen(end.path)
+            try:
+                # Nobody else writes from here on; who did before has left what `end` says, or
+                # we look again.
+                if file.size == end.whole_bytes + len(end.cut_off):
+                    self._go_on(file, end)
+                    return file
+            except BaseException:
+                file.close()
+                raise
+            file.close()
+        return None
+
+    def _go_on(self, file: LineFile, end: LogEnd) -> None:
         self.resumed = True
-        self.path, self._part, self._taxels = end.path, end.part, end.taxels
-        self._header = end.header
+        self._part, self._taxels, self._header = end.part, end.taxels, end.header
         if end.cut_off:
             self.notes = (f"a last line that was cut off was taken out: {end.cut_off!r}",)
+            file.cut(end.whole_bytes)
         now = datetime.now(UTC)
         # Behind the last row even where the host's clock was set back meanwhile.
         self.elapsed = max((now - end.start_time).total_seconds(), end.last_time)
-        text = f"# {APPENDED}: {now.isoformat(timespec='microseconds')}\n"
-        return LineFile.reopen(self.path, end.whole_bytes, text, cut=bool(end.cut_off))
+        file.append(f"# {APPENDED}: {now.isoformat(timespec='microseconds')}\n")
 
     def _write_columns(self) -> None:
         assert self._taxels is not None
@@ -207,41 +242,41 @@ class LogWriter:
         self._file.append(",".join((*KEY_COLUMNS, *so, *self._flags)) + "\n")
 
     def _next_part(self) -> None:
-        successor = self.path
-        while successor.exists():
-            self._part += 1
-            name = f"{self._base.stem}.part{self._part}{self._base.suffix}"
-            successor = self._base.with_name(name)
         if self._pending:
             self._append_rows()
         previous = self._file
-        self.path = successor
         try:
-            self._file = self._open()
-        except BaseException:
+            previous.sync()  # its folder may have gone
+            self._file = self._begun_part()
+            self._flushed = self._synced = time.monotonic()
+            self._write_columns()
+            # Only now, so that the line never names a file that isn't there.
+            previous.append(f"# {CONTINUED}: {self.path.name}\n")
+            previous.sync()
+        finally:
             previous.close()
-            raise
-        self._flushed = self._synced = time.monotonic()
-        self._write_columns()
-        # Only now, so that the line never names a file that isn't there.
-        try:
-            previous.finish(f"# {CONTINUED}: {successor.name}\n")
-        except OSError as error:
-            raise LogWriteError(error.errno, error.strerror, str(self.path)) from None
+        self._earlier_beside += previous.beside
+
+    def _begun_part(self) -> LineFile:
+        """The first part that is not there yet."""
+        while True:
+            self._part += 1
+            name = f"{self._base.stem}.part{self._part}{self._base.suffix}"
+            path = self._base.with_name(name)
+            with contextlib.suppress(FileExistsError, OwnedError):
+                if not path.exists():
+                    file = self._open(path)
+                    file.report = self._report
+                    return file
 
     def _append_rows(self) -> None:
         rows, self._pending = self._pending, []
         before = self._file.size
         try:
             self._file.append("".join(rows))
-        except LogWriteError:
+        except LineWriteError:
             written = self._file.size - before
             for row in rows:
                 written -= len(row.encode())
                 self.unwritten += written < 0
             raise
-
-    def _sync(self) -> None:
-        self._synced = time.monotonic()
-        if not self._file.sync():
-            self._sync_interval = float("inf")
