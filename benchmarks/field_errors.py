@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
@@ -28,6 +29,7 @@ from suas_jax.scene.forward import SPREAD_POINTS, Loads, SensorOutput, forward, 
 
 REGION = 0.999
 _BASELINE_FRAMES = 100
+_LANES = 64  # that a program computes at once
 _FORWARD = jit(forward)
 
 
@@ -41,6 +43,7 @@ class Case(NamedTuple):
         width: arc of the outer face that contacts press [m].
         shift: taxels by which the readings are displaced in their columns.
         force_known: whether the log holds the loads' true forces.
+        wall: whether loads may press the skin to the wall.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Case(NamedTuple):
     width: float = 0.0
     shift: int = 0
     force_known: bool = False
+    wall: bool = False
 
 
 CASES = (
@@ -82,20 +86,22 @@ def true_readings(spec: SkinSpec, case: Case, loads: np.ndarray) -> np.ndarray:
 def true_output(spec: SkinSpec, case: Case, loads: np.ndarray) -> SensorOutput:
     """What the true skin puts out under loads and, last, at rest."""
     own = continuous_inputs(spec)
-    skin = skin_of(spec, {path: own[path] * (1 + by) for path, by in case.changes.items()})
-    points, weights = np.zeros(1), np.ones(1)
-    if case.width:
-        points, weights = np.polynomial.legendre.leggauss(SPREAD_POINTS)
-        weights = weights / 2
+    true = {path: own[path] * (1 + by) for path, by in case.changes.items()}
+    skin = skin_of(spec, true, contact=case.wall)
+    # Every case runs the same program: a line is a contact of no width, and what fills the
+    # lanes up is dropped again.
+    points, weights = np.polynomial.legendre.leggauss(SPREAD_POINTS)
     half = case.width / 2 / float(skin.geometry.outer_radius[0])
-    every = np.concatenate([loads, [[0.0, 0.0]]])
+    every = np.zeros((-(-(len(loads) + 1) // _LANES) * _LANES, 2))
+    every[: len(loads)] = loads
     # A contact presses in one direction: where it is off its middle, it is turned back.
     turn = np.repeat((points * half)[:, None], len(every), 1)
     angle = every[:, 0] + turn
-    force = every[:, 1] * weights[:, None]
+    force = every[:, 1] * weights[:, None] / 2
     applied = Loads(*map(jnp.asarray, (angle, force, turn)), jnp.zeros(1))
     found: SensorOutput = _FORWARD(skin, applied)
-    return found
+    kept = len(loads) + 1
+    return jax.tree.map(lambda x: x[..., :kept], found)
 
 
 def estimated(
