@@ -34,12 +34,14 @@ class Mutant(NamedTuple):
         line: where it is, from 1.
         change: that line before and after.
         source: of the whole file with it.
+        right: the same without it.
     """
 
     file: str
     line: int
     change: str
     source: str
+    right: str
 
 
 def _plausible(operator: str) -> bool:
@@ -142,7 +144,8 @@ def _of_file(file: pathlib.Path, count: int, random_: random.Random) -> list[Mut
         if mutant and _computed(mutant) not in (known, None):
             pairs = enumerate(zip(source.splitlines(), mutant.splitlines(), strict=False), 1)
             line, (old, new) = next((n, pair) for n, pair in pairs if pair[0] != pair[1])
-            found.append(Mutant(name, line, f"{old.strip()} -> {new.strip()}", mutant))
+            change = f"{old.strip()} -> {new.strip()}"
+            found.append(Mutant(name, line, change, mutant, source))
         if len(found) == count:
             break
     return found

@@ -113,7 +113,7 @@ def tests_of(mutant: Mutant, tests: list[Test], budget: float) -> list[Test]:
 
 def _place(mutant: Mutant) -> tuple[set[int], list[str] | None]:
     """Lines of the statement that is wrong; and, if it runs on import, the names it binds."""
-    tree = ast.parse((ROOT / mutant.file).read_text())
+    tree = ast.parse(mutant.right)
     inside, best = False, None
     for node in ast.walk(tree):  # outer ones first
         if not isinstance(node, ast.stmt) or node.end_lineno is None:
@@ -207,7 +207,7 @@ class Runner:
         with contextlib.suppress(ProcessLookupError):  # whom it has left behind
             os.killpg(self._pid, signal.SIGKILL)
         if self._mutant is not None:
-            shutil.copy(ROOT / self._mutant.file, self.copy / self._mutant.file)
+            (self.copy / self._mutant.file).write_text(self._mutant.right)
         seconds = usage.ru_utime + usage.ru_stime
         killer = self._told.read_text() if self._told.exists() else ""
         if os.WIFEXITED(status):

@@ -196,6 +196,9 @@ def test_factor_of_a_specimen_is_least_squares_of_its_readings() -> None:
         )
         found = specimens_of([test], problem, np.ones(1))
         again = specimens_of([test], problem, np.ones(1), np.array([2.0, 1.0]))
+        enough = tension(x[:14], value[:14], specimen=specimen[:14])
+        fourteen: Any = SimpleNamespace(residuals=residuals, places=(np.arange(14),))
+        assert specimens_of([enough], fourteen, np.ones(1)) is not None
         few = tension(x[:13], value[:13], specimen=specimen[:13])
         assert specimens_of([few], less, np.ones(1)) is None
     assert found is not None
@@ -441,6 +444,8 @@ def test_corners_of_a_history_are_where_straight_lines_leave_it() -> None:
     x = np.interp(clock, [0, 30, 70, 100], [0, 1, 1, 0.5])
     found = np.flatnonzero(_corners(clock, np.stack([x, x]))).tolist()
     assert found == [0, 30, 70, 100]
+    quick_test = np.flatnonzero(_corners(1e-3 * clock, np.stack([x, x]))).tolist()
+    assert quick_test == found  # however fast it is
     # A hundredth of the span is no corner.
     assert (
         np.flatnonzero(_corners(clock, np.stack([x + 0.009 * (clock == 50), x]))).tolist()
@@ -664,6 +669,9 @@ def test_poisson_s_ratio_and_the_remark_of_a_soft_bulk() -> None:
     low, high = one.interval(0.6827)
     np.testing.assert_allclose(high - low, 2e5 * stats.norm.ppf(0.84135), rtol=1e-9)
     assert dataclasses.replace(one, standard_error=1e9).interval(0.95)[0] == 0.0
+    for dof in (0, 1):
+        low, high = dataclasses.replace(one, standard_error=1e3, dof=dof).interval(0.95)
+        assert (high - low) / 2e3 == pytest.approx(12.706, abs=5e-4)  # tables, one degree
 
 
 def test_model_of_noise_in_words() -> None:

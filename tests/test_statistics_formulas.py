@@ -1,6 +1,7 @@
 """Formulas of statistics against closed forms: noise, misfit, profiles, chains, steps."""
 
 import dataclasses
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from fitting.statistics.bounded import _box, minimise_in_box
+from fitting.statistics.bounded import _box, _solve, minimise_in_box
 from fitting.statistics.chain import Posterior, _round_up
 from fitting.statistics.diagnostics import (
     _basis,
@@ -470,6 +471,24 @@ def test_minimum_in_a_box_is_on_its_face_where_the_free_one_is_beyond() -> None:
     assert stuck == ()
 
 
+def test_decrease_in_a_box_counts_what_leads_back_into_it() -> None:
+    """Stopped far from its end, the search would be judged by the step that is left."""
+    model = linear(LINE, Y)
+    point = np.array([8.0, -3.0])
+    with pytest.MonkeyPatch.context() as patch:
+        stay = SimpleNamespace(least_squares=lambda f, start, **given: SimpleNamespace(x=start))
+        patch.setattr("fitting.statistics.bounded.optimize", stay)
+        far = np.full(2, np.inf)
+        constants, cost, decrease = _solve(model, point, -far, far)
+        r = LINE @ point - Y
+        u, s, _ = np.linalg.svd(LINE * np.abs(point), full_matrices=False)
+        along = np.abs(u.T @ r)
+        expected = np.where(along <= s, along**2 / 2, s * along - s**2 / 2).sum() / (r @ r / 2)
+        np.testing.assert_allclose(constants, point)
+        assert cost == pytest.approx(r @ r / 2)
+        assert decrease == pytest.approx(expected, rel=1e-9)
+
+
 def test_bounds_of_a_box_respect_the_law_s_signs() -> None:
     low, high = _box(TWO, np.ones(2), {"C1": (-5.0, 3.0), "C2": (-1.0, 1.0)})
     assert (low.tolist(), high.tolist()) == ([0.0, -1.0], [3.0, 1.0])
@@ -518,6 +537,13 @@ def test_constants_are_exponentials_multiples_or_limits_of_their_sizes() -> None
     assert (starts[:, 3] >= 0).all()
     assert starts[:, 3].max() > 2.5
     assert np.abs(starts[:, 0]).max() <= 1.0
+
+
+def test_starts_are_within_a_factor_of_e_of_the_natural_sizes() -> None:
+    family = Family(**FREE, parts=(Constant("C1"),))
+    starts = family.random(np.random.default_rng(0), 400)[:, 0]
+    assert starts[0] == 0.0
+    np.testing.assert_allclose([starts.min(), starts.max()], [-1.0, 1.0], atol=0.02)
 
 
 def test_a_sum_that_is_bound_is_the_first_parameter() -> None:
