@@ -210,7 +210,7 @@ def test_exponent_of_a_dimension_is_what_less_force_does_as_well(
     spec: SkinSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A membrane whose displacement is F / t^3: two per cent of t are six of stiffness."""
-    monkeypatch.setattr(pad_errors.platformdirs, "user_cache_path", lambda name: tmp_path)
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path)
     forces = []
 
     def channels(skin: Any, loads: np.ndarray, diameter: float, slots: int) -> np.ndarray:
