@@ -25,7 +25,8 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
 from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
-from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric
+from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
+from suas_jax.sensing.capacitances.concentric import Concentric
 from suas_jax.sensing.converter import PAPER_LSB, Converter
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 from suas_jax.sensing.tiling import tiled_modules
@@ -87,7 +88,7 @@ def field() -> None:
         mechanics, q = solution.problem().mechanics, solution.state.q
         plane = skin_parts(spec, continuous_inputs(spec)).electrodes
         assert plane is not None
-        concentric = eqx.tree_at(lambda e: e.formula, plane, Concentric())
+        concentric = eqx.tree_at(lambda e: e.model, plane, Concentric())
         fields = [np.asarray(field_capacitance(plane, mechanics, q, n)) for n in (720, 1440)]
         exact = (4 * fields[1] - fields[0]) / 3
         print(f"  case {case.upper()}: mesh 720 to 1440 changes {change(*fields):.0e}")

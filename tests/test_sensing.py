@@ -16,12 +16,16 @@ from suas_jax.scene.forward import forward, loads_of, skin_of
 from suas_jax.scene.gradient import gradient
 from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
-from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Concentric, ParallelPlate
+from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Dielectric
+from suas_jax.sensing.capacitances.bare_disc import BareDisc, disc_capacitance
+from suas_jax.sensing.capacitances.concentric import Concentric
+from suas_jax.sensing.capacitances.parallel_plate import ParallelPlate
 from suas_jax.sensing.converter import EIGHT_BIT_LSB, PAPER_LSB, Converter
 from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.sensing.taxels import (
     CHORDS,
     DISC,
+    EVEN,
     PLACE_CHANNELS,
     Taxels,
     module_places,
@@ -61,18 +65,64 @@ def sensing(*loads: dict, table: dict | None = None, **oil: object) -> object:
 
 
 def test_formulas() -> None:
-    gap, radius = jnp.array([5e-3]), WALL
-    plane = ParallelPlate().per_area(gap, radius, jnp.array([2.2]))
+    gap, oil = jnp.array([5e-3]), jnp.array([2.2])
+    plane = ParallelPlate().per_area(gap, Dielectric(oil, 0.0, WALL))
     assert plane[0] == pytest.approx(VACUUM_PERMITTIVITY * 2.2 / 5e-3, rel=1e-15)
-    coaxial = Concentric().per_area(gap, radius, jnp.array([2.2]))
+    coaxial = Concentric().per_area(gap, Dielectric(oil, 0.0, WALL))
     per_length = 2 * np.pi * VACUUM_PERMITTIVITY * 2.2 / np.log(57.5 / 52.5)
     assert coaxial[0] * 2 * np.pi * 0.0525 == pytest.approx(per_length, rel=1e-13)
     assert coaxial[0] / plane[0] == pytest.approx(1.047, abs=1e-3)
     # In series: reciprocals of capacitance add up.
     layers = 50e-6 / 3.3 + 0.2e-3 / 1.6
-    both = ParallelPlate().per_area(gap, radius, jnp.array([2.2]), layers)
+    both = ParallelPlate().per_area(gap, Dielectric(oil, layers, WALL))
     parts = 5e-3 / 2.2 + 50e-6 / 3.3 + 0.2e-3 / 1.6
     assert both[0] == pytest.approx(VACUUM_PERMITTIVITY / parts, rel=1e-14)
+
+
+def test_a_bare_disc_gathers_the_field_beyond_its_edge() -> None:
+    """Love's equation between Kirchhoff's small gaps and the lone disc."""
+    assert disc_capacitance(200.0) == pytest.approx(8 / (1 - 1 / (200 * np.pi)), rel=1e-6)
+    for ratio in (0.02, 0.04):
+        log = np.log(8 * np.pi / ratio)
+        kirchhoff = np.pi / ratio + 2 * (log - 1)
+        following = ratio / np.pi * (log**2 - 2)  # Hutson 1963
+        assert disc_capacitance(ratio) == pytest.approx(kirchhoff + following, rel=2e-4)
+        assert disc_capacitance(ratio) > kirchhoff + following / 2
+
+    taxels = Taxels(
+        *(jnp.array(x)[:, None] for x in ([0.0, 0.1], [0.0, 0.0], [4e-3, 12e-3])),
+        (0, 0),
+        (1, 2),
+    )
+    between = Dielectric(jnp.array([2.2]), 0.0, WALL)
+    gap = jnp.array([[0.3e-3, 0.5e-3, 5e-3, 12e-3]] * 2)
+
+    def of(gap: jax.Array) -> jax.Array:
+        return BareDisc().capacitance([gap], EVEN, taxels, between)
+
+    found = of(gap)
+    for k, radius in enumerate((2e-3, 6e-3)):
+        want = [disc_capacitance(g / radius) for g in np.asarray(gap[k])]
+        unit = VACUUM_PERMITTIVITY * 2.2 * radius
+        np.testing.assert_allclose(found[k] / unit, want, rtol=3e-7)
+    np.testing.assert_allclose(BareDisc().even_gap(found, taxels, between), gap, rtol=1e-10)
+    # Nearer than the polynomial's range the capacitance goes on as the plate's.
+    near = of(jnp.array([[1e-5], [1e-5]]))
+    plate = VACUUM_PERMITTIVITY * 2.2 * taxels.area / 1e-5
+    assert np.all((near > plate) & (near < 1.06 * plate))
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"layers": [{"thickness": "50 um", "relative_permittivity": 3.3}]}, "layers"),
+        ({"taxels": [{"angle": "0 deg", "diameter": "0.5 mm"}]}, "oil_gap is 5 mm.*25 um"),
+    ],
+)
+def test_a_bare_disc_is_refused_beyond_its_range(more: dict, words: str) -> None:
+    spec = sensing(table=electrodes(capacitance="bare-disc", **more))
+    with pytest.raises(ValueError, match=f"bare-disc.*{words}"):
+        skin_parts(spec, continuous_inputs(spec))
 
 
 class Bent:

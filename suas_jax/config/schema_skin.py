@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -17,6 +17,7 @@ from suas_jax.config.fields import (
     quantity,
 )
 from suas_jax.config.quantities import format_quantity
+from suas_jax.runtime.registry import model_names
 
 
 class GeometrySpec(Spec):
@@ -168,11 +169,18 @@ class LayerSpec(Spec):
     )
 
 
+Capacitance: TypeAlias = Literal[  # type: ignore[valid-type]
+    tuple(model_names("suas_jax.sensing.capacitances"))
+]
+"""Models of the capacitance by name, one for each file of the folder."""
+
+
 class ElectrodesSpec(Spec):
     """The electrodes and their converter.
 
     Attributes:
-        capacitance: ``"parallel-plate"`` (the paper's) or ``"concentric"`` formula.
+        capacitance: model: ``"parallel-plate"`` (the paper's), ``"concentric"``, or
+            ``"bare-disc"`` for electrodes without guard.
         stray: capacitance in parallel with each taxel [F].
         layers: dielectrics in series with the oil, such as solder resist or a fabric. They
             take no room from the gap.
@@ -183,9 +191,7 @@ class ElectrodesSpec(Spec):
         modules: triangles of the roboskin layout.
     """
 
-    capacitance: Literal["parallel-plate", "concentric"] = Field(
-        default="parallel-plate", examples=['"parallel-plate"']
-    )
+    capacitance: Capacitance = Field(default="parallel-plate", examples=['"parallel-plate"'])
     stray: Annotated[float, quantity("capacitance", at_least=0.0)] = Field(
         default=0.0, examples=['"0 fF"']
     )

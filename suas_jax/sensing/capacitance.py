@@ -1,30 +1,99 @@
 """Capacitance between an electrode on the wall and the membrane above it.
 
 The membrane's inner face is the grounded plate, the electrode lies on the wall, the oil
-and any further dielectric layers stack up between them. Per area of electrode, at a place
-where the gap is d::
+and any further dielectric layers stack up between them. A model gets the gaps over every
+taxel's footprint and all that there is to know of the electrodes: size, place, neighbours. Most
+are a formula per area of electrode, averaged over the footprint::
 
-    parallel plate   c = eps0 / (d / eps_oil + sum_i t_i / eps_i)
-    concentric       c = eps0 / (r_w ln(1 + d / r_w) / eps_oil + sum_i t_i / eps_i)
+    C = A <eps0 / (t(d) / eps_oil + sum_i t_i / eps_i)>
 
-and for a whole taxel, stray capacitance in parallel, C = C_stray + A <c>, the mean taken
-over its footprint. The first is the paper's (C = eps0 eps_r A / d without layers); the
-second is exact between coaxial cylinders and larger by about d / (2 r_w).
+with t(d) the thickness of the plane film that has the same capacitance as a film of gap d.
+The models are the files of `suas_jax.sensing.capacitances`. Stray capacitance comes on top.
 """
 
 import abc
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from suas_jax.config import ElectrodesSpec
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.sensing.taxels import Footprint, Taxels
 
 VACUUM_PERMITTIVITY = 8.8541878188e-12
 """Electric constant eps0, CODATA 2022 [F/m]."""
 
+TaxelValues = Float[Array, "taxel #lane"]
+
+
+class Dielectric(NamedTuple):
+    """What lies between electrodes and membrane.
+
+    Attributes:
+        permittivity: relative, of the oil.
+        layers: sum of thickness over relative permittivity of what else lies there [m].
+        wall_radius: of the wall that carries the electrodes [m].
+    """
+
+    permittivity: TaxelValues | Lanes
+    layers: TaxelValues | Lanes | float
+    wall_radius: Lanes
+
 
 class AbstractCapacitance(eqx.Module):
+    """A model of the capacitance of electrodes under a deformed membrane.
+
+    Attributes:
+        guarded: whether the wall around an electrode has its potential.
+    """
+
+    guarded: ClassVar[bool] = True
+
+    def check(self, electrodes: ElectrodesSpec, oil_gap: float) -> None:
+        """Refuse electrodes that the model has no value for.
+
+        Args:
+            electrodes: the table that names the model.
+            oil_gap: of the skin at rest [m].
+
+        Raises:
+            ValueError: names the key, its value and what is allowed.
+        """
+        del electrodes, oil_gap
+
+    @abc.abstractmethod
+    def capacitance(
+        self,
+        gaps: Sequence[TaxelValues],
+        footprint: Footprint,
+        taxels: Taxels,
+        between: Dielectric,
+    ) -> Float[Array, "taxel lane"]:
+        """Capacitance of every taxel, stray left out [F].
+
+        Args:
+            gaps: between electrode and inner face at the footprint's places [m], positive.
+            footprint: those places and their weights.
+            taxels: size and place of every electrode.
+            between: what lies between them and the membrane.
+        """
+
+    @abc.abstractmethod
+    def even_gap(
+        self, capacitance: Float[Array, "taxel lane"], taxels: Taxels, between: Dielectric
+    ) -> Float[Array, "taxel lane"]:
+        """Gap of the even film that has a capacitance [m]; not above zero for a closed one.
+
+        Args:
+            capacitance: without stray [F], positive.
+            taxels: size and place of every electrode.
+            between: what lies between them and the membrane.
+        """
+
+
+class AbstractFilmFormula(AbstractCapacitance):
     """A formula for the capacitance per area of electrode."""
 
     @abc.abstractmethod
@@ -39,80 +108,31 @@ class AbstractCapacitance(eqx.Module):
     ) -> Float[Array, "*shape lane"]:
         """Gap whose oil has the capacitance of a plane film: inverse of `thickness` [m]."""
 
-    def gap_of(
-        self,
-        density: Float[Array, "*shape lane"],
-        wall_radius: Lanes,
-        permittivity: Lanes,
-        layers: Lanes | float = 0.0,
-    ) -> Float[Array, "*shape lane"]:
-        """Gap that has a capacitance per area: inverse of `per_area` [m].
-
-        Args:
-            density: capacitance per area of electrode [F/m^2], positive.
-            wall_radius: of the wall that carries the electrodes [m].
-            permittivity: relative, of the oil.
-            layers: as for `per_area` [m].
-        """
-        film = VACUUM_PERMITTIVITY / density - layers
-        return self.gap(film * permittivity, wall_radius)
-
     def per_area(
-        self,
-        gap: Float[Array, "*shape lane"],
-        wall_radius: Lanes,
-        permittivity: Lanes,
-        layers: Lanes | float = 0.0,
+        self, gap: Float[Array, "*shape lane"], between: Dielectric
     ) -> Float[Array, "*shape lane"]:
         """Capacitance per area of electrode [F/m^2].
 
         Args:
-            gap: between wall and inner face [m], positive.
-            wall_radius: of the wall that carries the electrodes [m].
-            permittivity: relative, of the oil.
-            layers: sum of thickness over relative permittivity of what else lies between
-                electrode and membrane [m].
+            gap: between electrode and inner face [m], positive.
+            between: what lies there.
         """
-        film = self.thickness(gap, wall_radius) / permittivity
-        return VACUUM_PERMITTIVITY / (film + layers)
+        film = self.thickness(gap, between.wall_radius) / between.permittivity
+        return VACUUM_PERMITTIVITY / (film + between.layers)
 
+    def capacitance(
+        self,
+        gaps: Sequence[TaxelValues],
+        footprint: Footprint,
+        taxels: Taxels,
+        between: Dielectric,
+    ) -> Float[Array, "taxel lane"]:
+        """A <c>, the mean taken over the footprint; see the base class."""
+        return taxels.area * footprint.average(self.per_area(gap, between) for gap in gaps)
 
-class ParallelPlate(AbstractCapacitance):
-    """The paper's formula, that of plane electrodes: eps0 eps_r / d."""
-
-    def thickness(
-        self, gap: Float[Array, "*shape lane"], wall_radius: Lanes
-    ) -> Float[Array, "*shape lane"]:
-        """The gap itself."""
-        del wall_radius
-        return gap
-
-    def gap(
-        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
-    ) -> Float[Array, "*shape lane"]:
-        """The thickness itself."""
-        del wall_radius
-        return thickness
-
-
-class Concentric(AbstractCapacitance):
-    """Coaxial cylinders: eps0 eps_r / (r_w ln(1 + d / r_w))."""
-
-    def thickness(
-        self, gap: Float[Array, "*shape lane"], wall_radius: Lanes
-    ) -> Float[Array, "*shape lane"]:
-        """r_w ln(1 + d / r_w)."""
-        return wall_radius * jnp.log1p(gap / wall_radius)
-
-    def gap(
-        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
-    ) -> Float[Array, "*shape lane"]:
-        """r_w (exp(t / r_w) - 1)."""
-        return wall_radius * jnp.expm1(thickness / wall_radius)
-
-
-FORMULAS: dict[str, AbstractCapacitance] = {
-    "parallel-plate": ParallelPlate(),
-    "concentric": Concentric(),
-}
-"""Formulas by their name in `[electrodes] capacitance`."""
+    def even_gap(
+        self, capacitance: Float[Array, "taxel lane"], taxels: Taxels, between: Dielectric
+    ) -> Float[Array, "taxel lane"]:
+        """In closed form; see the base class."""
+        film = VACUUM_PERMITTIVITY * taxels.area / capacitance - between.layers
+        return self.gap(film * between.permittivity, between.wall_radius)

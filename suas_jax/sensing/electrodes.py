@@ -12,9 +12,16 @@ from suas_jax.config import SkinSpec
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.sensing.capacitance import FORMULAS, AbstractCapacitance
-from suas_jax.sensing.taxels import CHORDS, DISC, Taxels, heights_of, taxels_of
+from suas_jax.runtime.registry import model_classes
+from suas_jax.sensing.capacitance import AbstractCapacitance, Dielectric
+from suas_jax.sensing.taxels import CHORDS, DISC, EVEN, Taxels, heights_of, taxels_of
 from suas_jax.skin.geometry import SkinGeometry
+
+CAPACITANCES = model_classes(
+    "suas_jax.sensing.capacitances",
+    AbstractCapacitance,  # type: ignore[type-abstract]
+)
+"""Models by their name in `[electrodes] capacitance`, one for each file of the folder."""
 
 
 class Readings(NamedTuple):
@@ -47,7 +54,7 @@ class Electrodes(eqx.Module):
         stray: capacitance in parallel with each taxel [F].
         layers: sum of thickness over relative permittivity of further dielectrics [m].
         lsb: capacitance of one count [F].
-        formula: capacitance per area.
+        model: of the capacitance.
         height: of the electrodes above the wall, towards the membrane [m].
     """
 
@@ -57,14 +64,19 @@ class Electrodes(eqx.Module):
     stray: Lanes
     layers: Lanes
     lsb: Lanes
-    formula: AbstractCapacitance
+    model: AbstractCapacitance
     height: Float[Array, "taxel #lane"] | float = 0.0
+
+    @property
+    def between(self) -> Dielectric:
+        """What lies between electrodes and membrane."""
+        return Dielectric(self.permittivity, self.layers, self.geometry.wall_radius)
 
     def read(self, mechanics: AbstractMechanics, q: StationVector) -> Readings:
         """Readings of a deformed membrane.
 
-        C = C_stray + A <c(d)> with the capacitance per area c averaged over the
-        electrode's disc, and SO = C / lsb (Eqs. 1 and 2 of the paper without noise).
+        C = C_stray + the model's capacitance, and SO = C / lsb (Eqs. 1 and 2 of the paper
+        without noise).
 
         Args:
             mechanics: the membrane on the whole arc.
@@ -92,14 +104,10 @@ class Electrodes(eqx.Module):
             parted = clear | (known & (self.layers > 0))
             gaps = [jnp.maximum(gap, 0.0) for gap in gaps]
         # Untouched taxels keep their derivatives whatever happens to the others: the
-        # formula never sees a gap that it has no value for.
-        density = footprint.average(
-            self.formula.per_area(
-                jnp.where(parted, gap, 1.0), wall, self.permittivity, self.layers
-            )
-            for gap in gaps
-        )
-        capacitance = jnp.where(parted, self.stray + taxels.area * density, jnp.nan)
+        # model never sees a gap that it has no value for.
+        known_gaps = [jnp.where(parted, gap, 1.0) for gap in gaps]
+        own = self.model.capacitance(known_gaps, footprint, taxels, self.between)
+        capacitance = jnp.where(parted, self.stray + own, jnp.nan)
         centre = gaps[footprint.centre]
         return Readings(centre, capacitance, capacitance / self.lsb, ~clear)
 
@@ -111,9 +119,9 @@ class Electrodes(eqx.Module):
         Args:
             gap: between wall and inner face [m].
         """
-        wall = self.geometry.wall_radius
-        density = self.formula.per_area(gap - self.height, wall, self.permittivity, self.layers)
-        return (self.stray + self.taxels.area * density) / self.lsb
+        film = jnp.broadcast_to(gap - self.height, self.taxels.area.shape[:1] + gap.shape[-1:])
+        own = self.model.capacitance([film], EVEN, self.taxels, self.between)
+        return (self.stray + own) / self.lsb
 
     def even_film(self, so: Float[Array, "taxel lane"]) -> Float[Array, "taxel lane"]:
         """Gap of the even film that gives a sensor output: inverse of `read_even_film` [m].
@@ -125,14 +133,9 @@ class Electrodes(eqx.Module):
             Zero where the capacitance is that of a closed film or more; NaN where the output
             is missing, or not above the stray capacitance.
         """
-        density = (so * self.lsb - self.stray) / self.taxels.area
-        known = density > 0
-        gap = self.formula.gap_of(
-            jnp.where(known, density, 1.0),
-            self.geometry.wall_radius,
-            self.permittivity,
-            self.layers,
-        )
+        own = so * self.lsb - self.stray
+        known = own > 0
+        gap = self.model.even_gap(jnp.where(known, own, 1e-12), self.taxels, self.between)
         return jnp.where(known, jnp.maximum(gap, 0.0) + self.height, jnp.nan)
 
 
@@ -150,6 +153,8 @@ def electrodes_of(
         path = f"electrodes.layers.{i}."
         return value(path + "thickness") / value(path + "relative_permittivity")
 
+    model = CAPACITANCES[spec.electrodes.capacitance]()
+    model.check(spec.electrodes, spec.geometry.oil_gap)
     return Electrodes(
         taxels_of(spec.electrodes, numbers, geometry.wall_radius),
         geometry,
@@ -157,6 +162,6 @@ def electrodes_of(
         value("electrodes.stray"),
         sum((reduced(i) for i in range(len(spec.electrodes.layers))), jnp.zeros(1)),
         value("electrodes.lsb"),
-        FORMULAS[spec.electrodes.capacitance],
+        model,
         heights_of(spec.electrodes, numbers),
     )

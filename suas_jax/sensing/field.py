@@ -106,7 +106,13 @@ def field_capacitance(
 def field_capacitance_under(
     electrodes: Electrodes, face: PolarFace, elements: int = _ELEMENTS
 ) -> Float[Array, "taxel lane"]:
-    """Capacitance of every taxel under a deformed inner face; see `field_capacitance`."""
+    """Capacitance of every taxel under a deformed inner face; see `field_capacitance`.
+
+    Raises:
+        ValueError: the electrodes have no guard, or layers of their own.
+    """
+    if not electrodes.model.guarded:
+        raise ValueError("the section's field is that of electrodes with a guard around them")
     geometry, taxels = electrodes.geometry, electrodes.taxels
     wall = geometry.wall_radius
     angle = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle

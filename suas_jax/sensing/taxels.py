@@ -70,6 +70,8 @@ CHORDS = _chords(5)
 """Rays under a membrane in plane strain."""
 DISC = _disc()
 """Rays under a membrane whose gap varies in both directions."""
+EVEN = Footprint(np.zeros((1, 2)), np.ones(1), centre=0)
+"""The one ray that an even film needs."""
 
 
 def module_places() -> Float[np.ndarray, "place 2"]:
