@@ -118,7 +118,9 @@ def _place(mutant: Mutant) -> tuple[set[int], list[str] | None]:
     for node in ast.walk(tree):  # outer ones first
         if not isinstance(node, ast.stmt) or node.end_lineno is None:
             continue
-        if node.lineno <= mutant.line <= node.end_lineno:
+        decorators = getattr(node, "decorator_list", [])
+        first = min([node.lineno, *(decorator.lineno for decorator in decorators)])
+        if first <= mutant.line <= node.end_lineno:
             body = getattr(node, "body", None)
             header = body is None or mutant.line < body[0].lineno
             if isinstance(node, ast.FunctionDef):
@@ -262,7 +264,7 @@ def _import_what_takes_long() -> None:
 @contextlib.contextmanager
 def _copies(count: int) -> Iterator[list[pathlib.Path]]:
     """Copies of the tree, compiled: byte code is checked by the source's content."""
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+    with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
         copies = [pathlib.Path(folder) / f"tree{k}" for k in range(count)]
         for copy in copies:
             ignored = shutil.ignore_patterns(*_NOT_COPIED, ".jax_cache")

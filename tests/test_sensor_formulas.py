@@ -24,6 +24,7 @@ PERMITTIVITY = SensorConstant("relative_permittivity", "1", 2.0)
 GAP = SensorConstant("oil_gap", "m", 5e-3)
 SCALE = SensorConstant("lsb", "F", 1e-16)
 STRAY = SensorConstant("stray", "F", 2e-14, False, 0.0)
+LAYERS = SensorConstant("layers", "m", 2e-3, False, 0.0)
 C1 = SensorConstant("material.C1", "Pa", 3e5)
 
 
@@ -121,7 +122,7 @@ def test_information_counts_readings_in_relative_sizes(monkeypatch: Any) -> None
 
 @pytest.mark.parametrize(
     ("part", "share"),
-    [(PERMITTIVITY, 0.1), (GAP, 0.05), (SCALE, 0.01), (STRAY, 0.1), (C1, 0.1)],
+    [(PERMITTIVITY, 0.1), (GAP, 0.05), (SCALE, 0.01), (STRAY, 0.1), (LAYERS, 0.1), (C1, 0.1)],
 )
 def test_prior_has_the_tolerance_of_the_file_or_the_usual_one(
     part: SensorConstant, share: float
