@@ -359,9 +359,11 @@ def test_what_is_wrong_is_named(tmp_path):
 
     sender = threading.Thread(target=send)
     sender.start()
-    messages = [logger.communicate(timeout=30)[1] for logger in loggers]
-    done.set()
-    sender.join()
+    try:
+        messages = [logger.communicate(timeout=30)[1] for logger in loggers]
+    finally:
+        done.set()
+        sender.join()
     for descriptor in itertools.chain(*ports):
         os.close(descriptor)
     assert [logger.returncode for logger in loggers] == [2] * len(TROUBLES)
