@@ -43,6 +43,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(autouse=True, scope="module")
 def programs_of_one_file() -> Iterator[None]:
     """Free what a file's programs take: those of the whole suite would need gigabytes."""
+    # Commands that a file runs in this process point JAX's cache at the commands' folder.
+    keep_machine_code(PROGRAMS, CACHE / "programs")
     yield
     PROGRAMS.settled()
     COMPILED.forget()
