@@ -73,4 +73,4 @@ lock: $(READY)
 	  $(LOCK) --output-file requirements.lock
 
 clean:
-	rm -rf .venv .jax_cache demo docs/_build docs/generated docs/notebooks
+	rm -rf .venv demo docs/_build docs/generated docs/notebooks

@@ -267,10 +267,8 @@ def _copies(count: int) -> Iterator[list[pathlib.Path]]:
     with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
         copies = [pathlib.Path(folder) / f"tree{k}" for k in range(count)]
         for copy in copies:
-            ignored = shutil.ignore_patterns(*_NOT_COPIED, ".jax_cache")
+            ignored = shutil.ignore_patterns(*_NOT_COPIED)
             shutil.copytree(ROOT, copy, ignore=ignored, symlinks=True)
-            (STORE / "cache").mkdir(parents=True, exist_ok=True)
-            (copy / ".jax_cache").symlink_to(STORE / "cache")
             command = [sys.executable, "-m", "compileall", "-q"]
             checked = ["--invalidation-mode", "checked-hash", *PACKAGES]
             subprocess.run([*command, *checked], cwd=copy, check=True)
