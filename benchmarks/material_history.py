@@ -23,8 +23,8 @@ from suas_jax.runtime.settings import configure
 configure()
 
 from fitting.material.experiments.datasets import load_dataset  # noqa: E402
+from fitting.material.fit.comparison import choose_prony_terms  # noqa: E402
 from fitting.material.fit.fit import fit_material  # noqa: E402
-from fitting.material.fit.prony_terms import choose_prony_terms  # noqa: E402
 
 MU, G, TAU = 0.5e6, np.array([0.2, 0.15]), np.array([0.5, 20.0])
 RAMP, STRAIN = 0.1, 0.5

@@ -12,8 +12,8 @@ from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
 from fitting.inverse_load.model.contact_parameters import SECTION
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.inverse_load.search.pairs import PairSearch
-from fitting.material.experiments.homogeneous import mode_factors
 from fitting.material.experiments.measurements import Origin
+from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
 from suas_jax.equilibrium.equilibrium import State
 

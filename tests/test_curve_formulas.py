@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fitting.material import calibration
 from fitting.material.experiments.artefacts import curve_suspects
 from fitting.material.experiments.data_checks import (
     _jumps,
@@ -30,7 +31,6 @@ from fitting.material.experiments.selection import (
     thinned,
 )
 from fitting.material.experiments.volumetric import VolumetricTest
-from fitting.material.fit import in_service
 from fitting.material.fit.bulk_modulus import _Fitted
 from fitting.material.fit.comparison import Comparison
 from tests.stand_ins import neo_hookean, tension
@@ -302,16 +302,16 @@ def test_a_scene_is_compared_with_the_stretches_of_the_data(
     report = {"status": "converged", "stretch_min": low, "stretch_max": high}
     solved = SimpleNamespace(report={**report, "material_stable": True, "message": "m"})
     monkeypatch.setattr("suas_jax.scene.solve.solve", lambda scene: solved)
-    monkeypatch.setattr(in_service, "load_scene", lambda path: path)
-    monkeypatch.setattr(in_service, "with_material", lambda scene, fit: scene)
+    monkeypatch.setattr(calibration, "load_scene", lambda path: path)
+    monkeypatch.setattr(calibration, "with_material", lambda scene, fit: scene)
     fit: Any = SimpleNamespace(
         stable={"pure_shear": (0.5, 2.0)}, sets=[tension([1.0, 1.2]), tension([1.0, 1.8])]
     )
     place: Any = "scene.toml"
-    summary, found = in_service.compare_with_scene(fit, place)
+    summary, found = calibration.compare_with_scene(fit, place)
     assert (summary["stretch_min"], summary["stretch_max"]) == (low, high)
     assert len(found) == len(remarks)
     for text, words in zip(found, remarks, strict=True):
         assert words in text
     solved.report["status"] = "unstable"
-    assert in_service.compare_with_scene(fit, place)[1][0] == "scene.toml: m"
+    assert calibration.compare_with_scene(fit, place)[1][0] == "scene.toml: m"

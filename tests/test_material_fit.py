@@ -11,11 +11,10 @@ import scipy.optimize
 from scipy import stats
 
 from fitting.material.experiments.artefacts import curve_suspects
-from fitting.material.experiments.bulge import Bulge
+from fitting.material.experiments.bulge import Bulge, SphericalCap
 from fitting.material.experiments.datasets import load_dataset
-from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, shear_factors
 from fitting.material.experiments.measurements import Dataset
-from fitting.material.experiments.spherical_cap import SphericalCap
+from fitting.material.experiments.prediction import Homogeneous, mode_factors, shear_factors
 from fitting.material.fit import comparison as comparison_of_laws
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 from fitting.material.data.errors import DataError
+from fitting.material.experiments.bulge import SphericalCap
 from fitting.material.experiments.free_zero import FreeZero, smoothed
 from fitting.material.experiments.history import (
     HistoryTest,
@@ -20,9 +21,8 @@ from fitting.material.experiments.history import (
     with_history,
 )
 from fitting.material.experiments.history_thinning import _corners, thinned_history
-from fitting.material.experiments.homogeneous import mode_factors, padded, shear_factors
 from fitting.material.experiments.measurements import Origin
-from fitting.material.experiments.spherical_cap import SphericalCap
+from fitting.material.experiments.prediction import mode_factors, padded, shear_factors
 from fitting.material.experiments.timing import held_stretch, ramp_of, times_by_rate
 from fitting.material.experiments.toe import idle, toe_end
 from fitting.material.experiments.volumetric import VolumetricTest
@@ -31,20 +31,16 @@ from fitting.material.fit.bulk_modulus import (
     compressibility_remark,
     fit_bulk_modulus,
 )
-from fitting.material.fit.comparison import Comparison
+from fitting.material.fit.comparison import Comparison, undetermined_term
 from fitting.material.fit.intervals import _ends, _normal, _Search
-from fitting.material.fit.judgement import noise_remark
-from fitting.material.fit.noise import Noise, estimated_noise, with_noise
+from fitting.material.fit.noise import Noise, estimated_noise, noise_remark, with_noise
 from fitting.material.fit.preparation import window_of
-from fitting.material.fit.problem import _sizes, reading_scale
-from fitting.material.fit.prony_terms import undetermined_term
-from fitting.material.fit.residuals import shared_error
-from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
+from fitting.material.fit.problem import _scales_of, reading_scale, shared_error
+from fitting.material.fit.specimens import Scatter, Specimens, of_typical_specimen, specimens_of
 from fitting.material.fit.suspects import _in_percent, _may_be_percent, zero_in_units
 from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.noise_model import NoiseModel
 from fitting.statistics.parameters import Constant, Family, Scales
-from fitting.statistics.random_effects import Scatter
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
 from tests.skins import quick
 from tests.stand_ins import MU, neo_hookean, tension
@@ -142,7 +138,7 @@ def test_scales_are_own_sizes_with_a_floor_a_mean_square_or_the_noise() -> None:
 
 
 def test_sizes_of_the_data_are_their_modulus_and_largest_invariants() -> None:
-    found = _sizes([tension(np.linspace(1.0, 2.0, 20)), tension([0.5, 1.0])])
+    found = _scales_of([tension(np.linspace(1.0, 2.0, 20)), tension([0.5, 1.0])])
     assert float(found.stress) == pytest.approx(MU, rel=1e-6)
     assert float(found.i1) == pytest.approx(4 + 2 / 2 - 3, rel=1e-9)
     assert float(found.i2) == pytest.approx(max(1 / 4 + 2 * 2, 4 + 2 * 0.5) - 3, rel=1e-9)

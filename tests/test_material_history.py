@@ -17,8 +17,8 @@ from fitting.cli.app import app
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.history import History, histories, with_history
 from fitting.material.experiments.history_thinning import thinned_history
+from fitting.material.fit.comparison import choose_prony_terms
 from fitting.material.fit.fit import fit_material
-from fitting.material.fit.prony_terms import choose_prony_terms
 from suas_jax.config import ConfigError, scene_from_dict
 from suas_jax.constitutive import MooneyRivlin, NeoHookean, build_law
 from suas_jax.constitutive.inelastic import Inelastic

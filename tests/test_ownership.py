@@ -17,8 +17,7 @@ import pytest
 from benchmarks.interleavings import SCENARIOS
 from fitting.calibration.session import CalibrationFolder
 from fitting.material.many import calibrate_all, finished
-from fitting.statistics.laplace import Gaussian
-from fitting.statistics.log_probability import NumpyBatch
+from fitting.statistics.log_probability import Gaussian, NumpyBatch
 from fitting.statistics.posterior import Settings, sample
 from suas_jax.acquisition.log import writer as log_writer
 from suas_jax.acquisition.log.log_file import LineWriteError, LogWriter, log_header, read_log

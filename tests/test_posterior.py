@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 
 from fitting.material.report.posterior_files import to_arviz
-from fitting.statistics.laplace import Gaussian, laplace
-from fitting.statistics.log_probability import Batch
+from fitting.statistics.log_probability import Batch, Gaussian, laplace
 from fitting.statistics.posterior import Settings, sample
 
 ROOT = pathlib.Path(__file__).parent.parent

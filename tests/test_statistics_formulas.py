@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from fitting.material.fit.specimens import scatter_between
 from fitting.statistics.bounded import _box, _solve, minimise_in_box
 from fitting.statistics.chain import Posterior, _round_up
 from fitting.statistics.diagnostics import (
@@ -19,14 +20,13 @@ from fitting.statistics.diagnostics import (
     information_criteria,
     misfit,
 )
-from fitting.statistics.laplace import Gaussian, _expansion, laplace
 from fitting.statistics.least_squares import (
     Minima,
     _is_minimum,
     _judged,
     minimise_one_by_one,
 )
-from fitting.statistics.log_probability import Batch, NumpyBatch
+from fitting.statistics.log_probability import Batch, Gaussian, NumpyBatch, _expansion, laplace
 from fitting.statistics.noise_model import (
     NoiseModel,
     _both,
@@ -38,7 +38,6 @@ from fitting.statistics.noise_model import (
 from fitting.statistics.parameters import Constant, Family, Scales
 from fitting.statistics.posterior import Settings, _change, _tau, _walkers
 from fitting.statistics.profile import _constrained, _Counted, _step, profile_end
-from fitting.statistics.random_effects import scatter_between
 from tests.skins import quick
 from tests.test_linear_model import LINE, X, Y, linear
 

@@ -50,7 +50,7 @@ def data(
 
         report, table, test = preview(file, mode_named(mode), named, sizes)
         if plot is not None:
-            from fitting.material.report.data_plot import plot_data
+            from fitting.material.report.plots import plot_data
 
             plot_data(table, test, plot)
     if as_json:

@@ -248,7 +248,7 @@ def material(
             except NoFit as error:
                 report = {"law": law, "status": "no_fit", "message": str(error)}
             if fit is not None and scene is not None and not _on_skin(sets):
-                from fitting.material.fit.in_service import compare_with_scene
+                from fitting.material.calibration import compare_with_scene
 
                 show("solving the scene")
                 report["scene"], remark = compare_with_scene(fit, scene)

@@ -24,7 +24,7 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.statistics.chain import Posterior
-from fitting.statistics.laplace import Gaussian
+from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
 
 PROBABLE = 0.01

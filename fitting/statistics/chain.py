@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.statistics.laplace import Gaussian
+from fitting.statistics.log_probability import Gaussian
 
 LONG_ENOUGH = 50.0
 TAU_SETTLED = 0.05

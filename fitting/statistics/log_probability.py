@@ -1,12 +1,13 @@
-"""A log-probability compiled once, for a whole batch of points.
+"""A log-probability in batches, and Laplace's approximation: the Gaussian at its maximum.
 
-The batch has one shape, half of an ensemble: emcee asks for the whole once, then for halves
-or quarters, which are cut or padded to it. A point whose log-probability is not finite is
-impossible, never an error.
+Compiled, a batch has one shape, half of an ensemble: emcee asks for the whole once, then for
+halves or quarters, which are cut or padded to it. A point whose log-probability is not finite
+is impossible, never an error.
 """
 
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,9 @@ from numpy.typing import NDArray
 from suas_jax.runtime.compiled import OPTIONS
 
 LogProbability = Callable[[Float[Array, "point p"]], Float[Array, " point"]]
+
+_DIFFERENCE = 0.05
+_NEWTON_STEPS = 20
 
 
 class NumpyBatch:
@@ -84,3 +88,93 @@ class Batch:
         self.evaluations += len(filled)
         found = np.concatenate(values)[:count]
         return np.where(np.isfinite(found), found, -np.inf)
+
+
+class Gaussian(NamedTuple):
+    """A normal distribution.
+
+    Attributes:
+        mean: shape [p].
+        covariance: shape [p, p].
+    """
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard deviations, shape [p]."""
+        return np.sqrt(np.diagonal(self.covariance))
+
+
+def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gaussian | None:
+    """Expand a log-probability at its maximum.
+
+    Newton's method in the coordinates that make `start` a unit Gaussian, where one step
+    length of central differences suits every parameter. The differences need no program but
+    the batch's own; `jax.hessian` would need a second one, which takes longer to compile than
+    the first (processor seconds to trace and compile, batch of 16 and Hessian: Yeoh's law on
+    three tests 0.2 and 1.1, Ogden's with three terms 0.4 and 5.9, a skin's curve 5.6 and
+    19.1), while an expansion of six parameters by differences takes three batches.
+
+    Args:
+        batch: log-probability of points [n, p].
+        start: an approximation to begin with.
+
+    Returns:
+        The Gaussian of the maximum and its curvature; None where none was found.
+    """
+    values, vectors = np.linalg.eigh(start.covariance)
+    widest = float(np.max(values))
+    root = vectors * np.sqrt(np.maximum(values, 1e-24 * widest))
+    centre = np.array(start.mean, float)
+    value = float(batch(centre[None])[0])
+    for _ in range(_NEWTON_STEPS):
+        if not np.isfinite(value):
+            return None
+        slope, curvature = _expansion(batch, centre, root, value)
+        if not np.all(np.isfinite(curvature)):
+            return None
+        size, axes = np.linalg.eigh(-curvature)
+        # Uphill even where the surface is not concave, never further than the coordinates
+        # are good for.
+        along = axes.T @ slope
+        ascent = along / np.maximum(np.abs(size), 1e-3)
+        step = axes @ np.clip(ascent, -3.0, 3.0)
+        lengths = 0.5 ** np.arange(8)
+        tried = centre + (lengths[:, None] * step) @ root.T
+        found = batch(tried)
+        best = int(np.argmax(found))
+        if found[best] > value:
+            centre, value = tried[best], float(found[best])
+        if np.min(size) > 0.0:
+            # The next expansion is taken in the coordinates of this one.
+            root = root @ (axes / np.sqrt(size))
+            if float(np.max(np.abs(along) / np.sqrt(size))) < 1e-2:
+                return Gaussian(centre, root @ root.T)
+        elif np.max(np.abs(step)) < 1e-6:
+            return None
+    return None
+
+
+def _expansion(
+    batch: Callable[[np.ndarray], np.ndarray],
+    centre: np.ndarray,
+    root: np.ndarray,
+    value: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradient and Hessian in the coordinates of `root`, by central differences."""
+    p, h = len(centre), _DIFFERENCE
+    unit = np.eye(p)
+    pairs = [(i, j) for i in range(p) for j in range(i)]
+    places = [*(h * unit), *(-h * unit)]
+    places += [h * (unit[i] + unit[j]) for i, j in pairs]
+    places += [-h * (unit[i] + unit[j]) for i, j in pairs]
+    found = batch(centre + np.array(places) @ root.T)
+    up, down, both, neither = np.split(found, [p, 2 * p, 2 * p + len(pairs)])
+    curvature = np.diag((up - 2.0 * value + down) / h**2)
+    with np.errstate(invalid="ignore"):  # beyond a bound both are -inf: no curvature is known
+        for k, (i, j) in enumerate(pairs):
+            mixed = both[k] + neither[k] - up[i] - down[i] - up[j] - down[j] + 2.0 * value
+            curvature[i, j] = curvature[j, i] = mixed / (2.0 * h**2)
+        return (up - down) / (2.0 * h), curvature

@@ -15,8 +15,13 @@ import emcee
 import numpy as np
 
 from fitting.statistics.chain import LONG_ENOUGH, TAU_SETTLED, Posterior
-from fitting.statistics.laplace import Gaussian, laplace
-from fitting.statistics.log_probability import Batch, LogProbability, NumpyBatch
+from fitting.statistics.log_probability import (
+    Batch,
+    Gaussian,
+    LogProbability,
+    NumpyBatch,
+    laplace,
+)
 from suas_jax.files.command import allow_replacing
 from suas_jax.files.ownership import owned
 from suas_jax.files.reading import MEGABYTE, check_readable

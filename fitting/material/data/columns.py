@@ -4,8 +4,7 @@ import re
 from typing import NamedTuple
 
 from fitting.column_units import UNITS, unit_size
-from fitting.material.data.column_quantities import QUANTITIES, Quantity
-from fitting.material.data.column_words import plain_words
+from fitting.material.data.column_names import QUANTITIES, Quantity, plain_words
 
 STRESS_UNITS = "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
 _SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}

@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 
 from fitting.material.data.cells import Cells
-from fitting.material.data.column_words import plain_words
+from fitting.material.data.column_names import plain_words
 from fitting.material.data.columns import SIZES, is_unit, split_specimen, understand
 from fitting.material.data.layout import Layout, with_unit
 from fitting.material.data.numbers import decimal_mark, looks_numeric, number

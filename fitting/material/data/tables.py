@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from fitting.material.data.cells import Cells, read_cells
+from fitting.material.data.column_choice import renamed, side_by_side
 from fitting.material.data.columns import split_specimen
 from fitting.material.data.errors import DataError
-from fitting.material.data.given_columns import renamed
 from fitting.material.data.header import Header, read_header
 from fitting.material.data.layout import Layout, find_table, with_unit
 from fitting.material.data.numbers import decimal_mark, number
-from fitting.material.data.side_by_side import side_by_side
 
 _SAMPLED = 2000  # rows that tell the decimal mark
 

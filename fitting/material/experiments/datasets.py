@@ -1,26 +1,204 @@
-"""Read a file of measurements of one kind of test."""
+"""Read a file of measurements of one kind of test.
+
+Files state stresses, forces or pressures over stretches, strains, angles or radii. Each reader
+finds what its kind of test needs among the columns, with the specimen's sizes where a force or
+a radius asks for them, and says what is missing otherwise; the measure of the stress goes into
+the factors c₁, c₂ of each reading.
+"""
 
 import os
 import re
 from collections.abc import Callable, Mapping
 
+import numpy as np
+
 from fitting.column_units import unit_size
 from fitting.material.data.errors import DataError
 from fitting.material.data.tables import read_table
 from fitting.material.experiments.bulge import bulge
-from fitting.material.experiments.measurements import Dataset, mode_named
+from fitting.material.experiments.measurements import PATHS, Dataset, joined, mode_named
+from fitting.material.experiments.prediction import mode_factors, shear_factors
 from fitting.material.experiments.skin_readings import skin
-from fitting.material.experiments.stress_readings import (
-    balloon,
-    biaxial,
-    difference,
-    one_parameter,
-    simple_shear,
-)
+from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
 from fitting.material.experiments.volumetric import volumetric
 from suas_jax.config import load_scene
 from suas_jax.config.quantities import parse_quantity
+
+
+def _stress_test(
+    reader: Reader,
+    measure: str,
+    factors: np.ndarray,
+    values: np.ndarray,
+    *,
+    coordinate: np.ndarray | None = None,
+    companion: np.ndarray | None = None,
+    direction: int = 1,
+) -> StressTest:
+    """A test of one stress; its coordinate is λ₁ unless another is given."""
+    count = len(values)
+    test = StressTest(
+        **reader.fields(values),
+        measure=measure,
+        coordinate=np.exp(factors[0]) if coordinate is None else coordinate,
+        factors=factors,
+        companion=np.zeros(count) if companion is None else companion,
+        direction=np.full(count, direction),
+        time=reader.times(np.expm1(factors[0]) if coordinate is None else coordinate),
+    )
+    return reader.kept(test, factors)
+
+
+def one_parameter(reader: Reader) -> StressTest:
+    """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    found = reader.stress()
+    if found is None:
+        raise reader.need("the stress", "nominal_stress_MPa", "cauchy_stress_kPa", "force_N")
+    values, measure = found
+    stretch = reader.stretch()
+    factors = _measured(mode_factors(PATHS[reader.mode], stretch), stretch, measure)
+    return _stress_test(reader, measure, factors, values)
+
+
+def biaxial(reader: Reader) -> StressTest:
+    """Readings of general biaxial tension: one stress or both over two stretches.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    first, second = reader.stretch(1), _second_stretch(reader)
+    parts = []
+    for direction, own in ((1, first), (2, second)):
+        found = reader.stress(direction)
+        if found is not None:
+            values, measure = found
+            zero, one = np.zeros_like(own), np.ones_like(own)
+            pair = (one, zero) if direction == 1 else (zero, one)
+            factors = _measured((np.log(first), np.log(second), *pair), own, measure)
+            parts.append((values, measure, factors, direction))
+    if not parts:
+        if any(key[0].startswith("cauchy_difference") for key in reader.columns):
+            raise DataError(
+                f"{reader.table.file}: this file states a stress difference; use "
+                f"--data biaxial_difference={reader.table.file}"
+            )
+        raise reader.need("the stress", "nominal_stress_1_MPa", "nominal_stress_2_MPa")
+    if len({measure for _, measure, _, _ in parts}) > 1:
+        raise DataError(f"{reader.table.file}: both stresses must be of the same measure")
+    with np.errstate(invalid="ignore"):
+        largest = np.fmax.reduce([np.abs(values) for values, *_ in parts])
+    sets = [
+        _stress_test(reader, measure, factors, values, companion=largest, direction=direction)
+        for values, measure, factors, direction in parts
+    ]
+    return joined(sets)
+
+
+def _second_stretch(reader: Reader) -> np.ndarray:
+    have = {key for key in reader.columns if key[1] == 2}
+    if not any(q in ("stretch", "strain", "log_strain", "green_strain") for q, _ in have):
+        raise reader.need("the second stretch", "stretch_2", "strain_2")
+    return reader.stretch(2)
+
+
+def difference(reader: Reader) -> StressTest:
+    """Readings of the difference of the Cauchy stresses over two stretches.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    first, second = reader.stretch(1), _second_stretch(reader)
+    values = reader.column("cauchy_difference")
+    if values is None:
+        reversed_sign = reader.column("cauchy_difference_reversed")
+        values = None if reversed_sign is None else -reversed_sign
+    if values is None:
+        pair = [reader.column("cauchy", direction) for direction in (1, 2)]
+        if pair[0] is None or pair[1] is None:
+            raise reader.need(
+                "the stress difference", "cauchy_stress_difference_22_minus_11_MPa"
+            )
+        values = pair[1] - pair[0]
+    one = np.ones_like(first)
+    factors = np.stack([np.log(first), np.log(second), -one, one])
+    return _stress_test(reader, "difference", factors, values)
+
+
+def simple_shear(reader: Reader) -> StressTest:
+    """Readings of simple shear: shear stress over the amount of shear.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    shear, angle = reader.column("shear"), reader.column("shear_angle")
+    if shear is None and angle is not None:
+        shear = np.tan(angle)
+    if shear is None:
+        moved, height = reader.column("displacement"), reader.size("thickness")
+        if moved is not None and height is not None:
+            shear = moved / height
+    if shear is None:
+        raise reader.need("the amount of shear", "shear_strain", "gamma", "shear_angle_deg")
+    values = reader.column("nominal_shear")
+    if values is None:
+        found = reader.stress()
+        if found is None:
+            raise reader.need("the shear stress", "shear_stress_kPa", "force_N")
+        values = found[0]
+    factors = np.stack(shear_factors(shear))
+    return _stress_test(reader, "shear", factors, values, coordinate=shear)
+
+
+def balloon(reader: Reader) -> StressTest:
+    """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ.
+
+    Raises:
+        DataError: what is missing, or impossible.
+    """
+    values = reader.column("pressure")
+    if values is None:
+        raise reader.need("the pressure", "pressure_kPa")
+    radius = reader.column("radius")
+    rest = reader.size("rest_radius")
+    if any(key[0] in ("stretch", "strain") for key in reader.columns):
+        stretch = reader.stretch()
+    elif radius is not None and rest is not None:
+        reader.require_positive(radius, "radius")
+        stretch = radius / rest
+    elif radius is not None:
+        raise DataError(
+            f"{reader.table.file}: the radius needs its undeformed value: add "
+            f'"# rest_radius: 20 mm" to the file or --specimen "rest_radius=20 mm"'
+        )
+    else:
+        raise reader.need("the radius", "radius_mm", "stretch")
+    ratio = reader.size("thickness_ratio")
+    if ratio is None:
+        thickness = reader.size("thickness")
+        if thickness is None or rest is None:
+            raise DataError(
+                f"{reader.table.file}: a balloon needs its undeformed wall thickness and "
+                f'radius: add "# thickness: 0.3 mm" and "# rest_radius: 20 mm" to the file '
+                f'or give --specimen "thickness=0.3 mm,rest_radius=20 mm"'
+            )
+        ratio = thickness / rest
+    e1, e2, c1, c2 = mode_factors("equibiaxial", stretch)
+    share = 2.0 * ratio / stretch**3
+    factors = np.stack([e1, e2, share * c1, share * c2])
+    return _stress_test(reader, "pressure", factors, values)
+
+
+def _measured(factors: tuple[np.ndarray, ...], stretch: np.ndarray, measure: str) -> np.ndarray:
+    """Turn factors that read Cauchy stress into those of another measure."""
+    power = {"cauchy": 0, "nominal": 1, "second_pk": 2}[measure]
+    e1, e2, c1, c2 = factors
+    return np.stack([e1, e2, c1 / stretch**power, c2 / stretch**power])
+
 
 TESTS: dict[str, Callable[[Reader], Dataset]] = {
     "biaxial": biaxial,

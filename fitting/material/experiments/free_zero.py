@@ -18,9 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from fitting.material.experiments.homogeneous import mode_factors, padded
 from fitting.material.experiments.measurements import PATHS
-from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.prediction import AbstractExperiment, mode_factors, padded
 from fitting.material.experiments.selection import series_of
 from fitting.material.experiments.stress_tests import StressTest
 from suas_jax.constitutive import AbstractLaw

@@ -12,9 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from fitting.material.data.errors import DataError
-from fitting.material.experiments.homogeneous import padded, shear_factors
 from fitting.material.experiments.measurements import Dataset, Predictor
-from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.prediction import AbstractExperiment, padded, shear_factors
 from fitting.material.experiments.selection import half_cycles, series_of
 from fitting.material.experiments.stress_tests import StressTest, homogeneous
 from suas_jax.constitutive import AbstractLaw

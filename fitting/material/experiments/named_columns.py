@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from fitting.material.data.column_words import plain_words
+from fitting.material.data.column_names import plain_words
 from fitting.material.data.columns import Column, quantity_of, understand
 from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing

@@ -1,14 +1,27 @@
-"""What a law predicts for a test: the forward model of a material's calibration."""
+"""What a law predicts for a test: the forward model of a calibration of a material.
+
+A homogeneous test reads a linear combination of the two Kirchhoff stresses at a known
+state, c₁ τ₁(e₁, e₂) + c₂ τ₂(e₁, e₂): stress measure, direction and geometry of the test
+are all in (e₁, e₂, c₁, c₂). Every uniaxial, biaxial, shear and balloon point of every
+file is therefore one lane of the same compiled evaluation.
+"""
 
 import abc
 from typing import ClassVar, Self
 
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.residuals import linearised
 from suas_jax.constitutive import AbstractLaw
+from suas_jax.constitutive.specimens.homogeneous import MODES, kirchhoff
+
+# Points are padded to a power of two, and to no less than this, so that data sets of
+# different sizes share compiled programs.
+_FEWEST = 64
 
 
 class AbstractExperiment(eqx.Module):
@@ -44,3 +57,58 @@ class AbstractExperiment(eqx.Module):
     @abc.abstractmethod
     def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
         """Readings of all points, padding included."""
+
+
+class Homogeneous(AbstractExperiment):
+    """Points of homogeneous tests, c₁ τ₁ + c₂ τ₂ at (e₁, e₂).
+
+    Attributes:
+        e1: log λ₁, shape [n].
+        e2: log λ₂, shape [n].
+        c1: factor of τ₁, shape [n].
+        c2: factor of τ₂, shape [n].
+    """
+
+    e1: Float[Array, " n"]
+    e2: Float[Array, " n"]
+    c1: Float[Array, " n"]
+    c2: Float[Array, " n"]
+
+    @property
+    def size(self) -> int:
+        """Number of readings, padding included."""
+        return len(self.e1)
+
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings [Pa]; zero for padding."""
+        tau_1, tau_2 = kirchhoff(law, self.e1, self.e2)
+        return self.c1 * tau_1 + self.c2 * tau_2
+
+
+def padded(values: np.ndarray, fill: float = 0.0) -> Float[Array, " n"]:
+    """Fill an array up to the next size that programs are compiled for."""
+    missing = max(_FEWEST, 1 << (len(values) - 1).bit_length()) - len(values)
+    return jnp.asarray(np.concatenate([values, np.full(missing, fill)]), float)
+
+
+def mode_factors(mode: str, stretch: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(e₁, e₂, c₁, c₂) that read the Cauchy stress of a one-parameter mode.
+
+    Args:
+        mode: "uniaxial", "equibiaxial" or "planar".
+        stretch: λ > 0, shape [n].
+    """
+    path = MODES[mode]
+    e = np.log(stretch)
+    one = np.ones_like(e)
+    return e, path.ratio * e, one / path.directions, path.ratio / path.directions * one
+
+
+def shear_factors(shear: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(e₁, e₂, c₁, c₂) that read the shear stress dΨ/dγ in simple shear.
+
+    Stretches are exp(±h) with γ = 2 sinh h, so dΨ/dγ = (τ₁ − τ₂)/(2 cosh h).
+    """
+    h = np.arcsinh(0.5 * shear)
+    share = 0.5 / np.cosh(h)
+    return h, -h, share, -share

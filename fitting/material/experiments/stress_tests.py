@@ -1,7 +1,7 @@
 """Tests of a homogeneous deformation: tension, shear, and the spherical balloon.
 
 Each reading becomes the combination c₁ τ₁ + c₂ τ₂ of Kirchhoff stresses that its test measures
-(see `fitting.material.experiments.homogeneous`), whatever measure the file states.
+(see `fitting.material.experiments.prediction`), whatever measure the file states.
 """
 
 import dataclasses
@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.material.experiments.homogeneous import Homogeneous, padded
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor
+from fitting.material.experiments.prediction import Homogeneous, padded
 
 # Tests in which both stretches are free: no one curve, and nothing to extrapolate to.
 _FREE_STATES = frozenset(["biaxial", "biaxial_difference"])

@@ -13,8 +13,7 @@ import numpy as np
 from scipy import stats
 
 from fitting.material.experiments.volumetric import VolumetricTest
-from fitting.material.fit.judgement import noise_remark
-from fitting.material.fit.noise import Noise, estimated_noise, with_noise
+from fitting.material.fit.noise import Noise, estimated_noise, noise_remark, with_noise
 from fitting.material.fit.preparation import prepared
 from fitting.material.fit.problem import reading_scale
 from fitting.statistics.diagnostics import Misfit, misfit

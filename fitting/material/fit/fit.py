@@ -12,14 +12,23 @@ from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.toe import without_toe
-from fitting.material.fit.judgement import judged_residuals, noise_remark
-from fitting.material.fit.noise import Noise, noise_of, with_noise
+from fitting.material.fit.noise import (
+    Noise,
+    judged_residuals,
+    noise_of,
+    noise_remark,
+    with_noise,
+)
 from fitting.material.fit.preparation import prepared, refuse_what_forgets, window_of
-from fitting.material.fit.problem import MaterialProblem, pose
-from fitting.material.fit.residuals import readings
+from fitting.material.fit.problem import MaterialProblem, pose, readings
 from fitting.material.fit.result import MaterialFit
-from fitting.material.fit.reweighting import search_for_typical_specimen, weighed_search
-from fitting.material.fit.search import SKIN_LANES, NoFit, refuse_without_stiffness
+from fitting.material.fit.search import (
+    SKIN_LANES,
+    NoFit,
+    refuse_without_stiffness,
+    search_for_typical_specimen,
+    weighed_search,
+)
 from fitting.material.fit.specimens import has_several_specimens
 from fitting.material.fit.suspects import (
     fit_suspects,

@@ -23,7 +23,7 @@ from jaxtyping import Array
 from fitting.material.fit.problem import settle
 from fitting.material.fit.result import MaterialFit
 from fitting.statistics.chain import Posterior
-from fitting.statistics.laplace import Gaussian
+from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
 from fitting.statistics.residuals import sensitivity
 

@@ -12,12 +12,11 @@ import numpy as np
 from scipy import stats
 
 from fitting.material.experiments.artefacts import Suspect
-from fitting.material.experiments.homogeneous import Homogeneous, mode_factors, padded
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
-from fitting.material.fit.problem import MaterialProblem
-from fitting.material.fit.residuals import readings
+from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.material.fit.specimens import Specimens
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty

@@ -1,5 +1,11 @@
-"""The search for the constants with the least sum of squares."""
+"""The search for the constants with the least sum of squares.
 
+Two things are known only after a first fit: the noise of the readings, and how much stiffer or
+softer each specimen is than the typical one. Readings are weighed by that noise, or divided by
+the factors of their specimens, and the constants are sought again.
+"""
+
+import dataclasses
 from collections.abc import Sequence
 
 import jax.numpy as jnp
@@ -8,8 +14,9 @@ import numpy as np
 from fitting.material.experiments.free_zero import Zero
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.corrected_model import minimise_corrected
-from fitting.material.fit.problem import MaterialProblem, pose
-from fitting.material.fit.residuals import Residuals
+from fitting.material.fit.noise import noise_of, with_noise
+from fitting.material.fit.problem import MaterialProblem, Residuals, pose, readings
+from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
 from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 from fitting.statistics.parameters import AbstractFamily
@@ -28,6 +35,9 @@ _BESIDE, _BESIDE_STEPS, _LONG_TERM, _VIRGIN = 6, 80, 0.7, 1.2
 # Smallest shear modulus of a law over that of the least deformed readings: below it the search
 # was on its way to zero, where no minimum is.
 _LEAST_STIFFNESS = 1e-3
+
+# Rounds of weighing by the estimated noise, which the fit itself then changes little.
+_NOISE_ROUNDS = 2
 
 
 class NoFit(ArithmeticError):  # noqa: N818
@@ -141,3 +151,78 @@ def _with_effects(
     beside = chosen.spread(rng, min(starts, _BESIDE))
     points = np.concatenate([np.tile(law, (len(beside), 1)), beside], axis=1)
     return minimise_one_by_one(problem.residuals, points, _BESIDE_STEPS)
+
+
+def weighed_search(
+    sets: list[Dataset],
+    chosen: AbstractFamily,
+    kind: str,
+    starts: int,
+    seed: int,
+    zeros: Sequence[Zero],
+) -> tuple[MaterialProblem, Minima, list[Dataset]]:
+    """The search, with readings weighed by their noise where it is to be estimated.
+
+    Args:
+        sets: the data.
+        chosen: parameters of the law.
+        kind: of the residuals; "estimated" weighs them.
+        starts: number of starting points.
+        seed: of their draw.
+        zeros: of tests that are found with the law.
+
+    Returns:
+        The problem, its minima, and the data with the noise that they are weighed by.
+    """
+    if kind != "estimated":
+        return *search(sets, chosen, kind, starts, seed, zeros), sets
+    problem, minima = search(sets, chosen, "relative", starts, seed, zeros)
+    for _ in range(_NOISE_ROUNDS):
+        if not np.isfinite(minima.cost[0]):
+            break
+        scales = problem.residuals.scales
+        constants = np.asarray(chosen.constants(jnp.asarray(minima.theta[0]), scales))
+        noise = noise_of(sets, problem, constants)
+        predicted, _ = readings(problem.residuals, jnp.asarray(constants))
+        sizes = [np.asarray(predicted)[place] for place in problem.places]
+        sets = with_noise(sets, noise, sizes)
+        posed = pose(sets, chosen, "noise", zeros=zeros)
+        minima = minimise(posed.residuals, minima.theta)
+        problem = dataclasses.replace(posed, kind="estimated")
+    return problem, minima, sets
+
+
+def search_for_typical_specimen(
+    sets: list[Dataset],
+    chosen: AbstractFamily,
+    problem: MaterialProblem,
+    minima: Minima,
+    options: tuple[str, int, int],
+) -> tuple[Specimens | None, MaterialProblem, Minima, list[Dataset]]:
+    """The search for the typical specimen's constants, if the specimens differ.
+
+    Args:
+        sets: the data.
+        chosen: parameters of the law.
+        problem: residuals of all specimens alike.
+        minima: of that problem.
+        options: kind of the residuals, number of starting points and seed of their draw.
+
+    Returns:
+        The specimens' factors, the problem, its minima, and the data, over their factors
+        where the specimens differ.
+    """
+
+    def judged(known: np.ndarray | None) -> Specimens | None:
+        theta, scales = jnp.asarray(minima.theta[0]), problem.residuals.scales
+        constants = np.asarray(chosen.constants(theta, scales))
+        return specimens_of(sets, problem, constants, known)
+
+    found = judged(None)
+    if found is None or not found.differ:
+        return found, problem, minima, sets
+    sets = of_typical_specimen(sets, found)
+    problem, minima, sets = weighed_search(sets, chosen, *options, ())
+    if not np.isfinite(minima.cost[0]):
+        return None, problem, minima, sets
+    return judged(found.factors), problem, minima, sets

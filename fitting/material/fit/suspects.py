@@ -15,8 +15,8 @@ from scipy import optimize, stats
 
 from fitting.material.experiments.artefacts import Suspect, percent_suspect
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
-from fitting.material.experiments.homogeneous import mode_factors
 from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.laws.with_zeros import WithZeros

@@ -4,8 +4,11 @@ The page may be opened anywhere: it asks no host for anything, and its own polic
 """
 
 import base64
+import hashlib
 import io
+from collections.abc import Sequence
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +17,48 @@ from matplotlib.figure import Figure
 
 from fitting.html.page import page
 from fitting.material.cards.card import card
+from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.bulk_modulus import BulkModulus
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.plots import plot_material
-from fitting.material.report.provenance import data_provenance, versions
 from suas_jax.config.quantities import format_quantity
 from suas_jax.config.schema_material import LAWS
+from suas_jax.files.reading import MEGABYTE, read_bytes
 from suas_jax.files.writing import write_text
 
+_MOST_BYTES = 64 * MEGABYTE
+_PROGRAMS = ("suas-jax", "jax", "optimistix", "numpy", "scipy")
+
 _DOTS_PER_INCH = 110
+
+
+def data_provenance(sets: Sequence[Dataset]) -> list[dict[str, Any]]:
+    """One entry a file, with its SHA-256; None where the file is no longer there."""
+    return [
+        {
+            "file": data.file,
+            "mode": data.mode,
+            "sha256": _hash(Path(data.file)),
+            "readings_fitted": data.size,
+            "readings_stand_for": float(data.weight.sum()),
+            "rows_left_out": dict(data.dropped),
+            "length_m": data.origin.length,
+            "area_m2": data.origin.area,
+        }
+        for data in sets
+    ]
+
+
+def versions() -> dict[str, str]:
+    """Versions of the programs that a result depends on."""
+    return {name: version(name) for name in _PROGRAMS}
+
+
+def _hash(file: Path) -> str | None:
+    try:
+        return hashlib.sha256(read_bytes(file, _MOST_BYTES)).hexdigest()
+    except (OSError, ValueError):
+        return None
 
 
 def write_html(

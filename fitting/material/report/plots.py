@@ -1,4 +1,4 @@
-"""Figure of a material fit: data, law and 95 % band by mode, and the residuals."""
+"""Figures of a material fit (data, law, 95 % band and residuals by mode) and of a data file."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from fitting.material.data.tables import Table
 from fitting.material.experiments.history import HistoryTest
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.stress_tests import StressTest
@@ -159,3 +160,40 @@ def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -
     if not sets:
         top = 1.5 * float(np.max(np.abs(middle)))
         axes.set_ylim(min(0.0, -0.3 * top), 1.5 * top)
+
+
+def plot_data(table: Table, data: Dataset | None, file: Path | None = None) -> Figure:
+    """Draw what was read: the test, or where it is incomplete its columns over the rows.
+
+    Args:
+        table: of the file.
+        data: the test, or None.
+        file: where to write the figure; its ending chooses the format.
+    """
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    if data is None:
+        _draw_columns(figure, table)
+    else:
+        axes = figure.subplots()
+        for channel in data.channels():
+            for label in dict.fromkeys(data.specimen):
+                rows = channel.rows & (data.specimen == label)
+                x, y = data.abscissa[rows], data.value[rows] / channel.unit
+                axes.plot(x, y, ".-", ms=3, lw=0.6, label=str(label) or "readings")
+            axes.set_ylabel(channel.label)
+        axes.set_xlabel(data.abscissa_label)
+        axes.axhline(0.0, color="0.7", lw=0.6)
+        axes.legend(frameon=False, fontsize="small")
+    figure.suptitle(Path(table.file).name)
+    return written(figure, file)
+
+
+def _draw_columns(figure: Figure, table: Table) -> None:
+    shown = [
+        i for i, name in enumerate(table.names) if name and np.isfinite(table.cells[:, i]).any()
+    ]
+    axes = figure.subplots(len(shown) or 1, sharex=True, squeeze=False)
+    for axis, i in zip(axes[:, 0], shown, strict=False):
+        axis.plot(table.lines, table.cells[:, i], ".-", ms=3, lw=0.6)
+        axis.set_ylabel(table.names[i], fontsize="small")
+    axes[-1, 0].set_xlabel("line of the file")

@@ -9,7 +9,7 @@ import numpy as np
 
 from fitting.sensor.fit.result import SensorFit
 from fitting.statistics.chain import Posterior
-from fitting.statistics.laplace import Gaussian
+from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
 
 _QUANTILES = (2.5, 15.865, 50.0, 84.135, 97.5)
