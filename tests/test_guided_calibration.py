@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from fitting.calibration.html_report import Verification
 from fitting.calibration.plan import press_of, usual_presses
-from fitting.calibration.recording import REST_FRAMES
-from fitting.calibration.steadiness import Rest, SteadyWindow
-from fitting.calibration.verification import Verification
+from fitting.calibration.recording import REST_FRAMES, Rest, SteadyWindow
 from fitting.cli.app import app
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device

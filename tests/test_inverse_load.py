@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 import benchmarks.inverse_load
 from benchmarks import field_errors
+from fitting.calibration.html_report import verify
 from fitting.calibration.plan import Press
-from fitting.calibration.verification import verify
 from fitting.cli.app import app
 from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.check.verdict import WIDTH

@@ -20,8 +20,7 @@ from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.live.serve import LineServer, host_and_port
 from fitting.inverse_load.live.stream import LiveFrame
 from fitting.inverse_load.live.watcher import LiveWatcher
-from fitting.robotics.live_recording import LiveRecording
-from fitting.robotics.recording import Recording
+from fitting.robotics.recording import LiveRecording, Recording
 from suas_jax.acquisition.device.device import Device, repeated
 from suas_jax.acquisition.device.faults import Faults
 from suas_jax.acquisition.frames.reading import Reading

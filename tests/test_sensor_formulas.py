@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from fitting.sensor.fit import checks, priors
-from fitting.sensor.fit.judgement import _ratio, _taken_out
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
+from fitting.sensor.fit.result import _ratio, _taken_out
 from fitting.sensor.fit.search import _kept, _spread
 from fitting.sensor.logs.data import NoCalibration
-from fitting.sensor.logs.gap_fluid import fluid_name, permittivities
-from fitting.sensor.logs.known_limits import check_known
+from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, is_material
 from fitting.sensor.report.skin_file import _layers, _text

@@ -32,7 +32,7 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.readings import readings_of
 from fitting.view.grid import Grid
-from fitting.view.hub import Hub
+from fitting.view.hub import Hub, understood
 from fitting.view.live_source import LiveSource
 from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane
@@ -40,7 +40,6 @@ from fitting.view.picture import arrow
 from fitting.view.readings_picture import ReadingsPictures
 from fitting.view.scene_source import SceneSource
 from fitting.view.server import ViewServer
-from fitting.view.wishes import understood
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log

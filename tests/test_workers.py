@@ -17,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
-from fitting.cli.worker_options import executor
+from fitting.cli.options import executor
 from fitting.workers import LocalWorkers, LostWorkerError
 
 ROOT = Path(__file__).parent.parent

@@ -8,12 +8,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from fitting.calibration.html_report import html_report
+from fitting.calibration.html_report import Verification, html_report, verify
 from fitting.calibration.plan import Step
-from fitting.calibration.recording import InterruptedStepError, StepRecorder
+from fitting.calibration.recording import InterruptedStepError, Rest, StepRecorder
 from fitting.calibration.session import CalibrationFolder
-from fitting.calibration.steadiness import Rest
-from fitting.calibration.verification import Verification, verify
 from fitting.inverse_load.live.view import picture
 from fitting.inverse_load.readings import Layout
 from fitting.sensor.fit.calibrate import fit_sensor

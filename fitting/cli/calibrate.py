@@ -12,11 +12,6 @@ from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("calibrate")(calibrate)
-
-
 def calibrate(
     port: Annotated[str, typer.Argument(metavar="PORT", help="As for `suas log`.")],
     skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],

@@ -8,7 +8,6 @@ import typer
 from fitting.cli import (
     calibrate,
     data,
-    example_files,
     export,
     fit_material,
     fit_materials,
@@ -32,28 +31,32 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-new.register(app)
-example_files.register(app)
-solve.register(app)
-sweep.register(app)
-simulate.register(app)
-log.register(app)
-data.register(app)
-health.register(app)
-calibrate.register(app)
-
+new_files = typer.Typer(help="Commented files to start from.", no_args_is_help=True)
+new_files.command("skin")(new.skin)
+new_files.command("scene")(new.scene)
+app.add_typer(new_files, name="new")
+app.command("examples")(new.examples)
+app.command("solve")(solve.solve)
+app.command("sweep")(sweep.sweep)
+app.command("simulate")(simulate.simulate)
+app.command("convert")(simulate.convert)
+app.command("log")(log.log)
+app.command("baseline")(log.baseline)
+app.command("data")(data.data)
+app.command("health")(health.health)
+app.command("calibrate")(calibrate.calibrate)
 # `suas fit` holds every command that fits the model to measurements.
 fit = typer.Typer(help="Fit the model to measurements.", no_args_is_help=True)
-fit_material.register(fit)
-fit_sensor.register(fit)
-fit_materials.register(fit)
+fit.command("material")(fit_material.material)
+fit.command("sensor")(fit_sensor.sensor)
+fit.command("materials")(fit_materials.materials)
 app.add_typer(fit, name="fit")
-invert.register(app)
+app.command("invert")(invert.invert)
 exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
-export.register(exports)
+exports.command("mcap")(export.mcap)
 app.add_typer(exports, name="export")
-force_range.register(app)
-view.register(app)
+app.command("range")(force_range.find_range)
+app.command("view")(view.view)
 add_examples(app)
 
 

@@ -6,16 +6,10 @@ from typing import Annotated, Any
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
-from fitting.cli.named_values import named_values
+from fitting.cli.options import Plot, check_figures, named_values
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command."""
-    app.command("data")(data)
 
 
 def data(

@@ -18,11 +18,6 @@ if TYPE_CHECKING:
     from suas_jax.config import SkinSpec
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the group `suas export`."""
-    app.command("mcap")(mcap)
-
-
 def mcap(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="SO log.")],
     output: Annotated[
@@ -85,8 +80,7 @@ def mcap(
                 estimates = estimator.estimate(
                     readings.so, readings.stuck, advance, pressure=readings.pressure
                 )
-        from fitting.robotics.log_recording import write_readings
-        from fitting.robotics.recording import Recording
+        from fitting.robotics.recording import Recording, write_readings
 
         with (
             bar("writing", len(readings.so)) as advance,

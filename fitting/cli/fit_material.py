@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
-from fitting.cli.named_values import named_bounds, named_file, named_values
+from fitting.cli.options import Plot, check_figures, named_bounds, named_file, named_values
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
@@ -19,11 +18,6 @@ from suas_jax.runtime.registry import model_names
 if TYPE_CHECKING:
     from fitting.material.fit.bulk_modulus import BulkModulus
     from fitting.material.fit.result import MaterialFit
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the group `suas fit`."""
-    app.command("material")(material)
 
 
 def material(

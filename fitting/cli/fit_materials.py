@@ -6,14 +6,9 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import bad_input
+from fitting.cli.options import ManyWorkers, TrustNetwork, executor
 from fitting.cli.progress import bar
-from fitting.cli.worker_options import ManyWorkers, TrustNetwork, executor
 from suas_jax.acquisition.terminal import say
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the group `suas fit`."""
-    app.command("materials")(materials)
 
 
 def materials(

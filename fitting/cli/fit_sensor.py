@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
+from fitting.cli.options import Plot, check_figures
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
@@ -15,11 +15,6 @@ from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_outputs, write_text
 
 _MARK = "written by suas fit sensor"
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the group `suas fit`."""
-    app.command("sensor")(sensor)
 
 
 def sensor(
@@ -176,7 +171,7 @@ def sensor(
     if as_json:
         say(json_text(report))
     else:
-        from fitting.sensor.report.text import print_report
+        from fitting.sensor.report.summary import print_report
 
         print_report(report, found)
         say(f"written: {target}", err=True)

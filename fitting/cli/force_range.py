@@ -7,11 +7,16 @@ import numpy as np
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
-from fitting.cli.pad_options import pad_settings
+from fitting.cli.options import (
+    AsJson,
+    Plot,
+    TrustNetwork,
+    Workers,
+    check_figures,
+    executor,
+    pad_settings,
+)
 from fitting.cli.progress import spinner
-from fitting.cli.scene_options import AsJson
-from fitting.cli.worker_options import TrustNetwork, Workers, executor
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
@@ -19,11 +24,6 @@ from suas_jax.files.writing import check_outputs
 if TYPE_CHECKING:
     from fitting.force_range.bound import ForceRange
     from fitting.force_range.pad import PadForceRange
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("range")(find_range)
 
 
 def find_range(

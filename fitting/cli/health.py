@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
 from fitting.cli.log import FORMAT_NAMES
+from fitting.cli.options import Plot, check_figures
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
@@ -16,11 +16,6 @@ from suas_jax.files.writing import check_outputs
 if TYPE_CHECKING:
     from suas_jax.acquisition.health import Health
     from suas_jax.acquisition.log.log_file import SoLog
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("health")(health)
 
 
 def health(

@@ -8,9 +8,8 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.pad_options import pad_settings
+from fitting.cli.options import TrustNetwork, Workers, executor, pad_settings
 from fitting.cli.progress import spinner
-from fitting.cli.worker_options import TrustNetwork, Workers, executor
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
@@ -18,11 +17,6 @@ if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.watcher import LiveWatcher
     from fitting.robotics.recording import Recording
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("invert")(invert)
 
 
 def invert(
@@ -187,7 +181,7 @@ def invert(
             posterior=posterior,
         )
         if mcap is not None:
-            from fitting.robotics.log_recording import write_readings
+            from fitting.robotics.recording import write_readings
 
             with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
@@ -210,7 +204,7 @@ def _watchers(
     """What records a live run and sends it on."""
     found: list[LiveWatcher] = []
     if mcap is not None:
-        from fitting.robotics.live_recording import LiveRecording
+        from fitting.robotics.recording import LiveRecording
 
         found.append(LiveRecording(stack.enter_context(_recording(estimator, skin, mcap))))
     if serve is not None:

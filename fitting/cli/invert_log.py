@@ -6,7 +6,7 @@ import numpy as np
 import typer
 
 from fitting.cli.contract import BAD_INPUT
-from fitting.cli.figure_option import check_figures
+from fitting.cli.options import check_figures
 from fitting.cli.progress import bar, spinner
 from fitting.inverse_load.check.verdict import ModelVerdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate

@@ -19,12 +19,6 @@ if TYPE_CHECKING:
 FORMAT_NAMES = model_names("suas_jax.acquisition.frames.formats")
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands to the program."""
-    app.command("log")(log)
-    app.command("baseline")(baseline)
-
-
 def log(
     port: Annotated[
         str,

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fitting.cli.quantity_option import quantity_of
+from fitting.cli.options import quantity_of
 from fitting.material.cards.card import PROGRAMS, left_out, write_card
 from fitting.material.cards.settings import CardError, CardSettings
 

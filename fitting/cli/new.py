@@ -1,4 +1,4 @@
-"""`suas new`: commented files to start from."""
+"""`suas new`, commented files to start from, and `suas examples`, the files that ship."""
 
 import math
 import os
@@ -10,7 +10,7 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from suas_jax.acquisition.terminal import say
-from suas_jax.files.writing import check_output, write_text
+from suas_jax.files.writing import check_output, check_outputs, write_bytes, write_text
 
 # The paper's skin [m, rad].
 _INNER_RADIUS, _OIL_GAP, _WIDTH, _HALF_ANGLE = 57.5e-3, 5e-3, 123e-3, math.pi / 2
@@ -78,14 +78,6 @@ direction = "radial"          # or "vertical", or an angle such as "10 deg"
 [solve]
 rtol = {rtol}                   # wanted relative error of displacement and pressure
 """
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's commands to the program."""
-    group = typer.Typer(help="Commented files to start from.", no_args_is_help=True)
-    group.command("skin")(skin)
-    group.command("scene")(scene)
-    app.add_typer(group, name="new")
 
 
 def skin(
@@ -205,3 +197,28 @@ def _pad_text(rows: int, columns: int) -> str:
             rows=rows, columns=columns, edge=1e3 * layout.edge, modules="".join(modules)
         ),
     )
+
+
+def examples(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Where to put them; made if it is missing.")
+    ] = Path("configs"),
+    overwrite: Overwrite = False,
+) -> None:
+    """Copy the example skins, scenes, materials and test data into a folder.
+
+    Exit status: 0 copied, 2 bad input.
+    """
+    with bad_input():
+        from suas_jax.config.presets import shipped_folder
+
+        source = shipped_folder()
+        files = sorted(path for path in source.rglob("*") if path.suffix in {".toml", ".csv"})
+        copies = {folder / path.relative_to(source): path for path in files}
+        for copy in copies:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+        check_outputs(copies, overwrite=overwrite)
+        for copy, path in copies.items():
+            write_bytes(copy, path.read_bytes())
+    say(f"{folder}: {len(copies)} files", err=True)
+    say(f"try: suas solve {folder / 'scenes' / 'case_b.toml'}", err=True)

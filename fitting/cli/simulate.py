@@ -13,12 +13,6 @@ from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_output
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands to the program."""
-    app.command("simulate")(simulate)
-    app.command("convert")(convert)
-
-
 def simulate(
     scene: Annotated[
         Path,

@@ -11,17 +11,11 @@ from typing import Annotated, Any
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
+from fitting.cli.options import AsJson, Model, Plot, Rtol, SceneFile, check_figures, scene_of
 from fitting.cli.progress import spinner
-from fitting.cli.scene_options import AsJson, Model, Rtol, SceneFile, scene_of
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("solve")(solve)
 
 
 def solve(

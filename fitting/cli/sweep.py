@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.figure_option import Plot, check_figures
+from fitting.cli.options import AsJson, Model, Plot, Rtol, SceneFile, check_figures, scene_of
 from fitting.cli.progress import spinner
-from fitting.cli.scene_options import AsJson, Model, Rtol, SceneFile, scene_of
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs
@@ -17,11 +16,6 @@ if TYPE_CHECKING:
     from suas_jax.scene.sweep import Sweep
 
 _MOST_POINTS = 10_000
-
-
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("sweep")(sweep)
 
 
 def sweep(

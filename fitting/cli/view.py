@@ -24,11 +24,6 @@ if TYPE_CHECKING:
     from fitting.view.log_source import LogSource
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's command to the program."""
-    app.command("view")(view)
-
-
 def view(
     source: Annotated[
         Path,

@@ -4,7 +4,8 @@ The libraries come with ``pip install "suas-jax[robotics]"``; ROS isn't needed.
 """
 
 import contextlib
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
@@ -15,8 +16,11 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.estimate import WANTED, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
+from fitting.inverse_load.live.stream import FrameReadings, LiveFrame
+from fitting.inverse_load.live.watcher import LiveWatcher
+from fitting.inverse_load.readings import LogReadings
 from fitting.robotics import messages
-from fitting.robotics.definitions import DEFINITIONS
+from fitting.robotics.messages import DEFINITIONS
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
@@ -34,6 +38,8 @@ _CONVENTIONS = {
     "saturation_counts": str(MAX_COUNT),
 }
 _MOST_SKIN = 3_000_000  # bytes of a skin file, as they are read
+
+_EVERY = 100  # frames between two reports of progress
 
 
 class Recording:
@@ -205,3 +211,55 @@ def _thresholds(estimator: LoadEstimator | None) -> dict[str, str]:
         + {"force": " of the force", "axial": " m"}.get(name, " rad")
         for name, limit in WANTED.items()
     }
+
+
+class LiveRecording(LiveWatcher):
+    """Writes every frame's readings, and the loads of those that were not dropped.
+
+    Args:
+        recording: to write to.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        # Frames are stamped by the clock that never steps, recordings by the calendar.
+        self._epoch = time.time_ns() - round(1e9 * time.monotonic())
+
+    def read(self, frame: FrameReadings) -> None:
+        """Write its readings."""
+        self._recording.taxels(self._stamp(frame), frame.seq, frame.time, frame.so, frame.stuck)
+
+    def estimated(self, frame: LiveFrame) -> None:
+        """Write its loads."""
+        if frame.readings is not None:
+            stamp = self._stamp(frame.readings)
+            self._recording.contacts(stamp, frame.seq, frame.estimate)
+
+    def _stamp(self, frame: FrameReadings) -> int:
+        return self._epoch + round(1e9 * frame.arrived)
+
+
+def write_readings(
+    recording: Recording,
+    readings: LogReadings,
+    estimates: Sequence[LoadEstimate] | None,
+    done: Callable[[int], None] = lambda frames: None,
+) -> None:
+    """Write a log's frames.
+
+    Args:
+        recording: to write to.
+        readings: of the log.
+        estimates: of its frames; None where nothing was estimated.
+        done: called with the number of frames written so far.
+    """
+    stamps = start_stamp(readings.header) + np.round(1e9 * readings.host_time).astype(np.int64)
+    for i, stamp in enumerate(np.maximum(stamps, 0).tolist()):
+        sequence = int(readings.seq[i])
+        recording.taxels(
+            stamp, sequence, float(readings.time[i]), readings.so[i], readings.stuck[i]
+        )
+        if estimates is not None:
+            recording.contacts(stamp, sequence, estimates[i])
+        if i % _EVERY == 0:
+            done(i)

@@ -37,7 +37,7 @@ class Hub:
     """What source and server share.
 
     Args:
-        description: what a page needs to know once, see `fitting.view.description`.
+        description: what a page needs to know once, see `fitting.view.picture`.
 
     Attributes:
         edition: grows when the history has changed otherwise than by a picture.
@@ -142,3 +142,36 @@ class Hub:
         with self._lock:
             self._closed = True
             self._lock.notify_all()
+
+
+def understood(message: dict[str, Any], description: dict[str, Any]) -> tuple[str, Any] | None:
+    """Name and value of a wish; None where the message is none.
+
+    Values are kept within what the description of the skin allows.
+
+    Args:
+        message: of a page.
+        description: of the skin and its controls, as the page got it.
+    """
+    kind, value = message.get("type"), message.get("value")
+    if kind == "set":
+        sliders = {slider["name"]: slider for slider in description.get("sliders", ())}
+        slider = sliders.get(str(message.get("name")))
+        if slider is None or not isinstance(value, int | float):
+            return None
+        return slider["name"], _within(value, slider["least"], slider["most"])
+    if kind == "play" and isinstance(value, bool):
+        return "play", value
+    timeline = description.get("timeline")
+    if timeline and isinstance(value, int | float):
+        if kind == "seek":
+            return "seek", _within(value, timeline["first"], timeline["last"])
+        if kind == "speed" and value in timeline["speeds"]:
+            return "speed", float(value)
+    return None
+
+
+def _within(value: float, least: float, most: float) -> float:
+    """The value, or the end that it is beyond; the least where it is no number."""
+    # Compared as it is: a whole number of 400 digits can't be converted.
+    return float(min(max(value, least), most)) if value == value else least

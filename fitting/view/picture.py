@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.report.text import contact_text
 from fitting.json_text import json_text
+from fitting.view.grid import Grid
 from suas_jax.acquisition.log.format import MAX_COUNT
-from suas_jax.config import GeometrySpec
+from suas_jax.config import GeometrySpec, SkinSpec
+from suas_jax.scene.taxel_film import TaxelFilm
 
 GOOD, MISSING, SATURATED, LEFT_OUT = range(4)
 """States of a taxel."""
@@ -165,3 +167,43 @@ def total_force(estimate: LoadEstimate | None) -> float:
     if estimate is None or estimate.contact is None:
         return float("nan")
     return sum((contact.force for contact in estimate.contacts), 0.0)
+
+
+def describe(
+    spec: SkinSpec, grid: Grid, film: TaxelFilm | None, title: str, **more: Any
+) -> dict[str, Any]:
+    """A skin as the page takes it, in SI units and radians.
+
+    Args:
+        spec: the skin.
+        grid: of the points that pictures show.
+        film: of its taxels; None where it has none.
+        title: what is shown.
+        more: controls, such as sliders or a timeline.
+    """
+    geometry = spec.geometry
+    taxels = []
+    if film is not None:
+        rows = zip(film.module, film.number, film.angle, film.axial, film.diameter, strict=True)
+        taxels = [
+            {
+                "name": f"{module}.{number}",
+                "angle": float(angle),
+                "axial": float(axial),
+                "diameter": float(diameter),
+            }
+            for module, number, angle, axial, diameter in rows
+        ]
+    return {
+        "title": title,
+        "dimension": geometry.dimension,
+        "inner_radius": geometry.inner_radius,
+        "thickness": geometry.thickness,
+        "half_angle": geometry.half_angle,
+        "width": geometry.width,
+        "oil_gap": geometry.oil_gap,
+        "grid_angle": grid.angle.tolist(),
+        "grid_axial": grid.axial.tolist(),
+        "taxels": taxels,
+        **more,
+    }

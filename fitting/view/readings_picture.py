@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.estimate import LoadEstimate
-from fitting.view.description import describe
 from fitting.view.grid import Grid
 from fitting.view.membrane import InterpolatedMembrane
 from fitting.view.picture import (
     GOOD,
     Picture,
     arrow,
+    describe,
     estimate_in_words,
     estimate_values,
     taxel_states,

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from fitting.inverse_load.estimate.estimate import Contact
-from fitting.view.description import describe
 from fitting.view.grid import Grid
 from fitting.view.hub import Hub
-from fitting.view.picture import Picture, arrow, taxel_states
+from fitting.view.picture import Picture, arrow, describe, taxel_states
 from fitting.view.scene_model import AbstractSceneModel, Solved, scene_model
 from suas_jax.config import (
     LAWS,

@@ -23,8 +23,7 @@ from typing import Any, Self
 from aiohttp import WSMsgType, web
 
 from fitting.json_text import json_text
-from fitting.view.hub import Hub
-from fitting.view.wishes import understood
+from fitting.view.hub import Hub, understood
 
 _PAGE = Path(__file__).parent / "page"
 _TYPES = {

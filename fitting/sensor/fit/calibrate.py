@@ -14,10 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import check_agreement, drift_warning
-from fitting.sensor.fit.judgement import judged_fit
 from fitting.sensor.fit.priors import needed_priors
 from fitting.sensor.fit.residuals import Prior, SensorProblem
-from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.fit.result import SensorFit, judged_fit
 from fitting.sensor.fit.search import Found, robust, search
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.readings import gathered, measured_noise

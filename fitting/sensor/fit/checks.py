@@ -5,7 +5,7 @@ import numpy as np
 from fitting.sensor.fit.priors import is_static
 from fitting.sensor.fit.residuals import SensorProblem
 from fitting.sensor.logs.data import NoCalibration, SensorData
-from fitting.sensor.logs.taxel_faults import Masked
+from fitting.sensor.logs.log import Masked
 from fitting.sensor.model.constants import PERMITTIVITY, is_gap
 from suas_jax.sensing.taxels import taxel_names
 

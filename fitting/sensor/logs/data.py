@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.sensor.logs.gap_fluid import fluid_name
+from fitting.sensor.logs.known_inputs import fluid_name
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.logs.log import AlignedLog, read_aligned
-from fitting.sensor.logs.taxel_faults import Masked
+from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes

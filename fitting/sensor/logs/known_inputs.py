@@ -17,7 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from fitting.column_units import unit_size
+from suas_jax.config import SkinSpec, format_quantity
 from suas_jax.config.csv_table import number_in, read_csv_table
+from suas_jax.config.oil import FLUIDS
 
 _FORCES, _ANGLES, _LENGTHS = (
     ("N", "mN", "kN", "gf", "kgf"),
@@ -46,6 +48,8 @@ _SAME = 1e-6  # of the largest value, by which two sources may differ
 MOST_LOADS = 8
 
 Key = tuple[int, str]
+
+OIL = "oil"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,3 +215,86 @@ def _number(value: object, column: str, where: str) -> float:
             "is not known"
         )
     return number
+
+
+def permittivities(
+    column: np.ndarray | None, option: str | None, rows: int, where: str
+) -> np.ndarray:
+    """Permittivity of the fluid of every frame; NaN where it is the oil to be fitted."""
+    texts = np.full(rows, option or OIL, object) if column is None else column
+    if column is not None and option is not None:
+        raise ValueError(f"{where}: the log names its fluid itself; leave --fluid out")
+    found = np.empty(rows)
+    cache: dict[str, float] = {}
+    for i, text in enumerate(texts):
+        if text not in cache:
+            cache[text] = _permittivity(str(text), where)
+        found[i] = cache[text]
+    return found
+
+
+def _permittivity(text: str, where: str) -> float:
+    name = text.strip().lower() or OIL
+    if name == "air":
+        return FLUIDS["air"]
+    if name == OIL or name in FLUIDS:
+        return np.nan
+    try:
+        value = float(name)
+    except ValueError:
+        value = 0.0
+    if not value >= 1.0:
+        raise ValueError(
+            f'{where}, fluid "{text}": allowed: air, oil (its permittivity is fitted), '
+            f"{', '.join(n for n in FLUIDS if n != 'air')} (likewise), or the fluid's known "
+            "relative permittivity"
+        )
+    return value
+
+
+def fluid_name(permittivity: float) -> str:
+    """Name of the fluid of a permittivity; NaN is the oil."""
+    if np.isnan(permittivity):
+        return OIL
+    return "air" if permittivity == FLUIDS["air"] else f"{permittivity:g}"
+
+
+def check_known(spec: SkinSpec, known: Known, where: str) -> None:
+    """Refuse values that the skin can't take: units mixed up, more often than not."""
+    geometry = spec.geometry
+    loads = sorted({load for load, _ in known.values})
+    if loads != list(range(len(loads))):
+        raise ValueError(f"{where}: loads are numbered from 0 without a hole; found {loads}")
+    for load in loads:
+        have = {q for k, q in known.values if k == load}
+        pushed = have & {"force", "displacement", "inner_displacement"}
+        if not pushed:
+            raise ValueError(
+                f"{where}: load {load} has no force and no displacement; add "
+                f"load_{load}_force_N or load_{load}_displacement_mm"
+            )
+        if "angle" not in have:
+            raise ValueError(
+                f"{where}: load {load} has no angle; add a column load_{load}_angle_deg, or "
+                f'a header line "# load_{load}_angle_deg: 0"'
+            )
+    limits: dict[str, tuple[float, str]] = {
+        "angle": (geometry.half_angle, format_quantity(geometry.half_angle, "angle")),
+        "displacement": (
+            1.2 * geometry.oil_gap,
+            f"the oil gap, {format_quantity(geometry.oil_gap, 'length')}",
+        ),
+    }
+    limits["inner_displacement"] = limits["displacement"]
+    dimensions = {"angle": "angle"}
+    for (load, quantity), values in known.values.items():
+        if quantity not in limits:
+            continue
+        limit, text = limits[quantity]
+        worst = float(np.nanmax(np.abs(values), initial=0.0))
+        if worst >= limit:
+            shown = format_quantity(worst, dimensions.get(quantity, "length"))  # type: ignore[arg-type]
+            raise ValueError(
+                f"{where}, {known.names[load, quantity]}: {shown} is beyond what the skin "
+                f"allows ({text}): check the unit in the column's name"
+            )

@@ -6,10 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.sensor.logs.gap_fluid import permittivities
-from fitting.sensor.logs.known_inputs import FLUID, Known, from_columns, from_file, from_header
-from fitting.sensor.logs.known_limits import check_known
-from fitting.sensor.logs.taxel_faults import Masked, without_faults
+from fitting.sensor.logs.known_inputs import (
+    FLUID,
+    Known,
+    check_known,
+    from_columns,
+    from_file,
+    from_header,
+    permittivities,
+)
 from suas_jax.acquisition.log.log_file import (
     SoLog,
     flagged,
@@ -19,10 +24,76 @@ from suas_jax.acquisition.log.log_file import (
     without_other_taxels,
 )
 from suas_jax.acquisition.log.record import FLAG_COLUMNS
+from suas_jax.acquisition.taxel_faults import (
+    full_scale,
+    saturated,
+    stuck_taxels,
+    typical_noise,
+)
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
 from suas_jax.sensing.taxels import taxel_names
 
 _SAME_SCALE = 0.01
+
+
+@dataclasses.dataclass(frozen=True)
+class Masked:
+    """Readings of a taxel that are left out.
+
+    Attributes:
+        module: from 0.
+        taxel: number in its module, from 1.
+        reason: why, in words.
+        frames: how many readings.
+        whole: whether nothing of the taxel is left in this log.
+        log: the file.
+    """
+
+    module: int
+    taxel: int
+    reason: str
+    frames: int
+    whole: bool
+    log: str
+
+
+def without_faults(
+    so: np.ndarray,
+    log: SoLog,
+    modules: Sequence[int],
+    numbers: Sequence[int],
+    masked: list[Masked],
+) -> np.ndarray:
+    """Take out what says nothing about the gap, and list it."""
+    so = so.copy()
+    full = full_scale(so)
+    stuck = stuck_taxels(so.T, typical_noise(so.T)).T
+    for i, (m, k) in enumerate(zip(modules, numbers, strict=True)):
+        row = so[i]
+        present = np.isfinite(row)
+        if not present.any():
+            masked.append(Masked(m, k, "silent: no counts in the log", 0, True, str(log.path)))
+            continue
+        limits = saturated(row, full)
+        for found, reason in (
+            (limits, f"saturated (0 or {full:.0f} counts)"),
+            (stuck[i] & ~limits, "stuck: keeps its count while others change"),
+        ):
+            if found.any():
+                so[i, found] = np.nan
+                whole = not np.isfinite(so[i]).any()
+                count = int(found.sum())
+                masked.append(Masked(m, k, reason, count, whole, str(log.path)))
+        # A few readings between saturated or stuck ones are no basis for anything.
+        left = np.isfinite(so[i]).sum()
+        if 0 < left < 0.02 * present.sum() and left < 5:
+            so[i] = np.nan
+    if not np.isfinite(so).any():
+        reasons = sorted({m.reason.split(":")[0] for m in masked})
+        raise ValueError(
+            f"{log.path}: no reading is left: all {len(so)} taxels are {' or '.join(reasons)}"
+        )
+    return so
 
 
 @dataclasses.dataclass(frozen=True)

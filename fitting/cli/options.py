@@ -1,0 +1,193 @@
+"""Options that several commands share, and what is read of their values."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from suas_jax.acquisition.terminal import say
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from suas_jax.config import SceneSpec
+    from suas_jax.config.quantities import DimensionName
+
+Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (TOML).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, SI units in the keys.")]
+Model = Annotated[
+    str | None, typer.Option(help='"auto", "shell" or "solid"; overrides the scene.')
+]
+Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
+
+_MOST = 1024
+_WHAT = "N processes, or the Dask scheduler at tls://host:port"
+Workers = Annotated[
+    str | None,
+    typer.Option(metavar="N|ADDRESS", help=f"On a pad: solve a new skin's table on {_WHAT}."),
+]
+ManyWorkers = Annotated[
+    str, typer.Option("--workers", metavar="N|ADDRESS", help=f"Calibrate on {_WHAT}.")
+]
+TrustNetwork = Annotated[
+    bool,
+    typer.Option(
+        "--trust-network",
+        help="Also allow a scheduler at tcp://: anyone who can reach its port can run code as "
+        "this user.",
+    ),
+]
+
+
+def quantity_of(option: str, text: str, dimension: "DimensionName") -> float:
+    """SI value of an option such as ``--diameter "6 mm"``.
+
+    Raises:
+        ValueError: not such a quantity; names the option.
+    """
+    from suas_jax.config.quantities import parse_quantity
+
+    try:
+        return parse_quantity(text, dimension)
+    except ValueError as error:
+        raise ValueError(f'{option} "{text}": {error}') from None
+
+
+def check_figures(*files: Path | None) -> None:
+    """Refuse endings that no figure can have.
+
+    Args:
+        files: of figures; those that are None are not wanted.
+
+    Raises:
+        ValueError: names the file.
+    """
+    for file in files:
+        if file is not None:
+            from suas_jax.figures.style import check_figure_file
+
+            check_figure_file(file)
+
+
+def named_values(text: str | None, option: str, example: str) -> dict[str, str]:
+    """Values by name of an option such as --specimen "width=6 mm,thickness=2 mm".
+
+    Raises:
+        ValueError: a part is no NAME=VALUE.
+    """
+    values = {}
+    for part in (text or "").split(","):
+        if not part.strip():
+            continue
+        name, equals, value = part.partition("=")
+        if not equals or not value.strip():
+            raise ValueError(f'{option} {text}: expected "{example}"')
+        values[name.strip()] = value.strip()
+    return values
+
+
+def named_file(
+    text: str, option: str = "--data", example: str = "uniaxial=A.csv"
+) -> tuple[str, str]:
+    """Name and file of an option such as --data uniaxial=A.csv.
+
+    Raises:
+        ValueError: the name or the file is missing.
+    """
+    mode, equals, path = text.partition("=")
+    if not equals or not path:
+        raise ValueError(f"{option} {text}: expected NAME=FILE, for example {example}")
+    return mode.strip(), path.strip()
+
+
+def named_bounds(text: str) -> tuple[str, tuple[float, float]]:
+    """Name and bounds of an option such as --bound alpha.0=1:3; either may be left open.
+
+    Raises:
+        ValueError: it is no NAME=LOW:HIGH, or the bounds leave nothing between them.
+    """
+    name, _, limits = text.partition("=")
+    low, colon, high = limits.partition(":")
+    try:
+        if not colon:
+            raise ValueError
+        ends = (float(low or "-inf"), float(high or "inf"))
+    except ValueError:
+        raise ValueError(
+            f"--bound {text}: expected NAME=LOW:HIGH in SI units, for example alpha.0=1:3"
+        ) from None
+    if not ends[0] < ends[1]:
+        raise ValueError(f"--bound {text}: the lower bound must be below the upper one")
+    return name.strip(), ends
+
+
+def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, float | None]:
+    """What options say of contacts and pressure, in SI units; those given alone.
+
+    Args:
+        diameter: a length, or "free", which is None in the result.
+        pressure_noise: a pressure.
+
+    Raises:
+        ValueError: an option can't be understood.
+    """
+    settings: dict[str, float | None] = {}
+    if diameter is not None:
+        free = diameter == "free"
+        settings["diameter"] = None if free else quantity_of("--diameter", diameter, "length")
+    if pressure_noise is not None:
+        noise = quantity_of("--pressure-noise", pressure_noise, "pressure")
+        settings["pressure_noise"] = noise
+    return settings
+
+
+def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":
+    """The scene of a file, with what the options override.
+
+    Args:
+        path: the file.
+        model: of the membrane; None leaves the file's.
+        rtol: wanted relative error; None leaves the file's.
+
+    Raises:
+        ConfigError: the file or an option can't be understood.
+    """
+    from suas_jax.config import load_scene, with_solve
+
+    scene = load_scene(path)
+    if model is not None:
+        scene = with_solve(scene, source="--model", model=model)
+    if rtol is not None:
+        scene = with_solve(scene, source="--rtol", rtol=rtol)
+    return scene
+
+
+@contextlib.contextmanager
+def executor(workers: str | None, trust_network: bool) -> "Iterator[Executor | None]":
+    """What `--workers` names, until the block is left; None where it isn't given.
+
+    Raises:
+        ValueError: it is neither a number of processes nor an address that is allowed.
+        OSError: no scheduler answers at the address.
+    """
+    if workers is None:
+        yield None
+        return
+    from fitting.workers import LocalWorkers, scheduler_workers
+
+    found: contextlib.AbstractContextManager[Executor]
+    if "://" in workers:
+        found = scheduler_workers(workers, trust_network=trust_network)
+    elif workers.isascii() and workers.isdigit() and 0 < int(workers) <= _MOST:
+        found = LocalWorkers(int(workers), lambda lost: say(f"suas: {lost}", err=True))
+    else:
+        raise ValueError(
+            f"--workers {workers}: a number of processes, 1 to {_MOST}, is needed, or the "
+            "address of a Dask scheduler, tls://host:port"
+        )
+    with found as executor:
+        yield executor
