@@ -19,10 +19,10 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.fit.search import NoFit
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
 from fitting.statistics.least_squares import minimise
-from fitting.statistics.parameters import AbstractFamily
 from suas_jax import configure
 from suas_jax.constitutive import AbstractLaw
 

@@ -23,7 +23,7 @@ from scipy import stats
 from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.fit.fit import fit_material
-from fitting.material.fit.posterior import sample_material
+from fitting.material.fit.material_posterior import sample_material
 from fitting.material.fit.result import MaterialFit
 from fitting.statistics.posterior import Settings
 from suas_jax import configure, sweep

@@ -25,8 +25,8 @@ _HOMES = {
     "load_sensor_data": "fitting.sensor.logs.data",
     "material_report": "fitting.material.report.summary",
     "readings_of": "fitting.inverse_load.readings",
-    "sample_material": "fitting.material.fit.posterior",
-    "sample_sensor": "fitting.sensor.fit.posterior",
+    "sample_material": "fitting.material.fit.material_posterior",
+    "sample_sensor": "fitting.sensor.fit.sensor_posterior",
     "sensor_report": "fitting.sensor.report.summary",
     "write_card": "fitting.material.cards.card",
 }

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fitting.inverse_load.posterior import LoadMode
+from fitting.inverse_load.frame_posterior import LoadMode
 
 
 def assert_chain_agrees_with_the_mode(mode: LoadMode) -> None:

@@ -49,6 +49,12 @@ def test_imports_follow_the_data_flow(module: str) -> None:
     assert not [name for name in own if layer_of(name) > layer_of(module)]
 
 
+def test_statistics_know_no_laws() -> None:
+    own = [name for name in modules() if name.startswith("fitting.statistics.")]
+    used = {part.split(".")[1] for name in own for part in imports()[name] if "." in part}
+    assert used <= {"statistics", "files", "runtime"}
+
+
 def test_no_file_imports_itself_through_others() -> None:
     assert cycle(imports()) == []
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from fitting.force_range.bound import ForceRange, least_errors
-from fitting.inverse_load import posterior as frame_posterior
+from fitting.inverse_load import frame_posterior
 from fitting.inverse_load.check import section_log
 from fitting.inverse_load.check.changed_input import AbstractInputFit
 from fitting.inverse_load.check.verdict import (

@@ -26,10 +26,10 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.load_array import load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
 from fitting.inverse_load.fit.section_errors import SectionErrors
+from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.live.live_loads import LiveLoads
 from fitting.inverse_load.live.stream import live_frames
-from fitting.inverse_load.posterior import frame_posterior, likely_modes
 from fitting.inverse_load.readings import readings_of
 from fitting.statistics.posterior import Settings
 from suas_jax.acquisition.baseline import Baseline

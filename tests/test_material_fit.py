@@ -20,11 +20,11 @@ from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.problem import pose
 from fitting.material.fit.search import NoFit, refuse_without_stiffness
+from fitting.material.laws.parameters import Constant, Family, Scales
 from fitting.material.laws.registry import family
 from fitting.material.report.summary import material_report
 from fitting.statistics.diagnostics import misfit
 from fitting.statistics.least_squares import minimise
-from fitting.statistics.parameters import Constant, Family, Scales
 from fitting.statistics.residuals import sensitivity
 from suas_jax.config import LAWS
 from suas_jax.constitutive import (

@@ -38,9 +38,9 @@ from fitting.material.fit.preparation import window_of
 from fitting.material.fit.problem import _scales_of, reading_scale, shared_error
 from fitting.material.fit.specimens import Scatter, Specimens, of_typical_specimen, specimens_of
 from fitting.material.fit.suspects import _in_percent, _may_be_percent, zero_in_units
-from fitting.material.laws.with_effects import WithEffects
+from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
+from fitting.material.laws.parameters import Constant, Family, Scales
 from fitting.statistics.noise_model import NoiseModel
-from fitting.statistics.parameters import Constant, Family, Scales
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
 from tests.skins import quick
 from tests.stand_ins import MU, neo_hookean, tension
@@ -291,7 +291,7 @@ def test_prony_terms_that_the_data_do_not_determine(
     shares: list[float], times: list[float], errors: list[float], reason: str
 ) -> None:
     """Known to half of the share, within three times the times measured, 1.5 apart."""
-    family = WithEffects(LAW, 2, False)
+    family = ExtendedFamily(LAW, (Relaxation(2),))
     x = np.full(1001, 1.5)
     clock = np.linspace(0.0, 100.0, 1001)
     test = tension(x, time=clock, kind=HistoryTest)
@@ -307,7 +307,7 @@ def test_prony_terms_that_the_data_do_not_determine(
 
 
 def test_shares_times_and_softening_are_logarithms() -> None:
-    family = WithEffects(LAW, 2, True, (0.1, 1000.0))
+    family = ExtendedFamily(LAW, (Relaxation(2, (0.1, 1000.0)), Softening()))
     scales = Scales(2e5, 4.0, 9.0, 1.0)
     theta = jnp.array([0.1, -1.0, 0.5, 2.0, -3.0, 0.2, -0.3, 0.4])
     found = np.asarray(quick(family.constants, jax.jit)(theta, scales))
@@ -331,7 +331,7 @@ def test_shares_times_and_softening_are_logarithms() -> None:
     )
     assert family.units == ("Pa", "1", "1", "s", "s", "1", "Pa", "1")
     assert family.title == "neo-hookean + 2 Prony terms + Mullins softening"
-    starts = family.spread(np.random.default_rng(0), 6)
+    starts = family.beside(np.random.default_rng(0), 6)
     assert starts.shape == (6, 7)
     np.testing.assert_allclose(starts[0, :2], np.log(0.25))
     even = np.log(0.1) + np.array([0.25, 0.75]) * np.log(1e4)

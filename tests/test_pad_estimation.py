@@ -22,6 +22,7 @@ from fitting.inverse_load.check.skin_file import model_verdict
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.detection import PadDetector
+from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
 from fitting.inverse_load.pad.columns import LEVELS, READ, Column, Columns, largest_forces
@@ -32,7 +33,6 @@ from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table
-from fitting.inverse_load.posterior import frame_posterior, likely_modes
 from fitting.inverse_load.report.posterior_text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data

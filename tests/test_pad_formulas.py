@@ -20,7 +20,7 @@ from fitting.inverse_load.pad.interpolant import (
 )
 from fitting.inverse_load.pad.least_squares import Fit, PadLeastSquares, damped_step
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
-from fitting.inverse_load.pad.search import PadNodeSearch
+from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal

@@ -250,7 +250,7 @@ def test_drift_is_taken_out(truth: dict, reference: SensorFit, tmp_path: Path) -
 @pytest.mark.long
 def test_posterior_agrees_with_the_bound(reference: SensorFit) -> None:
     """Two well-known constants: the posterior is the Gaussian of the least squares."""
-    from fitting.sensor.fit.posterior import sample_sensor
+    from fitting.sensor.fit.sensor_posterior import sample_sensor
     from fitting.statistics.posterior import Settings
 
     _, report = sample_sensor(reference, Settings(walkers=16, steps=1000, check=250))

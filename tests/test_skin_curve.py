@@ -13,7 +13,7 @@ from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.skin_curve import predicted, specimen
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE
 from fitting.material.fit.fit import fit_material
-from fitting.material.fit.posterior import sample_material
+from fitting.material.fit.material_posterior import sample_material
 from fitting.material.fit.problem import readings, shared_error
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.predictive_plot import plot_predictive

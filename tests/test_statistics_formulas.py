@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from fitting.material.fit.bounded import _box, _solve, minimise_in_box
 from fitting.material.fit.specimens import scatter_between
-from fitting.statistics.bounded import _box, _solve, minimise_in_box
+from fitting.material.laws.parameters import Constant, Family, Scales
 from fitting.statistics.chain import Posterior, _round_up
 from fitting.statistics.diagnostics import (
     _basis,
@@ -35,7 +36,6 @@ from fitting.statistics.noise_model import (
     _likelihood,
     estimate_noise,
 )
-from fitting.statistics.parameters import Constant, Family, Scales
 from fitting.statistics.posterior import Settings, _change, _tau, _walkers
 from fitting.statistics.profile import _constrained, _Counted, _step, profile_end
 from tests.skins import quick
@@ -476,7 +476,7 @@ def test_decrease_in_a_box_counts_what_leads_back_into_it() -> None:
     point = np.array([8.0, -3.0])
     with pytest.MonkeyPatch.context() as patch:
         stay = SimpleNamespace(least_squares=lambda f, start, **given: SimpleNamespace(x=start))
-        patch.setattr("fitting.statistics.bounded.optimize", stay)
+        patch.setattr("fitting.material.fit.bounded.optimize", stay)
         far = np.full(2, np.inf)
         constants, cost, decrease = _solve(model, point, -far, far)
         r = LINE @ point - Y

@@ -152,7 +152,7 @@ def sensor(
             report = sensor_report(found)
             posterior = None
             if sample:
-                from fitting.sensor.fit.posterior import sample_sensor
+                from fitting.sensor.fit.sensor_posterior import sample_sensor
                 from fitting.statistics.posterior import PosteriorError, Settings
 
                 settings = Settings(walkers=walkers, steps=steps, seed=seed, chain=chain)

@@ -11,7 +11,7 @@ from fitting.cli.progress import bar, spinner
 from fitting.inverse_load.check.verdict import ModelVerdict
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.posterior import LoadMode, frame_posterior
+from fitting.inverse_load.frame_posterior import LoadMode, frame_posterior
 from fitting.inverse_load.readings import (
     EmptyLogError,
     LayoutMismatchError,

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from fitting.material.fit.posterior import sample_material
+from fitting.material.fit.material_posterior import sample_material
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.posterior_files import plot_corner, to_arviz
 from fitting.statistics.posterior import PosteriorError, Settings

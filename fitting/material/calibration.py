@@ -20,7 +20,7 @@ from fitting.material.fit.bulk_modulus import (
 from fitting.material.fit.comparison import Comparison, choose_prony_terms, compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.result import MaterialFit
-from fitting.material.laws.with_effects import MOST_PRONY_TERMS
+from fitting.material.laws.blocks import MOST_PRONY_TERMS
 from fitting.material.report.summary import material_report
 from suas_jax.config import SceneSpec, load_scene
 

@@ -96,7 +96,7 @@ def calibrate(job: Mapping[str, Any]) -> dict[str, Any]:
             mullins=job.get("mullins", False),
         )
         if job.get("sample", False) and fit is not None:
-            from fitting.material.fit.posterior import sample_material
+            from fitting.material.fit.material_posterior import sample_material
 
             report["posterior"] = sample_material(
                 fit, Settings(steps=job.get("steps", 20_000))

@@ -1,1 +1,1 @@
-"""Estimation that knows no physics: least squares, bounds, posteriors, diagnostics."""
+"""Estimation that knows no physics: least squares, posteriors, diagnostics."""

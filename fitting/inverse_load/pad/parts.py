@@ -3,25 +3,137 @@
 from collections.abc import Callable
 from concurrent.futures import Executor
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import PadDetector
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import PadInterpolant
-from fitting.inverse_load.pad.posterior import PadPosterior
-from fitting.inverse_load.pad.search import APART, PadNodeSearch
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
+from fitting.inverse_load.search.base import AbstractNodeSearch
+from fitting.inverse_load.search.pairs import PairSearch
+from fitting.statistics.log_probability import NumpyBatch
 from suas_jax.config import InputErrors, SkinSpec
+from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
+
+APART = 12e-3
+"""Contacts closer than this are one mode of the search [m]."""
+_EVERY = 2  # of the table's places is a node, and of its forces one of those of pairs
+_CLOSEST = 6e-3  # contacts of a pair are at least so far apart [m]
+
+_SAME = 1e-3  # distance below which two contacts are the same [m]
+_MIRRORS = np.array([[-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 
 FREE_DIAMETERS = (2e-3, 7e-3, 12e-3)
 """Diameters that are tabulated where it is estimated [m]."""
 _FALLBACK = 6e-3
+
+
+class PadNodeSearch(AbstractNodeSearch):
+    """The coarse search of one pad.
+
+    Args:
+        table: states under one radial contact.
+        radius: of the outer face [m].
+    """
+
+    def __init__(self, table: PadTable, radius: float) -> None:
+        # Steps on the interpolant find their way from far.
+        coarse = table.thinned(_EVERY)
+        loads, channels = coarse.nodes
+        rest = np.append(table.rest, 0.0)
+        levels = len(loads) // len(coarse.places)
+        super().__init__(
+            loads,
+            channels,
+            rest,
+            table.places,
+            table.signatures,
+            levels=levels,
+            separate=APART,
+        )
+        self._table, self._radius = coarse, radius
+        self._grid = (len(coarse.angle), len(coarse.axial))
+
+    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Between places on the outer face [..., (angle, axial, ...)] [m]."""
+        along = self._radius * (a[..., 0] - b[..., 0])
+        return np.asarray(np.hypot(along, a[..., 1] - b[..., 1]))
+
+    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
+        """See the base class."""
+        angle, axial, force = (parameters[:, k * contacts] for k in range(3))
+        i = np.abs(self._table.angle - angle[:, None]).argmin(1)
+        j = np.abs(self._table.axial - axial[:, None]).argmin(1)
+        place = i * self._grid[1] + j
+        forces = self.loads[:, 2].reshape(-1, self.levels)[place]
+        return np.asarray(
+            place * self.levels + np.abs(forces - force[:, None]).argmin(1), np.intp
+        )
+
+    def near(
+        self, y: NDArray[np.float64], weight: NDArray[np.float64], node: NDArray[np.intp]
+    ) -> NDArray[np.float64]:
+        """The nodes' own loads: steps on the interpolant cost nothing."""
+        return self.loads[node]
+
+    def states(self, node: NDArray[np.intp]) -> State:
+        """Empty: fits on the interpolant start from no state."""
+        return self.rest_states(len(node))
+
+    def rest_states(self, frames: int) -> State:
+        """Likewise."""
+        none = jnp.zeros((0, 0, frames))
+        return State(none, jnp.zeros(frames), jnp.zeros(frames))
+
+    def several(self) -> PairSearch:
+        """See the base class."""
+        index = np.arange(len(self.loads)).reshape(*self._grid, self.levels)
+        thinned = index[:, :, 1::_EVERY].reshape(-1)  # 3, 12, 46 and 82 % of the largest
+        return PairSearch(
+            self, thinned, self._table.stray, self.distance, closest=_CLOSEST, apart=APART
+        )
+
+
+class PadPosterior(AbstractLoadPosterior):
+    """The posterior of contacts on one pad: even over place and force.
+
+    Several contacts are solved at the mode; what the sum of single ones leaves out there is
+    taken as the same for all samples.
+
+    Args:
+        fitter: of the pad.
+        nodes: its coarse search.
+    """
+
+    def __init__(self, fitter: PadFitter, nodes: AbstractNodeSearch) -> None:
+        super().__init__(nodes, 2, fitter.squares.prior_volume(), _SAME, _MIRRORS)
+        self._fitter = fitter
+
+    def log_probability(self, y: NDArray[np.float64], mode: Explanations) -> NumpyBatch:
+        """See the base class."""
+        count, fitter = int(mode.contacts[0]), self._fitter
+        centre = mode.parameters[0, : fitter.per_contact * count]
+        pull = bool(centre[fitter.parameters.rows("force", count)][0] < 0)
+        correction = fitter.correction(centre, count)
+        weight = mode.weight[:1]
+
+        def log_probability(points: NDArray[np.float64]) -> NDArray[np.float64]:
+            low, high = fitter.squares.bounds(points, count, pull)
+            inside = ((points >= low) & (points <= high)).all(1)
+            within = np.clip(points, low, high)
+            chi2 = fitter.squares.chi2(y[None], weight, within, count, correction)
+            return np.where(inside, -chi2 / 2, -np.inf)
+
+        return NumpyBatch(log_probability)
 
 
 class PadAssessment(AbstractLoadAssessment):

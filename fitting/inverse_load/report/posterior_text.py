@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from fitting.inverse_load.posterior import LoadMode
+from fitting.inverse_load.frame_posterior import LoadMode
 
 _DEGREES = 180 / np.pi
 # A quantity's key in JSON and its factor from SI units, then the text's from JSON and unit.

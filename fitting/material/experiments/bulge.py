@@ -14,7 +14,7 @@ from fitting.material.experiments.measurements import Predictor
 from fitting.material.experiments.prediction import AbstractExperiment, mode_factors
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
-from fitting.statistics.parameters import AbstractFamily
+from fitting.material.laws.parameters import AbstractFamily
 from suas_jax.constitutive import AbstractLaw, inflated_diaphragm
 from suas_jax.constitutive.specimens.homogeneous import kirchhoff
 

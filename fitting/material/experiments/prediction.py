@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.statistics.parameters import AbstractFamily
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.residuals import linearised
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.specimens.homogeneous import MODES, kirchhoff

@@ -12,9 +12,9 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import NoFit
+from fitting.material.laws.blocks import MOST_PRONY_TERMS, Relaxation, block_of
 from fitting.material.laws.registry import candidates as usual_candidates
 from fitting.material.laws.registry import family
-from fitting.material.laws.with_effects import MOST_PRONY_TERMS, WithEffects
 
 # A law must be stable this much further than the data reach, in log stretch.
 STABILITY_MARGIN = 0.1
@@ -259,12 +259,12 @@ def choose_prony_terms(
 
 def undetermined_term(fit: MaterialFit) -> str:
     """Which Prony term of a fit the data don't determine, and why; "" if all are."""
-    family = fit.family
-    assert isinstance(family, WithEffects)
-    first, last = family.law_size, family.law_size + family.prony
-    g, tau = fit.constants[first:last], fit.constants[last : last + family.prony]
-    errors = fit.uncertainty.standard_errors[first:last]
-    shortest, longest = window_of(fit.sets, family.prony)
+    found = block_of(fit.family, Relaxation)
+    assert found is not None
+    series, place = found
+    g, tau = series.parts(fit.constants[place])
+    errors, _ = series.parts(fit.uncertainty.standard_errors[place])
+    shortest, longest = window_of(fit.sets, series.count)
     for share, error, time in zip(g, errors, tau, strict=True):
         if not error < _UNKNOWN_SHARE * share:
             return f"the share {share:.2g} of the term of {time:.3g} s is not determined"

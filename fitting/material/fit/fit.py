@@ -37,11 +37,11 @@ from fitting.material.fit.suspects import (
     zero_in_units,
     zeros_of,
 )
+from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
-from fitting.material.laws.with_effects import WithEffects
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.least_squares import minimise
-from fitting.statistics.parameters import AbstractFamily
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
@@ -117,7 +117,9 @@ def fit_material(
         sets, branch, cycle, zero, cut_break=cut_break, thin=thin, remembers=remembers
     )
     if remembers:
-        chosen = WithEffects(chosen, prony, mullins, window_of(used, prony))
+        window = window_of(used, prony)
+        series = (Relaxation(prony, window),) if prony else ()
+        chosen = ExtendedFamily(chosen, (*series, *((Softening(),) if mullins else ())))
     fit = _fitted(used, chosen, bounds, [*remarks, *notes], suspects, settings, doubt=doubt)
     refuse_without_stiffness(fit.sets, fit.family, fit.constants)
     if not (doubt and "slack" in zero and fit.misfit.significant):
@@ -177,7 +179,7 @@ def _fitted(
     constants = wider.ordered(constants)
     at_bounds: tuple[str, ...] = ()
     if bounds:
-        from fitting.statistics.bounded import minimise_in_box
+        from fitting.material.fit.bounded import minimise_in_box
 
         others = wider.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
         if any(data.mode == "bulge" for data in used):

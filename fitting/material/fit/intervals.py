@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array
 
 from fitting.material.fit.problem import MaterialProblem
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.identifiability import Uncertainty
-from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.profile import Linearised, Quantity, profile_end
 from fitting.statistics.residuals import constants_by_theta, sensitivity
 

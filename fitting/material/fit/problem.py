@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from fitting.material.experiments.free_zero import Zero, can_be_freed, free_zeros
 from fitting.material.experiments.measurements import Dataset, Predictor
 from fitting.material.experiments.prediction import AbstractExperiment
-from fitting.statistics.parameters import AbstractFamily, Scales
+from fitting.material.laws.parameters import AbstractFamily, Scales
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 from suas_jax.constitutive import AbstractLaw
 

@@ -18,10 +18,10 @@ from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.material.fit.specimens import Specimens
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
-from fitting.statistics.parameters import AbstractFamily
 from suas_jax.config.law import LawSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range

@@ -17,9 +17,15 @@ from fitting.material.fit.corrected_model import minimise_corrected
 from fitting.material.fit.noise import noise_of, with_noise
 from fitting.material.fit.problem import MaterialProblem, Residuals, pose, readings
 from fitting.material.fit.specimens import Specimens, of_typical_specimen, specimens_of
-from fitting.material.laws.with_effects import WithEffects
+from fitting.material.laws.blocks import (
+    ExtendedFamily,
+    Relaxation,
+    Softening,
+    TestZeros,
+    block_of,
+)
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
-from fitting.statistics.parameters import AbstractFamily
 from suas_jax.config.quantities import format_quantity
 
 SKIN_LANES = 4
@@ -97,7 +103,7 @@ def search(
     if any(data.mode == "skin" for data in sets):
         # Every residual is an equilibrium, and the modulus is known from the start.
         return problem, minimise(problem.residuals, points[:SKIN_LANES], lanes=SKIN_LANES)
-    if isinstance(chosen, WithEffects):
+    if isinstance(chosen, ExtendedFamily) and block_of(chosen, TestZeros) is None:
         return problem, _with_effects(sets, chosen, problem, starts, seed)
     if not any(data.mode == "bulge" for data in sets):
         return problem, minimise(problem.residuals, points)
@@ -131,7 +137,7 @@ def _with_membranes(
 
 def _with_effects(
     sets: Sequence[Dataset],
-    chosen: WithEffects,
+    chosen: ExtendedFamily,
     problem: MaterialProblem,
     starts: int,
     seed: int,
@@ -144,11 +150,12 @@ def _with_effects(
         return found
     theta = jnp.asarray(found.theta[0])
     stresses = np.array([unit == "Pa" for unit in chosen.base.units])
-    factor = (_LONG_TERM if chosen.prony else 1.0) * (_VIRGIN if chosen.mullins else 1.0)
+    factor = 1.0 if block_of(chosen, Relaxation) is None else _LONG_TERM
+    factor *= 1.0 if block_of(chosen, Softening) is None else _VIRGIN
     constants = chosen.base.constants(theta, elastic.scales)
     changed = jnp.where(stresses, factor * constants, constants)
     law = np.asarray(chosen.base.unconstrained(changed, elastic.scales))
-    beside = chosen.spread(rng, min(starts, _BESIDE))
+    beside = chosen.beside(rng, min(starts, _BESIDE))
     points = np.concatenate([np.tile(law, (len(beside), 1)), beside], axis=1)
     return minimise_one_by_one(problem.residuals, points, _BESIDE_STEPS)
 

@@ -19,8 +19,8 @@ from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.problem import MaterialProblem, pose
-from fitting.material.laws.with_zeros import WithZeros
-from fitting.statistics.parameters import AbstractFamily
+from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.residuals import by_theta, sensitivity
 
 _CHANCE = 1e-4
@@ -57,7 +57,7 @@ def posed_kind(problem: MaterialProblem) -> str:
 
 def with_zeros(
     family: AbstractFamily, sets: Sequence[Dataset], zeros: Sequence[Zero]
-) -> WithZeros:
+) -> ExtendedFamily:
     """A family with the zeros of tests as further unknowns."""
     labels = []
     for zero in zeros:
@@ -65,7 +65,8 @@ def with_zeros(
         same = [z for z in zeros if z.kind == zero.kind]
         labels.append(name if len(same) == 1 else f"{name}_{same.index(zero) + 1}")
     start = tuple(_start(sets[zero.test], zero) for zero in zeros)
-    return WithZeros(family, tuple(zero.kind for zero in zeros), tuple(labels), start)
+    kinds = tuple(zero.kind for zero in zeros)
+    return ExtendedFamily(family, (TestZeros(kinds, tuple(labels), start),))
 
 
 def _start(data: Dataset, zero: Zero) -> float:
@@ -121,7 +122,7 @@ def fit_suspects(
                 text = f"the law follows the data {times:.3g} times closer then"
                 found.append((other, percent_suspect(data, text)))
                 continue
-        if isinstance(family, WithZeros):
+        if block_of(family, TestZeros) is not None:
             continue
         zeros = zeros_of([data], KINDS)
         zeros = tuple(zero._replace(test=i) for zero in zeros)
@@ -149,10 +150,12 @@ def _refit_with(
     """Least squares with some zeros free, from the fit without: constants, cost, errors."""
     residuals = free.residuals
     size = len(constants)
-    assert isinstance(residuals.family, WithZeros)
+    found = block_of(residuals.family, TestZeros)
+    assert found is not None
+    zeros, _ = found
     begin = np.append(constants, np.zeros(len(part)))
     theta = np.array(residuals.unconstrained(jnp.asarray(begin)))
-    theta[size:] = np.where(part, np.asarray(residuals.family.start), 0.0)
+    theta[size:] = np.where(part, np.asarray(zeros.start), 0.0)
     moved = np.append(np.ones(size, dtype=bool), part)
 
     @functools.lru_cache(maxsize=2)
@@ -165,7 +168,7 @@ def _refit_with(
 
     best = None
     none = np.zeros(int(part.sum()))
-    kinds = np.array(residuals.family.kinds)[part]
+    kinds = np.array(zeros.kinds)[part]
     # A machine that takes a tenth, or a third, of the travel.
     strain = float(np.asarray(residuals.scales.strain))
     share = np.where(kinds == "machine", 2.0 * strain, 0.0)

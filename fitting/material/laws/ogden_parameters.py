@@ -5,7 +5,6 @@ Eq. 12 and is smooth through α_p = 0, where μ_p alone is not.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -13,7 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.statistics.parameters import AbstractFamily, Scales
+from fitting.material.laws.parameters import (
+    AbstractFamily,
+    Bounds,
+    Columns,
+    Scales,
+    Signs,
+    Vector,
+)
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.laws.ogden import Ogden
 
@@ -67,29 +73,27 @@ class OgdenFamily(AbstractFamily):
         shares = tuple(f"log(mu.{i} alpha.{i} / 2)" for i in range(self.terms))
         return shares + self.names[self.terms :]
 
-    def constants(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " p"]:
+    def constants(self, theta: Vector, scales: Scales) -> Vector:
         """μ_p [Pa] and α_p."""
         share = scales.stress * jnp.exp(theta[: self.terms])
         alpha = self._exponents(theta, scales)
         return jnp.concatenate([2.0 * share / alpha, alpha])
 
-    def unconstrained(
-        self, constants: Float[Array, " p"], scales: Scales
-    ) -> Float[Array, " p"]:
+    def unconstrained(self, constants: Vector, scales: Scales) -> Vector:
         """Parameters from μ_p [Pa] and α_p."""
         mu, alpha = constants[: self.terms], constants[self.terms :]
         within = jnp.minimum(jnp.abs(alpha) * scales.strain / _LARGEST_POWER, 1.0 - 1e-9)
         spread = alpha / jnp.sqrt(1.0 - within**2)
         return jnp.concatenate([jnp.log(0.5 * mu * alpha / scales.stress), spread])
 
-    def _exponents(self, theta: Float[Array, " p"], scales: Scales) -> Float[Array, " terms"]:
+    def _exponents(self, theta: Vector, scales: Scales) -> Float[Array, " terms"]:
         """α_p, which θ_p is as long as it is small; λ^α_p stays below exp(80)."""
         spread = theta[self.terms :]
         alpha = spread / jnp.sqrt(1.0 + (spread * scales.strain / _LARGEST_POWER) ** 2)
         near = jnp.abs(alpha) < _SMALLEST_EXPONENT
         return jnp.where(near, jnp.where(alpha < 0, -1.0, 1.0) * _SMALLEST_EXPONENT, alpha)
 
-    def law(self, constants: Float[Array, " p"]) -> AbstractLaw:
+    def law(self, constants: Vector) -> AbstractLaw:
         """The law with these constants."""
         return Ogden(constants[: self.terms], constants[self.terms :])
 
@@ -102,13 +106,7 @@ class OgdenFamily(AbstractFamily):
         share = np.log(np.full((count, self.terms), 1.0 / self.terms))
         return np.concatenate([share, alpha], axis=1)
 
-    def refined(
-        self,
-        theta: Float[Array, " p"],
-        columns: Callable[[AbstractLaw], Array],
-        scales: Scales,
-        target: Array,
-    ) -> Float[Array, " p"]:
+    def refined(self, theta: Vector, columns: Columns, scales: Scales, target: Array) -> Vector:
         """Best shares m_p ≥ 0 for the given exponents: the residual is linear in them."""
         alpha = self._exponents(theta, scales)
         basis = jax.vmap(lambda a: columns(Ogden((2.0 / a)[None], a[None])))(alpha)
@@ -129,9 +127,7 @@ class OgdenFamily(AbstractFamily):
         share = jnp.maximum(share, jnp.maximum(1e-3 * usual, 1e-12))
         return theta.at[: self.terms].set(jnp.log(share))
 
-    def signs(
-        self, constants: np.ndarray, bounds: Mapping[str, tuple[float, float]]
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
         """μ_p α_p > 0: each exponent keeps its sign, unless a bound fixes another one."""
         low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         for p in range(self.terms):

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from fitting.material.laws.ogden_parameters import OgdenFamily
-from fitting.statistics.parameters import AbstractFamily, Constant, Family
+from fitting.material.laws.parameters import AbstractFamily, Constant, Family
 from suas_jax.config.law import Constant as Declaration
 from suas_jax.config.schema_material import LAWS
 from suas_jax.constitutive import registry

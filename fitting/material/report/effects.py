@@ -6,7 +6,7 @@ import numpy as np
 
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.result import MaterialFit
-from fitting.material.laws.with_effects import WithEffects
+from fitting.material.laws.blocks import Relaxation, Softening, block_of
 
 _LEVELS = (("68", 0.6827), ("95", 0.95))
 
@@ -17,19 +17,17 @@ def effects_report(fit: MaterialFit) -> dict[str, Any]:
     Constants of the law itself are the long-term ones; `instantaneous_parameters` are those of
     a load that is faster than all relaxation.
     """
-    family = fit.family
-    if not isinstance(family, WithEffects):
-        return {}
     report: dict[str, Any] = {}
-    first = family.law_size
-    if count := family.prony:
+    if (series := block_of(fit.family, Relaxation)) is not None:
+        relaxation, place = series
+        first, count = place.start, relaxation.count
         report["relaxation"] = {
             **_block(fit, {"g": (first, count), "tau_s": (first + count, count)}),
-            **_ends_of_relaxation(fit),
-            "window_s": list(window_of(fit.sets, family.prony)),
+            **_ends_of_relaxation(fit, slice(first, first + count)),
+            "window_s": list(window_of(fit.sets, count)),
         }
-    if family.mullins:
-        start = first + 2 * family.prony
+    if (softening := block_of(fit.family, Softening)) is not None:
+        start = softening[1].start
         names = {"r": (start, 0), "m_Pa": (start + 1, 0), "beta": (start + 2, 0)}
         report["softening"] = _block(fit, names)
     return report
@@ -51,13 +49,16 @@ def _block(fit: MaterialFit, places: dict[str, tuple[int, int]]) -> dict[str, An
     }
 
 
-def _ends_of_relaxation(fit: MaterialFit) -> dict[str, Any]:
-    """Long-term share and instantaneous modulus, with 95 % intervals normal in logarithms."""
+def _ends_of_relaxation(fit: MaterialFit, place: slice) -> dict[str, Any]:
+    """Long-term share and instantaneous modulus, with 95 % intervals normal in logarithms.
+
+    Args:
+        fit: the fit.
+        place: of the shares among its constants.
+    """
     family = fit.family
-    assert isinstance(family, WithEffects)
-    first = family.law_size
     shares = np.zeros(family.size, dtype=bool)
-    shares[first : first + family.prony] = True
+    shares[place] = True
     share = 1.0 - float(fit.constants[shares].sum())
     long_term, low, high = fit.shear_modulus()
     slope_of_share = np.where(shares, -1.0 / share, 0.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fitting.material.fit.posterior import MaterialPosterior
+from fitting.material.fit.material_posterior import MaterialPosterior
 from suas_jax.figures.style import written
 
 

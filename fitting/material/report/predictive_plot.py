@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 
 from fitting.material.experiments.measurements import PATHS, Channel, Dataset
 from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
-from fitting.material.fit.posterior import MaterialPosterior
+from fitting.material.fit.material_posterior import MaterialPosterior
 from fitting.material.fit.problem import Residuals
-from fitting.statistics.parameters import AbstractFamily
+from fitting.material.laws.parameters import AbstractFamily
 from suas_jax.figures.style import written
 from suas_jax.runtime.compiled import COMPILED
 

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from fitting.material.experiments.free_zero import can_be_freed
-from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.experiments.measurements import PATHS
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, SkinTest
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.suspects import zero_in_units, zeros_of
-from fitting.material.laws.with_zeros import WithZeros
+from fitting.material.laws.blocks import TestZeros, block_of
 from fitting.material.report.effects import effects_report
 
 _EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
@@ -88,21 +88,23 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
 
 def zeros_report(fit: MaterialFit) -> list[dict[str, Any]]:
     """Zeros of the tests that were found with the law, in the units of the tests."""
-    family = fit.family
-    if not isinstance(family, WithZeros):
+    block = block_of(fit.family, TestZeros)
+    if block is None:
         return []
+    zeros, place = block
     found = []
     tests = [data for data in fit.sets if can_be_freed(data)]
-    size = family.base.size
-    labels = [(kind, data) for data, kind in _zero_tests(tests, family.kinds)]
-    for i, (kind, data) in enumerate(labels):
-        value = float(fit.constants[size + i])
-        error = float(fit.uncertainty.standard_errors[size + i])
-        amount, accuracy, unit = zero_in_units(kind, value, error, data)
+    wanted = tuple(dict.fromkeys(zeros.kinds))
+    values, errors = fit.constants[place], fit.uncertainty.standard_errors[place]
+    # In the order of `zeros_of`.
+    for i, zero in enumerate(zeros_of(tests, wanted)):
+        data = tests[zero.test]
+        size = float(values[i]), float(errors[i])
+        amount, accuracy, unit = zero_in_units(zero.kind, *size, data)
         found.append(
             {
-                "name": family.labels[i],
-                "kind": kind,
+                "name": zeros.names[i],
+                "kind": zero.kind,
                 "file": data.file,
                 "value": amount,
                 "standard_error": accuracy,
@@ -110,12 +112,6 @@ def zeros_report(fit: MaterialFit) -> list[dict[str, Any]]:
             }
         )
     return found
-
-
-def _zero_tests(tests: list[Dataset], kinds: tuple[str, ...]) -> list[tuple[Dataset, str]]:
-    """The test of each zero, in the order of `zeros_of`."""
-    wanted = tuple(dict.fromkeys(kinds))
-    return [(tests[zero.test], zero.kind) for zero in zeros_of(tests, wanted)]
 
 
 def at_limits(fit: MaterialFit) -> list[str]:

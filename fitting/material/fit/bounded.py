@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import optimize
 
+from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.least_squares import CONVERGED, Minima
-from fitting.statistics.parameters import AbstractFamily
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 
 _AT_BOUND = 1e-6
