@@ -16,7 +16,7 @@ from fitting.material.fit.fit import fit_material
 from fitting.material.fit.material_posterior import sample_material
 from fitting.material.fit.problem import readings, shared_error
 from fitting.material.fit.result import MaterialFit
-from fitting.material.report.predictive_plot import plot_predictive
+from fitting.material.report.posterior_files import plot_predictive
 from fitting.statistics.identifiability import uncertainty
 from fitting.statistics.posterior import Settings
 from suas_jax.config import load_scene

@@ -2,12 +2,19 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.options import Plot, check_figures, named_bounds, named_file, named_values
+from fitting.cli.options import (
+    Plot,
+    check_figures,
+    named_bounds,
+    named_file,
+    named_values,
+    quantity_of,
+)
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
@@ -16,8 +23,9 @@ from suas_jax.files.writing import check_outputs
 from suas_jax.runtime.registry import model_names
 
 if TYPE_CHECKING:
-    from fitting.material.fit.bulk_modulus import BulkModulus
-    from fitting.material.fit.result import MaterialFit
+    from fitting.material.calibration import Calibration
+    from fitting.material.cards.settings import CardSettings
+    from fitting.material.experiments.measurements import Dataset
 
 
 def material(
@@ -174,34 +182,17 @@ def material(
     Exit status: 0 constants were found, 2 bad input, 3 no constants could be found.
     """
     with bad_input():
-        pairs = [named_file(text) for text in data]
-        sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
-        named = named_values(columns, "--columns", "force=3,extension=5")
-        bounds = dict(named_bounds(text) for text in bound or [])
-        cards = [named_file(text, "--export", "abaqus=card.inp") for text in export or []]
-        from fitting.cli.material_cards import card_settings, write_cards
-        from fitting.material.experiments.datasets import load_dataset
-        from fitting.material.experiments.measurements import mode_named
-
-        settings = card_settings(cards, card_units, card_name, density, bulk_modulus)
         if (chain or arviz or corner or predictive) and not sample:
             raise ValueError("--chain, --arviz, --corner and --predictive need --sample")
-        outputs = [
-            arviz,
-            corner,
-            predictive,
-            plot,
-            report_file,
-            *(Path(file) for _, file in cards),
-        ]
-        check_outputs(outputs, overwrite=overwrite)
+        cards = [named_file(text, "--export", "abaqus=card.inp") for text in export or []]
+        settings = _card_settings(cards, card_units, card_name, density, bulk_modulus)
+        bounds = dict(named_bounds(text) for text in bound or [])
+        outputs = [arviz, corner, predictive, plot, report_file]
+        check_outputs([*outputs, *(Path(file) for _, file in cards)], overwrite=overwrite)
         own_output(chain)  # not only when the fit has ended
         check_figures(plot, corner, predictive)
-        sets = [
-            load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)
-            for mode, path in pairs
-        ]
-        modes = {data.mode for data in sets}
+        sets = _data(data, specimen, columns, noise, scene, machine_stiffness)
+        modes = {test.mode for test in sets}
         if modes == {"volumetric"} and (cards or sample or scene is not None):
             raise ValueError(
                 "--export, --sample and --scene need data of a law beside volumetric ones"
@@ -210,18 +201,17 @@ def material(
             raise ValueError(
                 "--bulk-modulus: the volumetric data give it; leave one of them out"
             )
+        # Where a skin is the test, the scene is its specimen.
+        scene = None if "skin" in modes else scene
         with fitting_spinner() as show:
             from suas_jax.runtime.settings import configure
 
             configure()
-            from fitting.material.calibration import calibrate
+            from fitting.material.calibration import Calibration, calibrate
             from fitting.material.fit.search import NoFit
 
-            report: dict[str, Any]
-            fit: MaterialFit | None = None
-            bulk: BulkModulus | None = None
             try:
-                fit, bulk, report = calibrate(
+                found = calibrate(
                     sets,
                     law,
                     terms,
@@ -237,58 +227,99 @@ def material(
                     bounds=bounds,
                     prony=int(prony) if prony.isdigit() else prony,
                     mullins=mullins,
-                    scene=None if _on_skin(sets) else scene,
+                    scene=scene,
                 )
             except NoFit as error:
-                report = {"law": law, "status": "no_fit", "message": str(error)}
-            if fit is not None and scene is not None and not _on_skin(sets):
+                message = {"law": law, "status": "no_fit", "message": str(error)}
+                found = Calibration(None, None, message)
+            fit, report = found.fit, found.report
+            if fit is not None and scene is not None:
                 from fitting.material.calibration import compare_with_scene
 
                 show("solving the scene")
                 report["scene"], remark = compare_with_scene(fit, scene)
                 report["warnings"] += remark
             if fit is not None and sample:
-                from fitting.cli.material_posterior import run
+                from fitting.material.report.posterior_files import sample_and_write
+                from fitting.statistics.posterior import Settings
 
-                report["posterior"] = run(
-                    fit,
-                    bounds,
-                    show,
-                    arviz,
-                    corner,
-                    predictive,
-                    walkers=walkers,
-                    steps=steps,
-                    moves=moves,
-                    seed=seed,
-                    chain=chain,
-                )
-            if fit is not None and cards:
-                if bulk is not None:
-                    settings = replace(settings, bulk_modulus=bulk.value)
-                report["cards"] = write_cards(fit, cards, settings)
-                report["warnings"] += [
-                    entry["message"] for entry in report["cards"] if entry["message"]
-                ]
-            found = fit is not None or bulk is not None
-            if found and plot is not None:
-                from fitting.material.report.plots import plot_material
-
-                plot_material(fit, plot, bulk)
-            if found and report_file is not None:
-                from fitting.material.report.html import write_html
-
-                write_html(fit, report, report_file, bulk)
+                sampler = Settings(walkers, steps, moves, seed, chain=chain)
+                files = (arviz, corner, predictive)
+                report["posterior"] = sample_and_write(fit, sampler, bounds, show, *files)
+            if report["status"] != "no_fit":
+                _write(found, cards, settings, plot, report_file)
     if as_json:
         say(json_text(report))
-    elif found:
+    elif report["status"] != "no_fit":
         from fitting.material.report.text import print_report
 
         print_report(report, fit)
-    if not found:
+    if report["status"] == "no_fit":
         say(f"suas: {report['message']}", err=True)
         raise typer.Exit(NO_SOLUTION)
 
 
-def _on_skin(sets: list[Any]) -> bool:
-    return any(data.mode == "skin" for data in sets)
+def _card_settings(
+    cards: list[tuple[str, str]],
+    units: str,
+    name: str,
+    density: float | None,
+    bulk_modulus: str | None,
+) -> "CardSettings":
+    """What the options say of the cards, each a program and a file."""
+    from fitting.material.cards.card import require_program
+    from fitting.material.cards.settings import CardSettings
+
+    modulus = None
+    if bulk_modulus is not None:
+        modulus = quantity_of("--bulk-modulus", bulk_modulus, "stress")
+    for program, _ in cards:
+        require_program(program)
+    return CardSettings(units, name, density, modulus)
+
+
+def _data(
+    data: list[str],
+    specimen: str | None,
+    columns: str | None,
+    noise: str | None,
+    scene: Path | None,
+    machine_stiffness: str | None,
+) -> list["Dataset"]:
+    """The tests that the options name."""
+    from fitting.material.experiments.datasets import load_dataset
+    from fitting.material.experiments.measurements import mode_named
+
+    pairs = [named_file(text) for text in data]
+    sizes = named_values(specimen, "--specimen", "width=6 mm,thickness=2 mm")
+    named = named_values(columns, "--columns", "force=3,extension=5")
+    return [
+        load_dataset(mode_named(mode), path, sizes, noise, scene, named, machine_stiffness)
+        for mode, path in pairs
+    ]
+
+
+def _write(
+    found: "Calibration",
+    cards: list[tuple[str, str]],
+    settings: "CardSettings",
+    plot: Path | None,
+    page: Path | None,
+) -> None:
+    """Write cards, which the report then names, figure and page."""
+    fit, bulk, report = found
+    if fit is not None and cards:
+        from fitting.material.cards.card import write_cards
+
+        if bulk is not None:
+            settings = replace(settings, bulk_modulus=bulk.value)
+        report["cards"] = write_cards(fit.material(), cards, settings)
+        report["warnings"] += [e["message"] for e in report["cards"] if e["message"]]
+    if plot is not None:
+        from fitting.material.report.plots import plot_material
+
+        plot_material(fit, plot, bulk)
+    if page is not None:
+        from fitting.material.report.html import write_html
+
+        write_html(fit, report, page, bulk)

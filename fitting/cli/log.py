@@ -117,30 +117,26 @@ def log(
                     started=started,
                     on_progress=lambda: view.update(stream),
                 )
-    stopped = result.pop("stopped")
-    silent = not result["rows"] and not stopped
-    beside = result["beside"]
-    status = "disk_full" if stopped else "no_frames" if silent else "recorded"
+    stopped, elapsed = result.pop("stopped"), result["elapsed_s"]
     totals = f"{writer.path}: {totals_text(result)}"
-    message = totals
+    status, message = "recorded", totals
     if stopped:
-        message = stopped
-    elif beside:
+        status, message = "disk_full", stopped
+    elif beside := result["beside"]:
         status = "file_lost"
         message = f"{output}: was lost while it was recorded; the log is in {beside[-1]}"
-    elif silent:
-        message = (
-            f"{port}: no frame came in {result['elapsed_s']:.1f} s; {writer.path} is empty"
-        )
+    elif not result["rows"]:
+        status = "no_frames"
+        message = f"{port}: no frame came in {elapsed:.1f} s; {writer.path} is empty"
     if as_json:
         summary = {"path": str(output), "status": status, "message": message}
         say(json.dumps(summary | result, allow_nan=False))
-    if not silent and (stopped or not as_json):
+    if stopped or (result["rows"] and not as_json):
         say(totals, err=True)
     if status != "recorded":
         say(f"suas: {message}", err=True)
-    over = duration is not None and result["elapsed_s"] >= duration
-    if stopped or beside or (silent and over):
+    over = duration is not None and elapsed >= duration
+    if status in ("disk_full", "file_lost") or (status == "no_frames" and over):
         answered(status)
         raise typer.Exit(BAD_INPUT)
 

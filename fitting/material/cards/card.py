@@ -12,7 +12,7 @@ skin's law is incompressible. Units are SI (m, kg, s, Pa), or those of
 engineers who count in millimetres (mm, t, s, MPa).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,6 +62,16 @@ PROGRAMS: dict[str, Program] = {
 """Programs by name; "toml" is the [material] table of a skin."""
 
 
+def require_program(name: str) -> None:
+    """Refuse a program that there are no cards for.
+
+    Raises:
+        CardError: names the programs.
+    """
+    if name not in PROGRAMS:
+        raise CardError(f"--export {name}: unknown program; allowed: {', '.join(PROGRAMS)}")
+
+
 def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> str:
     """The card of a law for a program.
 
@@ -73,8 +83,7 @@ def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> st
     Raises:
         CardError: the program is unknown or doesn't have this law.
     """
-    if program not in PROGRAMS:
-        raise CardError(f"--export {program}: unknown program; allowed: {', '.join(PROGRAMS)}")
+    require_program(program)
     chosen = settings or CardSettings()
     if program == "toml":  # quantities with units, whatever the units
         return _toml(law, chosen)
@@ -101,3 +110,26 @@ def write_card(
 ) -> None:
     """Write the card of a law to a file; see `card`."""
     write_text(file, card(law, program, settings))
+
+
+def write_cards(
+    law: LawSpec, cards: Sequence[tuple[str, str]], settings: CardSettings
+) -> list[dict[str, str]]:
+    """Write cards; one that a program can't have is reported, and stops nothing.
+
+    Args:
+        law: the law.
+        cards: program and file of each.
+        settings: of all of them.
+    """
+    found = []
+    for program, file in cards:
+        message = ""
+        try:
+            write_card(law, program, Path(file), settings)
+            if remark := left_out(law, program):
+                message = f"{file}: the card is {remark}"
+        except CardError as error:
+            message = str(error)
+        found.append({"program": program, "file": file, "message": message})
+    return found

@@ -195,12 +195,28 @@ def _zero_of_series(
                 "stretch",
             )
         ]
+    return _off_at_rest(data, rows[near], where, float(np.min(y)), largest)
+
+
+def _off_at_rest(
+    data: StressTest, near: np.ndarray, where: str, lowest: float, largest: float
+) -> list[Suspect]:
+    """Slack or an offset of the force, by the stress at rest that readings near it point to.
+
+    Args:
+        data: the test.
+        near: positions of the readings of a specimen near rest.
+        where: names the specimen.
+        lowest: of its stresses, positive away from rest [Pa].
+        largest: size of its largest stress [Pa].
+    """
     # Neo-Hookean and Mooney's second term follow any rubber near rest, whatever the mode.
-    part = data.select(np.isin(np.arange(data.size), rows[near]))
+    part = data.select(np.isin(np.arange(data.size), near))
     e1, e2, c1, c2 = part.factors
     inverse = np.exp(2.0 * (e1 + e2))
     second = c1 * (inverse - np.exp(-2.0 * e1)) + c2 * (inverse - np.exp(-2.0 * e2))
-    side = 1.0 if np.sum(np.log(data.stretch_1[rows])) >= 0.0 else -1.0
+    own = data.specimen == part.specimen[0]
+    side = 1.0 if np.sum(np.log(data.stretch_1[own])) >= 0.0 else -1.0
     fit = np.stack([np.ones(part.size), side * part.unit_stress, side * second], axis=1)
     sizes = np.linalg.norm(fit, axis=0)
     values = side * part.value
@@ -217,7 +233,7 @@ def _zero_of_series(
     slope *= float(solution[1] + solution[2])
     if abs(at_rest) < max(CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
         return []
-    below = np.min(y) < -max(CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
+    below = lowest < -max(CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
     if at_rest < 0.0 and not below:
         lag = -at_rest / slope
         size, unit = _travel(data, float(lag))

@@ -12,6 +12,7 @@ from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.toe import without_toe
+from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import (
     Noise,
     judged_residuals,
@@ -41,7 +42,7 @@ from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.material.laws.registry import family
 from fitting.statistics.identifiability import uncertainty
-from fitting.statistics.least_squares import minimise
+from fitting.statistics.least_squares import Minima, minimise
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
@@ -179,20 +180,10 @@ def _fitted(
     constants = wider.ordered(constants)
     at_bounds: tuple[str, ...] = ()
     if bounds:
-        from fitting.material.fit.bounded import minimise_in_box
-
         others = wider.random(np.random.default_rng(seed + 1), _STARTS_IN_BOX)
         if any(data.mode == "bulge" for data in used):
             others = minima.theta[1:2]  # membranes are expensive
-        try:
-            constants, minima, at_bounds = minimise_in_box(
-                problem.residuals, wider, constants, others, bounds
-            )
-        except np.linalg.LinAlgError as error:
-            raise NoFit(
-                f"{chosen.title}: --bound leaves no constants with finite stresses for all "
-                f"readings; widen the bounds, or choose another law"
-            ) from error
+        constants, minima, at_bounds = _bounded(problem, constants, others, bounds)
         if at_bounds:
             notes.append(f"at a bound, and held there in all intervals: {', '.join(at_bounds)}")
     known_noise = residual == "noise"
@@ -235,6 +226,23 @@ def _fitted(
         bounds=dict(bounds or {}),
         specimens=specimens,
     )
+
+
+def _bounded(
+    problem: MaterialProblem,
+    constants: np.ndarray,
+    others: np.ndarray,
+    bounds: Mapping[str, tuple[float, float]],
+) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
+    """The minimum inside hard bounds; see `minimise_in_box`."""
+    family = problem.residuals.family
+    try:
+        return minimise_in_box(problem.residuals, family, constants, others, bounds)
+    except np.linalg.LinAlgError as error:
+        raise NoFit(
+            f"{family.title}: --bound leaves no constants with finite stresses for all "
+            f"readings; widen the bounds, or choose another law"
+        ) from error
 
 
 def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:

@@ -1,15 +1,39 @@
-"""Samples of a law's constants as ArviZ data and as a corner plot."""
+"""Samples of the constants of a law: as ArviZ data, as a corner plot, and what they predict.
+
+A band of predicted readings should hold 95 % of the data. Where it does not, law or noise are
+wrong; where the band of the law alone is wide, the data say little.
+"""
 
 import inspect
 import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 from matplotlib.figure import Figure
 
-from fitting.material.fit.material_posterior import MaterialPosterior
-from suas_jax.figures.style import written
+from fitting.material.experiments.measurements import PATHS, Channel, Dataset
+from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
+from fitting.material.fit.material_posterior import MaterialPosterior, sample_material
+from fitting.material.fit.problem import Residuals
+from fitting.material.fit.result import MaterialFit
+from fitting.material.laws.parameters import AbstractFamily
+from fitting.statistics.posterior import PosteriorError, Settings
+from suas_jax.figures.style import written as figure_written
+from suas_jax.files.writing import written
+from suas_jax.runtime.compiled import COMPILED
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_DRAWS, _REPEATS = 64, 32
+_GRID = 60
+_ENDS = (2.5, 97.5)
 
 
 def to_arviz(found: MaterialPosterior) -> Any:
@@ -60,4 +84,134 @@ def plot_corner(found: MaterialPosterior, file: Path) -> None:
     corner.corner(
         draws, labels=labels, truths=found.fit.constants / size, fig=figure, show_titles=True
     )
-    written(figure, file)
+    figure_written(figure, file)
+
+
+def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figure:
+    """Draw the posterior's predictions over the data, and of modes that were not measured.
+
+    Args:
+        found: the samples.
+        file: where to write the figure; its ending chooses the format.
+
+    Returns:
+        One panel a test (two for a skin: displacement and oil pressure), with the 95 % band
+        of the law (dark) and of single readings (light).
+    """
+    theta = found.posterior.draws(_DRAWS)
+    constants = jnp.asarray(found.constants(theta))
+    residuals = found.fit.problem.residuals
+    law = np.asarray(COMPILED.run(_readings, residuals, constants, once=True))
+    readings = np.tile(law, (_REPEATS, 1)) + _noise(found, np.tile(theta, (_REPEATS, 1)))
+    panels = [
+        (data, place, channel)
+        for data, place in zip(found.fit.sets, found.fit.problem.places, strict=True)
+        for channel in data.channels()
+    ]
+    measured = {data.mode for data, _, _ in panels}
+    # A skin stretches by percents: other modes at those stretches are a straight line.
+    others = [] if measured == {"skin"} else [m for m in PATHS if m not in measured]
+    columns = len(panels) + len(others)
+    figure = Figure(figsize=(3.8 * columns, 3.6), layout="constrained")
+    axes = figure.subplots(1, columns, squeeze=False)[0]
+    for ax, (data, place, channel) in zip(axes, panels, strict=False):
+        rows = place[channel.rows]
+        _draw_test(ax, data, channel, law[:, rows], readings[:, rows])
+    for ax, mode in zip(axes[len(panels) :], others, strict=True):
+        _draw_mode(
+            ax, found.fit.family, mode, float(np.asarray(residuals.scales.strain)), constants
+        )
+    noise = "known" if found.noise_known else "inferred"
+    figure.suptitle(f"{found.fit.family.title}: 95 % posterior predictive, noise {noise}")
+    return figure_written(figure, file)
+
+
+@eqx.filter_jit
+def _readings(residuals: Residuals, constants: Float[Array, "draw p"]) -> Array:
+    return jax.vmap(residuals.predict)(constants)
+
+
+@eqx.filter_jit
+def _stresses(
+    family: AbstractFamily, test: Homogeneous, constants: Float[Array, "draw p"]
+) -> Array:
+    return jax.vmap(lambda c: test.predict(family.law(c)))(constants)
+
+
+def _noise(found: MaterialPosterior, theta: np.ndarray) -> np.ndarray:
+    """Noise of single readings as the posterior has it, shape [draw, n]."""
+    inverse = np.asarray(found.fit.problem.residuals.inverse_scale)
+    scale = np.where(inverse > 0.0, 1.0 / np.where(inverse > 0.0, inverse, 1.0), 0.0)
+    level = np.ones(len(theta)) if found.noise_known else np.exp(theta[:, -1])
+    random = np.random.default_rng(0).standard_normal((len(theta), len(scale)))
+    return level[:, None] * scale * random
+
+
+def _draw_test(
+    ax: "Axes", data: Dataset, channel: Channel, law: np.ndarray, readings: np.ndarray
+) -> None:
+    unit, x = channel.unit, data.abscissa[channel.rows]
+    low, high = np.percentile(readings, _ENDS, axis=0) / unit
+    inner = np.percentile(law, _ENDS, axis=0) / unit
+    if data.is_curve:
+        order = np.argsort(x, kind="stable")
+        ax.fill_between(x[order], low[order], high[order], color="0.85", label="readings")
+        ax.fill_between(x[order], *inner[:, order], color="0.55", label="law")
+    else:
+        ax.vlines(x, low, high, color="0.8", lw=3.0, label="readings")
+        ax.vlines(x, *inner, color="0.5", lw=3.0, label="law")
+    ax.plot(x, data.value[channel.rows] / unit, "o", ms=3.5, mfc="none", label="data")
+    ax.set(title=data.mode.replace("_", " "), xlabel=data.abscissa_label, ylabel=channel.label)
+    ax.legend(frameon=False, fontsize="small")
+
+
+def _draw_mode(
+    ax: "Axes",
+    family: AbstractFamily,
+    mode: str,
+    strain: float,
+    constants: Float[Array, "draw p"],
+) -> None:
+    end = np.exp(0.5 * strain if mode == "equibiaxial" else strain)
+    stretch = np.linspace(1.0, end, _GRID)
+    e1, e2, c1, c2 = mode_factors(PATHS[mode], stretch)
+    test = Homogeneous(*(padded(v) for v in (e1, e2, c1 / stretch, c2 / stretch)))
+    stress = np.asarray(COMPILED.run(_stresses, family, test, constants, once=True))
+    low, middle, high = np.percentile(stress[:, :_GRID], [2.5, 50.0, 97.5], axis=0) / 1e6
+    ax.fill_between(stretch, low, high, color="0.55", label="law")
+    # A mode that the data leave open fills the panel instead of flattening the rest.
+    top = 2.0 * float(np.max(np.abs(middle)))
+    ax.set_ylim(max(float(low.min()), -top), min(float(high.max()), top) or 1.0)
+    ax.set(title=f"{mode.replace('_', ' ')} (not measured)", xlabel="stretch")
+    ax.set_ylabel("nominal stress [MPa]")
+
+
+def sample_and_write(
+    fit: MaterialFit,
+    settings: Settings,
+    bounds: Mapping[str, tuple[float, float]],
+    show: Callable[[str], None],
+    arviz: Path | None,
+    corner: Path | None,
+    predictive: Path | None,
+) -> dict[str, Any]:
+    """Sample around a fit, write what was asked for, and return the report."""
+
+    def progress(step: int, steps: int, tau: float) -> None:
+        known = f", autocorrelation time {tau:.0f}" if tau < float("inf") else ""
+        show(f"posterior: step {step} of at most {steps}{known}")
+
+    try:
+        found = sample_material(fit, settings, bounds, progress)
+    except PosteriorError as error:
+        return {"converged": False, "status": "no_posterior", "message": str(error)}
+    if arviz is not None:
+        with written(arviz) as draft:
+            draft.unlink()  # HDF5 makes its files itself
+            to_arviz(found).to_netcdf(str(draft), engine="h5netcdf")
+    if corner is not None:
+        plot_corner(found, corner)
+    if predictive is not None:
+        show("posterior predictive plot")
+        plot_predictive(found, predictive)
+    return found.report
