@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from fitting.inverse_load.fit.explanation import Explanations, widened
-from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.model.contact_parameters import SECTION
 from fitting.inverse_load.search.base import AbstractNodeSearch
 from fitting.inverse_load.search.pairs import PairSearch

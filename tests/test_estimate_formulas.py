@@ -20,15 +20,13 @@ from fitting.inverse_load.check.verdict import (
     gain_of,
     verdict_of,
 )
-from fitting.inverse_load.drift import Drift, DriftDensities
+from fitting.inverse_load.drift import Drift, DriftDensities, ReadingWeights, zero_of_readings
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
-from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
-from fitting.inverse_load.estimate.load_array import load_array
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.model.contact_parameters import SECTION
-from fitting.inverse_load.weighing import ReadingWeights, zero_of_readings
 from suas_jax.config.input_errors import STIFFNESS
 from tests.stand_ins import (
     AT_REST,

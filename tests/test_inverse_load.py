@@ -22,8 +22,7 @@ from fitting.calibration.plan import Press
 from fitting.cli.app import app
 from fitting.inverse_load.check.section_log import section_verdict
 from fitting.inverse_load.check.verdict import WIDTH
-from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
-from fitting.inverse_load.estimate.load_array import load_array
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
 from fitting.inverse_load.estimator import FULL_SCALE, LoadEstimator
 from fitting.inverse_load.fit.section_errors import SectionErrors
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes

@@ -18,8 +18,7 @@ from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.live.serve import LineServer, host_and_port
-from fitting.inverse_load.live.stream import LiveFrame
-from fitting.inverse_load.live.watcher import LiveWatcher
+from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher
 from fitting.robotics.recording import LiveRecording, Recording
 from suas_jax.acquisition.device.device import Device, repeated
 from suas_jax.acquisition.device.faults import Faults

@@ -19,18 +19,21 @@ from fitting.inverse_load.fit.detection import (
     false_alarm_rate,
     without_errors,
 )
-from fitting.inverse_load.fit.doubts import Doubts
+from fitting.inverse_load.fit.doubts import (
+    Doubts,
+    FaultyTaxels,
+    _inliers,
+    _least_trimmed,
+)
 from fitting.inverse_load.fit.explanation import widened
 from fitting.inverse_load.fit.least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors
-from fitting.inverse_load.fit.outliers import FaultyTaxels, _inliers, _least_trimmed
 from fitting.inverse_load.fit.section_errors import SectionErrors, _filled, _most_alike
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.model.evaluation import Evaluation
 from fitting.inverse_load.search import table as load_table
-from fitting.inverse_load.search.nearest import NodeSearch
-from fitting.inverse_load.search.pairs import _scaled
+from fitting.inverse_load.search.pairs import NodeSearch, _scaled
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
 from tests.skins import quick

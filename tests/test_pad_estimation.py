@@ -33,7 +33,7 @@ from fitting.inverse_load.pad.mirror import mirror_images
 from fitting.inverse_load.pad.spline import TensorSpline
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import PadResolution, build_pad_table
-from fitting.inverse_load.report.posterior_text import posterior_json
+from fitting.inverse_load.report.text import posterior_json
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.logs.data import load_sensor_data
 from fitting.sensor.logs.known_loads import KnownLoads

@@ -18,8 +18,12 @@ from fitting.inverse_load.readings import (
     LogReadings,
     readings_of,
 )
-from fitting.inverse_load.report.posterior_text import posterior_json, posterior_lines
-from fitting.inverse_load.report.text import frame_json, print_table
+from fitting.inverse_load.report.text import (
+    frame_json,
+    posterior_json,
+    posterior_lines,
+    print_table,
+)
 from fitting.json_text import json_text
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.terminal import say

@@ -19,7 +19,7 @@ from suas_jax.files.writing import check_outputs
 
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
-    from fitting.inverse_load.live.watcher import LiveWatcher
+    from fitting.inverse_load.live.stream import LiveWatcher
     from fitting.view.hub import Hub
     from fitting.view.log_source import LogSource
 

@@ -25,7 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.drift import Drift, DriftFollower
+from fitting.inverse_load.drift import (
+    ROUNDING,
+    Drift,
+    DriftFollower,
+    ReadingWeights,
+    zero_of_readings,
+)
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
@@ -34,7 +40,6 @@ from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
-from fitting.inverse_load.weighing import ROUNDING, ReadingWeights, zero_of_readings
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.estimate.load_array import FIELDS
+from fitting.inverse_load.estimate.estimate import FIELDS
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.explanation import Explanations

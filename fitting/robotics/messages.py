@@ -3,6 +3,9 @@
 The skin's frame has its origin in the middle of the axis of the half-cylinder: x towards
 growing angles, y to the crown, z along the axis. A contact's frame lies on the undeformed
 outer face: x towards growing angles, y along the axis, z inwards.
+
+Standard messages are those of `common_interfaces` and `tf2_msgs` (Apache 2.0), without their
+comments; messages of the package `suas_msgs` say what they mean in theirs.
 """
 
 from typing import Any

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -16,8 +15,7 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.estimate import WANTED, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live.stream import FrameReadings, LiveFrame
-from fitting.inverse_load.live.watcher import LiveWatcher
+from fitting.inverse_load.live.stream import FrameReadings, LiveFrame, LiveWatcher
 from fitting.inverse_load.readings import LogReadings
 from fitting.robotics import messages
 from fitting.robotics.messages import DEFINITIONS
@@ -92,13 +90,8 @@ class Recording:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._close.__exit__(kind, error, trace)
+    def __exit__(self, *raised: Any) -> None:
+        self._close.__exit__(*raised)
 
     def taxels(
         self,

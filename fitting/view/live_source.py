@@ -4,8 +4,7 @@ import time
 
 import numpy as np
 
-from fitting.inverse_load.live.stream import LiveFrame
-from fitting.inverse_load.live.watcher import LiveWatcher
+from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher
 from fitting.view.hub import Hub
 from fitting.view.readings_picture import ReadingsPictures
 from suas_jax.acquisition.stream import SILENT_AFTER, Stream

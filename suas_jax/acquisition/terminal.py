@@ -5,7 +5,6 @@ marks that turn the direction of writing. All of it is shown escaped, as `\x1b`.
 """
 
 import time
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import typer
@@ -77,12 +76,7 @@ class LiveTerminal:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._live is not None:
             self._live.stop()
             self._live = None

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from fitting.inverse_load.check.electrical_input import ELECTRICAL, ElectricalFit
+from fitting.inverse_load.check.changed_input import ELECTRICAL, ElectricalFit
 from fitting.inverse_load.check.verdict import (
     DIAMETER,
     FEWEST,

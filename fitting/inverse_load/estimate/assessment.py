@@ -13,7 +13,7 @@ from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import Alternative
 from fitting.inverse_load.model.contact_parameters import ContactParameters
-from fitting.inverse_load.search.nearest import APART
+from fitting.inverse_load.search.pairs import APART
 from fitting.inverse_load.search.table import LoadTable
 
 POOR = 1e-4

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector
-from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.search.base import AbstractNodeSearch

@@ -1,11 +1,18 @@
-"""Explanations of frames by loads: how well they fit, and which of several is cheapest."""
+"""Explanations of frames by loads, and what fits them whatever the dimension.
 
+An explanation says how well loads fit a frame; of several the cheapest is taken. The number
+of contacts of a fit is given; `fitting.inverse_load.fit.selection` finds it. A skin in plane
+strain has its fitter in `section_fitter`, a pad in `fitting.inverse_load.pad.fitter`.
+"""
+
+import abc
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.inverse_load.model.contact_parameters import ContactParameters
 from suas_jax.equilibrium.equilibrium import State
 
 _UNKNOWN = 1e300  # chi2 of what could not be solved
@@ -125,3 +132,67 @@ def widened(values: NDArray[np.float64], *sizes: int) -> NDArray[np.float64]:
     whole = np.full((len(values), *sizes, *values.shape[1 + len(sizes) :]), np.nan)
     whole[tuple(slice(n) for n in values.shape)] = values
     return whole
+
+
+class AbstractLoadFitter(abc.ABC):
+    """Least squares for any number of frames, on one skin.
+
+    Attributes:
+        parameters: of a contact.
+        live: whether frames come one by one.
+    """
+
+    parameters: ContactParameters
+    live: bool
+
+    @property
+    def per_contact(self) -> int:
+        """Number of parameters of a contact."""
+        return self.parameters.per_contact
+
+    @abc.abstractmethod
+    def fit(
+        self,
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        start: NDArray[np.float64],
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Explanations:
+        """Fit frames.
+
+        Args:
+            y: readings [frame, taxel] [counts].
+            weight: inverse variances [frame, taxel].
+            start: parameters [frame, parameter]; those after the forces may be left out.
+            state: equilibria near there, a lane a frame.
+            contacts: their number.
+            pull: seek forces that pull outwards instead of those that push.
+        """
+
+    @abc.abstractmethod
+    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+        """Parameters [frame, parameter] with those beyond their bounds on them."""
+
+    def screened(
+        self,
+        frames: NDArray[np.intp],
+        y: NDArray[np.float64],
+        weight: NDArray[np.float64],
+        start: NDArray[np.float64],
+        contacts: int,
+        to_beat: NDArray[np.float64],
+    ) -> NDArray[np.intp]:
+        """Starting points of several contacts that are worth a fit, all unless told otherwise.
+
+        Args:
+            frames: of the starting points; a frame may have several [start].
+            y: readings [start, taxel].
+            weight: inverse variances [start, taxel].
+            start: parameters [start, parameter].
+            contacts: their number.
+            to_beat: chi2 of a fit that would be no better than what is known [start].
+        """
+        return np.arange(len(start))

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from suas_jax.equilibrium.equilibrium import State
 

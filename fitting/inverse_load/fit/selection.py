@@ -15,11 +15,9 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.doubts import Doubts
-from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
+from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
-from fitting.inverse_load.fit.outliers import FaultyTaxels
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start

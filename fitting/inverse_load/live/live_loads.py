@@ -6,14 +6,12 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.estimate.estimate import LoadEstimate
-from fitting.inverse_load.estimate.load_array import load_array
+from fitting.inverse_load.estimate.estimate import LoadEstimate, load_array
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame, live_frames
 from fitting.inverse_load.skin_estimator import skin_estimator
@@ -90,12 +88,7 @@ class LiveLoads(Iterator[LoadFrame]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:

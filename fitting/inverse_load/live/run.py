@@ -8,9 +8,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live.stream import FrameReadings, LiveFrame, live_frames
+from fitting.inverse_load.live.stream import (
+    FrameReadings,
+    LiveFrame,
+    LiveWatcher,
+    json_line,
+    live_frames,
+)
 from fitting.inverse_load.live.view import LoadView
-from fitting.inverse_load.live.watcher import LiveWatcher, json_line
 from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.acquisition.log.record import FLAG_COLUMNS, write_reading

@@ -8,11 +8,9 @@ import contextlib
 import socket
 import threading
 from collections import deque
-from types import TracebackType
 from typing import Self
 
-from fitting.inverse_load.live.stream import LiveFrame
-from fitting.inverse_load.live.watcher import LiveWatcher, json_line
+from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher, json_line
 
 _WAITING = 4  # lines kept for a client that is busy
 _MOST_CLIENTS = 16
@@ -44,12 +42,7 @@ class LineServer(LiveWatcher):
         threading.Thread(target=self._accept, name="suas serve", daemon=True).start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with self._news:
             self._open = False
             self._news.notify_all()

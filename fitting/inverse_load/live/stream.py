@@ -16,6 +16,8 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.readings import Layout, LayoutMismatchError
+from fitting.inverse_load.report.text import frame_json
+from fitting.json_text import json_text
 from suas_jax.acquisition.stream import Judged, Stream
 from suas_jax.acquisition.taxel_faults import StuckWatch
 
@@ -169,3 +171,27 @@ def _built(
         reading = judged.reading
         stamp = judged.t_device if np.isfinite(judged.t_device) else reading.t_host
         yield _Frame(reading.seq, float(stamp), reading.t_host), None
+
+
+class LiveWatcher:
+    """Takes part in a live run; each method does nothing unless overridden."""
+
+    def said(self, sentence: str) -> None:
+        """Take a sentence that a person should know, such as that a link is lost."""
+
+    def read(self, frame: FrameReadings) -> None:
+        """Take a frame's readings, whether it will be estimated or dropped."""
+
+    def estimated(self, frame: LiveFrame) -> None:
+        """Take a frame's loads."""
+
+    def waited(self, stream: Stream) -> None:
+        """Look at the stream; called ten times a second or more."""
+
+
+def json_line(frame: LiveFrame) -> str:
+    """A frame as `suas invert --json` prints it."""
+    line = frame_json(
+        frame.time, frame.seq, frame.estimate, frame.filtered, dropped=frame.dropped
+    )
+    return json_text(line)

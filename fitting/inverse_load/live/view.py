@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fitting.inverse_load.estimator import LoadEstimator
-from fitting.inverse_load.live.stream import LiveFrame
-from fitting.inverse_load.live.watcher import LiveWatcher
+from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher
 from fitting.inverse_load.report.text import contact_text
 from suas_jax.acquisition.terminal import LiveTerminal
 

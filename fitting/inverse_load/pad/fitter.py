@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fitting.inverse_load.fit.explanation import Explanations, widened
-from fitting.inverse_load.fit.load_fitter import AbstractLoadFitter
+from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant
 from fitting.inverse_load.pad.least_squares import (
     DIAMETER_PRIOR,

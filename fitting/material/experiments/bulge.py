@@ -29,7 +29,18 @@ _NEWTON_STEPS, _LONGEST, _BACK, _LAST = 10, 0.5, -0.25, 1e-3
 
 
 class SphericalCap(AbstractExperiment):
-    """Points of a bulge test, each the sum of stresses at points of a spherical cap.
+    """Points of a bulge test, estimated by stresses at points of a spherical cap.
+
+    Hill's special solution: with η the apex height and ρ the undeformed radius, both over that
+    of the rim, the membrane is stretched by λ = (1 + η²)/(1 + η²ρ²) in every direction. Other
+    laws have other shapes; but the virtual work of inflating this one,
+
+        p dV/dη = 2π R T ∫ 2τ(λ) (∂ log λ/∂η) ρ dρ,    dV/dη = π R³ (1 + η²)/2,
+
+    with τ the equibiaxial stress and T the thickness, is off by no more than the square of how
+    far the shapes are apart. For a neo-Hookean membrane that is 12 % at small heights, as for
+    any law, and fades as exp(−η²/0.19) to less than 1 %; this much is taken off. A law has
+    such a pressure at every height, also where it has no membrane of that height.
 
     Attributes:
         strain: log λ at the points of each reading's cap, shape [n, points].

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 
 from suas_jax.acquisition.log.format import APPENDED, CONTINUED, KEY_COLUMNS
 from suas_jax.acquisition.log.resume import LogEnd, end_of_log
@@ -195,12 +194,7 @@ class LogWriter:
     def __enter__(self) -> "LogWriter":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _open(self, path: Path, overwrite: bool = False) -> LineFile:
