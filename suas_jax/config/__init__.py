@@ -7,6 +7,7 @@ oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
 from typing import Any
 
 from suas_jax.config.errors import ConfigError, Mistake
+from suas_jax.config.geometry import AlongSpec, GeometrySpec
 from suas_jax.config.input_errors import InputErrors, input_errors
 from suas_jax.config.inputs import continuous_inputs, structure, with_inputs, with_solve
 from suas_jax.config.law import LawSpec
@@ -14,6 +15,7 @@ from suas_jax.config.load import load_scene, load_skin, scene_from_dict
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
+from suas_jax.config.schema_geometry import SECTIONS
 from suas_jax.config.schema_load import (
     EnvironmentSpec,
     LineLoadSpec,
@@ -26,7 +28,6 @@ from suas_jax.config.schema_oil import OILS
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.schema_skin import (
     ElectrodesSpec,
-    GeometrySpec,
     LayerSpec,
     ModuleSpec,
     TaxelSpec,
@@ -38,6 +39,8 @@ from suas_jax.config.tolerance import UncertainQuantity
 __all__ = [
     "LAWS",
     "OILS",
+    "SECTIONS",
+    "AlongSpec",
     "ConfigError",
     "ElectrodesSpec",
     "EnvironmentSpec",
@@ -76,7 +79,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    for declaration in (*LAWS.values(), *OILS.values()):
+    for declaration in (*LAWS.values(), *OILS.values(), *SECTIONS.values()):
         if declaration.__name__ == name:
             return declaration
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

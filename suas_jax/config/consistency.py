@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from suas_jax.config.quantities import format_quantity
 
 if TYPE_CHECKING:
+    from suas_jax.config.geometry import GeometrySpec
     from suas_jax.config.schema_load import LineLoadSpec, PatchLoadSpec, PressureLoadSpec
-    from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec, ModuleSpec
+    from suas_jax.config.schema_skin import ElectrodesSpec, ModuleSpec, TaxelSpec
+    from suas_jax.config.sections.circle import CircleSpec
     from suas_jax.config.schema_solve import SolveSpec
     from suas_jax.config.schema_wall import WallSpec
 
@@ -69,8 +71,34 @@ def _unknown_permittivity(relative_permittivity: float | None) -> Iterator[Contr
         )
 
 
+def _circle(geometry: GeometrySpec) -> CircleSpec | None:
+    """A section whose places are told by closed forms; others are checked with their curve."""
+    from suas_jax.config.sections.circle import CircleSpec
+
+    return geometry if isinstance(geometry, CircleSpec) else None
+
+
+def _angle_on(geometry: CircleSpec, place: _Place) -> float:
+    if place.angle is not None:
+        return place.angle
+    assert place.arc is not None
+    return place.arc / geometry.inner_radius
+
+
+def _without_angle(key: str, geometry: GeometrySpec, place: _Place) -> Iterator[Contradiction]:
+    if place.angle is not None and not geometry.has_angle:
+        yield Contradiction(
+            f"{key}.angle",
+            f'has no meaning with geometry.section = "{geometry.section}"; say where by the '
+            'arc length of the inner face from its middle, for example arc = "22 mm"',
+        )
+
+
 def _thicker_than_the_wall(geometry: GeometrySpec, wall: WallSpec) -> Iterator[Contradiction]:
-    radius = geometry.inner_radius - geometry.oil_gap
+    circle = _circle(geometry)
+    if circle is None:
+        return
+    radius = circle.inner_radius - circle.mean_gap
     if wall.layer is not None and wall.layer.thickness >= radius:
         yield Contradiction(
             "wall.layer.thickness",
@@ -160,15 +188,18 @@ def _off_the_pad(
     half_extents: tuple[float, float],
 ) -> Iterator[Contradiction]:
     """Check that a loaded part of the outer face lies between the clamped edges."""
-    outer = geometry.inner_radius + geometry.thickness
+    yield from _without_angle(key, geometry, load)
     half_arc, half_length = half_extents
-    reach = abs(load.angle) + half_arc / outer
-    if reach >= geometry.half_angle:
-        yield Contradiction(
-            f"{key}.angle",
-            f"the loaded part reaches {format_quantity(reach, 'angle')}, over the clamped edge "
-            f"at {format_quantity(geometry.half_angle, 'angle')} (geometry.half_angle)",
-        )
+    circle = _circle(geometry)
+    if circle is not None:
+        outer = circle.inner_radius + circle.mean_thickness
+        reach = abs(_angle_on(circle, load)) + half_arc / outer
+        if reach >= circle.half_angle:
+            yield Contradiction(
+                f"{key}.{_named(load)}",
+                f"the loaded part reaches {format_quantity(reach, 'angle')}, over the clamped "
+                f"edge at {format_quantity(circle.half_angle, 'angle')} (geometry.half_angle)",
+            )
     end, reach = geometry.width / 2, abs(load.axial) + half_length
     over = reach >= end if load.kind == "patch" else reach > end * _SLACK
     if over or abs(load.axial) >= end:
@@ -179,24 +210,33 @@ def _off_the_pad(
         )
 
 
+def _named(place: _Place) -> str:
+    return "angle" if place.angle is not None else "arc"
+
+
 def _off_the_skin(
     key: str, geometry: GeometrySpec, load: LineLoadSpec
 ) -> Iterator[Contradiction]:
-    edge = format_quantity(geometry.half_angle, "angle")
-    if abs(load.angle) >= geometry.half_angle:
+    yield from _without_angle(key, geometry, load)
+    circle = _circle(geometry)
+    if circle is None:
+        return
+    edge = format_quantity(circle.half_angle, "angle")
+    angle = _angle_on(circle, load)
+    if abs(angle) >= circle.half_angle:
         yield Contradiction(
-            f"{key}.angle",
+            f"{key}.{_named(load)}",
             f"lies off the skin, whose clamped edges are at -{edge} and {edge} "
             f"(geometry.half_angle); the angle is measured from the symmetry axis",
         )
     elif load.spread is not None:
-        outer_radius = geometry.inner_radius + geometry.thickness
-        room = 2.0 * outer_radius * (geometry.half_angle - abs(load.angle))
+        outer_radius = circle.inner_radius + circle.mean_thickness
+        room = 2.0 * outer_radius * (circle.half_angle - abs(angle))
         if load.spread >= room:
             yield Contradiction(
                 f"{key}.spread",
                 f"reaches over the clamped edge at {edge}; at "
-                f"{format_quantity(load.angle, 'angle')} there is room for a spread of less "
+                f"{format_quantity(angle, 'angle')} there is room for a spread of less "
                 f"than {format_quantity(room, 'length')}",
             )
 
@@ -204,42 +244,53 @@ def _off_the_skin(
 def _off_the_wall(
     geometry: GeometrySpec, electrodes: ElectrodesSpec
 ) -> Iterator[Contradiction]:
-    for index, taxel in enumerate(electrodes.taxels):
-        yield from _place(f"electrodes.taxels.{index}", geometry, taxel.angle, taxel.axial)
-    for index, module in enumerate(electrodes.modules):
-        key = f"electrodes.modules.{index}"
-        centre = list(_place(key, geometry, module.angle, module.axial))
-        yield from centre or _corners(key, geometry, module)
+    tables = [(f"taxels.{i}", taxel) for i, taxel in enumerate(electrodes.taxels)]
+    tables += [(f"modules.{i}", module) for i, module in enumerate(electrodes.modules)]
+    circle = _circle(geometry)
+    for name, place in tables:
+        key = f"electrodes.{name}"
+        yield from _without_angle(key, geometry, place)
+        angle = None if circle is None else _angle_on(circle, place)
+        centre = list(_place(f"{key}.", geometry, angle, place.axial, _named(place)))
+        corners = circle is not None and hasattr(place, "pitch") and not centre
+        yield from _corners(key, circle, place) if corners else centre
 
 
 def _place(
-    key: str, geometry: GeometrySpec, angle: float, axial: float, what: str = ""
+    key: str,
+    geometry: GeometrySpec,
+    angle: float | None,
+    axial: float,
+    name: str = "angle",
+    what: str = "",
 ) -> Iterator[Contradiction]:
-    if abs(angle) > geometry.half_angle * _SLACK:
-        edge = format_quantity(geometry.half_angle, "angle")
+    circle = _circle(geometry)
+    if circle is not None and angle is not None and abs(angle) > circle.half_angle * _SLACK:
+        edge = format_quantity(circle.half_angle, "angle")
         yield Contradiction(
-            f"{key}.angle",
+            f"{key}{name}",
             f"{what}lies off the skin, which ends at -{edge} and {edge} (geometry.half_angle)",
         )
     if abs(axial) > 0.5 * geometry.width * _SLACK:
         end = format_quantity(0.5 * geometry.width, "length")
         yield Contradiction(
-            f"{key}.axial",
+            f"{key}axial",
             f"{what}lies off the skin, which ends at -{end} and {end} (half of geometry.width)",
         )
 
 
-def _corners(key: str, geometry: GeometrySpec, module: ModuleSpec) -> Iterator[Contradiction]:
+def _corners(key: str, geometry: CircleSpec, module: ModuleSpec) -> Iterator[Contradiction]:
     """Check the three corner taxels, sqrt(3) pitches from the centroid on the wall."""
-    wall = geometry.inner_radius - geometry.oil_gap
+    wall = geometry.inner_radius - geometry.mean_gap
     reported: set[str] = set()
     for corner in range(3):
         turn = module.rotation + math.pi / 2.0 + corner * 2.0 * math.pi / 3.0
         reach = math.sqrt(3.0) * module.pitch
-        angle = module.angle + reach * math.cos(turn) / wall
+        angle = _angle_on(geometry, module) + reach * math.cos(turn) / wall
         axial = module.axial + reach * math.sin(turn)
         at = f"{format_quantity(angle, 'angle')}, {format_quantity(axial, 'length')}"
-        for found in _place(key, geometry, angle, axial, f"a corner taxel, at {at}, "):
+        what = f"a corner taxel, at {at}, "
+        for found in _place(f"{key}.", geometry, angle, axial, _named(module), what):
             if found.key not in reported:
                 reported.add(found.key)
                 yield found

@@ -130,6 +130,21 @@ def whole_number(value: object) -> int:
 NOT_A_LIST = "a list in square brackets is expected"
 
 
+def angle_or_arc(angle: float | None, arc: float | None) -> None:
+    """Refuse a place that is told twice, or not at all.
+
+    Raises:
+        PlacedError: with what to do.
+    """
+    if (angle is None) == (arc is None):
+        raise PlacedError(
+            "angle",
+            'missing; add it, for example angle = "45 deg" (or arc = "22 mm")'
+            if angle is None
+            else "a place has an angle or an arc; take one out",
+        )
+
+
 def at_most(count: int) -> BeforeValidator:
     """A validator of the same kind as `AsList` for lists of limited length."""
 

@@ -14,8 +14,8 @@ from suas_jax.config.validation import validate_table
 
 Leaf = str | int | float | None
 
-# Says how exactly to compute, not what: no result is a smooth function of it.
-_DISCRETE = frozenset({"solve.rtol"})
+# How exactly to compute, and where tables have their values: constants of every derivative.
+_DISCRETE = ("solve.rtol", "geometry.thickness.arc.", "geometry.oil_gap.arc.")
 # Says where numbers come from; the model doesn't read it.
 _RECORDS = frozenset({"calibration"})
 
@@ -43,7 +43,7 @@ def given_inputs(scene: SkinSpec) -> dict[str, float]:
     return {
         path: value
         for path, value, given in _leaves(scene)
-        if given and isinstance(value, float) and path not in _DISCRETE
+        if given and isinstance(value, float) and not path.startswith(_DISCRETE)
     }
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Mistake, show, show_key
+from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.presets import expand_preset
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
@@ -255,6 +256,8 @@ def _kept(name: str, before: Mapping[str, Any], table: Mapping[str, Any]) -> dic
         return {}
     if name == "electrodes" and "layout" in table:
         return {}
+    if name == "geometry" and "section" in table:
+        return {key: value for key, value in before.items() if key in GeometrySpec.model_fields}
     if name == "oil" and "model" in table:
         return {key: value for key, value in before.items() if key in OilSpec.model_fields}
     return dict(before)

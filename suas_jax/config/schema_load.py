@@ -23,6 +23,7 @@ from suas_jax.config.fields import (
     Pressure,
     Quantity,
     Spec,
+    angle_or_arc,
     quantity,
     quantity_of,
 )
@@ -51,6 +52,8 @@ class LineLoadSpec(Spec):
 
     Attributes:
         angle: where it acts, from the symmetry axis, positive towards +x [rad].
+        arc: where it acts, along the undeformed inner face from its middle [m]; instead of
+            the angle.
         force: total, positive along the direction (inward) [N].
         direction: ``"radial"`` (inward), ``"vertical"`` (down), or the angle by which the
             inward radial vector is turned counter-clockwise [rad].
@@ -63,7 +66,8 @@ class LineLoadSpec(Spec):
     """
 
     kind: Literal["line"] = Field(default="line", examples=['"line"'])
-    angle: Angle = Field(examples=['"45 deg"'])
+    angle: Angle | None = Field(default=None, examples=['"45 deg"'])
+    arc: Length | None = Field(default=None, examples=['"22 mm"'])
     force: Force = Field(examples=['"20.7 N"'])
     direction: Direction = Field(default="radial", examples=['"radial"'])
     spread: PositiveLength | None = Field(default=None, examples=['"5 mm"'])
@@ -71,12 +75,19 @@ class LineLoadSpec(Spec):
     length: PositiveLength | None = Field(default=None, examples=['"40 mm"'])
     tilt: Tilt = Field(default=0.0, examples=['"0 deg"'])
 
+    @model_validator(mode="after")
+    def _placed(self) -> Self:
+        angle_or_arc(self.angle, self.arc)
+        return self
+
 
 class PatchLoadSpec(Spec):
     """A dead force, even over a patch of the undeformed outer face; in three dimensions.
 
     Attributes:
         angle: of the patch's centre, from the symmetry axis, positive towards +x [rad].
+        arc: of its centre, along the undeformed inner face from its middle [m]; instead of
+            the angle.
         axial: of its centre, from the middle of the pad [m].
         size: of a rectangle, along the arc and along the axis [m].
         diameter: of a disc [m]; a patch has either a size or a diameter.
@@ -86,7 +97,8 @@ class PatchLoadSpec(Spec):
     """
 
     kind: Literal["patch"] = Field(default="patch", examples=['"patch"'])
-    angle: Angle = Field(examples=['"30 deg"'])
+    angle: Angle | None = Field(default=None, examples=['"30 deg"'])
+    arc: Length | None = Field(default=None, examples=['"22 mm"'])
     axial: Length = Field(default=0.0, examples=['"-21.5 mm"'])
     size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = Field(
         default=None, examples=['["6 mm", "6 mm"]']
@@ -108,6 +120,7 @@ class PatchLoadSpec(Spec):
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
+        angle_or_arc(self.angle, self.arc)
         if (self.size is None) == (self.diameter is None):
             raise PlacedError(
                 "size" if self.size is not None else "diameter",

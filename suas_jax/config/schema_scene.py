@@ -9,10 +9,11 @@ from pydantic import Field, model_validator
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.fields import Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.config.schema_geometry import AnyGeometrySpec
 from suas_jax.config.schema_load import EnvironmentSpec, LoadSpec
 from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_oil import AnyOilSpec
-from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
+from suas_jax.config.schema_skin import ElectrodesSpec
 from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.config.schema_wall import WallSpec
 
@@ -29,7 +30,7 @@ class SkinSpec(Spec):
         calibration: where fitted numbers come from; None in a file written by hand.
     """
 
-    geometry: GeometrySpec
+    geometry: AnyGeometrySpec
     material: MaterialSpec
     oil: AnyOilSpec
     electrodes: ElectrodesSpec | None = None

@@ -1,11 +1,10 @@
-"""The skin: its dimensions and its electrodes."""
+"""The electrodes of a skin."""
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from suas_jax.config.fields import (
     Angle,
@@ -13,75 +12,11 @@ from suas_jax.config.fields import (
     Length,
     PositiveLength,
     Spec,
+    angle_or_arc,
     at_most,
     quantity,
 )
-from suas_jax.config.quantities import format_quantity
 from suas_jax.runtime.registry import model_names
-
-
-class GeometrySpec(Spec):
-    """Dimensions of a skin whose cross-section is an arc clamped at both straight edges.
-
-    Attributes:
-        inner_radius: radius of the membrane's inner face [m].
-        thickness: thickness of the membrane [m].
-        half_angle: angle from the symmetry axis to a clamped edge [rad].
-        width: extent along the axis [m].
-        oil_gap: distance from the membrane's inner face to the rigid wall [m].
-        ends: whether the two curved ends are clamped too, so that the membrane is solved in
-            three dimensions, or slide, which is plane strain.
-    """
-
-    inner_radius: PositiveLength = Field(examples=['"57.5 mm"'])
-    thickness: PositiveLength = Field(examples=['"1.5 mm"'])
-    half_angle: Annotated[float, quantity("angle", above=0.0, below=math.pi)] = Field(
-        examples=['"90 deg"']
-    )
-    width: PositiveLength = Field(examples=['"123 mm"'])
-    oil_gap: PositiveLength = Field(examples=['"5 mm"'])
-    ends: Literal["sliding", "clamped"] = Field(default="sliding", examples=['"clamped"'])
-
-    @property
-    def dimension(self) -> int:
-        """3 where the curved ends are clamped, else 2 (plane strain)."""
-        return 3 if self.ends == "clamped" else 2
-
-    @field_validator("thickness")
-    @classmethod
-    def _thinner_than_radius(cls, thickness: float, info: ValidationInfo) -> float:
-        radius = info.data.get("inner_radius")
-        if radius is not None and thickness >= radius:
-            raise ValueError(
-                f"must be less than inner_radius ({format_quantity(radius, 'length')})"
-            )
-        return thickness
-
-    @field_validator("half_angle")
-    @classmethod
-    def _arc_longer_than_thick(cls, half_angle: float, info: ValidationInfo) -> float:
-        radius, thickness = info.data.get("inner_radius"), info.data.get("thickness")
-        if radius is None or thickness is None:
-            return half_angle
-        arc = 2.0 * half_angle * radius
-        if arc <= thickness:
-            raise ValueError(
-                f"the arc between the edges is {format_quantity(arc, 'length')}, no longer "
-                f"than the membrane is thick ({format_quantity(thickness, 'length')}); "
-                f"half_angle is measured from the symmetry axis to one edge"
-            )
-        return half_angle
-
-    @field_validator("oil_gap")
-    @classmethod
-    def _wall_around_axis(cls, oil_gap: float, info: ValidationInfo) -> float:
-        radius = info.data.get("inner_radius")
-        if radius is not None and oil_gap >= radius:
-            raise ValueError(
-                f"must be less than inner_radius ({format_quantity(radius, 'length')}): "
-                f"the rigid wall lies at inner_radius - oil_gap"
-            )
-        return oil_gap
 
 
 class TaxelSpec(Spec):
@@ -89,15 +24,23 @@ class TaxelSpec(Spec):
 
     Attributes:
         angle: of its centre, from the symmetry axis, positive towards +x [rad].
+        arc: of its centre, along the undeformed inner face from its middle [m]; instead of
+            the angle.
         axial: of its centre, from mid-width [m].
         diameter: of the electrode [m].
         height: above the wall, towards the membrane: what a calibration of single gaps finds.
     """
 
-    angle: Angle = Field(examples=['"-30 deg"'])
+    angle: Angle | None = Field(default=None, examples=['"-30 deg"'])
+    arc: Length | None = Field(default=None, examples=['"-22 mm"'])
     axial: Length = Field(default=0.0, examples=['"0 mm"'])
     diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
     height: Length = Field(default=0.0, examples=['"0 mm"'])
+
+    @model_validator(mode="after")
+    def _placed(self) -> Self:
+        angle_or_arc(self.angle, self.arc)
+        return self
 
 
 MODULE_TAXELS = 10
@@ -116,6 +59,8 @@ class ModuleSpec(Spec):
 
     Attributes:
         angle: of the module's centroid, from the symmetry axis, positive towards +x [rad].
+        arc: of the centroid, along the undeformed inner face from its middle [m]; instead of
+            the angle.
         axial: of the module's centroid, from mid-width [m].
         rotation: of the module about its centroid [rad].
         pitch: distance between neighbouring taxels [m].
@@ -126,7 +71,8 @@ class ModuleSpec(Spec):
             none where they lie on it.
     """
 
-    angle: Angle = Field(examples=['"0 deg"'])
+    angle: Angle | None = Field(default=None, examples=['"0 deg"'])
+    arc: Length | None = Field(default=None, examples=['"22 mm"'])
     axial: Length = Field(default=0.0, examples=['"0 mm"'])
     rotation: Angle = Field(default=0.0, examples=['"0 deg"'])
     pitch: PositiveLength = Field(default=6.533e-3, examples=['"6.533 mm"'])
@@ -135,6 +81,11 @@ class ModuleSpec(Spec):
     heights: Annotated[tuple[Length, ...], AsList] = Field(
         default=(), examples=['["0 mm", "0 mm", "0 mm", ...]']
     )
+
+    @model_validator(mode="after")
+    def _placed(self) -> Self:
+        angle_or_arc(self.angle, self.arc)
+        return self
 
     @field_validator("heights")
     @classmethod

@@ -11,15 +11,16 @@ from pydantic.fields import FieldInfo
 from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.config.schema_geometry import DEFAULT_SECTION, SECTIONS
 from suas_jax.config.schema_load import LOADS, EnvironmentSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.schema_oil import OILS
-from suas_jax.config.schema_skin import ElectrodesSpec, GeometrySpec
+from suas_jax.config.schema_skin import ElectrodesSpec
 from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.config.schema_wall import WallSpec
 
 TABLES: dict[str, tuple[type[Spec], ...]] = {
-    "geometry": (GeometrySpec,),
+    "geometry": tuple(SECTIONS.values()),
     "material": tuple(LAWS.values()),
     "oil": tuple(OILS.values()),
     "electrodes": (ElectrodesSpec,),
@@ -32,6 +33,7 @@ TABLES: dict[str, tuple[type[Spec], ...]] = {
 """The specifications that each table of a file may turn into."""
 
 CHOICES: dict[str, tuple[str, Mapping[str, type[Any]]]] = {
+    "geometry": ("section", SECTIONS),
     "material": ("law", LAWS),
     "oil": ("model", OILS),
     "load": ("kind", LOADS),
@@ -95,6 +97,8 @@ def choose_specification(
     """
     path = f"{key}.{discriminator}"
     quoted = listed(show(name) for name in choices)
+    if discriminator not in table and key == "geometry":
+        return choices[DEFAULT_SECTION], []
     if discriminator not in table:
         preset = "; or name a preset" if key == "material" else ""
         return None, [Finding(path, f"missing; add it, allowed: {quoted}{preset}")]

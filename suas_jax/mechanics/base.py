@@ -18,6 +18,7 @@ from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 
@@ -44,8 +45,9 @@ class Profile(NamedTuple):
     """A deformed section at points along the arc [sample, element, lane].
 
     Attributes:
-        angle: reference angle [rad].
-        mid_displacement: of the mid-surface [m], components leading.
+        angle: reference angle, as sections define it [rad].
+        rest: undeformed position of the inner face [m], components leading.
+        mid_displacement: of the mid-surface [m].
         inner_displacement: of the inner face's material point at the same angle [m].
         outer_displacement: of the outer face's [m].
         inner_stretch: hoop stretch of the inner face.
@@ -54,6 +56,7 @@ class Profile(NamedTuple):
     """
 
     angle: Array
+    rest: Array
     mid_displacement: Array
     inner_displacement: Array
     outer_displacement: Array
@@ -81,7 +84,7 @@ class ContactState(NamedTuple):
 
     Attributes:
         angle: reference angle [rad].
-        polar_angle: current polar angle [rad].
+        polar_angle: angle of the normal of the undeformed section through the point [rad].
         gap: to the wall's surface, negative inside it [m].
         pressure: of the wall on the face, per area of the undeformed face [Pa].
         area: of the undeformed face that a point stands for [m^2]; in plane strain per
@@ -105,6 +108,7 @@ class AbstractMechanics(eqx.Module):
             are totals.
         corrected: whether what is reported has the first-order effect of the omitted energy.
         law: the membrane's material.
+        section: the undeformed membrane across its axis.
         film_volume: volume of the undeformed oil film per width [m^2].
         wall: what holds the inner face; None where the membrane passes through it.
     """
@@ -112,6 +116,7 @@ class AbstractMechanics(eqx.Module):
     per_width: ClassVar[bool]
     corrected: ClassVar[bool] = False
     law: eqx.AbstractVar[AbstractLaw]
+    section: eqx.AbstractVar[AbstractSection]
     film_volume: eqx.AbstractVar[Lanes]
     wall: eqx.AbstractVar[Wall | None]
 
@@ -198,12 +203,11 @@ class AbstractMechanics(eqx.Module):
         """
 
     @abc.abstractmethod
-    def face(self, q: StationVector, inner_radius: Lanes) -> AbstractFace:
+    def face(self, q: StationVector) -> AbstractFace:
         """The deformed inner face, ready to be asked for gaps.
 
         Args:
             q: unknowns of the whole membrane.
-            inner_radius: of the undeformed inner face [m].
         """
 
     @abc.abstractmethod

@@ -1,4 +1,7 @@
-"""The deformed inner face as taxels see it: its distance from the wall along rays."""
+"""The deformed inner face as taxels see it: its distance from the wall along rays.
+
+Rays are normals of the undeformed section; of a circle they come from its axis.
+"""
 
 import abc
 from collections.abc import Sequence
@@ -7,7 +10,7 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.geometry import SkinGeometry
 
 
 class AbstractFace(eqx.Module):
@@ -20,7 +23,7 @@ class AbstractFace(eqx.Module):
     varies_along_axis: ClassVar[bool]
 
     def gaps(
-        self, rays: Sequence[tuple[Array, Array]], wall_radius: Lanes
+        self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry
     ) -> list[Float[Array, "taxel lane"]]:
         """Gaps along several rays for each taxel, ray after ray [m].
 
@@ -28,25 +31,21 @@ class AbstractFace(eqx.Module):
         times what the look-ups do.
 
         Args:
-            rays: polar angles [rad] and axial positions [m] of the taxels, a pair a ray.
-            wall_radius: [m].
+            rays: angles [rad] and axial positions [m] of the taxels, a pair a ray.
+            geometry: says where the wall is.
         """
-        return [self.gap(angle, axial, wall_radius) for angle, axial in rays]
+        return [self.height(angle, axial) + geometry.gap(angle) for angle, axial in rays]
 
     @abc.abstractmethod
-    def gap(
-        self,
-        angle: Float[Array, "ray #lane"],
-        axial: Float[Array, "ray #lane"],
-        wall_radius: Lanes,
+    def height(
+        self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]
     ) -> Float[Array, "ray lane"]:
-        """Gap between inner face and wall along rays from the axis [m].
+        """Height of the inner face over the undeformed one along rays [m].
 
         Args:
-            angle: polar angles of the rays [rad].
+            angle: of the rays [rad].
             axial: their positions along the axis, from the middle [m].
-            wall_radius: [m].
 
         Returns:
-            The gaps; NaN where a ray meets the face more than once.
+            The heights; NaN where a ray meets the face more than once.
         """

@@ -4,13 +4,13 @@ import abc
 from typing import ClassVar
 
 from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
-from suas_jax.mechanics.section_face import INTERVALS, PolarFace, polar_face
+from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.section_shape import SAMPLES, SectionShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.loads import LineLoad
 
 
-class AbstractSection(AbstractMechanics):
+class AbstractPlaneStrain(AbstractMechanics):
     """A membrane in plane strain; sums are per unit of width.
 
     Attributes:
@@ -56,17 +56,17 @@ class AbstractSection(AbstractMechanics):
         at = self.at_angle(q, load.angle)
         return Displacements(at.mid_displacement[:, 0, 0], at.inner_displacement[:, 0, 0])
 
-    def face(self, q: StationVector, inner_radius: Lanes) -> PolarFace:
-        """The deformed inner face by its radius over the polar angle; see the base class."""
-        return polar_face(self.profile(q, INTERVALS), inner_radius)
+    def face(self, q: StationVector) -> NormalFace:
+        """The deformed inner face by its height over the undeformed one; see the base."""
+        return normal_face(self.profile(q, INTERVALS), self.section)
 
 
-def section_of(mechanics: AbstractMechanics) -> AbstractSection:
+def section_of(mechanics: AbstractMechanics) -> AbstractPlaneStrain:
     """The mechanics, known to be one in plane strain.
 
     Raises:
         TypeError: it is three-dimensional.
     """
-    if not isinstance(mechanics, AbstractSection):
+    if not isinstance(mechanics, AbstractPlaneStrain):
         raise TypeError(f"plane strain is needed here, not a {type(mechanics).__name__}")
     return mechanics

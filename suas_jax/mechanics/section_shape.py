@@ -14,7 +14,7 @@ from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.skin.geometry import SkinGeometry, outward
+from suas_jax.skin.geometry import SkinGeometry
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
@@ -74,16 +74,16 @@ class SectionShape(AbstractShape):
     resolves_loads: bool = eqx.field(static=True, default=False)
 
     def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
-        """Radius [m] and polar angle [rad] of the inner face as it is now."""
+        """Height over rest [m] and angle [rad] of the inner face as it is now."""
         profile = self.profile
-        rest = geometry.inner_radius * outward(profile.angle)
-        x, y = rest + profile.inner_displacement
-        return jnp.sqrt(x**2 + y**2), jnp.arctan2(x, y)
+        place = profile.rest + profile.inner_displacement
+        angle, height = geometry.section.foot(place, profile.angle)
+        return height, angle
 
     def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
-        radius, angle = self._inner_face(geometry)
-        negative, at = peak(geometry.wall_radius - radius, angle)
+        height, angle = self._inner_face(geometry)
+        negative, at = peak(-height - geometry.gap(angle), angle)
         return Extreme(-negative, at)
 
     def largest_displacement(self) -> Extreme:
@@ -97,8 +97,7 @@ class SectionShape(AbstractShape):
 
     def bulge(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
-        radius, angle = self._inner_face(geometry)
-        return Extreme(*peak(radius - geometry.inner_radius, angle))
+        return Extreme(*peak(*self._inner_face(geometry)))
 
     def _stretches(self) -> tuple[Array, Array]:
         """Hoop stretches of both faces, those next to the clamps hidden."""

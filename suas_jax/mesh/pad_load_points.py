@@ -41,11 +41,13 @@ def pad_load_points(
     found = []
     for load, spread, disc in zip(loads, plan.spread, plan.discs, strict=True):
         arc, length = load.extent()
-        inputs = (load.angle, load.axial, arc / geometry.outer_radius, length)
+        section = geometry.section
+        local = section.size * (1 + section.curvature(load.angle) * section.thickness(load.angle) / 2)
+        inputs = (load.angle, load.axial, arc / local, length)
         rule = _disc_rule(spread, plan.mirrored) if disc else _rectangle_rule(spread)
         spread_out = [jnp.broadcast_to(x, (*x.shape[:-1], lanes)) for x in (*breaks, *inputs)]
         angle, axial, weight = jax.vmap(rule, -1, -1)(*spread_out)
-        force = (load.force * load.direction)[:, None] * weight
+        force = (load.force * load.direction(section))[:, None] * weight
         found.append((angle, axial, force))
     angle, axial, force = (jnp.concatenate(x, -2) for x in zip(*found, strict=True))
     return PadLoadPoints(angle, axial, force)

@@ -119,12 +119,12 @@ class PadPlan(eqx.Module):
         return dataclasses.replace(self, arc=arc, axial=axial, spread=spread)
 
 
-def footprint(load: PadLoad, outer_radius: float, lane: int = 0) -> Footprint:
+def footprint(load: PadLoad, outer_size: float, lane: int = 0) -> Footprint:
     """A load's place in one lane.
 
     Args:
         load: with known numbers.
-        outer_radius: of the undeformed outer face [m].
+        outer_size: length of the outer face per angle [m].
         lane: which lane.
     """
 
@@ -134,13 +134,13 @@ def footprint(load: PadLoad, outer_radius: float, lane: int = 0) -> Footprint:
 
     arc, length = (number(x) for x in load.extent())
     disc = load.diameter is not None
-    return Footprint(number(load.angle), number(load.axial), arc / outer_radius, length, disc)
+    return Footprint(number(load.angle), number(load.axial), arc / outer_size, length, disc)
 
 
 def plan_pad(
     half_angle: float,
     length: float,
-    mid_radius: float,
+    mid_size: float,
     thickness: float,
     footprints: Sequence[Footprint],
     *,
@@ -154,7 +154,7 @@ def plan_pad(
     Args:
         half_angle: from the symmetry axis to a clamped edge [rad].
         length: between the ends [m].
-        mid_radius: of the undeformed mid-surface [m].
+        mid_size: length of the mid-line per angle [m].
         thickness: of the membrane [m].
         footprints: of the loads.
         elements: along the arc and along the axis of the whole pad; from the sizes of the
@@ -167,12 +167,12 @@ def plan_pad(
     Raises:
         ValueError: an odd number of elements where the plan is to be mirrored.
     """
-    decay = rounded(np.sqrt(mid_radius * thickness))
-    arc_marks = [(mid_radius * f.angle, mid_radius * f.arc) for f in footprints]
+    decay = rounded(np.sqrt(mid_size * thickness))
+    arc_marks = [(mid_size * f.angle, mid_size * f.arc) for f in footprints]
     axial_marks = [(f.axial, f.length) for f in footprints]
     wanted = elements or (None, None)
     arc = _breakpoints(
-        mid_radius * half_angle, decay, arc_marks, wanted[0], scale, mirrored[0], True
+        mid_size * half_angle, decay, arc_marks, wanted[0], scale, mirrored[0], True
     )
     axial = _breakpoints(
         length / 2, decay, axial_marks, wanted[1], scale, mirrored[1], ends == "clamped"
@@ -180,7 +180,7 @@ def plan_pad(
     spread = []
     for f in footprints:
         if f.disc:
-            sizes = _smallest_near(arc * half_angle, f.angle, f.arc) * mid_radius
+            sizes = _smallest_near(arc * half_angle, f.angle, f.arc) * mid_size
             sizes = min(sizes, _smallest_near(axial * length / 2, f.axial, f.length))
             across = _even(f.length / sizes)
             spread.append((2 + 2 * across, 8 + 4 * across))

@@ -20,6 +20,7 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
+from suas_jax.skin.section import AbstractSection
 
 _LOAD_GAUSS = 4  # points per element under a spread load; exact for cubic displacement
 _FEWEST_POINTS = 16  # under spread loads together, see `_filled`
@@ -28,7 +29,8 @@ _FEWEST_POINTS = 16  # under spread loads together, see `_filled`
 class MeshPlan(eqx.Module):
     """A mesh as arrays of plain numbers; its shapes alone decide what is compiled.
 
-    Breakpoints are ordered: left clamp, right clamp, then those of each load in turn.
+    Breakpoints are ordered: left clamp, right clamp, then those of each load in turn, then those
+    of the section.
 
     Attributes:
         stations: weights of the breakpoints in each station's angle [station, breakpoint].
@@ -146,12 +148,13 @@ class MeshPlan(eqx.Module):
         )
 
 
-def breakpoints(geometry: SkinGeometry, loads: Sequence[LineLoad]) -> Float[Array, "n lane"]:
-    """Angles of clamps and loads, in the order of the plan's weights [rad]."""
-    angles = [-geometry.half_angle, geometry.half_angle]
+def breakpoints(section: AbstractSection, loads: Sequence[LineLoad]) -> list[Lanes]:
+    """Angles of clamps, loads and kinks, in the order of the plan's weights [rad]."""
+    angles = [-section.half_angle, section.half_angle]
     for load in loads:
-        angles += load.breakpoints(geometry)
-    return jnp.stack(jnp.broadcast_arrays(*angles))
+        angles += load.breakpoints(section)
+    angles += section.breakpoints
+    return angles
 
 
 def plan_mesh(
@@ -269,7 +272,8 @@ def load_points(
         geometry: dimensions, with a lane axis.
         loads: line loads, in the order of the plan.
     """
-    values = breakpoints(geometry, loads)
+    section = geometry.section
+    values = jnp.stack(jnp.broadcast_arrays(*breakpoints(section, loads)))
     angles = jnp.asarray(plan.stations) @ values
     if not loads or plan.select.shape[1] == 0:
         empty = jnp.zeros((plan.select.shape[0], 0, 1))
@@ -280,11 +284,13 @@ def load_points(
     end = jnp.sum(element * angles[1:, None], 0)
     widths: list[Lanes] = []
     for load in loads:
-        ends = load.breakpoints(geometry)
+        ends = load.breakpoints(section)
         widths.append(ends[1] - ends[0] if load.spread is not None else jnp.ones_like(ends[0]))
     of_load = jnp.asarray(plan.load)
     per_width = jnp.stack(
-        jnp.broadcast_arrays(*(load.force * load.direction / geometry.width for load in loads)),
+        jnp.broadcast_arrays(
+                *(load.force * load.direction(section) / geometry.width for load in loads)
+            ),
         1,
     )  # [2, load, lane]
     force = jnp.einsum("kp,ckl->cpl", of_load, per_width)

@@ -1,9 +1,16 @@
 """The mesh of a scene's section: where its clamps and loads put the breakpoints."""
 
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
 import numpy as np
 
-from suas_jax.config import LineLoadSpec, SceneSpec
-from suas_jax.mesh.plan import MeshPlan, plan_mesh
+from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
+from suas_jax.mesh.plan import MeshPlan, breakpoints, plan_mesh
+from suas_jax.skin.loads import LineLoad, angle_of
+from suas_jax.skin.registry import build_geometry
 
 
 def plan_section(
@@ -20,31 +27,84 @@ def plan_section(
         decay: length over which boundary layers fade, as an angle [rad].
         local: see `plan_mesh`.
     """
-    geometry = scene.geometry
-    outer = geometry.inner_radius + geometry.thickness
-    numbers, spread = [-geometry.half_angle, geometry.half_angle], []
-    for load in scene.loads:
-        if isinstance(load, LineLoadSpec):
-            spread.append(load.spread is not None)
-            half = 0.0 if load.spread is None else load.spread / (2 * outer)
-            ends = [load.angle - half, load.angle + half]
-            numbers += ends if spread[-1] else [load.angle]
-    symmetric = _mirror_image(scene)
+    spread = [
+        load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)
+    ]
+    found = measures(scene)
+    numbers, symmetric = found.angles, found.symmetric and _mirror_image(scene, found.angles)
     return plan_mesh(numbers, spread, elements, decay, symmetric=symmetric, local=local)
 
 
-def _mirror_image(scene: SceneSpec) -> bool:
+class Measures(NamedTuple):
+    """What a mesh needs to know of a scene's section, as plain numbers.
+
+    Attributes:
+        angles: of the breakpoints in the order of a plan [rad].
+        places: angles of the dead loads, in the order of the file [rad].
+        half_angle: of the right clamp [rad].
+        size: length of the mid-line per angle [m].
+        symmetric: whether the section is its own mirror image.
+    """
+
+    angles: tuple[float, ...]
+    places: tuple[float, ...]
+    half_angle: float
+    size: float
+    symmetric: bool
+
+
+@functools.lru_cache(maxsize=64)
+def measures(scene: SceneSpec) -> Measures:
+    known = {**dict(structure(scene)), **continuous_inputs(scene)}
+    numbers = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
+    symmetric = False
+
+    def found(numbers: dict[str, Any]) -> tuple[list[Any], list[Any], Any, Any]:
+        nonlocal symmetric
+        section = build_geometry(scene.geometry, lambda k: numbers[f"geometry.{k}"]).section
+        symmetric = section.symmetric
+        loads, places = [], []
+        for i, spec in enumerate(scene.loads):
+            value = functools.partial(_numbered, numbers, i)
+            if spec.kind == "line":
+                loads.append(LineLoad.of(spec, section, value))
+            if spec.kind != "pressure":
+                places.append(angle_of(spec, section, value))
+        return breakpoints(section, loads), places, section.half_angle, section.size
+
+    # Closed forms are a few sums of NumPy's.
+    run = found if scene.geometry.is_circle else jax.jit(found)
+    angles, places, half, size = run(numbers)
+    ends, middles = (tuple(float(x[0]) for x in group) for group in (angles, places))
+    return Measures(ends, middles, float(half[0]), float(size[0]), symmetric)
+
+
+def _numbered(numbers: dict[str, Any], load: int, key: str) -> Any:
+    return numbers[f"load.{load}.{key}"]
+
+
+def size_of(scene: SceneSpec) -> float:
+    """Length of the mid-line per angle [m]; of a circle its radius."""
+    return measures(scene).size
+
+
+def _mirror_image(scene: SceneSpec, numbers: Sequence[float]) -> bool:
     """Whether the loads are their own mirror image."""
 
-    def key(load: LineLoadSpec, sign: int) -> tuple[float, float, float, float]:
+    def key(load: LineLoadSpec, middle: float, sign: int) -> tuple[float, float, float, float]:
         turn = 0.0
         if load.direction == "vertical":
-            turn = load.angle  # the turn that points a radial force down
+            turn = middle  # the turn that points a radial force down
         elif not isinstance(load.direction, str):
             turn = load.direction
-        return (sign * load.angle, load.force, sign * turn, load.spread or 0.0)
+        return (sign * middle, load.force, sign * turn, load.spread or 0.0)
 
-    loads = [load for load in scene.loads if isinstance(load, LineLoadSpec)]
-    given = sorted(key(load, 1) for load in loads)
-    mirrored = sorted(key(load, -1) for load in loads)
+    loads, at = [], 2
+    for load in scene.loads:
+        if isinstance(load, LineLoadSpec):
+            ends = numbers[at : at + (1 if load.spread is None else 2)]
+            loads.append((load, sum(ends) / len(ends)))
+            at += len(ends)
+    given = sorted(key(*load, 1) for load in loads)
+    mirrored = sorted(key(*load, -1) for load in loads)
     return bool(np.allclose(given, mirrored, rtol=1e-12, atol=1e-12)) if loads else True

@@ -39,8 +39,8 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
         width = jnp.pad(steps, ((1, 0), (0, 0))) + jnp.pad(steps, ((0, 1), (0, 0)))
     return {
         "force_N": force,
-        "area_m2": jnp.sum(covered * width, 0) * geometry.wall_radius,
-        "angle_deg": [jnp.rad2deg(start), jnp.rad2deg(end)],
+        "area_m2": jnp.sum(covered * width, 0) * geometry.wall_size,
+        "angle_deg": [jnp.rad2deg(geometry.section.given_angle(x)) for x in (start, end)],
         "axial_m": axial,
     }
 

@@ -28,7 +28,11 @@ def _under_loads(
     mechanics: AbstractMechanics, q: StationVector, loads: list[DeadLoad]
 ) -> list[Lanes]:
     """Mid-surface displacement under the loads, along them: linear in the unknowns [m]."""
-    return [jnp.sum(mechanics.under(q, x).mid_displacement * x.direction, 0) for x in loads]
+    ways = [x.direction(mechanics.section) for x in loads]
+    return [
+        jnp.sum(mechanics.under(q, x).mid_displacement * way, 0)
+        for x, way in zip(loads, ways, strict=True)
+    ]
 
 
 def _largest(mechanics: AbstractMechanics, q: StationVector) -> Lanes:

@@ -134,7 +134,7 @@ class Skin(eqx.Module):
         select = (np.arange(self.elements)[:, None, None] == element).astype(angles.dtype)
         start, end = (jnp.sum(select * side[:, None], 0) for side in (angles[:-1], angles[1:]))
         line = LineLoad(loads.angle, loads.force, loads.turn)
-        force = loads.force * line.direction / self.geometry.width
+        force = loads.force * line.direction(self.geometry.section) / self.geometry.width
         points = LoadPoints(select, (loads.angle - start) / (end - start), force)
         shell = Shell.build(
             self.geometry, self.law, angles, points, symmetric=False, wall=self.wall
@@ -269,6 +269,7 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
     require_float64()
     scene.require_plane_strain("`loads_of`")
     parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
+    section = parts.skin.geometry.section
     angles, forces, turns = [], [], []
     for load in parts.forces:
         assert isinstance(load, LineLoad)  # all there is in plane strain
@@ -277,14 +278,16 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
             points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
             weights = weights / 2
         # A vertical force is the inward radial one turned by its angle.
-        turn = load.angle if load.vertical else load.turn
-        half = (
-            0.0 if load.spread is None else load.spread / (2 * parts.skin.geometry.outer_radius)
-        )
+        along = section.direction(load.angle)
+        turn = along if load.vertical else load.turn
+        half = 0.0
+        if load.spread is not None:
+            start, end = load.breakpoints(section)
+            half = (end - start) / 2
         for x, weight in zip(points, weights, strict=True):
             angles.append(load.angle + x * half)
             forces.append(load.force * weight)
-            turns.append(turn + x * half)
+            turns.append(turn + section.direction(angles[-1]) - along)
 
     def stacked(rows: list[Array]) -> Array:
         return jnp.stack(rows) if rows else jnp.zeros((0, 1))

@@ -20,9 +20,20 @@ from suas_jax.sensing.taxels import taxel_names
 from suas_jax.skin.pad_loads import PadLoad
 
 
+def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:
+    """A place as scenes tell it, and by arc length where the section is no plain circle."""
+    section = parts.skin.geometry.section
+    found = {f"{name}angle_deg": jnp.rad2deg(section.given_angle(angle))}
+    if not parts.scene.geometry.is_circle:
+        found[f"{name}arc_m"] = section.arc(angle)
+    return found
+
+
 def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
     """Position, force and displacement of every load, in the order of the file."""
     forces, pressures = iter(parts.forces), iter(parts.pressures)
+    geometry = parts.skin.geometry
+    section = geometry.section
     entries: list[dict[str, Any]] = []
     for spec in parts.scene.loads:
         if spec.kind == "pressure":
@@ -31,11 +42,11 @@ def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[
         load = next(forces)
         moved = problem.mechanics.under(state.q, load)
         entry = {
-            "angle_deg": jnp.rad2deg(load.angle),
-            "arc_position_m": load.angle * parts.skin.geometry.outer_radius,
+            **place_of(parts, "", load.angle),
+            "arc_position_m": geometry.outer_arc(load.angle),
             "force_N": load.force * state.factor,
-            "displacement_m": jnp.sum(moved.mid_displacement * load.direction, 0),
-            "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction, 0),
+            "displacement_m": jnp.sum(moved.mid_displacement * load.direction(section), 0),
+            "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction(section), 0),
         }
         if isinstance(load, PadLoad):
             entry["axial_m"] = load.axial + jnp.zeros_like(load.angle)
@@ -50,7 +61,7 @@ def taxel_observables(parts: SceneParts, problem: Problem, state: State) -> dict
         return {}
     readings = electrodes.read(problem.mechanics, state.q)
     columns = {
-        "angle_deg": jnp.rad2deg(electrodes.taxels.angle),
+        **place_of(parts, "", electrodes.taxels.angle),
         "axial_m": electrodes.taxels.axial,
         "gap_m": readings.gap,
         "capacitance_F": readings.capacitance,
@@ -95,11 +106,11 @@ def observe(
         "loads": load_observables(parts, problem, state),
         "oil_pressure_Pa": state.pressure,
         "max_displacement_m": largest.value,
-        "max_displacement_angle_deg": jnp.rad2deg(largest.angle),
+        **place_of(parts, "max_displacement_", largest.angle),
         "min_gap_m": gap.value,
-        "min_gap_angle_deg": jnp.rad2deg(gap.angle),
+        **place_of(parts, "min_gap_", gap.angle),
         "bulge_m": bulge.value,
-        "bulge_angle_deg": jnp.rad2deg(bulge.angle),
+        **place_of(parts, "bulge_", bulge.angle),
         "wall_contact": gap.value <= 0,
         "strain_energy_J": energy * geometry.width if mechanics.per_width else energy,
         "stretch_min": stretch_min,

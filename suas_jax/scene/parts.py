@@ -11,15 +11,15 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike
 
-from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, structure
+from suas_jax.config import SceneSpec, SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LineLoad
+from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import DeadLoad, PadLoad
-from suas_jax.skin.registry import build_oil
+from suas_jax.skin.registry import build_geometry, build_oil
 from suas_jax.skin.wall import Wall
 
 
@@ -98,6 +98,7 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
     """
     numbers = _all_numbers(scene, inputs)
     skin = _skin(scene, numbers)
+    section = skin.geometry.section
     forces: list[DeadLoad] = []
     pressures = []
     for i, spec in enumerate(scene.loads):
@@ -106,10 +107,12 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
             pressures.append(_lane(numbers[path + "pressure"]))
         elif scene.geometry.dimension == 3:
             value = functools.partial(_value, numbers, path)
-            forces.append(PadLoad.of(spec, value, skin.geometry.width))
+            angle = angle_of(spec, section, lambda key, v=value: _lane(v(key)))
+            forces.append(PadLoad.of(spec, angle, value, skin.geometry.width))
         else:
             assert spec.kind == "line"  # a scene with a patch in plane strain is refused
-            forces.append(_line(spec, path, numbers))
+            value = functools.partial(_value, numbers, path)
+            forces.append(LineLoad.of(spec, section, lambda key, v=value: _lane(v(key))))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:
         wanted = _lane(numbers["solve.oil_pressure"])
@@ -140,8 +143,7 @@ def _lane(value: Any) -> Array:
 
 
 def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
-    names = ("inner_radius", "thickness", "half_angle", "width", "oil_gap")
-    geometry = SkinGeometry(*(_lane(numbers[f"geometry.{name}"]) for name in names))
+    geometry = build_geometry(spec.geometry, lambda key: _lane(numbers[f"geometry.{key}"]))
     electrodes = electrodes_of(spec, numbers, geometry)
     law = _law(spec, numbers)
     wall = _wall(spec, geometry, law, numbers)
@@ -167,13 +169,3 @@ def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
 def _oil(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
     return build_oil(spec.oil, lambda key: _lane(numbers[f"oil.{key}"]))
 
-
-def _line(spec: LineLoadSpec, path: str, numbers: Mapping[str, Any]) -> LineLoad:
-    turn = 0.0 if isinstance(spec.direction, str) else numbers[path + "direction"]
-    return LineLoad(
-        _lane(numbers[path + "angle"]),
-        _lane(numbers[path + "force"]),
-        _lane(turn),
-        None if spec.spread is None else _lane(numbers[path + "spread"]),
-        vertical=spec.direction == "vertical",
-    )

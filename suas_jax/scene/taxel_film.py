@@ -47,11 +47,12 @@ class TaxelFilm:
         self._electrodes = parts.electrodes
         taxels, geometry = parts.electrodes.taxels, parts.geometry
         self.module, self.number = list(taxels.module), list(taxels.number)
+        angle = geometry.section.given_angle(taxels.angle)
         self.angle, self.axial, self.diameter = (
-            np.asarray(x)[:, 0] for x in (taxels.angle, taxels.axial, taxels.diameter)
+            np.asarray(x)[:, 0] for x in (angle, taxels.axial, taxels.diameter)
         )
-        radius = geometry.wall_radius + parts.electrodes.height
-        self.positions = np.asarray(taxels.positions(radius))
+        height = parts.electrodes.height
+        self.positions = np.asarray(taxels.positions(geometry, height))
         self._model_rest = self.rest_under(float(geometry.oil_gap[0]))
         given = np.full(self.angle.shape, np.nan) if rest is None else rest
         self.rest = np.where(np.isfinite(given), given, self._model_rest)

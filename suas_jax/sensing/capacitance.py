@@ -34,12 +34,12 @@ class Dielectric(NamedTuple):
     Attributes:
         permittivity: relative, of the oil.
         layers: sum of thickness over relative permittivity of what else lies there [m].
-        wall_radius: of the wall that carries the electrodes [m].
+        wall_curvature: of the wall that carries the electrodes [1/m].
     """
 
     permittivity: TaxelValues | Lanes
     layers: TaxelValues | Lanes | float
-    wall_radius: Lanes
+    wall_curvature: TaxelValues | Lanes
 
 
 class AbstractCapacitance(eqx.Module):
@@ -98,13 +98,13 @@ class AbstractFilmFormula(AbstractCapacitance):
 
     @abc.abstractmethod
     def thickness(
-        self, gap: Float[Array, "*shape lane"], wall_radius: Lanes
+        self, gap: Float[Array, "*shape lane"], wall_curvature: Array
     ) -> Float[Array, "*shape lane"]:
         """Thickness of the plane film that has the same capacitance as the oil [m]."""
 
     @abc.abstractmethod
     def gap(
-        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
+        self, thickness: Float[Array, "*shape lane"], wall_curvature: Array
     ) -> Float[Array, "*shape lane"]:
         """Gap whose oil has the capacitance of a plane film: inverse of `thickness` [m]."""
 
@@ -117,7 +117,7 @@ class AbstractFilmFormula(AbstractCapacitance):
             gap: between electrode and inner face [m], positive.
             between: what lies there.
         """
-        film = self.thickness(gap, between.wall_radius) / between.permittivity
+        film = self.thickness(gap, between.wall_curvature) / between.permittivity
         return VACUUM_PERMITTIVITY / (film + between.layers)
 
     def capacitance(
@@ -135,4 +135,4 @@ class AbstractFilmFormula(AbstractCapacitance):
     ) -> Float[Array, "taxel lane"]:
         """In closed form; see the base class."""
         film = VACUUM_PERMITTIVITY * taxels.area / capacitance - between.layers
-        return self.gap(film * between.permittivity, between.wall_radius)
+        return self.gap(film * between.permittivity, between.wall_curvature)

@@ -70,7 +70,15 @@ class Electrodes(eqx.Module):
     @property
     def between(self) -> Dielectric:
         """What lies between electrodes and membrane."""
-        return Dielectric(self.permittivity, self.layers, self.geometry.wall_radius)
+        return Dielectric(self.permittivity, self.layers, self._wall_curvature)
+
+    @property
+    def _wall_curvature(self) -> Float[Array, "taxel #lane"]:
+        """Of the wall under every taxel [1/m]."""
+        angle, section = self.taxels.angle, self.geometry.section
+        below = section.thickness(angle) / 2 + self.geometry.gap(angle)
+        curvature = section.curvature(angle)
+        return curvature / (1 - curvature * below)
 
     def read(self, mechanics: AbstractMechanics, q: StationVector) -> Readings:
         """Readings of a deformed membrane.
@@ -82,7 +90,7 @@ class Electrodes(eqx.Module):
             mechanics: the membrane on the whole arc.
             q: its unknowns.
         """
-        face = mechanics.face(q, self.geometry.inner_radius)
+        face = mechanics.face(q)
         return self.read_face(face, held=mechanics.wall is not None)
 
     def read_face(self, face: AbstractFace, *, held: bool = False) -> Readings:
@@ -93,10 +101,10 @@ class Electrodes(eqx.Module):
             held: whether the wall holds the membrane: where they touch, the film is gone
                 and further dielectrics remain. If there are none, it is a short circuit.
         """
-        taxels, wall = self.taxels, self.geometry.wall_radius
+        taxels, geometry = self.taxels, self.geometry
         footprint = DISC if face.varies_along_axis else CHORDS
-        rays = taxels.rays(footprint, wall)
-        gaps = [gap - self.height for gap in face.gaps(rays, wall)]
+        rays = taxels.rays(footprint, geometry)
+        gaps = [gap - self.height for gap in face.gaps(rays, geometry)]
         clear = functools.reduce(jnp.logical_and, [gap > 0 for gap in gaps])
         parted = clear
         if held:
@@ -154,9 +162,9 @@ def electrodes_of(
         return value(path + "thickness") / value(path + "relative_permittivity")
 
     model = CAPACITANCES[spec.electrodes.capacitance]()
-    model.check(spec.electrodes, spec.geometry.oil_gap)
+    model.check(spec.electrodes, spec.geometry.mean_gap)
     return Electrodes(
-        taxels_of(spec.electrodes, numbers, geometry.wall_radius),
+        taxels_of(spec.electrodes, numbers, geometry),
         geometry,
         value("oil.relative_permittivity"),
         value("electrodes.stray"),

@@ -1,7 +1,6 @@
 """Where the taxels are: round electrodes on the wall, one by one or in triangles.
 
-Positions are polar angle and axial coordinate; on the unrolled wall an angle phi is the
-length r_w phi. A triangular module carries ten taxels in rows of 1, 2, 3 and 4, a pitch
+Positions are angles of the section and axial coordinates. A triangular module carries ten taxels in rows of 1, 2, 3 and 4, a pitch
 apart; its single taxel points along +axial and a row runs towards +angle until the module
 is turned (positive from +angle towards +axial).
 """
@@ -14,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.config import ElectrodesSpec
+from suas_jax.config import ElectrodesSpec, ModuleSpec, TaxelSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
-from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.geometry import SkinGeometry
 
 PAPER_NUMBERING = (1, 2, 3, 4, 10, 5, 6, 7, 8, 9)
 """Numbers of a module's places along its rows; the centroid's is 10, as in the paper."""
@@ -109,25 +108,30 @@ class Taxels(eqx.Module):
         """Of the electrodes [m^2]."""
         return jnp.pi / 4 * self.diameter**2
 
-    def positions(self, radius: Lanes) -> Float[Array, "taxel 3"]:
+    def positions(
+        self, geometry: SkinGeometry, height: Float[Array, "taxel #lane"] | float
+    ) -> Float[Array, "taxel 3"]:
         """The centres in space: x towards growing angles, y to the crown, z along the axis [m].
 
         Args:
-            radius: of the cylinder that the taxels lie on [m].
+            geometry: of the skin whose wall they lie on.
+            height: above the wall [m].
         """
-        x, y = radius * jnp.sin(self.angle), radius * jnp.cos(self.angle)
+        section = geometry.section
+        below = geometry.gap(self.angle) - height
+        x, y = section.inner_face(self.angle) - below * section.normal(self.angle)
         return jnp.stack(jnp.broadcast_arrays(x, y, self.axial), 1)[..., 0]
 
-    def rays(self, footprint: Footprint, wall_radius: Lanes) -> list[tuple[Array, Array]]:
-        """Polar angle [rad] and axial position [m] of the taxels' rays, [taxel, lane] each.
+    def rays(self, footprint: Footprint, geometry: SkinGeometry) -> list[tuple[Array, Array]]:
+        """Angle [rad] and axial position [m] of the taxels' rays, [taxel, lane] each.
 
         Args:
             footprint: where the gap is taken to average over an electrode.
-            wall_radius: [m].
+            geometry: of the skin whose wall they lie on.
         """
         radius = self.diameter / 2
         return [
-            (self.angle + x * radius / wall_radius, self.axial + y * radius)
+            (geometry.along_wall(self.angle, x * radius), self.axial + y * radius)
             for x, y in footprint.places
         ]
 
@@ -140,37 +144,50 @@ def taxel_names(electrodes: ElectrodesSpec) -> tuple[tuple[int, ...], tuple[int,
 
 
 def taxels_of(
-    electrodes: ElectrodesSpec, numbers: Mapping[str, Any], wall_radius: Lanes
+    electrodes: ElectrodesSpec, numbers: Mapping[str, Any], geometry: SkinGeometry
 ) -> Taxels:
     """Taxels of [electrodes], ordered by module and number.
 
     Args:
         electrodes: says which layout; its numbers are not used.
         numbers: SI values by TOML path.
-        wall_radius: of the wall [m].
+        geometry: of the skin.
     """
 
     def column(table: str, count: int, key: str) -> Array:
         paths = (f"electrodes.{table}.{i}.{key}" for i in range(count))
         return jnp.stack([jnp.asarray(numbers[path], float) for path in paths])[..., None]
 
+    def placed(table: str, specs: Sequence[Any]) -> Array:
+        """Angles of taxels or modules, as sections define them."""
+        by_arc = np.array([spec.arc is not None for spec in specs])
+        given = [
+            jnp.asarray(numbers[f"electrodes.{table}.{i}.{'arc' if arc else 'angle'}"], float)
+            for i, arc in enumerate(by_arc)
+        ]
+        places, section = jnp.stack(given)[..., None], geometry.section
+        if not by_arc.any():
+            return section.from_given_angle(places)
+        arcs = section.from_arc(jnp.where(by_arc[:, None], places, 0.0))
+        return jnp.where(by_arc[:, None], arcs, section.from_given_angle(places))
+
     names = taxel_names(electrodes)
     if electrodes.layout == "list":
         count = len(electrodes.taxels)
-        angle, axial, diameter = (
-            column("taxels", count, key) for key in ("angle", "axial", "diameter")
-        )
+        angle = placed("taxels", electrodes.taxels)
+        axial, diameter = (column("taxels", count, key) for key in ("axial", "diameter"))
         return Taxels(angle, axial, diameter, *names)
     modules = electrodes.modules
-    angle, axial, rotation, pitch, diameter = (
+    angle = placed("modules", modules)
+    axial, rotation, pitch, diameter = (
         column("modules", len(modules), key)
-        for key in ("angle", "axial", "rotation", "pitch", "diameter")
+        for key in ("axial", "rotation", "pitch", "diameter")
     )
     order = np.stack([_places_by_number(m.numbering) for m in modules])
     x, y = np.moveaxis(module_places()[order], -1, 0)[..., None]  # [module, taxel, 1]
     x, y = x * pitch[:, None], y * pitch[:, None]
     cos, sin = jnp.cos(rotation)[:, None], jnp.sin(rotation)[:, None]
-    angle = angle[:, None] + (x * cos - y * sin) / wall_radius
+    angle = geometry.along_wall(angle[:, None], x * cos - y * sin)
     axial = axial[:, None] + x * sin + y * cos
     diameter = jnp.broadcast_to(diameter[:, None], axial.shape)
 
@@ -181,29 +198,33 @@ def taxels_of(
 
 
 def taxel_places(
-    electrodes: ElectrodesSpec, wall_radius: float
+    electrodes: ElectrodesSpec, wall_size: float
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """Places of the taxels' centres on the unrolled wall, along arc and axis [m].
 
     Args:
         electrodes: the layout.
-        wall_radius: of the wall [m].
+        wall_size: length of the wall per angle [m].
 
     Returns:
         Places by module (from 0) and number in it (from 1).
     """
     names = zip(*taxel_names(electrodes), strict=True)
     if electrodes.layout == "list":
-        places = [(wall_radius * taxel.angle, taxel.axial) for taxel in electrodes.taxels]
+        places = [(_arc(taxel, wall_size), taxel.axial) for taxel in electrodes.taxels]
         return dict(zip(names, places, strict=True))
     places = []
     for module in electrodes.modules:
         x, y = (module.pitch * module_places()[_places_by_number(module.numbering)]).T
         cos, sin = np.cos(module.rotation), np.sin(module.rotation)
-        arc = wall_radius * module.angle + x * cos - y * sin
+        arc = _arc(module, wall_size) + x * cos - y * sin
         axial = module.axial + x * sin + y * cos
         places += list(zip(arc.tolist(), axial.tolist(), strict=True))
     return dict(zip(names, places, strict=True))
+
+
+def _arc(place: TaxelSpec | ModuleSpec, size: float) -> float:
+    return place.arc if place.arc is not None else size * (place.angle or 0.0)
 
 
 def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:

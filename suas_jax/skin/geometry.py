@@ -1,60 +1,100 @@
-"""The skin's dimensions and the curves derived from them.
+"""The skin's dimensions.
 
-Cross-section, plane strain: a half-cylinder membrane clamped along both straight edges
-over a rigid wall, the oil film between them. Angles are measured from the symmetry axis,
-positive towards +x; x points right and y to the crown.
+Cross-section: a membrane clamped along both straight edges over a rigid wall, the oil film
+between them. The wall is the inner face moved inwards along its normal.
 """
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.along import Along
+from suas_jax.skin.section import AbstractSection
+
+_INTERVALS, _GAUSS = 64, 4  # of integrals over the whole arc
 
 
 class SkinGeometry(eqx.Module):
     """Undeformed dimensions of a skin.
 
     Attributes:
-        inner_radius: radius of the membrane's inner face [m].
-        thickness: of the membrane [m].
-        half_angle: from the symmetry axis to a clamped edge [rad].
+        section: the membrane across its axis.
         width: extent along the axis [m].
-        oil_gap: from the inner face to the rigid wall [m].
+        oil_gap: from the inner face to the rigid wall, its mean where it varies [m].
+        gap_along: the gap over the arc; None where it is even.
     """
 
-    inner_radius: Lanes
-    thickness: Lanes
-    half_angle: Lanes
+    section: AbstractSection
     width: Lanes
     oil_gap: Lanes
+    gap_along: Along | None = None
 
     @property
-    def mid_radius(self) -> Lanes:
-        """Radius of the mid-surface [m]."""
-        return self.inner_radius + self.thickness / 2
+    def thickness(self) -> Lanes:
+        """Of the membrane, its mean where it varies [m]."""
+        return self.section.mean_thickness
 
     @property
-    def outer_radius(self) -> Lanes:
-        """Radius of the outer face [m]."""
-        return self.inner_radius + self.thickness
+    def half_angle(self) -> Lanes:
+        """Angle of the right clamped edge [rad]; see `suas_jax.skin.section`."""
+        return self.section.half_angle
 
     @property
-    def wall_radius(self) -> Lanes:
-        """Radius of the rigid wall [m]."""
-        return self.inner_radius - self.oil_gap
+    def mid_size(self) -> Lanes:
+        """Length of the mid-line per angle [m]."""
+        return self.section.size
+
+    @property
+    def _turning(self) -> Lanes:
+        """Turn of the normal from clamp to clamp per angle: 1 on a circle."""
+        ends = self.section.direction(jnp.stack([-self.half_angle, self.half_angle]))
+        return (ends[1] - ends[0]) / (2 * self.half_angle)
+
+    @property
+    def outer_size(self) -> Lanes:
+        """Length of the outer face per angle, a mean over the arc [m]."""
+        return self.mid_size + self.thickness / 2 * self._turning
+
+    @property
+    def wall_size(self) -> Lanes:
+        """Length of the wall per angle, a mean over the arc [m]."""
+        return self.mid_size - (self.thickness / 2 + self.oil_gap) * self._turning
+
+    def gap(self, angle: Array) -> Array:
+        """From the inner face to the wall along the normal at an angle [m]."""
+        if self.gap_along is None:
+            return self.oil_gap
+        return self.gap_along(self.section.fraction(angle))
+
+    def outer_arc(self, angle: Array) -> Array:
+        """Arc length of the outer face from its middle [m]."""
+        section = self.section
+        middle = section.direction(jnp.zeros_like(angle))
+        turn = section.direction(angle) - middle
+        return section.size * angle + section.mean_thickness / 2 * turn
+
+    def along_wall(self, angle: Array, length: Array) -> Array:
+        """The angle a length further along the wall [rad]."""
+        below = self.section.thickness(angle) / 2 + self.gap(angle)
+        return self.section.moved(angle, length, -below)
 
     @property
     def film_area(self) -> Lanes:
-        """Cross-section of the undeformed oil film, between wall and membrane [m^2]."""
-        return self.half_angle * (self.inner_radius + self.wall_radius) * self.oil_gap
+        """Cross-section of the undeformed oil film, between wall and membrane [m^2].
 
-
-def outward(angle: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
-    """Unit vector that points away from the axis at an angle from the symmetry axis."""
-    return jnp.stack([jnp.sin(angle), jnp.cos(angle)])
-
-
-def tangent(angle: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
-    """Unit vector along the undeformed arc, in the direction of growing angle."""
-    return jnp.stack([jnp.cos(angle), -jnp.sin(angle)])
+        The integral of g (1 - k g / 2) over the inner face, k its curvature and g the gap.
+        """
+        section, half = self.section, self.half_angle
+        if self.gap_along is None:
+            length = section.arc(half) - section.arc(-half)
+            return self.oil_gap * (length - self.oil_gap * half * self._turning)
+        x, w = gauss_legendre(_GAUSS)
+        edges = jnp.linspace(-1.0, 1.0, _INTERVALS + 1)[:, None] * half
+        step = jnp.diff(edges, axis=0)
+        angle = edges[:-1] + jnp.asarray(x)[:, None, None] * step
+        gap, half = self.gap(angle), section.thickness(angle) / 2
+        middle = 1 - section.curvature(angle) * (half + gap / 2)
+        weight = jnp.asarray(w)[:, None, None] * step
+        return jnp.sum(weight * section.size * middle * gap, (0, 1))

@@ -9,8 +9,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from suas_jax.config import LineLoadSpec, PatchLoadSpec
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.skin.geometry import outward
 from suas_jax.skin.loads import LineLoad
+from suas_jax.skin.section import AbstractSection, outward
 
 
 class PadLoad(eqx.Module):
@@ -45,6 +45,7 @@ class PadLoad(eqx.Module):
     def of(
         cls,
         spec: LineLoadSpec | PatchLoadSpec,
+        angle: Lanes,
         value: Callable[[str], ArrayLike],
         width: ArrayLike,
     ) -> "PadLoad":
@@ -52,7 +53,8 @@ class PadLoad(eqx.Module):
 
         Args:
             spec: says which shape and kind of direction.
-            value: gives the load's numbers by key (``angle``, ``size.0`` ...) [SI].
+            angle: of its centre, as sections define it [rad].
+            value: gives the load's numbers by key (``axial``, ``size.0`` ...) [SI].
             width: of the pad, the length of a line that states none [m].
         """
 
@@ -69,7 +71,7 @@ class PadLoad(eqx.Module):
             length = jnp.atleast_1d(jnp.asarray(width, float))
         turn = 0.0 if isinstance(spec.direction, str) else value("direction")
         return cls(
-            lane(value("angle")),
+            angle,
             lane(value("axial")),
             lane(value("force")),
             lane(turn),
@@ -94,12 +96,11 @@ class PadLoad(eqx.Module):
                 "line along the axis (length)"
             )
 
-    @property
-    def direction(self) -> Float[Array, "3 lane"]:
+    def direction(self, section: AbstractSection) -> Float[Array, "3 lane"]:
         """Unit vector of a positive force: x right, y to the crown, z along the axis."""
         zero = jnp.zeros_like(self.angle + self.turn + self.tilt)
-        # Turning counter-clockwise lowers the polar angle, which is measured clockwise.
-        plane = -outward(self.angle - self.turn + zero)
+        # Turning counter-clockwise lowers the direction, which is measured clockwise.
+        plane = -outward(section.direction(self.angle) - self.turn + zero)
         if self.vertical:
             plane = jnp.stack([zero, zero - 1])
         tilt = self.tilt + zero

@@ -1,11 +1,17 @@
-"""Oil models by name, and from an [oil] table to a model."""
+"""Kinds of section and oil models by name, and from tables to objects."""
 
 from collections.abc import Callable
 
+import jax.numpy as jnp
 from jaxtyping import Array
 
+from suas_jax.config.geometry import AlongSpec, GeometrySpec
 from suas_jax.config.oil import OilSpec
 from suas_jax.runtime.registry import model_classes
+from suas_jax.skin.along import Along
+from suas_jax.skin.charted import AbstractCurve, ChartedSection
+from suas_jax.skin.circle import Circle
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 
 OILS: dict[str, type[AbstractOil]] = model_classes(
@@ -13,6 +19,38 @@ OILS: dict[str, type[AbstractOil]] = model_classes(
     AbstractOil,  # type: ignore[type-abstract]
 )
 """The models by name, one for each file of `suas_jax.skin.oils`."""
+
+
+CURVES: dict[str, type[AbstractCurve]] = model_classes(
+    "suas_jax.skin.sections",
+    AbstractCurve,  # type: ignore[type-abstract]
+)
+"""The kinds of section by name, one for each file of `suas_jax.skin.sections`."""
+
+
+def build_geometry(spec: GeometrySpec, value: Callable[[str], Array]) -> SkinGeometry:
+    """Build the dimensions of a [geometry] table.
+
+    Args:
+        spec: says which section, and what varies along it.
+        value: gives its numbers by key, with a lane axis [SI].
+    """
+
+    def along(key: str) -> Array | Along:
+        table = getattr(spec, key)
+        if not isinstance(table, AlongSpec):
+            return value(key)
+        values = [value(f"{key}.value.{k}") for k in range(len(table.value))]
+        return Along(table.arc, jnp.stack(jnp.broadcast_arrays(*values)))
+
+    thickness, gap = along("thickness"), along("oil_gap")
+    if spec.section == "circle" and not isinstance(thickness, Along):
+        section = Circle(value("inner_radius"), thickness, value("half_angle"))
+    else:
+        section = ChartedSection.of(CURVES[spec.section].of(spec, value), thickness)
+    if isinstance(gap, Along):
+        return SkinGeometry(section, value("width"), gap.mean(), gap)
+    return SkinGeometry(section, value("width"), gap)
 
 
 def build_oil(oil: OilSpec, value: Callable[[str], Array]) -> AbstractOil:

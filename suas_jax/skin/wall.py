@@ -1,8 +1,8 @@
 """The wall under the skin: where it is, and how it answers the membrane that reaches it.
 
-The wall is a rigid cylinder around the skin's axis. It is frictionless and analytic: the
-gap of a point of the inner face is its distance from the axis less the wall's radius, so
-contact needs no search. The contact pressure comes on top of the oil's and follows from an
+The wall is rigid and parallel to the undeformed inner face. It is frictionless and analytic:
+the gap of a point is its height over the undeformed face, along the normal through it, and
+the oil gap there, so contact needs no search. The contact pressure comes on top of the oil's and follows from an
 energy per area of the inner face at rest, W(gap)::
 
     p_c = -dW/dgap >= 0
@@ -121,14 +121,14 @@ class SoftLayer(AbstractPressureGap):
 
 
 class Wall(eqx.Module):
-    """A cylinder around the axis, and its law of contact.
+    """A surface parallel to the undeformed inner face, and its law of contact.
 
     Attributes:
-        radius: of its surface, a soft layer's where there is one [m].
+        geometry: says where its surface is, a soft layer's where there is one.
         law: pressure over gap.
     """
 
-    radius: Lanes
+    geometry: SkinGeometry
     law: AbstractPressureGap
 
     @classmethod
@@ -146,19 +146,29 @@ class Wall(eqx.Module):
             layer: thickness [m] and stiffness [Pa] of a soft layer, if there is one.
         """
         rigid = RigidLimit.of(modulus, geometry.thickness)
-        return cls(geometry.wall_radius, rigid if layer is None else SoftLayer(*layer, rigid))
+        return cls(geometry, rigid if layer is None else SoftLayer(*layer, rigid))
 
     def softened(self, factor: Array) -> "Wall":
         """The same wall with a law that is nowhere stiffer than a share of the rigid limit."""
-        return Wall(self.radius, self.law.softened(factor))
+        return Wall(self.geometry, self.law.softened(factor))
 
-    def gap(self, position: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+    def gap(
+        self, position: Float[Array, "component *point"], near: Array
+    ) -> Float[Array, "*point"]:
         """Distance of points from the surface, negative inside it [m].
 
         Args:
             position: x and y first; coordinates along the axis don't matter.
+            near: angles close to theirs, such as those of the material [rad].
         """
-        return jnp.sqrt(position[0] ** 2 + position[1] ** 2) - self.radius
+        return self.seen_from(position, near)[1]
+
+    def seen_from(
+        self, position: Float[Array, "component *point"], near: Array
+    ) -> tuple[Float[Array, "*point"], Float[Array, "*point"]]:
+        """Angle of the normal through points, and the gap there [rad, m]; see `gap`."""
+        angle, height = self.geometry.section.foot(position, near)
+        return angle, height + self.geometry.gap(angle)
 
 
 def _spring(compression: Array, stiffness: Lanes, onset: Lanes) -> Array:

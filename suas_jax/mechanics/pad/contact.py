@@ -22,7 +22,7 @@ from suas_jax.mechanics.contact.term import (
     expanded,
 )
 from suas_jax.mechanics.pad.faces import face_displacement
-from suas_jax.mechanics.pad.mid_surface import KINDS, surface, vectors
+from suas_jax.mechanics.pad.mid_surface import KINDS, Rest, surface, vectors
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
@@ -34,6 +34,7 @@ from suas_jax.mechanics.pad.stiffness import (
     upper_of,
 )
 from suas_jax.numerics.bspline import bernstein
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 _INTERVALS = 8  # between points, along either side of an element
@@ -58,19 +59,18 @@ class InnerFace:
     Args:
         net: the control net.
         wall: what it may touch.
-        thickness: of the membrane [m].
-        mid_radius: of the undeformed mid-surface [m].
+        section: the undeformed membrane across the axis.
         qe: Bernstein coefficients of the displacement.
     """
 
     def __init__(
-        self, net: Net, wall: Wall, thickness: Array, mid_radius: Array, qe: ElementVector
+        self, net: Net, wall: Wall, section: AbstractSection, qe: ElementVector
     ) -> None:
         self.net, self.wall = net, wall
-        self.thickness, self.radius = thickness, mid_radius
+        self.section = section
         order = net.topology.ordered
         span, axial = jnp.diff(net.angles), jnp.diff(net.axial)
-        long, across = order(mid_radius * span, axial)
+        long, across = order(section.size * span, axial)
         self.counts = len(long), len(across)
         kinds = tuple(order(*kind) for kind in KINDS)
         self.shapes = _shapes(kinds)
@@ -80,10 +80,10 @@ class InnerFace:
         self.inputs = (values * self.powers[:, None, None]).reshape(18, _COUNT**2, -1)
         self.angle = self._spread(net.angles[:-1], span, arc=True)
         self.axial = self._spread(net.axial[:-1], axial, arc=False)
-        arc = (mid_radius - thickness / 2) * span
-        sides = order(arc, axial)
+        sides = order(section.size * span, axial)
         weights = np.outer(_WEIGHTS, _WEIGHTS).reshape(-1, 1)
-        self.area = weights * jnp.outer(sides[0], sides[1]).reshape(-1)
+        inner = 1 - section.curvature(self.angle) * section.thickness(self.angle) / 2
+        self.area = weights * jnp.outer(sides[0], sides[1]).reshape(-1) * inner
 
     def _spread(self, start: Array, length: Array, *, arc: bool) -> Array:
         """A coordinate of one direction at all points [point, element]."""
@@ -99,14 +99,14 @@ class InnerFace:
             z: displacement and its derivatives, in the order of `KINDS`.
             angle: reference angles [rad].
         """
-        s = surface(vectors(z), angle, self.radius)
-        moved, _ = face_displacement(s, -self.thickness / 2, self.radius)
-        inner = self.radius - self.thickness / 2
-        return jnp.stack([inner * n + u for n, u in zip(s.n, moved, strict=True)])
+        s = surface(vectors(z), Rest.of(self.section, angle))
+        (x, y, axial), _ = face_displacement(s, -s.rest.thickness / 2)
+        rest = self.section.inner_face(angle)
+        return jnp.stack([rest[0] + x, rest[1] + y, axial])
 
     def gap(self) -> Float[Array, "point element"]:
         """Distance from the wall at all points [m]."""
-        return self.wall.gap(self.position(self.inputs, self.angle))
+        return self.wall.gap(self.position(self.inputs, self.angle), self.angle)
 
     def energy(self) -> Array:
         """Energy of contact [J]."""
@@ -142,7 +142,7 @@ class InnerFace:
         """Contact at the points of some elements, by its inputs."""
         angle = self.angle[:, element]
         inputs = self.inputs[:, :, element]
-        gap = expanded(lambda z: self.wall.gap(self.position(z, angle)), inputs)
+        gap = expanded(lambda z: self.wall.gap(self.position(z, angle), angle), inputs)
         return contact_terms(self.wall.law, gap, share * self.area[:, element])
 
     def _forces(self, terms: ContactTerms, element: Array) -> Float[Array, "3 16 chosen"]:
@@ -170,9 +170,9 @@ class InnerFace:
     def state(self) -> ContactState:
         """Where the face is, and how it is pushed, on a grid [arc, axial]."""
         place = self.position(self.inputs, self.angle)
-        gap = self.wall.gap(place)
+        polar, gap = self.wall.seen_from(place, self.angle)
         pressure = contact_pressure(self.wall.law, gap)
-        polar, axial = jnp.arctan2(place[0], place[1]), self.axial + place[2]
+        axial = self.axial + place[2]
         fields = (self.angle, polar, gap, pressure, self.area, axial)
         return ContactState(*(self._gridded(x) for x in fields))
 

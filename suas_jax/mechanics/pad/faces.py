@@ -36,7 +36,7 @@ class Faces(NamedTuple):
     energy_density: Float[Array, "*point"]
 
 
-def face_displacement(s: Surface, offset: Array, radius: Array) -> tuple[Vector, Scalar]:
+def face_displacement(s: Surface, offset: Array) -> tuple[Vector, Scalar]:
     """Displacement of the fibres at a reference offset, and how far from the mid-surface.
 
     A fibre lies at zeta with J (zeta + H zeta^2 + K zeta^3 / 3) = M, the volume of the
@@ -46,16 +46,15 @@ def face_displacement(s: Surface, offset: Array, radius: Array) -> tuple[Vector,
     Args:
         s: the mid-surface at points.
         offset: Z [m].
-        radius: of the undeformed mid-surface [m].
 
     Returns:
         Displacement [m] and zeta [m].
     """
     square = s.m[0] ** 2 + s.m[1] ** 2 + s.m[2] ** 2
     size = jnp.sqrt(square)
-    lever = (offset + offset**2 / (2 * radius)) / size
+    lever = (offset + offset**2 * s.rest.curvature / 2) / size
     a11, a22, a12 = 1 + s.metric[0], 1 + s.metric[1], s.metric[2]
-    h11, h22, h12 = 1 / radius + s.bending[0], s.bending[1], s.bending[2]
+    h11, h22, h12 = s.rest.curvature + s.bending[0], s.bending[1], s.bending[2]
     mean = (a22 * h11 + a11 * h22 - 2 * a12 * h12) / (2 * square * size)
     gauss = (h11 * h22 - h12 * h12) / square**2
     # A membrane folded more sharply than its thickness allows has no root: see CRUSHED.
@@ -71,8 +70,6 @@ def faces(
     law: AbstractLaw,
     s: Surface,
     place: tuple[Array, Array],
-    thickness: Array,
-    radius: Array,
     fibres: Layers,
 ) -> Faces:
     """The deformed pad around its mid-surface, normals staying normal.
@@ -81,26 +78,24 @@ def faces(
         law: the material.
         s: the mid-surface at points.
         place: reference angle and axial position of the points.
-        thickness: undeformed [m].
-        radius: of the undeformed mid-surface [m].
         fibres: through the thickness, for the energy.
     """
-    both = layers(1, thickness, radius)
+    both, thickness, curvature = layers(1, s.rest), s.rest.thickness, s.rest.curvature
 
     def strain(offset: Array) -> Array:
-        lever = offset + offset**2 / (2 * radius)
-        one = Layers(both.weight, lever[None], 1 + offset[None] / radius)
-        return jnp.stack(fibre_strains(s, one, radius)[0])[:, 0]
+        lever = offset + offset**2 * curvature / 2
+        one = Layers(both.weight, lever[None], 1 + offset[None] * curvature)
+        return jnp.stack(fibre_strains(s, one)[0])[:, 0]
 
     half = thickness / 2
     return Faces(
         *place,
         mid_displacement=jnp.stack(s.u),
-        inner_displacement=jnp.stack(face_displacement(s, -half, radius)[0]),
-        outer_displacement=jnp.stack(face_displacement(s, half, radius)[0]),
+        inner_displacement=jnp.stack(face_displacement(s, -half)[0]),
+        outer_displacement=jnp.stack(face_displacement(s, half)[0]),
         inner_strain=strain(-half),
         outer_strain=strain(half),
-        energy_density=energy_density(law, s, fibres, radius) / thickness,
+        energy_density=energy_density(law, s, fibres) / thickness,
     )
 
 

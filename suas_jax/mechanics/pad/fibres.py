@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import InPlaneStrain
-from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, Vector, components, total
+from suas_jax.mechanics.pad.mid_surface import Rest, Scalar, Surface, Vector, components, total
 from suas_jax.numerics.jet import second_order
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.numerics.staging import staged
@@ -51,16 +51,16 @@ class Layers(NamedTuple):
     stretch: Float[Array, "layer #lane"]
 
 
-def layers(count: int, thickness: Array, radius: Array) -> Layers:
+def layers(count: int, rest: Rest) -> Layers:
     """Gauss points through the thickness."""
     points, weights = gauss_legendre(count, -0.5, 0.5)
-    offset = jnp.asarray(points)[:, None] * thickness
-    stretch = 1 + offset / radius
-    lever = offset + offset**2 / (2 * radius)
-    return Layers(jnp.asarray(weights)[:, None] * thickness * stretch, lever, stretch)
+    offset = jnp.asarray(points)[:, None] * rest.thickness
+    stretch = 1 + offset * rest.curvature
+    lever = offset + offset**2 * rest.curvature / 2
+    return Layers(jnp.asarray(weights)[:, None] * rest.thickness * stretch, lever, stretch)
 
 
-def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Vector, Scalar, Scalar]:
+def fibre_strains(s: Surface, fibres: Layers) -> tuple[Vector, Scalar, Scalar]:
     """Strains of all fibres, and what they are made of.
 
     Returns:
@@ -69,10 +69,10 @@ def fibre_strains(s: Surface, fibres: Layers, radius: Array) -> tuple[Vector, Sc
     """
     area = s.metric[0] + s.metric[1] + _determinant(s.metric)
     inverse = 1 / (1 + area)
-    saddle = _determinant(_curved(s, radius)) * inverse**3
+    saddle = _determinant(_curved(s)) * inverse**3
     # h_11/J^2 - 1/R without cancellation.
     bend = (
-        inverse * (s.bending[0] - area / radius),
+        inverse * (s.bending[0] - area * s.rest.curvature),
         inverse * s.bending[1],
         inverse * s.bending[2],
     )
@@ -103,8 +103,8 @@ def _metric(s: Surface) -> Vector:
     return 1 + s.metric[0], 1 + s.metric[1], s.metric[2]
 
 
-def _curved(s: Surface, radius: Array) -> Vector:
-    return 1 / radius + s.bending[0], s.bending[1], s.bending[2]
+def _curved(s: Surface) -> Vector:
+    return s.rest.curvature + s.bending[0], s.bending[1], s.bending[2]
 
 
 def _invariants(strain: Vector) -> tuple[Array, Array]:
@@ -112,9 +112,9 @@ def _invariants(strain: Vector) -> tuple[Array, Array]:
     return strain[0] + strain[1], _determinant(strain)
 
 
-def energy_density(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Scalar:
+def energy_density(law: AbstractLaw, s: Surface, fibres: Layers) -> Scalar:
     """Strain energy per area of the undeformed mid-surface [J/m^2]."""
-    strain, _, _ = fibre_strains(s, fibres, radius)
+    strain, _, _ = fibre_strains(s, fibres)
     energy = law.energy(InPlaneStrain(*_invariants(strain)))
     return jnp.sum(_over_layers(fibres.weight, s) * energy, 0)
 
@@ -131,7 +131,7 @@ class Resultants(NamedTuple):
     second: list[list[Scalar]]
 
 
-def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Resultants:
+def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
     """Differentiate the energy: the law by its two invariants, the rest by hand.
 
     A fibre's strain e = sigma (A + M B - M^2 P) is linear in A = a - 1, B = 2 (h/J^2 - h_0)
@@ -143,7 +143,7 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
     The Hessian by (a, h) is sums of matrices of moments and of products of vectors. Small
     arrays are lists of their entries: that is what the compiler makes fast loops of.
     """
-    strain, inverse, f = fibre_strains(s, fibres, radius)
+    strain, inverse, f = fibre_strains(s, fibres)
 
     def energy(trace: Array, determinant: Array) -> Array:
         return law.energy(InPlaneStrain(trace, determinant))
@@ -160,12 +160,16 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> R
         terms.append(weight * scales[p] * scales[q] * value)
     # A matrix product, so that the compiler keeps the moments instead of computing the law
     # again for each of their uses.
-    powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
-    moments = powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
+    if fibres.lever.shape[-1] == 1:
+        powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
+        moments = powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
+    else:  # levers differ from point to point with curvature and thickness
+        powers = fibres.lever ** np.arange(5)[:, None, None]
+        moments = jnp.einsum("klp,ltp->ktp", powers, jnp.stack(terms, 1))
     flat = list(moments.reshape(5 * len(terms), *inverse.shape))
     by_power = [flat[k : k + len(terms)] for k in range(0, len(flat), len(terms))]
     n, m = [row[:3] for row in by_power[:3]], [row[3:] for row in by_power]
-    a, h = _metric(s), _curved(s, radius)
+    a, h = _metric(s), _curved(s)
     c = [inverse * x for x in h]
     g = [inverse * a[1], inverse * a[0], -2 * inverse * a[2]]
     cube = inverse**3

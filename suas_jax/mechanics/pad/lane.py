@@ -10,7 +10,15 @@ from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import InnerFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
 from suas_jax.mechanics.pad.fibres import Layers, energy_density, layers, resultants
-from suas_jax.mechanics.pad.mid_surface import KINDS, Surface, Vector, surface, swept, vectors
+from suas_jax.mechanics.pad.mid_surface import (
+    KINDS,
+    Rest,
+    Surface,
+    Vector,
+    surface,
+    swept,
+    vectors,
+)
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
 from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
@@ -18,6 +26,7 @@ from suas_jax.mechanics.pad.refinement import refined
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.numerics.quadrature import lagrange_slopes
 from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 # Newton steps to the material point on a ray: displacements along the wall are small.
@@ -31,7 +40,7 @@ class PadLane:
         self,
         law: AbstractLaw,
         net: Net,
-        sizes: tuple[Array, Array],
+        section: AbstractSection,
         points: PadLoadPoints,
         quadrature: tuple[int, int],
     ) -> None:
@@ -40,22 +49,23 @@ class PadLane:
         Args:
             law: the membrane's material.
             net: control values.
-            sizes: radius of the undeformed mid-surface and thickness [m].
+            section: the undeformed membrane across the axis.
             points: the loads.
             quadrature: points along either side of an element, and through the thickness.
         """
         self.law, self.net, self.points = law, net, points
-        self.mid_radius, self.thickness = sizes
-        self.gauss = quadrature[0]
+        self.section = section
+        self.gauss, self.layer_count = quadrature
         self.topology = net.topology
         order = self.topology.ordered
         self.kinds = tuple(order(*kind) for kind in KINDS)
         self.tables = tables(self.gauss, self.kinds, tuple(both_ways(PAIRS)))
-        arc, axial = self.mid_radius * jnp.diff(net.angles), jnp.diff(net.axial)
+        arc, axial = section.size * jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(arc, axial)
         self.lengths = long[:, None], across[None]
         self.elements = (len(long), len(across))
-        self.fibres: Layers = layers(quadrature[1], self.thickness, self.mid_radius)
+        self.rest = Rest.of(section, self.angle)
+        self.fibres: Layers = layers(self.layer_count, self.rest)
 
     @property
     def powers(self) -> list[Array]:
@@ -88,7 +98,7 @@ class PadLane:
         values = values.reshape(len(KINDS), self.gauss**2, 3, -1)
         powers = jnp.stack(self.powers)[:, None, None]
         values = jnp.moveaxis(values * powers, 2, 1).reshape(3 * len(KINDS), -1)
-        return surface(vectors(values), self.angle, self.mid_radius)
+        return surface(vectors(values), self.rest)
 
     def strain_energy(self, q: Array) -> Array:
         """Strain energy [J]."""
@@ -106,34 +116,32 @@ class PadLane:
         """Strain energy, volume change and work of the loads."""
         qe, areas = self.net.gather(q), self.areas.reshape(-1)
         s = self.surface(qe)
-        density = energy_density(self.law, s, self.fibres, self.mid_radius)
-        more = swept(s, self.mid_radius)[0]
+        density = energy_density(self.law, s, self.fibres)
+        more = swept(s)[0]
         points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
-        work = pad_loads.load_work(points, spots, moved, self.thickness)
+        work = pad_loads.load_work(points, spots, moved)
         return jnp.sum(areas * density), jnp.sum(areas * more), work
 
     def inner_face(self, q: Array, wall: Wall) -> InnerFace:
         """The inner face against a wall."""
-        return InnerFace(self.net, wall, self.thickness, self.mid_radius, self.net.gather(q))
+        return InnerFace(self.net, wall, self.section, self.net.gather(q))
 
     def _spots(self) -> pad_loads.Spots:
         """Where the loads act."""
         at = (self.points.angle, self.points.axial)
-        return pad_loads.spots(self.net, self.mid_radius, at)
+        return pad_loads.spots(self.net, self.section, at)
 
     def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
         """See `Pad.faces`."""
         s = self._at(self.net.gather(q), angle, axial)
         place = jnp.broadcast_arrays(angle, axial)
-        return faces(
-            self.law, s, (place[0], place[1]), self.thickness, self.mid_radius, self.fibres
-        )
+        return faces(self.law, s, (place[0], place[1]), layers(self.layer_count, s.rest))
 
     def omitted_energy(self, q: Array) -> Array:
         """Of transverse shear; polynomials join the moments at the points of an element."""
         s = self.surface(self.net.gather(q))
-        found = moments(self.law, s, self.fibres, self.mid_radius)
+        found = moments(self.law, s, self.fibres)
         g = self.gauss
         found = found.reshape(3, g, g, *self.elements)
         long, across = self.lengths
@@ -141,28 +149,30 @@ class PadLane:
         by_long = jnp.einsum("hg,cgkef->chkef", slope, found) / long
         by_across = jnp.einsum("hk,cgkef->cghef", slope, found) / across
         by_arc, by_axial = self.topology.ordered(by_long, by_across)
-        stiffness = self.law.shear_modulus * self.thickness
+        stiffness = self.law.shear_modulus * jnp.broadcast_to(
+            self.rest.thickness, self.angle.shape
+        ).reshape(g, g, *self.elements)
         density = shear_energy_density(by_arc, by_axial, stiffness)
         return jnp.sum(self.areas.reshape(-1) * density.reshape(-1))
 
     def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
         """The mid-surface at places."""
-        spots = pad_loads.spots(self.net, self.mid_radius, (angle, axial), KINDS)
+        spots = pad_loads.spots(self.net, self.section, (angle, axial), KINDS)
         moved = pad_loads.interpolated(spots, qe)
-        return surface(list(moved), angle, self.mid_radius)
+        return surface(list(moved), Rest.of(self.section, angle))
 
-    def inner_radius_at(self, q: Array, angle: Array, axial: Array) -> Array:
+    def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
         """See `Pad`: which material point lies on a ray is found by Newton's method."""
         qe = self.net.gather(q)
-        inner = self.mid_radius - self.thickness / 2
         ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
 
         def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-            """Polar angle, axial position and radius of the inner face's point."""
+            """Angle of the normal through the inner face's point, its axial position, height."""
             s = self._at(qe, *place)
-            x, y, z = face_displacement(s, -self.thickness / 2, self.mid_radius)[0]
-            x, y = x + inner * s.n[0], y + inner * s.n[1]
-            return jnp.arctan2(x, y), place[1] + z, jnp.hypot(x, y)
+            x, y, z = face_displacement(s, -s.rest.thickness / 2)[0]
+            rest = self.section.inner_face(place[0])
+            polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
+            return polar, place[1] + z, height
 
         def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
             one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
@@ -188,19 +198,18 @@ class PadLane:
         self, q: Array, pressure: Array, factor: Array, wall: Wall | None
     ) -> tuple[Array, ...]:
         """Residual, bands, derivatives of volume and load, and volume change."""
-        radius = self.mid_radius
         qe = self.net.gather(q)
         s = self.surface(qe)
-        found = resultants(self.law, s, self.fibres, radius)
+        found = resultants(self.law, s, self.fibres)
         forces = stress(s, found.first)
-        more, pulls = swept(s, radius)
+        more, pulls = swept(s)
         internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
         gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
         points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
-        vectors, hessian = pad_loads.load_terms(points, spots, moved, self.thickness)
+        vectors, hessian = pad_loads.load_terms(points, spots, moved)
         load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
-        upper = self._stiffness(tangent(s, found, pressure, radius))
+        upper = self._stiffness(tangent(s, found, pressure))
         upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
         if wall is not None:
             pushes, more_bands = self.inner_face(q, wall).element_terms()

@@ -23,6 +23,7 @@ from suas_jax.mechanics.pad.stiffness import (
 )
 from suas_jax.numerics.bspline import bernstein
 from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.section import AbstractSection, Frame
 
 
 class Spots(NamedTuple):
@@ -32,12 +33,12 @@ class Spots(NamedTuple):
         element: index along the long direction and across [2, point].
         shapes: polynomials by kind of derivative, by arc length and along the axis: itself,
             by s, by z [kind, 4 * 4, point].
-        angle: reference angle [rad].
+        rest: the undeformed section there.
     """
 
     element: Int[Array, "2 point"]
     shapes: Float[Array, "kind 16 point"]
-    angle: Float[Array, " point"]
+    rest: Frame
 
 
 def locate(
@@ -53,7 +54,7 @@ def locate(
 
 def spots(
     net: Net,
-    radius: Array,
+    section: AbstractSection,
     at: tuple[Array, Array],
     kinds: tuple[tuple[int, int], ...] = ((0, 0), (1, 0), (0, 1)),
 ) -> Spots:
@@ -61,20 +62,20 @@ def spots(
 
     Args:
         net: the control net.
-        radius: of the mid-surface [m].
+        section: the undeformed membrane across the axis.
         at: reference angles [rad] and axial positions [m].
         kinds: orders of differentiation by arc length and along the axis.
     """
     i, xi, span = locate(net.angles, at[0])
     k, eta, length = locate(net.axial, at[1])
-    along = [jnp.stack(bernstein(xi, n)) / (radius * span) ** n for n in range(3)]
+    along = [jnp.stack(bernstein(xi, n)) / (section.size * span) ** n for n in range(3)]
     axially = [jnp.stack(bernstein(eta, n)) / length**n for n in range(3)]
     shapes = []
     for n, m in kinds:
         first, second = net.topology.ordered(along[n], axially[m])
         shapes.append((first[:, None] * second[None]).reshape(16, -1))
     element = jnp.stack(net.topology.ordered(i, k))
-    return Spots(element, jnp.stack(shapes), at[0])
+    return Spots(element, jnp.stack(shapes), section.frame(at[0]))
 
 
 def interpolated(spots: Spots, qe: ElementVector) -> Float[Array, "kind 3 point"]:
@@ -93,39 +94,37 @@ def _arm(r: Float[Array, "2 3 *point"]) -> Vector:
 
 def _edges(spots: Spots, moved: Array) -> tuple[Array, Array]:
     """Current r,s and r,z [2, 3, point], and the reference normal."""
-    sine, cosine = jnp.sin(spots.angle), jnp.cos(spots.angle)
-    zero = jnp.zeros_like(sine)
-    t, n = jnp.stack([cosine, -sine, zero]), jnp.stack([sine, cosine, zero])
+    zero = jnp.zeros_like(spots.rest.angle)
+    t, n = (jnp.stack([*v, zero]) for v in (spots.rest.tangent, spots.rest.normal))
     z = jnp.stack([zero, zero, zero + 1])
     return jnp.stack([t, z]) + moved[1:3], n
 
 
-def load_work(points: PadLoadPoints, spots: Spots, moved: Array, thickness: Array) -> Array:
+def load_work(points: PadLoadPoints, spots: Spots, moved: Array) -> Array:
     """Work of the loads at unit factor [J].
 
     Args:
         points: the loads, without lanes.
         spots: where they are.
         moved: displacement and its first derivatives there.
-        thickness: of the membrane [m].
     """
     edges, n = _edges(spots, moved)
     arm = jnp.stack(_arm(edges)) - n
-    return jnp.sum(points.force * (moved[0] + thickness / 2 * arm))
+    return jnp.sum(points.force * (moved[0] + spots.rest.thickness / 2 * arm))
 
 
 def load_terms(
-    points: PadLoadPoints, spots: Spots, moved: Array, thickness: Array
+    points: PadLoadPoints, spots: Spots, moved: Array
 ) -> tuple[Float[Array, "3 16 point"], Float[Array, "2 3 2 3 point"]]:
     """First derivative of the work by element unknowns, and the second by r,s and r,z."""
     edges, _ = _edges(spots, moved)
 
     def projected(r: Float[Array, "2 3"], force: Float[Array, "3"]) -> Array:
-        return jnp.sum(thickness) / 2 * dot(components(force), _arm(r))
+        return dot(components(force), _arm(r))
 
-    by_point = (-1, -1)
-    gradient = jax.vmap(jax.grad(projected), by_point, -1)(edges, points.force)
-    hessian = jax.vmap(jax.hessian(projected), by_point, -1)(edges, points.force)
+    by_point, forces = (-1, -1), points.force * spots.rest.thickness / 2
+    gradient = jax.vmap(jax.grad(projected), by_point, -1)(edges, forces)
+    hessian = jax.vmap(jax.hessian(projected), by_point, -1)(edges, forces)
     vector = points.force[:, None] * spots.shapes[0]
     vector = vector + jnp.sum(gradient[:, :, None] * spots.shapes[1:3, None], 0)
     return vector, hessian

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.staging import staged
+from suas_jax.skin.section import AbstractSection
 
 Scalar = Float[Array, "*point"]
 Vector = tuple[Scalar, Scalar, Scalar]
@@ -51,11 +52,39 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+class Rest(NamedTuple):
+    """The undeformed mid-surface at points.
+
+    Attributes:
+        angle: as sections define it [rad].
+        place: x and y [m].
+        normal: x and y of the outward unit vector.
+        curvature: of the section [1/m].
+        thickness: of the membrane [m].
+    """
+
+    angle: Scalar
+    place: tuple[Scalar, Scalar]
+    normal: tuple[Scalar, Scalar]
+    curvature: Array
+    thickness: Array
+
+    @classmethod
+    def of(cls, section: AbstractSection, angle: Scalar) -> "Rest":
+        """That of a section's angles."""
+        x, y = section.mid_line(angle)
+        direction = section.direction(angle)
+        normal = jnp.sin(direction), jnp.cos(direction)
+        curvature, thickness = section.curvature(angle), section.thickness(angle)
+        return cls(angle, (x, y), normal, curvature, thickness)
+
+
 class Surface(NamedTuple):
     """The deformed mid-surface at points.
 
     Attributes:
         u: displacement.
+        rest: the undeformed mid-surface.
         n: reference normal, outwards.
         rs: r,s.
         rz: r,z.
@@ -67,6 +96,7 @@ class Surface(NamedTuple):
     """
 
     u: Vector
+    rest: Rest
     n: Vector
     rs: Vector
     rz: Vector
@@ -77,16 +107,15 @@ class Surface(NamedTuple):
     bending: Vector
 
 
-def surface(derivatives: Iterable[Iterable[Array]], angle: Scalar, radius: Array) -> Surface:
+def surface(derivatives: Iterable[Iterable[Array]], rest: Rest) -> Surface:
     """The mid-surface from the displacement and its derivatives.
 
     Args:
         derivatives: of the displacement, in the order of `KINDS`, components leading.
-        angle: reference angle of the points [rad].
-        radius: of the undeformed mid-surface [m].
+        rest: the undeformed mid-surface there.
     """
     u, us, uz, uss, uzz, usz = (components(x) for x in derivatives)
-    sine, cosine = jnp.broadcast_arrays(jnp.sin(angle), jnp.cos(angle), u[0])[:2]
+    sine, cosine = jnp.broadcast_arrays(*rest.normal, u[0])[:2]
     along = cosine * us[0] - sine * us[1]
     metric = [
         2 * along + dot(us, us),
@@ -101,7 +130,7 @@ def surface(derivatives: Iterable[Iterable[Array]], angle: Scalar, radius: Array
     ]
     m = spin[0] - sine, spin[1] - cosine, spin[2]
     bending = [
-        dot(uss, m) - (sine * spin[0] + cosine * spin[1]) / radius,
+        dot(uss, m) - (sine * spin[0] + cosine * spin[1]) * rest.curvature,
         dot(uzz, m),
         dot(usz, m),
     ]
@@ -110,18 +139,18 @@ def surface(derivatives: Iterable[Iterable[Array]], angle: Scalar, radius: Array
     n = sine, cosine, jnp.zeros_like(sine)
     rs = us[0] + cosine, us[1] - sine, us[2]
     rz = uz[0], uz[1], uz[2] + 1
-    rss = uss[0] - sine / radius, uss[1] - cosine / radius, uss[2]
+    rss = uss[0] - sine * rest.curvature, uss[1] - cosine * rest.curvature, uss[2]
     m = turned[0] - sine, turned[1] - cosine, turned[2]
-    return Surface(u, n, rs, rz, (rss, uzz, usz), m, turned, strain, bent)
+    return Surface(u, rest, n, rs, rz, (rss, uzz, usz), m, turned, strain, bent)
 
 
-def swept(s: Surface, radius: Array) -> tuple[Scalar, list[Vector]]:
+def swept(s: Surface) -> tuple[Scalar, list[Vector]]:
     """Enclosed volume less that at rest, per area, and its derivatives by u, u,s, u,z.
 
     The flux of (x, y, 0)/2 through the mid-surface; none passes through planes across the
     axis, so that ends free to slide in them are no part of it.
     """
-    x, y = (radius * s.n[k] + s.u[k] for k in (0, 1))
+    x, y = (s.rest.place[k] + s.u[k] for k in (0, 1))
     more = s.u[0] * s.n[0] + s.u[1] * s.n[1] - x * s.spin[0] - y * s.spin[1]
     half = x / 2, y / 2, jnp.zeros_like(x)
     by_u = -s.m[0] / 2, -s.m[1] / 2, half[2]

@@ -5,12 +5,15 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
+import jax.numpy as jnp
+
 from suas_jax.config import LineLoadSpec, PatchLoadSpec, SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
+from suas_jax.mesh.section import measures
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad
 
@@ -98,6 +101,7 @@ class PadModel(AbstractModel):
         mirrored = (False, False)
         if scene.solve.symmetry:
             planes = mirror_planes(_loads(scene))
+            planes = planes[0] and measures(scene).symmetric, planes[1]
             arc, axial = (
                 m and n % 2 == 0 and n >= 6 for m, n in zip(planes, elements, strict=True)
             )
@@ -123,10 +127,10 @@ def _planned(
     mirrored: tuple[bool, bool],
     scale: float = 1.0,
 ) -> PadPlan:
-    g = scene.geometry
-    outer = g.inner_radius + g.thickness
+    g, found = scene.geometry, measures(scene)
+    outer = found.size + g.mean_thickness / 2
     places = [footprint(load, outer) for load in _loads(scene)]
-    sizes = (g.half_angle, g.width, g.inner_radius + g.thickness / 2, g.thickness)
+    sizes = (found.half_angle, g.width, found.size, g.mean_thickness)
     return plan_pad(*sizes, places, elements=elements, mirrored=mirrored, scale=scale)
 
 
@@ -138,10 +142,11 @@ def _loads(scene: SceneSpec) -> list[PadLoad]:
         found = getattr(spec, key)
         return float(found[int(index)] if index else found)
 
+    loads = [spec for spec in scene.loads if spec.kind != "pressure"]
+    angles = (jnp.full(1, angle) for angle in measures(scene).places)
     return [
-        PadLoad.of(spec, functools.partial(value, spec), scene.geometry.width)
-        for spec in scene.loads
-        if spec.kind != "pressure"
+        PadLoad.of(spec, angle, functools.partial(value, spec), scene.geometry.width)
+        for spec, angle in zip(loads, angles, strict=True)
     ]
 
 

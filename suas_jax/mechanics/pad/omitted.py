@@ -23,18 +23,17 @@ _SHEAR = 0.525
 Moments = Float[Array, "3 point"]
 
 
-def moments(law: AbstractLaw, s: Surface, fibres: Layers, radius: Array) -> Moments:
+def moments(law: AbstractLaw, s: Surface, fibres: Layers) -> Moments:
     """Derivatives of the energy density by h_11 h_22 h_12: M_11, M_22 and 2 M_12 [N].
 
     Args:
         law: the material.
         s: the mid-surface at points.
         fibres: through the thickness.
-        radius: of the undeformed mid-surface [m].
     """
 
     def energy(bending: Vector) -> Array:
-        return jnp.sum(energy_density(law, s._replace(bending=bending), fibres, radius))
+        return jnp.sum(energy_density(law, s._replace(bending=bending), fibres))
 
     return jnp.stack(jax.grad(energy)(s.bending))
 

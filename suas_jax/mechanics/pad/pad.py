@@ -35,6 +35,7 @@ from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.numerics.lanes import by_lane, lane_count
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 
@@ -46,8 +47,7 @@ class Pad(AbstractMechanics):
 
     Attributes:
         law: the membrane's material.
-        mid_radius: radius of the undeformed mid-surface [m].
-        thickness: [m].
+        section: the undeformed membrane across the axis.
         net: the control values between breakpoints along the arc and along the axis.
         points: the loads as points on the outer face [N].
         film_volume: volume of the undeformed oil film under the part covered [m^3].
@@ -60,8 +60,7 @@ class Pad(AbstractMechanics):
     per_width: ClassVar[bool] = False
     corrected: ClassVar[bool] = True
     law: AbstractLaw
-    mid_radius: Lanes
-    thickness: Lanes
+    section: AbstractSection
     net: Net
     points: PadLoadPoints
     film_volume: Lanes
@@ -78,16 +77,16 @@ class Pad(AbstractMechanics):
     @property
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
-        return self.thickness
+        return self.section.mean_thickness
 
     @property
     def clamp_reach(self) -> Lanes:
         """Zero: the shell's stretches are bounded [rad]."""
-        return jnp.zeros_like(self.thickness)
+        return jnp.zeros_like(self.section.mean_thickness)
 
     def rest(self) -> StationVector:
         """Zero displacement."""
-        return jnp.zeros((*self.topology.free.shape, lane_count(self)), self.thickness.dtype)
+        return jnp.zeros((*self.topology.free.shape, lane_count(self)), self.net.angles.dtype)
 
     def unknowns(self) -> int:
         """Free control displacements."""
@@ -111,8 +110,8 @@ class Pad(AbstractMechanics):
     def one_lane(self) -> PadLane:
         """The sums of a pad of one lane, scalars kept as arrays of one number."""
         points = jax.tree.map(lambda x: x[..., 0], self.points)
-        sizes = self.mid_radius, self.thickness
-        return PadLane(self.law, self.net.lane(0), sizes, points, (self.gauss, self.layers))
+        quadrature = (self.gauss, self.layers)
+        return PadLane(self.law, self.net.lane(0), self.section, points, quadrature)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
@@ -175,8 +174,7 @@ class Pad(AbstractMechanics):
         parts = (1 + plan.mirrored[0]) * (1 + plan.mirrored[1])
         return cls(
             law=law,
-            mid_radius=geometry.mid_radius,
-            thickness=geometry.thickness,
+            section=geometry.section,
             net=Net.of(NetTopology(*plan.axes), angles, axial),
             points=pad_load_points(plan, geometry, loads),
             film_volume=geometry.film_area * geometry.width / parts,
@@ -261,30 +259,29 @@ class Pad(AbstractMechanics):
 
         return jax.tree.map(gridded, found)
 
-    def inner_radius_at(
+    def height_at(
         self,
         q: StationVector,
         angle: Float[Array, "ray #lane"],
         axial: Float[Array, "ray #lane"],
     ) -> Float[Array, "ray lane"]:
-        """Distance of the deformed inner face from the axis along rays [m].
+        """Height of the deformed inner face over the undeformed one along rays [m].
 
         Args:
             q: unknowns of the whole pad.
-            angle: current polar angles of the rays [rad].
+            angle: of the rays, normals of the undeformed section [rad].
             axial: their current positions along the axis [m].
         """
         return by_lane(
-            self, lambda pad, *given: pad.one_lane().inner_radius_at(*given), q, angle, axial
+            self, lambda pad, *given: pad.one_lane().height_at(*given), q, angle, axial
         )
 
     def shape(self, q: StationVector) -> PadShape:
         """The deformed pad, sampled; see the base class."""
         return PadShape(self.sampled(q, SAMPLES))
 
-    def face(self, q: StationVector, inner_radius: Lanes) -> "PadFace":
+    def face(self, q: StationVector) -> "PadFace":
         """The deformed inner face along rays; see the base class."""
-        del inner_radius  # the pad knows its own
         return PadFace(self, q)
 
     def under(self, q: StationVector, load: PadLoad) -> Displacements:
@@ -340,21 +337,18 @@ class PadFace(AbstractFace):
     q: StationVector
 
     def gaps(
-        self, rays: Sequence[tuple[Array, Array]], wall_radius: Lanes
+        self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry
     ) -> list[Float[Array, "taxel lane"]]:
         """Gaps along several rays for each taxel: one search for all; see the base class."""
         angle = jnp.concatenate([angle for angle, _ in rays])
         axial = jnp.concatenate([axial for _, axial in rays])
-        return jnp.split(self.gap(angle, axial, wall_radius), len(rays))
+        return jnp.split(self.height(angle, axial) + geometry.gap(angle), len(rays))
 
-    def gap(
-        self,
-        angle: Float[Array, "ray #lane"],
-        axial: Float[Array, "ray #lane"],
-        wall_radius: Lanes,
+    def height(
+        self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]
     ) -> Float[Array, "ray lane"]:
-        """Gap along rays from the axis [m]; see the base class."""
-        return self.pad.inner_radius_at(self.q, angle, axial) - wall_radius
+        """By Newton's method; see the base class."""
+        return self.pad.height_at(self.q, angle, axial)
 
 
 def _divided(breaks: Float[Array, "breakpoint #lane"], samples: int) -> Array:

@@ -43,7 +43,7 @@ def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
 
 
 def tangent(
-    s: Surface, found: Resultants, pressure: Array, radius: Array
+    s: Surface, found: Resultants, pressure: Array
 ) -> Float[Array, "pair 3 3 *point"]:
     """Second derivatives of the energy less pressure times volume, per area.
 
@@ -71,7 +71,7 @@ def tangent(
     across = np.array([1.0, 1.0, 0.0]).reshape(3, 1, *points)
     half = pressure / 2
     pull = _pull(s, first)
-    x, y = (pull[k] + half * (radius * s.n[k] + s.u[k]) for k in (0, 1))
+    x, y = (pull[k] + half * (s.rest.place[k] + s.u[k]) for k in (0, 1))
     skew_s, skew_z = _skew(s.rs), _skew(s.rz)
     blocks = {
         (1, 1): joint(s_weighed, by_s) + 2 * first[0] * eye,

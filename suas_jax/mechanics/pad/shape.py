@@ -15,7 +15,7 @@ from suas_jax.mechanics.pad.faces import Faces, hoop_stretch, principal_stretche
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.mechanics.shell.shape import CRUSHED
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.skin.geometry import SkinGeometry, outward
+from suas_jax.skin.geometry import SkinGeometry
 
 SAMPLES = 4
 """Intervals along either side of an element in which extremes are sought."""
@@ -80,16 +80,16 @@ class PadShape(AbstractShape):
     grid: Faces
 
     def inner_face(self, geometry: SkinGeometry) -> tuple[Grid, Grid, Grid]:
-        """Radius [m], polar angle [rad] and axial position [m] of the inner face as it is."""
-        grid = self.grid
-        x, y = geometry.inner_radius * outward(grid.angle) + grid.inner_displacement[:2]
-        axial = grid.axial + grid.inner_displacement[2]
-        return jnp.sqrt(x**2 + y**2), jnp.arctan2(x, y), axial
+        """Height over rest [m], angle [rad] and axial position [m] of the inner face now."""
+        grid, section = self.grid, geometry.section
+        place = section.inner_face(grid.angle) + grid.inner_displacement[:2]
+        angle, height = section.foot(place, grid.angle)
+        return height, angle, grid.axial + grid.inner_displacement[2]
 
     def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
-        radius, angle, axial = self.inner_face(geometry)
-        negative, *at = peak(geometry.wall_radius - radius, angle, axial)
+        height, angle, axial = self.inner_face(geometry)
+        negative, *at = peak(-height - geometry.gap(angle), angle, axial)
         return Extreme(-negative, *at)
 
     def largest_displacement(self) -> Extreme:
@@ -103,8 +103,7 @@ class PadShape(AbstractShape):
 
     def bulge(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
-        radius, angle, axial = self.inner_face(geometry)
-        return Extreme(*peak(radius - geometry.inner_radius, angle, axial))
+        return Extreme(*peak(*self.inner_face(geometry)))
 
     def stretch_range(self) -> tuple[Lanes, Lanes]:
         """See the base class."""

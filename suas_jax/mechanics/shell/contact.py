@@ -21,7 +21,7 @@ from suas_jax.mechanics.shell.points import mix
 from suas_jax.mechanics.shell.shape import carried, fibre_position, turn
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
-from suas_jax.skin.geometry import outward, tangent
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 _INTERVALS = 16  # between contact points of an element; both ends are points, too
@@ -49,8 +49,7 @@ class InnerFace:
 
     Args:
         wall: what it may touch.
-        thickness: of the membrane [m].
-        mid_radius: of the undeformed mid-surface [m].
+        section: the undeformed membrane.
         angles: of the stations [rad].
         qe: element unknowns [shape, component].
     """
@@ -58,15 +57,14 @@ class InnerFace:
     def __init__(
         self,
         wall: Wall,
-        thickness: Lanes,
-        mid_radius: Lanes,
+        section: AbstractSection,
         angles: Float[Array, "station #lane"],
         qe: ElementVector,
     ) -> None:
         span = angles[1:] - angles[:-1]
-        length = mid_radius * span
-        self.wall, self.thickness, self.radius = wall, thickness, mid_radius
-        self.angle = angles[:-1] + _XI[:, None, None] * span
+        length = section.size * span
+        self.wall, self.section = wall, section
+        self.at = section.frame(angles[:-1] + _XI[:, None, None] * span)
         # Derivatives by arc length from those by the local coordinate [order].
         one = jnp.ones_like(length)
         self.power = jnp.stack([one, 1 / length, 1 / length**2])
@@ -75,8 +73,9 @@ class InnerFace:
         # [order and component, point, ...]
         self.inputs = jnp.moveaxis(values, 0, 2).reshape(6, len(_XI), *qe.shape[2:])
         # Of the undeformed inner face, which a unit of width covers [m].
-        inner_radius = mid_radius - thickness / 2
-        self.area = jnp.asarray(_WEIGHTS)[:, None, None] * inner_radius * span
+        inner = 1 - self.at.curvature * self.at.thickness / 2
+        self.area = jnp.asarray(_WEIGHTS)[:, None, None] * inner * length
+        self.rest = section.mid_line(self.at.angle)
 
     def position(self, z: Float[Array, "6 *point"]) -> Float[Array, "2 *point"]:
         """Current positions of the inner face [m].
@@ -84,19 +83,23 @@ class InnerFace:
         Args:
             z: displacement of the mid-line and its derivatives by arc length.
         """
-        t, n, radius = tangent(self.angle), outward(self.angle), self.radius
+        t, n, k = self.at.tangent, self.at.normal, self.at.curvature
         r1 = (t[0] + z[2], t[1] + z[3])
-        r2 = (z[4] - n[0] / radius, z[5] - n[1] / radius)
-        return radius * n + z[:2] + fibre_position(r1, r2, -self.thickness / 2, radius)
+        r2 = (z[4] - n[0] * k, z[5] - n[1] * k)
+        return self.rest + z[:2] + fibre_position(r1, r2, -self.at.thickness / 2, k)
+
+    def gap(self, position: Float[Array, "2 *point"]) -> Float[Array, "*point"]:
+        """Distance of places near the contact points from the wall [m]."""
+        return self.wall.gap(position, self.at.angle)
 
     def terms(self) -> ContactTerms:
         """Contact at every point, by its inputs."""
-        gap = expanded(lambda z: self.wall.gap(self.position(z)), self.inputs)
+        gap = expanded(lambda z: self.gap(self.position(z)), self.inputs)
         return contact_terms(self.wall.law, gap, self.area)
 
     def energy(self) -> Lanes:
         """Energy of contact per width [J/m]."""
-        gap = self.wall.gap(self.position(self.inputs))
+        gap = self.gap(self.position(self.inputs))
         return jnp.sum(self.area * self.wall.law.energy(gap), (0, 1))
 
     def element_terms(self) -> tuple[ElementVector, ElementMatrix]:
@@ -120,11 +123,10 @@ class InnerFace:
         """
         place = self.position(self.inputs)
         if change is not None:
-            t, z = tangent(self.angle), self.inputs
+            t, z = self.at.tangent, self.inputs
             angle = turn((t[0] + z[2], t[1] + z[3]), (change[2], change[3]))
-            middle = self.radius * outward(self.angle) + z[:2]
+            middle = self.rest + z[:2]
             place = place + carried(place - middle, change[:2], angle)
-        x, y = place
-        gap = self.wall.gap(place)
+        polar, gap = self.wall.seen_from(place, self.at.angle)
         pressure = contact_pressure(self.wall.law, gap)
-        return ContactState(self.angle, jnp.arctan2(x, y), gap, pressure, self.area)
+        return ContactState(self.at.angle, polar, gap, pressure, self.area)

@@ -15,7 +15,7 @@ from suas_jax.mechanics.shell.ends import EndMatrices, turn_blocks, turn_matrice
 from suas_jax.numerics.array_types import Diagonal, Lanes, OffDiagonal, StationVector
 from suas_jax.numerics.hermite import hermite
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.geometry import outward, tangent
+from suas_jax.skin.section import AbstractSection, Frame, tangent
 
 
 class Elements(NamedTuple):
@@ -23,18 +23,18 @@ class Elements(NamedTuple):
 
     Attributes:
         angles: of the stations from the symmetry axis [rad].
-        mid_radius: radius of the undeformed mid-surface [m].
+        section: the undeformed membrane.
         symmetric: whether the last station is the crown of a symmetric arch.
     """
 
     angles: Float[Array, "station #lane"]
-    mid_radius: Lanes
+    section: AbstractSection
     symmetric: bool
 
     @property
     def lengths(self) -> Float[Array, "element #lane"]:
         """Reference lengths of the elements along the mid-surface [m]."""
-        return self.mid_radius * (self.angles[1:] - self.angles[:-1])
+        return self.section.size * (self.angles[1:] - self.angles[:-1])
 
     def free(self) -> np.ndarray:
         """Mask of the unknowns that may move [dof, station, 1]."""
@@ -45,7 +45,8 @@ class Elements(NamedTuple):
         return free
 
     def _ends(self) -> EndMatrices:
-        return turn_matrices(tangent(jnp.stack([self.angles[0], self.angles[-1]])))
+        ends = jnp.stack([self.angles[0], self.angles[-1]])
+        return turn_matrices(tangent(self.section.direction(ends)))
 
     def _scale(self) -> Float[Array, "4 1 element #lane"]:
         """Factors that turn element unknowns into values and slopes by xi."""
@@ -64,11 +65,10 @@ class Elements(NamedTuple):
         free = self.free()[:, [0, -1]]
         return turn_vector(jnp.swapaxes(self._ends(), 0, 1) * free[:, None], _sum(left, right))
 
-    def reference(self, xi: np.ndarray) -> tuple[Array, Array, Array]:
-        """Reference angle, tangent and normal at local coordinates [xi, element, lane]."""
+    def reference(self, xi: np.ndarray) -> Frame:
+        """The undeformed membrane at local coordinates [xi, element, lane]."""
         start, span = self.angles[:-1], self.angles[1:] - self.angles[:-1]
-        angle = start + xi[:, None, None] * span
-        return angle, tangent(angle), outward(angle)
+        return self.section.frame(start + xi[:, None, None] * span)
 
     def blocks(self, k: Float[Array, "4 4 2 2 element lane"]) -> tuple[Diagonal, OffDiagonal]:
         """Element stiffness [shape, shape, component, component] to station blocks."""
@@ -91,7 +91,7 @@ class Elements(NamedTuple):
             product: the antisymmetric area matrix times them.
         """
         x, w = gauss_legendre(4)
-        _, _, n = self.reference(x)
+        n = self.reference(x).normal
         shapes = np.stack(hermite(x), 1) * w[:, None]
         linear = jnp.einsum("gn,cgel->ncel", shapes, n) * self.lengths
         quadratic = product[:, ::-1] * np.array([1.0, -1.0])[:, None, None]

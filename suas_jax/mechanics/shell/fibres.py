@@ -14,7 +14,6 @@ from jaxtyping import Array
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch
 from suas_jax.mechanics.shell.points import Moments
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 
 
@@ -23,14 +22,14 @@ class Fibres(eqx.Module):
 
     Attributes:
         law: the material.
-        mid_radius: radius of the undeformed mid-surface [m].
-        thickness: [m].
+        mid_curvature: of the undeformed mid-line, which broadcasts against the strains [1/m].
+        thickness: likewise [m].
         layers: quadrature points through the thickness.
     """
 
     law: AbstractLaw
-    mid_radius: Lanes
-    thickness: Lanes
+    mid_curvature: Array
+    thickness: Array
     layers: int = eqx.field(static=True)
 
     def energy(self, stretch: Array, curvature: Array) -> Array:
@@ -73,9 +72,10 @@ class Fibres(eqx.Module):
         )
 
     def _layers(self) -> tuple[Array, Array, Array]:
-        """Weight [m], lever m [m], and (1 + Z/R)^2 of the fibres; each [layer, 1, 1, lane]."""
+        """Weight [m], lever m [m], and (1 + Z/R)^2 of the fibres; [layer, ...]."""
         points, weights = gauss_legendre(self.layers, -0.5, 0.5)
-        offset = jnp.asarray(points)[:, None, None, None] * self.thickness
-        shell = 1 + offset / self.mid_radius
-        weight = jnp.asarray(weights)[:, None, None, None] * self.thickness * shell
-        return weight, 2 * offset + offset**2 / self.mid_radius, shell**2
+        points, weights = (jnp.asarray(x)[:, None, None, None] for x in (points, weights))
+        offset = points * self.thickness
+        shell = 1 + offset * self.mid_curvature
+        weight = weights * self.thickness * shell
+        return weight, 2 * offset + offset**2 * self.mid_curvature, shell**2

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
 from suas_jax.numerics.jet import second_order
-from suas_jax.skin.geometry import outward, tangent
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.section import AbstractSection
 
 # Points up to which their terms are written out one by one.
 _FEW_POINTS = 4
@@ -30,6 +30,7 @@ class Loaded(NamedTuple):
         displacement: of the mid-line [m].
         r1: its current tangent r'(s).
         normal: its reference normal.
+        half: half the thickness [m].
     """
 
     at: Float[Array, "4 point lane"]
@@ -37,13 +38,14 @@ class Loaded(NamedTuple):
     displacement: Float[Array, "2 point lane"]
     r1: tuple[Array, Array]
     normal: Float[Array, "2 point lane"]
+    half: Array
 
 
 def under(
     points: LoadPoints,
     qe: ElementVector,
     angles: Float[Array, "station #lane"],
-    radius: Lanes,
+    section: AbstractSection,
 ) -> Loaded:
     """Evaluate the mid-line at the load points.
 
@@ -51,30 +53,26 @@ def under(
         points: the loads.
         qe: element unknowns [shape, component].
         angles: of the stations [rad].
-        radius: of the undeformed mid-line [m].
+        section: the undeformed membrane.
     """
     start, span = _elements_of(points, angles)
     at = jnp.stack(hermite(points.xi))
-    slope = jnp.stack(hermite(points.xi, 1)) / (radius * span)
+    slope = jnp.stack(hermite(points.xi, 1)) / (section.size * span)
     qp = jnp.sum(qe[:, :, :, None] * points.select, 2)
     u1 = jnp.sum(slope[:, None] * qp, 0)
-    angle = start + points.xi * span
-    t = tangent(angle)
+    frame = section.frame(start + points.xi * span)
+    t = frame.tangent
     r1 = (t[0] + u1[0], t[1] + u1[1])
-    return Loaded(at, slope, jnp.sum(at[:, None] * qp, 0), r1, outward(angle))
+    moved, half = jnp.sum(at[:, None] * qp, 0), frame.thickness / 2
+    return Loaded(at, slope, moved, r1, frame.normal, half)
 
 
-def radial(
+def places(
     points: LoadPoints, angles: Float[Array, "station #lane"]
 ) -> Float[Array, "point lane"]:
-    """Inward components of the loads, along the undeformed radius, per width [N/m].
-
-    Args:
-        points: the loads.
-        angles: of the stations [rad].
-    """
+    """Angles of the load points between stations at given ones [rad]."""
     start, span = _elements_of(points, angles)
-    return -jnp.sum(points.force * outward(start + points.xi * span), 0)
+    return start + points.xi * span
 
 
 def _elements_of(
@@ -86,17 +84,17 @@ def _elements_of(
     return start, jnp.sum(select * (angles[1:] - angles[:-1])[:, None], 0)
 
 
-def load_work(points: LoadPoints, loaded: Loaded, thickness: Lanes) -> Lanes:
+def load_work(points: LoadPoints, loaded: Loaded) -> Lanes:
     """Work of the loads at unit factor, per width [J/m]."""
     x, y = loaded.r1
     size = jnp.sqrt(x**2 + y**2)
     turned = jnp.stack([-y / size, x / size]) - loaded.normal
-    moved = loaded.displacement + thickness / 2 * turned
+    moved = loaded.displacement + loaded.half * turned
     return jnp.sum(points.force * moved, (0, 1))
 
 
 def load_terms(
-    points: LoadPoints, loaded: Loaded, thickness: Lanes
+    points: LoadPoints, loaded: Loaded
 ) -> tuple[ElementVector | float, Float[Array, "4 4 2 2 element lane"] | float]:
     """First and second derivative of the work by the element unknowns."""
     fx, fy = points.force
@@ -105,7 +103,7 @@ def load_terms(
         return (fy * x - fx * y) / jnp.sqrt(x**2 + y**2)
 
     jet = second_order(projected, *loaded.r1)
-    half, slope, select = thickness / 2, loaded.slope, points.select
+    half, slope, select = loaded.half, loaded.slope, points.select
     gradient = half * jnp.stack([jet.x, jet.y])
     curvature = half * jnp.stack([jnp.stack([jet.xx, jet.xy]), jnp.stack([jet.xy, jet.yy])])
     vector = loaded.at[:, None] * points.force + slope[:, None] * gradient

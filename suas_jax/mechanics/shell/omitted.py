@@ -102,7 +102,7 @@ def relaxed_energy(
     xi: np.ndarray,
     weights: np.ndarray,
     lengths: Float[Array, "element #lane"],
-    thickness: Lanes,
+    thickness: Float[Array, "#gauss #element #lane"],
     modulus: Lanes,
     clamped: tuple[bool, bool],
 ) -> Lanes:
@@ -113,18 +113,19 @@ def relaxed_energy(
         xi: local coordinates of the Gauss points.
         weights: of the Gauss points.
         lengths: of the elements [m].
-        thickness: of the membrane [m].
+        thickness: of the membrane at the Gauss points [m].
         modulus: small-strain shear modulus [Pa].
         clamped: whether the first and the last station are.
     """
     normal, moment = (LinesOverElements.through(x, xi, weights) for x in at)
     shear = moment.rise / lengths
-    total = _SHEAR * jnp.sum(lengths * shear**2, 0) / thickness
+    total = _SHEAR * jnp.sum(lengths * shear**2 / jnp.mean(thickness, 0), 0)
     # Outwards along the arc Q changes its sign with the side of the clamp.
     for element, side, held in ((0, 1.0, clamped[0]), (-1, -1.0, clamped[1])):
         if held:
             n = normal.mean[element] - side * normal.rise[element] / 2
-            m = (moment.mean[element] - side * moment.rise[element] / 2) / thickness
+            edge = thickness[0, 0] if element == 0 else thickness[-1, -1]
+            m = (moment.mean[element] - side * moment.rise[element] / 2) / edge
             q = side * shear[element]
             total = total + _CLAMP_NORMAL * n**2 + _CLAMP_MOMENT * m**2
             total = total + q * (_CLAMP_MOMENT_SHEAR * m + _CLAMP_NORMAL_SHEAR * n)
@@ -137,7 +138,7 @@ def thinning_work(
     weights: np.ndarray,
     points: LoadPoints,
     inward: Float[Array, "point lane"],
-    thickness: Lanes,
+    thickness: Float[Array, "#point #lane"],
     modulus: Lanes,
 ) -> Lanes:
     """The part of E that loads do where the membrane thins beneath them [J/m].
@@ -148,7 +149,7 @@ def thinning_work(
         weights: of the Gauss points.
         points: where the loads act.
         inward: radial components of the loads, per width [N/m].
-        thickness: of the membrane [m].
+        thickness: of the membrane under the points [m].
         modulus: small-strain shear modulus [Pa].
     """
     normal, moment = (LinesOverElements.through(x, xi, weights).at_points(points) for x in at)

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.section import Frame
 
 
 class Tables(NamedTuple):
@@ -61,35 +61,32 @@ class Moments(NamedTuple):
 
 def kinematics(
     d: Float[Array, "gauss order component element lane"],
-    t: Float[Array, "2 gauss element #lane"],
-    n: Float[Array, "2 gauss element #lane"],
-    radius: Lanes,
+    at: Frame,
     length: Float[Array, "element #lane"],
 ) -> Points:
     """Strains from displacement.
 
     Args:
         d: first and second derivative of the displacement by xi.
-        t: reference tangent.
-        n: reference normal.
-        radius: of the reference arc [m].
+        at: the undeformed mid-line there.
         length: of the elements [m].
     """
+    t, n, k = at.tangent, at.normal, at.curvature
     u1, u2 = d[:, 0] / length, d[:, 1] / length**2
     x1, y1, x2, y2 = u1[:, 0], u1[:, 1], u2[:, 0], u2[:, 1]
     along = t[0] * x1 + t[1] * y1
     stretch = 2 * along + x1**2 + y1**2
-    turning = along / radius - (n[0] * x2 + n[1] * y2) + (x2 * y1 - y2 * x1)
-    curvature = (turning - stretch / radius) / (1 + stretch)
+    turning = along * k - (n[0] * x2 + n[1] * y2) + (x2 * y1 - y2 * x1)
+    curvature = (turning - stretch * k) / (1 + stretch)
     r1 = (t[0] + x1, t[1] + y1)
-    r2 = (x2 - n[0] / radius, y2 - n[1] / radius)
+    r2 = (x2 - n[0] * k, y2 - n[1] * k)
     return Points((r1, r2), stretch, curvature)
 
 
 def point_stress(
     points: Points,
     first: tuple[Array, Array],
-    radius: Lanes,
+    curvature: Array,
     length: Float[Array, "element #lane"],
 ) -> Float[Array, "gauss order component element lane"]:
     """Chain rule of a first derivative from (A, b) to r' and r''; see `point_terms`.
@@ -97,12 +94,12 @@ def point_stress(
     Args:
         points: kinematics.
         first: derivatives of an energy density by A and b.
-        radius: of the reference arc [m].
+        curvature: of the undeformed mid-line [1/m].
         length: of the elements [m].
     """
     by_a, by_b = first
     inverse = 1 / (1 + points.stretch)
-    w_a = by_a - by_b * (points.curvature + 1 / radius) * inverse
+    w_a = by_a - by_b * (points.curvature + curvature) * inverse
     w_c = by_b * inverse
     (x1, y1), (x2, y2) = points.r
     rows = [
@@ -113,7 +110,7 @@ def point_stress(
 
 
 def point_terms(
-    points: Points, moments: Moments, radius: Lanes, length: Float[Array, "element #lane"]
+    points: Points, moments: Moments, curvature: Array, length: Float[Array, "element #lane"]
 ) -> tuple[Array, Array]:
     """Chain rule from (A, b) to r' and r''.
 
@@ -127,7 +124,7 @@ def point_terms(
         (xx, yy, xy), ...].
     """
     inverse = 1 / (1 + points.stretch)
-    ratio = -(points.curvature + 1 / radius) * inverse  # db/da; db/dc = inverse
+    ratio = -(points.curvature + curvature) * inverse  # db/da; db/dc = inverse
     by_a, by_b = moments.first
     by_aa, by_ab, by_bb = moments.second
     w_a = by_a + by_b * ratio
@@ -154,6 +151,6 @@ def point_terms(
     orders, pairs = ((0, 0), (0, 1), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1))
     tangents = jnp.stack([tangent(*order, *pair) for order in orders for pair in pairs], 1)
     return (
-        point_stress(points, moments.first, radius, length),
+        point_stress(points, moments.first, curvature, length),
         tangents.reshape(len(tangents), 2, 2, 3, *tangents.shape[2:]),
     )

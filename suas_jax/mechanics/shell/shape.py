@@ -11,16 +11,23 @@ from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.points import mix
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.hermite import hermite
-from suas_jax.skin.geometry import outward, tangent
+from suas_jax.skin.section import AbstractSection, Frame
 
 # Stretch given to a fibre of no length left, on the inner side of a fold.
 CRUSHED = 1e-6
 
 
 class MidLine(NamedTuple):
-    """Displacement of the mid-line and its first two derivatives by arc length."""
+    """Displacement of the mid-line and its first two derivatives by arc length.
 
-    angle: Array
+    Attributes:
+        at: the undeformed mid-line.
+        u: displacement [m].
+        u1: its derivative.
+        u2: its second one [1/m].
+    """
+
+    at: Frame
     u: tuple[Array, Array]
     u1: tuple[Array, Array]
     u2: tuple[Array, Array]
@@ -29,7 +36,7 @@ class MidLine(NamedTuple):
 def sampled(
     qe: Float[Array, "4 2 element lane"],
     angles: Float[Array, "station #lane"],
-    radius: Lanes,
+    section: AbstractSection,
     samples: int,
 ) -> MidLine:
     """The mid-line at evenly spaced points of every element.
@@ -37,22 +44,22 @@ def sampled(
     Args:
         qe: element unknowns [shape, component].
         angles: of the stations [rad].
-        radius: of the undeformed mid-line [m].
+        section: the undeformed membrane.
         samples: intervals an element is divided in.
     """
     xi = np.linspace(0, 1, samples + 1)
     start, span = angles[:-1], angles[1:] - angles[:-1]
     shapes = np.stack([np.stack(hermite(xi, order), 1) for order in range(3)])
     values = mix(shapes.reshape(-1, 4), qe).reshape(3, samples + 1, *qe.shape[1:])
-    length = radius * span
+    length = section.size * span
     derivatives = [(u[:, 0] / length**k, u[:, 1] / length**k) for k, u in enumerate(values)]
-    return MidLine(start + xi[:, None, None] * span, *derivatives)
+    return MidLine(section.frame(start + xi[:, None, None] * span), *derivatives)
 
 
 def at(
     qe: Float[Array, "4 2 element lane"],
     angles: Float[Array, "station #lane"],
-    radius: Lanes,
+    section: AbstractSection,
     angle: Lanes,
 ) -> MidLine:
     """The mid-line at one reference angle per lane; leading axes of length one.
@@ -60,7 +67,7 @@ def at(
     Args:
         qe: element unknowns [shape, component].
         angles: of the stations [rad].
-        radius: of the undeformed mid-line [m].
+        section: the undeformed membrane.
         angle: where [rad].
     """
     start, end = angles[:-1], angles[1:]
@@ -70,24 +77,25 @@ def at(
     first, last = jnp.sum(pick * start, 0), jnp.sum(pick * end, 0)
     xi = ((angle - first) / (last - first))[None, None]
     here = jnp.sum(qe * pick, 2)[:, :, None, None]
-    return _interpolated(angle[None, None], xi, here, radius * (last - first))
+    frame = section.frame(angle[None, None])
+    return _interpolated(frame, xi, here, section.size * (last - first))
 
 
-def _interpolated(angle: Array, xi: Array | np.ndarray, qe: Array, length: Array) -> MidLine:
+def _interpolated(frame: Frame, xi: Array | np.ndarray, qe: Array, length: Array) -> MidLine:
     derivatives = []
     for order in range(3):
         value = jnp.sum(jnp.stack(hermite(xi, order))[:, None] * qe, 0) / length**order
         derivatives.append((value[0], value[1]))
-    return MidLine(angle, *derivatives)
+    return MidLine(frame, *derivatives)
 
 
-def lever(offset: Array, radius: Lanes) -> Array:
+def lever(offset: Array, curvature: Array) -> Array:
     """Z + Z^2 / (2 R) of a fibre at reference offset Z [m]."""
-    return offset + offset**2 / (2 * radius)
+    return offset + offset**2 * curvature / 2
 
 
 def fibre_position(
-    r1: tuple[Array, Array], r2: tuple[Array, Array], offset: Array, radius: Lanes
+    r1: tuple[Array, Array], r2: tuple[Array, Array], offset: Array, curvature: Array
 ) -> Float[Array, "2 ..."]:
     """Current position of a fibre relative to the mid-line, along the normal [m].
 
@@ -98,50 +106,50 @@ def fibre_position(
         r1: tangent r'(s) of the current mid-line.
         r2: r''(s).
         offset: of the fibre at rest, outwards [m].
-        radius: of the undeformed mid-line [m].
+        curvature: of the undeformed mid-line [1/m].
     """
     (x1, y1), (x2, y2) = r1, r2
     a = x1**2 + y1**2
     c = x2 * y1 - y2 * x1
-    m = lever(offset, radius)
+    m = lever(offset, curvature)
     root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
     zeta_by_size = 2 * m / a / (1 + root)
     return zeta_by_size * jnp.stack([-y1, x1])
 
 
 def recovered(
-    line: MidLine, radius: Lanes, thickness: Lanes, energy: Callable[[Array, Array], Array]
+    line: MidLine, section: AbstractSection, energy: Callable[[Array, Array], Array]
 ) -> Profile:
     """The section around a mid-line, its normals staying normal.
 
     Args:
         line: the mid-line.
-        radius: of the undeformed mid-line [m].
-        thickness: undeformed [m].
+        section: the undeformed membrane.
         energy: strain energy per area of the mid-surface, from the two strains [J/m^2].
     """
-    t, n = tangent(line.angle), outward(line.angle)
+    t, n, k, thickness = line.at.tangent, line.at.normal, line.at.curvature, line.at.thickness
     x1, y1 = t[0] + line.u1[0], t[1] + line.u1[1]
-    x2, y2 = line.u2[0] - n[0] / radius, line.u2[1] - n[1] / radius
+    x2, y2 = line.u2[0] - n[0] * k, line.u2[1] - n[1] * k
     along = t[0] * line.u1[0] + t[1] * line.u1[1]
     stretch = 2 * along + line.u1[0] ** 2 + line.u1[1] ** 2
     bending = (
-        along / radius
+        along * k
         - (n[0] * line.u2[0] + n[1] * line.u2[1])
         + (line.u2[0] * line.u1[1] - line.u2[1] * line.u1[0])
     )
-    curvature = (bending - stretch / radius) / (1 + stretch)
+    curvature = (bending - stretch * k) / (1 + stretch)
 
     def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
         """Displacement and hoop stretch of the fibre at a reference offset."""
-        moved = fibre_position((x1, y1), (x2, y2), offset, radius) - offset * n
-        green = (stretch + 2 * lever(offset, radius) * curvature) / (1 + offset / radius) ** 2
+        moved = fibre_position((x1, y1), (x2, y2), offset, k) - offset * n
+        green = (stretch + 2 * lever(offset, k) * curvature) / (1 + offset * k) ** 2
         return jnp.stack(line.u) + moved, jnp.sqrt(jnp.maximum(1 + green, CRUSHED**2))
 
     inner, inner_stretch = face(-thickness / 2)
     outer, outer_stretch = face(thickness / 2)
     return Profile(
-        angle=line.angle,
+        angle=line.at.angle,
+        rest=section.inner_face(line.at.angle),
         mid_displacement=jnp.stack(line.u),
         inner_displacement=inner,
         outer_displacement=outer,
@@ -164,16 +172,15 @@ def carried(
     return shift + angle * jnp.stack([-offset[1], offset[0]])
 
 
-def shifted(shape: Profile, line: MidLine, change: MidLine, thickness: Lanes) -> Profile:
+def shifted(shape: Profile, line: MidLine, change: MidLine) -> Profile:
     """A section after a small change of its mid-line that bends and thins nothing.
 
     Args:
         shape: the section.
         line: its mid-line.
         change: of the mid-line.
-        thickness: undeformed [m].
     """
-    t, n = tangent(line.angle), outward(line.angle)
+    t, n, thickness = line.at.tangent, line.at.normal, line.at.thickness
     angle = turn((t[0] + line.u1[0], t[1] + line.u1[1]), change.u1)
     shift, middle = jnp.stack(change.u), shape.mid_displacement
 

@@ -32,11 +32,11 @@ from suas_jax.mechanics.base import (
     Profile,
     largest,
 )
-from suas_jax.mechanics.section import AbstractSection
+from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.shell.contact import InnerFace
 from suas_jax.mechanics.shell.elements import Elements, full_blocks
 from suas_jax.mechanics.shell.fibres import Fibres
-from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, radial, under
+from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, places, under
 from suas_jax.mechanics.shell.omitted import (
     Resultants,
     relaxed_energy,
@@ -66,10 +66,11 @@ from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.section import AbstractSection, Frame
 from suas_jax.skin.wall import Wall
 
 
-class Shell(AbstractSection):
+class Shell(AbstractPlaneStrain):
     """Discretised lumped shell, optionally the left half of a symmetric one.
 
     The unknowns of a station are the displacement (x, y) and its derivative by arc
@@ -78,8 +79,7 @@ class Shell(AbstractSection):
 
     Attributes:
         law: the membrane's material.
-        mid_radius: radius of the undeformed mid-surface [m].
-        thickness: [m].
+        section: the undeformed membrane.
         angles: of the stations from the symmetry axis [rad].
         points: the line loads as points on the outer face, per width [N/m].
         film_volume: see the base class.
@@ -92,8 +92,7 @@ class Shell(AbstractSection):
 
     corrected: ClassVar[bool] = True
     law: AbstractLaw
-    mid_radius: Lanes
-    thickness: Lanes
+    section: AbstractSection
     angles: Float[Array, "station #lane"]
     points: LoadPoints
     film_volume: Lanes
@@ -126,8 +125,7 @@ class Shell(AbstractSection):
         """
         return cls(
             law=law,
-            mid_radius=geometry.mid_radius,
-            thickness=geometry.thickness,
+            section=geometry.section,
             angles=angles,
             points=points,
             film_volume=geometry.film_area / (2 if symmetric else 1),
@@ -138,17 +136,17 @@ class Shell(AbstractSection):
     @property
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
-        return self.thickness
+        return self.section.mean_thickness
 
     @property
     def clamp_reach(self) -> Lanes:
         """Zero: the shell's stretches are bounded [rad]."""
-        return jnp.zeros_like(self.thickness)
+        return jnp.zeros_like(self.section.mean_thickness)
 
     @property
     def elements(self) -> Elements:
         """Between the stations."""
-        return Elements(self.angles, self.mid_radius, self.symmetric)
+        return Elements(self.angles, self.section, self.symmetric)
 
     def rest(self) -> StationVector:
         """Zero displacement."""
@@ -162,20 +160,22 @@ class Shell(AbstractSection):
         self, xi: np.ndarray, d: Float[Array, "point*order component element lane"]
     ) -> Points:
         """Kinematics at local coordinates from displacement derivatives by xi there."""
-        _, t, n = self.elements.reference(xi)
         d = d.reshape(len(xi), 2, *d.shape[1:])
-        return kinematics(d, t, n, self.mid_radius, self.elements.lengths)
+        return kinematics(d, self.elements.reference(xi), self.elements.lengths)
+
+    def fibres(self, at: Frame) -> Fibres:
+        """The material through the thickness."""
+        return Fibres(self.law, at.curvature, at.thickness, self.layers)
 
     @property
-    def fibres(self) -> Fibres:
-        """The material through the thickness."""
-        return Fibres(self.law, self.mid_radius, self.thickness, self.layers)
+    def _at_gauss(self) -> Frame:
+        return self.elements.reference(element_tables(self.gauss).xi)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
         tables = element_tables(self.gauss)
         points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
-        density = self.fibres.energy(points.stretch, points.curvature)
+        density = self.fibres(self._at_gauss).energy(points.stretch, points.curvature)
         weights = tables.weights[:, None, None] * self.elements.lengths
         return jnp.sum(weights * density, (0, 1))
 
@@ -184,20 +184,21 @@ class Shell(AbstractSection):
         gauss = tables.xi, tables.weights
         clamped = True, not self.symmetric
         return relaxed_energy(
-            at, *gauss, self.elements.lengths, self.thickness, modulus, clamped
+            at, *gauss, self.elements.lengths, self._at_gauss.thickness, modulus, clamped
         )
 
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
         tables, modulus = element_tables(self.gauss), self.law.shear_modulus
-        inward = factor * radial(self.points, self.angles)
+        loaded = self.section.frame(places(self.points, self.angles))
+        inward = -factor * jnp.sum(self.points.force * loaded.normal, 0)
         gauss = tables.xi, tables.weights
-        work = thinning_work(at, *gauss, self.points, inward, self.thickness, modulus)
+        work = thinning_work(at, *gauss, self.points, inward, loaded.thickness, modulus)
         return self._relaxed_energy(at) + work
 
     def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
         tables = element_tables(self.gauss)
         points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
-        return points, self.fibres.moments(points.stretch, points.curvature)
+        return points, self.fibres(self._at_gauss).moments(points.stretch, points.curvature)
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
         """Energy of shear, of loads where the membrane thins, and of clamped faces [J/m].
@@ -222,7 +223,8 @@ class Shell(AbstractSection):
         # Sums over Gauss points weigh what they add up; the derivative is not a density.
         shares = tables.weights[:, None, None] * self.elements.lengths
         density = first[0] / shares, first[1] / shares
-        stress = point_stress(points, density, self.mid_radius, self.elements.lengths)
+        curvature, lengths = self._at_gauss.curvature, self.elements.lengths
+        stress = point_stress(points, density, curvature, lengths)
         return self.elements.scatter(mix(tables.force, stress.reshape(-1, *stress.shape[2:])))
 
     def stored_energy(self, q: StationVector) -> Lanes:
@@ -254,15 +256,15 @@ class Shell(AbstractSection):
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
-        return load_work(self.points, self._loaded(self.elements.gather(q)), self.thickness)
+        return load_work(self.points, self._loaded(self.elements.gather(q)))
 
     def _inner_face(self, qe: Array, wall: Wall) -> InnerFace:
-        return InnerFace(wall, self.thickness, self.mid_radius, self.angles, qe)
+        return InnerFace(wall, self.section, self.angles, qe)
 
     def contact_energy(self, q: StationVector) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
         if self.wall is None:
-            return jnp.zeros_like(self.thickness)
+            return jnp.zeros_like(self.section.mean_thickness)
         return self._inner_face(self.elements.gather(q), self.wall).energy()
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
@@ -276,7 +278,7 @@ class Shell(AbstractSection):
         )
 
     def _loaded(self, qe: Array) -> Loaded:
-        return under(self.points, qe, self.angles, self.mid_radius)
+        return under(self.points, qe, self.angles, self.section)
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
@@ -284,8 +286,9 @@ class Shell(AbstractSection):
         qe = self.elements.gather(q)
         rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
         points = self._points(tables.xi, rows[:-4])
-        moments = self.fibres.moments(points.stretch, points.curvature)
-        stress, tangents = point_terms(points, moments, self.mid_radius, self.elements.lengths)
+        at = self._at_gauss
+        moments = self.fibres(at).moments(points.stretch, points.curvature)
+        stress, tangents = point_terms(points, moments, at.curvature, self.elements.lengths)
         internal = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = full_blocks(stiffness.reshape(4, 4, *stiffness.shape[1:]))
@@ -293,7 +296,7 @@ class Shell(AbstractSection):
             push, spring = self._inner_face(qe, self.wall).element_terms()
             internal, stiffness = internal + push, stiffness + spring
         volume, gradient = self.elements.volume(qe, rows[-4:])
-        load, load_stiffness = load_terms(self.points, self._loaded(qe), self.thickness)
+        load, load_stiffness = load_terms(self.points, self._loaded(qe))
         load = jnp.broadcast_to(load, qe.shape)
         rotation = np.array([[0.0, 1.0], [-1.0, 0.0]])
         coupling = np.einsum("nm,ce->nmce", tables.area, rotation)[..., None, None]
@@ -310,21 +313,21 @@ class Shell(AbstractSection):
 
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
-        return self._recovered(q, lambda qe: sampled(qe, self.angles, self.mid_radius, samples))
+        return self._recovered(q, lambda qe: sampled(qe, self.angles, self.section, samples))
 
     def _recovered(self, q: StationVector, line_of: Callable[[Array], MidLine]) -> Profile:
         """The section around the mid-line that element unknowns describe."""
         own = q if self.equilibrium is None else self.equilibrium
         line = line_of(self.elements.gather(own))
-        shape = recovered(line, self.mid_radius, self.thickness, self.fibres.energy)
+        shape = recovered(line, self.section, self.fibres(line.at).energy)
         if self.equilibrium is None:
             return shape
         change = line_of(self.elements.gather(q - self.equilibrium))
-        return shifted(shape, line, change, self.thickness)
+        return shifted(shape, line, change)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at a reference angle; see the base class."""
-        shape = self._recovered(q, lambda qe: at(qe, self.angles, self.mid_radius, angle))
+        shape = self._recovered(q, lambda qe: at(qe, self.angles, self.section, angle))
         return Displacements(shape.mid_displacement, shape.inner_displacement)
 
     def mirrored(self, q: StationVector) -> StationVector:

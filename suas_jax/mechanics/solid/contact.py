@@ -1,5 +1,7 @@
 """The solid's inner face against the wall: its edges' positions at quadrature points."""
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -43,6 +45,7 @@ class InnerFace:
     Args:
         wall: what it may touch.
         angles: of the stations [rad].
+        length: of the undeformed face per angle [m].
         rest: positions of the edges' nodes at rest, left, middle, right [m].
         moved: their displacements [m].
     """
@@ -51,22 +54,22 @@ class InnerFace:
         self,
         wall: Wall,
         angles: Float[Array, "station #lane"],
+        length: Callable[[Array], Array],
         rest: FaceValues,
         moved: FaceValues,
     ) -> None:
         self.wall = wall
         span = angles[1:] - angles[:-1]
         self.angle = angles[:-1] + (_XI[:, None, None] + 1) / 2 * span
-        radius: Lanes = jnp.sqrt(jnp.sum(rest[0, :, 0] ** 2, 0))
-        self.area = jnp.asarray(_WEIGHTS)[:, None, None] * radius * span / 2
+        self.area = jnp.asarray(_WEIGHTS)[:, None, None] * length(self.angle) * span / 2
         self.position = jnp.einsum("ag,acel->cgel", _SHAPES, rest + moved)
 
     def _gap(self) -> Gap:
-        return expanded(self.wall.gap, self.position)
+        return expanded(lambda x: self.wall.gap(x, self.angle), self.position)
 
     def energy(self) -> Lanes:
         """Energy of contact per width [J/m]."""
-        return jnp.sum(self.area * self.wall.law.energy(self.wall.gap(self.position)), (0, 1))
+        return jnp.sum(self.area * self.wall.law.energy(self.wall.gap(self.position, self.angle)), (0, 1))
 
     def element_terms(
         self,
@@ -80,7 +83,6 @@ class InnerFace:
 
     def state(self) -> ContactState:
         """Where the face is, and how it is pushed."""
-        x, y = self.position
-        gap = self.wall.gap(self.position)
+        polar, gap = self.wall.seen_from(self.position, self.angle)
         pressure = contact_pressure(self.wall.law, gap)
-        return ContactState(self.angle, jnp.arctan2(x, y), gap, pressure, self.area)
+        return ContactState(self.angle, polar, gap, pressure, self.area)

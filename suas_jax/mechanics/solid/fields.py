@@ -52,10 +52,10 @@ def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     xi, eta = (jnp.asarray(local)[:, i, None, None] for i in range(2))
     gradient, _ = displacement_gradient(xi, eta, u, x)
     state = PlaneStrain.from_displacement_gradient(gradient)
-    # Node positions lie on circles: the normal is the direction of the position.
-    place = jnp.swapaxes(x, 0, 1)
-    normal = jnp.swapaxes(place / jnp.sqrt(jnp.sum(place**2, 0)), 1, 2)
-    tangent = jnp.stack([normal[1], -normal[0]])
+    start, end = solid.angles[:-1], solid.angles[1:]
+    angle = start + (xi + 1) / 2 * (end - start)
+    at = solid.section.frame(angle)
+    normal, tangent = (v[:, None] for v in (at.normal, at.tangent))
 
     def stretch(fibre: Array) -> Array:
         return jnp.sqrt(jnp.sum((fibre + jnp.sum(gradient * fibre[None], 1)) ** 2, 0))

@@ -13,7 +13,7 @@ from suas_jax.mechanics.solid.carry import carried
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.mesh.plan import MeshPlan, load_points
-from suas_jax.mesh.section import plan_section
+from suas_jax.mesh.section import plan_section, size_of
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
@@ -96,7 +96,7 @@ class SolidModel(AbstractModel):
         least = 8 * 2 * (1 + len(scene.loads))
         if scene.rtol > _LOOSE:
             return (max(64, least), 2)
-        thick = scene.geometry.thickness > _THIN * scene.geometry.inner_radius
+        thick = scene.geometry.mean_thickness > _THIN * (size_of(scene) - scene.geometry.mean_thickness / 2)
         if scene.rtol > _STRICT:
             return (max(128, least), 4 if thick else 2)
         return (max(384, least), 6 if thick else 4)
@@ -137,8 +137,8 @@ class SolidModel(AbstractModel):
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> SolidPlan:
         """Pairs of elements that a comparison mesh joins; see the base class."""
         elements, layers = counts
-        geometry = scene.geometry
-        thickness = geometry.thickness / (geometry.inner_radius + geometry.thickness)
+        thick = scene.geometry.mean_thickness
+        thickness = thick / (size_of(scene) + thick / 2)
         thinnest = Layout(elements, layers).layer_ends[1]
         local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness * thinnest)
         pairs = plan_section(scene, (elements + 1) // 2, decay, local)

@@ -11,7 +11,7 @@ from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import Displacements, Profile
 from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadratic
 from suas_jax.mechanics.solid.layout import Layout
-from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.quadrature import gauss_legendre
 
 Nodes = Float[Array, "9 2 layer element lane"]
@@ -21,7 +21,7 @@ def face_stretch(
     angles: Float[Array, "station #lane"],
     stations: Float[Array, "2 station lane"],
     middles: Float[Array, "2 element lane"],
-    radius: Lanes,
+    lengths: tuple[Array, Array],
 ) -> Float[Array, "3 element lane"]:
     """Hoop stretch of a face at the left, middle and right node of every element.
 
@@ -33,7 +33,7 @@ def face_stretch(
         angles: of the stations [rad].
         stations: current positions of the face's nodes at the stations [m].
         middles: of those half-way between them.
-        radius: of the undeformed face [m].
+        lengths: of the undeformed face per angle, at stations and half-way [m].
     """
 
     def woven(ends: Array, between: Array) -> Array:
@@ -55,7 +55,7 @@ def face_stretch(
             factors = [(angle - near[k]) / (near[j] - near[k]) for k in others if k != m]
             weight = weight + functools.reduce(jnp.multiply, factors) / (near[j] - near[m])
         slope = slope + weight * x[:, first + j]
-    stretch = jnp.sqrt(jnp.sum(slope**2, 0)) / radius
+    stretch = jnp.sqrt(jnp.sum(slope**2, 0)) / woven(*lengths)
     return jnp.stack([stretch[:-1:2], stretch[1::2], stretch[2::2]])
 
 
@@ -91,6 +91,7 @@ def displacements(xi: Float[Array, "sample #element #lane"], u: Nodes) -> Displa
 
 def section(
     angle: Float[Array, "sample element lane"],
+    rest: Float[Array, "2 sample element lane"],
     xi: Float[Array, "sample #element #lane"],
     u: Nodes,
     x: Nodes,
@@ -101,6 +102,7 @@ def section(
 
     Args:
         angle: reference angle [rad].
+        rest: undeformed inner face [m].
         xi: local coordinate along the arc, -1 to 1.
         u: displacements of the nodes.
         x: reference positions of the nodes.
@@ -108,17 +110,18 @@ def section(
         law: the material.
     """
     outer = (u.shape[2] - 1, 2)
-    rest = _line(x, xi, outer, 1)
-    now = rest + _line(u, xi, outer, 1)
+    along = _line(x, xi, outer, 1)
+    now = along + _line(u, xi, outer, 1)
     moved = displacements(xi, u)
     nodes = zip(quadratic(xi), inner_stretch, strict=True)
     return Profile(
         angle=angle,
+        rest=rest,
         mid_displacement=moved.mid_displacement,
         inner_displacement=moved.inner_displacement,
         outer_displacement=_line(u, xi, outer, 0),
         inner_stretch=functools.reduce(jnp.add, [n * stretch for n, stretch in nodes]),
-        outer_stretch=jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(rest**2, 0)),
+        outer_stretch=jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(along**2, 0)),
         energy_density=_mean_energy(xi, u, x, law),
     )
 

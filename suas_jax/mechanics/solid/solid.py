@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import Assembly, ContactState, Displacements, Profile, largest
-from suas_jax.mechanics.section import AbstractSection
+from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.solid.contact import InnerFace
 from suas_jax.mechanics.solid.element import TABLES, mixed
 from suas_jax.mechanics.solid.enclosed_volume import enclosed_volume, follower
@@ -36,20 +36,21 @@ from suas_jax.mechanics.solid.shape import (
 )
 from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.skin.geometry import SkinGeometry, outward
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
 # Penalty on an element's change of volume in shear moduli; see `ElementTangent`.
 _PENALTY = 10.0
 
 
-class Solid(AbstractSection):
+class Solid(AbstractPlaneStrain):
     """Discretised continuum, optionally the left half of a symmetric one.
 
     Attributes:
         law: the membrane's material.
-        thickness: [m].
+        section: the undeformed membrane.
         angles: of the stations from the symmetry axis [rad].
         stations: positions of the stations' nodes, inner face first [m].
         middles: positions of the nodes half-way between stations [m].
@@ -63,7 +64,7 @@ class Solid(AbstractSection):
 
     resolves_loads: ClassVar[bool] = True
     law: AbstractLaw
-    thickness: Lanes
+    section: AbstractSection
     angles: Float[Array, "station #lane"]
     stations: Float[Array, "2 node station lane"]
     middles: Float[Array, "2 node element lane"]
@@ -98,12 +99,17 @@ class Solid(AbstractSection):
             wall: what holds the inner face; None for nothing.
         """
         layout = Layout(angles.shape[0] - 1, layers)
-        radius = geometry.inner_radius + layout.heights[:, None, None] * geometry.thickness
-        stations = radius * outward(angles)[:, None]
-        middles = radius * outward((angles[1:] + angles[:-1]) / 2)[:, None]
+
+        def nodes(angles: Array) -> Float[Array, "2 node angle lane"]:
+            at = geometry.section.frame(angles)
+            height = (layout.heights[:, None, None] - 0.5) * at.thickness
+            middle = geometry.section.mid_line(angles)[:, None]
+            return middle + height * at.normal[:, None]
+
+        stations, middles = nodes(angles), nodes((angles[1:] + angles[:-1]) / 2)
         return cls(
             law=law,
-            thickness=geometry.thickness,
+            section=geometry.section,
             angles=angles,
             stations=stations,
             middles=middles,
@@ -123,12 +129,17 @@ class Solid(AbstractSection):
     @property
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
-        return self.thickness
+        return self.section.mean_thickness
 
     @property
     def clamp_reach(self) -> Lanes:
         """One and a half thicknesses: the corner of clamp and face is singular [rad]."""
-        return 1.5 * self.thickness / jnp.sqrt(jnp.sum(self.stations[:, 0, 0] ** 2, 0))
+        return 1.5 * self.section.mean_thickness / self._inner_length(self.angles[:1])[0]
+
+    def _inner_length(self, angle: Array) -> Array:
+        """Length of the inner face per angle [m]."""
+        at = self.section.frame(angle)
+        return self.section.size * (1 - at.curvature * at.thickness / 2)
 
     @property
     def _ends(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
@@ -176,12 +187,13 @@ class Solid(AbstractSection):
         )
 
     def _inner_face(self, u: NodeValues, wall: Wall) -> InnerFace:
-        return InnerFace(wall, self.angles, self._inner_at_rest(), self.layout.inner_face(u))
+        rest, moved = self._inner_at_rest(), self.layout.inner_face(u)
+        return InnerFace(wall, self.angles, self._inner_length, rest, moved)
 
     def contact_energy(self, q: StationVector) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
         if self.wall is None:
-            return jnp.zeros_like(self.thickness)
+            return jnp.zeros_like(self.section.mean_thickness)
         return self._inner_face(self.layout.gather(q)[0], self.wall).energy()
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
@@ -241,8 +253,11 @@ class Solid(AbstractSection):
         at_stations, between = self.layout.lines(q)
         stations = self.stations[:, 0] + at_stations[:, 0]
         middles = self.middles[:, 0] + between[:, 0]
-        radius = jnp.sqrt(jnp.sum(self.stations[:, 0, 0] ** 2, 0))
-        return face_stretch(self.angles, stations, middles, radius)
+        lengths = [
+            self._inner_length(angle)
+            for angle in (self.angles, (self.angles[1:] + self.angles[:-1]) / 2)
+        ]
+        return face_stretch(self.angles, stations, middles, (lengths[0], lengths[1]))
 
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
@@ -251,7 +266,8 @@ class Solid(AbstractSection):
         start, end = self.angles[:-1], self.angles[1:]
         angle = start + (xi + 1) / 2 * (end - start)
         nodes = self.layout.corners(self.stations, self.middles)
-        return section(angle, xi, u, nodes, self._inner_stretch(q), self.law)
+        rest = self.section.inner_face(angle)
+        return section(angle, rest, xi, u, nodes, self._inner_stretch(q), self.law)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at a reference angle; see the base class."""

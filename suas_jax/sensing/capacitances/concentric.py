@@ -1,9 +1,10 @@
 """Capacitance of a curved wall under a film of even thickness."""
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.capacitance import AbstractFilmFormula
 
 
@@ -14,13 +15,20 @@ class Concentric(AbstractFilmFormula):
     """
 
     def thickness(
-        self, gap: Float[Array, "*shape lane"], wall_radius: Lanes
+        self, gap: Float[Array, "*shape lane"], wall_curvature: Array
     ) -> Float[Array, "*shape lane"]:
         """r_w ln(1 + d / r_w)."""
-        return wall_radius * jnp.log1p(gap / wall_radius)
+        return gap * _relative(jnp.log1p, gap * wall_curvature)
 
     def gap(
-        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
+        self, thickness: Float[Array, "*shape lane"], wall_curvature: Array
     ) -> Float[Array, "*shape lane"]:
         """r_w (exp(t / r_w) - 1)."""
-        return wall_radius * jnp.expm1(thickness / wall_radius)
+        return thickness * _relative(jnp.expm1, thickness * wall_curvature)
+
+
+def _relative(function: Callable[[Array], Array], x: Array) -> Array:
+    """f(x) / x of a function with f(0) = 0 and f'(0) = 1, also where the wall is straight."""
+    straight = jnp.abs(x) < 1e-9
+    safe = jnp.where(straight, 1.0, x)
+    return jnp.where(straight, 1.0, function(safe) / safe)

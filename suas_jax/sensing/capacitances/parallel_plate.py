@@ -10,15 +10,15 @@ class ParallelPlate(AbstractFilmFormula):
     """The paper's formula: eps0 eps_r / d per area."""
 
     def thickness(
-        self, gap: Float[Array, "*shape lane"], wall_radius: Lanes
+        self, gap: Float[Array, "*shape lane"], wall_curvature: Array
     ) -> Float[Array, "*shape lane"]:
         """The gap itself."""
-        del wall_radius
+        del wall_curvature
         return gap
 
     def gap(
-        self, thickness: Float[Array, "*shape lane"], wall_radius: Lanes
+        self, thickness: Float[Array, "*shape lane"], wall_curvature: Array
     ) -> Float[Array, "*shape lane"]:
         """The thickness itself."""
-        del wall_radius
+        del wall_curvature
         return thickness

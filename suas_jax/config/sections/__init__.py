@@ -1,0 +1,1 @@
+"""The kinds of section, one for each file."""

@@ -1,0 +1,270 @@
+"""A section of any shape: a smooth curve, described anew by the arc length of its mid-line.
+
+A kind of section gives the inner face by a parameter of its own. Here that curve is divided
+into pieces, and everything that is asked of a section (direction, position, thickness, the
+parameter itself) becomes a polynomial of the mid-line's arc length on each of them. What is
+built once is then as cheap as a look-up, and derivatives by every number of the curve pass
+through the polynomials.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.newton_polynomial import power_coefficients
+from suas_jax.skin.along import Along
+from suas_jax.skin.section import AbstractSection, outward
+
+# Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
+_NODES, _PIECES = 7, 48
+# Newton steps of an inverse: smooth functions, from a start good to a per cent.
+_INVERSE_STEPS = 5
+
+
+class AbstractCurve(eqx.Module):
+    """The inner face of a section by a parameter, from the left clamp to the right one.
+
+    Attributes:
+        symmetric: whether the left half is the mirror image of the right one.
+    """
+
+    symmetric: eqx.AbstractVar[bool]
+
+    @classmethod
+    @abc.abstractmethod
+    def of(cls, spec: Any, value: Callable[[str], Lanes]) -> "AbstractCurve":
+        """The curve of a [geometry] table.
+
+        Args:
+            spec: the table; its numbers are not used.
+            value: gives them by key, with a lane axis [SI].
+        """
+
+    @abc.abstractmethod
+    def edges(self) -> Float[Array, "edge lane"]:
+        """Parameters of the clamps, and between them of where a derivative jumps."""
+
+    @abc.abstractmethod
+    def position(self, parameter: Array, interval: Array) -> Float[Array, "2 *shape"]:
+        """Position [m] at parameters of the intervals between edges."""
+
+    @property
+    def kinks(self) -> tuple[int, ...]:
+        """Edges where the curvature jumps, which meshes follow."""
+        return ()
+
+    def given_angle(self, parameter: Array, direction: Array) -> Array:
+        """What a scene calls the angle of a place [rad]: by default that of its normal."""
+        del parameter
+        return direction
+
+
+class _Pieces(NamedTuple):
+    """Coefficients in ascending powers on every piece [power, piece, lane]."""
+
+    parameter: Array
+    arc: Array
+    direction: Array
+    mid_direction: Array
+    x: Array
+    y: Array
+    thickness: Array
+
+
+class ChartedSection(AbstractSection):
+    """A curve with a thickness along it.
+
+    Attributes:
+        curve: the inner face.
+        mean_thickness: of the membrane [m].
+        mid_length: of the mid-line [m].
+        ends: angles of the ends of the pieces.
+        pieces: by a coordinate that runs from -1 to 1 on each.
+        length: of the inner face [m].
+    """
+
+    curve: AbstractCurve
+    mean_thickness: Lanes
+    mid_length: Lanes
+    ends: Float[Array, "edge lane"]
+    pieces: _Pieces
+    length: Lanes
+
+    @classmethod
+    def of(cls, curve: AbstractCurve, thickness: Lanes | Along) -> Self:
+        """Describe a curve by the arc length of its mid-line.
+
+        Args:
+            curve: the inner face.
+            thickness: of the membrane, one for all or along the inner face's arc [m].
+        """
+        edges = curve.edges()
+        each = -(-_PIECES // (edges.shape[0] - 1))
+        interval = np.repeat(np.arange(edges.shape[0] - 1), each)
+        share = np.tile(np.arange(each) / each, edges.shape[0] - 1)[:, None]
+        step = jnp.diff(edges, axis=0)[interval] / each
+        first = edges[interval] + share * each * step
+        node, differentiate, integrate = _tables()
+        t = first + (node[:, None, None] + 1) / 2 * step
+        where = jnp.broadcast_to(interval[:, None], t.shape)
+
+        def position(t: Array) -> Array:
+            return curve.position(t, where)
+
+        place, velocity = jax.jvp(position, (t,), (jnp.ones_like(t),))
+        speed = jnp.sqrt(jnp.sum(velocity**2, 0))
+        direction = _unwrapped(jnp.arctan2(-velocity[1], velocity[0]))
+
+        def lengths(rate: Array) -> Array:
+            """Arc length at all nodes from the rate by the piece's coordinate."""
+            inside = jnp.einsum("nm,mpl->npl", integrate, rate)
+            before = jnp.cumsum(inside[-1], 0) - inside[-1]
+            return before + inside
+
+        arc = lengths(speed * step / 2)
+        length = arc[-1, -1]
+        if isinstance(thickness, Along):
+            thick, mean = thickness(arc / length), thickness.mean()
+        else:
+            thick, mean = jnp.broadcast_to(thickness, arc.shape), thickness
+        mid = place + thick / 2 * outward(direction)
+        along = jnp.einsum("nm,cmpl->cnpl", differentiate, mid)
+        mid_arc = lengths(jnp.sqrt(jnp.sum(along**2, 0)))
+        mid_direction = direction
+        if isinstance(thickness, Along):
+            mid_direction = _unwrapped(jnp.arctan2(-along[1], along[0]))
+        total = mid_arc[-1, -1]
+        size = total / np.pi
+        angle = (mid_arc - total / 2) / size
+        ends = jnp.concatenate([angle[0], angle[-1, -1:]])
+        local = (2 * angle - ends[:-1] - ends[1:]) / (ends[1:] - ends[:-1])
+        fields = (t, arc - length / 2, direction, mid_direction, mid[0], mid[1], thick)
+        pieces = _Pieces(*(power_coefficients(local, x) for x in fields))
+        return cls(curve, mean, total, ends, pieces, length)
+
+    @property
+    def symmetric(self) -> bool:  # type: ignore[override]
+        """That of the curve."""
+        return self.curve.symmetric
+
+    @property
+    def half_angle(self) -> Lanes:
+        """A quarter turn: the mid-line's length sets the size."""
+        return jnp.full_like(self.mid_length, np.pi / 2)
+
+    @property
+    def size(self) -> Lanes:
+        """See the base class."""
+        return self.mid_length / np.pi
+
+    @property
+    def breakpoints(self) -> list[Lanes]:
+        """See the base class."""
+        each = (self.ends.shape[0] - 1) // (self.curve.edges().shape[0] - 1)
+        return [self.ends[each * k] for k in self.curve.kinks]
+
+    def _at(self, angle: Array, *names: str, order: int = 0) -> list[Array]:
+        """Fields, or their derivatives by angle, at angles [*shape, lane]."""
+        lanes = self.ends.shape[-1]
+        angle = jnp.asarray(angle)
+        shape = jnp.broadcast_shapes(angle.shape, (lanes,))
+        flat = jnp.broadcast_to(angle, shape).reshape(-1, shape[-1])
+
+        def look_up(ends: Array, rows: Array, x: Array) -> Array:
+            """One lane: [field, power, piece] at points."""
+            inside = jnp.searchsorted(ends[1:-1], jax.lax.stop_gradient(x), side="right")
+            low, high = ends[inside], ends[inside + 1]
+            scale = 2 / (high - low)
+            v = (x - low) * scale - 1
+            found = jnp.zeros(())
+            for power in range(_NODES - 1, order - 1, -1):
+                factor = float(np.prod(np.arange(power - order + 1, power + 1)))
+                found = found * v + factor * rows[:, power][:, inside]
+            return found * scale**order
+
+        rows = jnp.stack([getattr(self.pieces, name) for name in names])
+        axes = (-1, -1, -1) if lanes > 1 else (None, None, -1)
+        ends = self.ends if lanes > 1 else self.ends[:, 0]
+        rows = rows if lanes > 1 else rows[..., 0]
+        found = jax.vmap(look_up, axes, -1)(ends, rows, flat)
+        return [x.reshape(shape) for x in found]
+
+    def thickness(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._at(angle, "thickness")[0]
+
+    def direction(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._at(angle, "mid_direction")[0]
+
+    def curvature(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._at(angle, "mid_direction", order=1)[0] / self.size
+
+    def mid_line(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """See the base class."""
+        return jnp.stack(self._at(angle, "x", "y"))
+
+    def inner_face(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """See the base class."""
+        x, y, thick, direction = self._at(angle, "x", "y", "thickness", "direction")
+        return jnp.stack([x, y]) - thick / 2 * outward(direction)
+
+    def given_angle(self, angle: Array) -> Array:
+        """See the base class."""
+        return self.curve.given_angle(*self._at(angle, "parameter", "direction"))
+
+    def from_given_angle(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._inverse(angle, "parameter")
+
+    def arc(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._at(angle, "arc")[0]
+
+    def from_arc(self, arc: Array) -> Array:
+        """See the base class."""
+        return self._inverse(arc, "arc")
+
+    def fraction(self, angle: Array) -> Array:
+        """Of the inner face's arc, from the left clamp."""
+        return 0.5 + self.arc(angle) / self.length
+
+    def _inverse(self, value: Array, name: str) -> Array:
+        """The angle where a growing field has a value."""
+        value = jnp.asarray(value)
+        low, high = (self._at(x, name)[0] for x in (-self.half_angle, self.half_angle))
+        start = (2 * (value - low) / (high - low) - 1) * self.half_angle
+
+        def step(angle: Array, _: None) -> tuple[Array, None]:
+            rate = self._at(angle, name, order=1)[0]
+            return angle + (value - self._at(angle, name)[0]) / rate, None
+
+        return jax.lax.scan(step, start, None, length=_INVERSE_STEPS)[0]
+
+
+def _tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Chebyshev-Lobatto nodes on [-1, 1]; matrices that differentiate and integrate from -1."""
+    node = -np.cos(np.pi * np.arange(_NODES) / (_NODES - 1))
+    powers = np.polynomial.chebyshev.chebvander(node, _NODES - 1)
+    inverse = np.linalg.inv(powers)
+    slopes, sums = np.empty((_NODES, _NODES)), np.empty((_NODES, _NODES))
+    for k, unit in enumerate(np.eye(_NODES)):
+        cheb = np.polynomial.chebyshev
+        slopes[:, k] = cheb.chebval(node, cheb.chebder(unit))
+        sums[:, k] = cheb.chebval(node, cheb.chebint(unit, lbnd=-1))
+    return node, slopes @ inverse, sums @ inverse
+
+
+def _unwrapped(direction: Float[Array, "node piece lane"]) -> Array:
+    """Directions without jumps along the section, pieces one after another."""
+    ordered = jnp.moveaxis(direction, 0, 1).reshape(-1, direction.shape[-1])
+    smooth = jnp.unwrap(ordered, axis=0)
+    return jnp.moveaxis(smooth.reshape(-1, _NODES, direction.shape[-1]), 1, 0)

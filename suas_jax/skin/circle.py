@@ -1,0 +1,74 @@
+"""A circle of one thickness, in closed forms: what other sections are described by tables for."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.section import AbstractSection, outward
+
+
+class Circle(AbstractSection):
+    """A membrane of one thickness around an axis; its angle is the one of scenes.
+
+    Attributes:
+        inner_radius: of the inner face [m].
+        mean_thickness: of the membrane [m].
+        half_angle: from the symmetry axis to a clamped edge [rad].
+    """
+
+    inner_radius: Lanes
+    mean_thickness: Lanes
+    half_angle: Lanes
+    symmetric: bool = eqx.field(static=True, default=True)
+
+    @property
+    def size(self) -> Lanes:
+        """Radius of the mid-line [m]."""
+        return self.inner_radius + self.mean_thickness / 2
+
+    def thickness(self, angle: Array) -> Array:
+        """The same everywhere [m]."""
+        del angle
+        return self.mean_thickness
+
+    def direction(self, angle: Array) -> Array:
+        """The angle."""
+        return angle
+
+    def curvature(self, angle: Array) -> Array:
+        """Inverse of the mid-line's radius [1/m]."""
+        del angle
+        return 1 / self.size
+
+    def mid_line(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Around the axis [m]."""
+        return self.size * outward(angle)
+
+    def inner_face(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Around the axis [m]."""
+        return self.inner_radius * outward(angle)
+
+    def given_angle(self, angle: Array) -> Array:
+        """The angle."""
+        return angle
+
+    from_given_angle = given_angle
+
+    def arc(self, angle: Array) -> Array:
+        """Of the inner face [m]."""
+        return self.inner_radius * angle
+
+    def from_arc(self, arc: Array) -> Array:
+        """See the base class."""
+        return arc / self.inner_radius
+
+    def foot(self, position: Float[Array, "2 *shape"], near: Array) -> tuple[Array, Array]:
+        """Polar coordinates; see the base class."""
+        del near
+        x, y = position[0], position[1]
+        return jnp.arctan2(x, y), jnp.sqrt(x**2 + y**2) - self.inner_radius
+
+    def moved(self, angle: Array, length: Array, height: Array) -> Array:
+        """See the base class."""
+        return angle + length / (self.size + height)

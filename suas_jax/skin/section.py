@@ -1,0 +1,179 @@
+"""The undeformed section of the membrane: one object for its curve and what lies along it.
+
+x points right and y to the crown. Every place along the section has one coordinate, the *angle*: arc length of the membrane's mid-line from its
+middle over the line's `size`. On a circle that is the angle from the symmetry axis, positive
+towards +x; elsewhere it runs over a quarter turn to either side as well.
+
+The undeformed mid-line has the unit tangent t and the outward normal n::
+
+    t = (cos a, -sin a),   n = (sin a, cos a),   da/ds = k
+
+with the direction a(angle) and the curvature k(angle); outer face, inner face and wall lie
+along n, so that lengths along them are 1 + k z times those of the mid-line.
+"""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.numerics.array_types import Lanes
+
+# Newton steps from a material point to the foot of a place near it: its angle changes by
+# little, and the derivatives of the last steps are exact to second order.
+_FOOT_STEPS = 6
+
+
+def outward(direction: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
+    """Unit vector at an angle from the y axis, clockwise: the normal of that direction."""
+    return jnp.stack([jnp.sin(direction), jnp.cos(direction)])
+
+
+def tangent(direction: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
+    """Unit vector along the undeformed section, in the direction of growing angle."""
+    return jnp.stack([jnp.cos(direction), -jnp.sin(direction)])
+
+
+class Frame(NamedTuple):
+    """The undeformed mid-line at angles.
+
+    Attributes:
+        angle: where [rad].
+        tangent: unit vector along it.
+        normal: outward unit vector.
+        curvature: of the mid-line [1/m].
+        thickness: of the membrane [m].
+    """
+
+    angle: Array
+    tangent: Float[Array, "2 *shape"]
+    normal: Float[Array, "2 *shape"]
+    curvature: Array
+    thickness: Array
+
+
+class AbstractSection(eqx.Module):
+    """The undeformed section of a membrane; the kinds are files of `suas_jax.skin.sections`.
+
+    Every method takes angles [*shape, lane] as the module defines them.
+
+    Attributes:
+        symmetric: whether the left half is the mirror image of the right one.
+        mean_thickness: of the membrane [m].
+        half_angle: angle of the right clamped edge [rad]; the left one has its negative.
+    """
+
+    symmetric: eqx.AbstractVar[bool]
+    mean_thickness: eqx.AbstractVar[Lanes]
+    half_angle: eqx.AbstractVar[Lanes]
+
+    @property
+    @abc.abstractmethod
+    def size(self) -> Lanes:
+        """Length of the mid-line per angle [m]; of a circle its radius."""
+
+    @abc.abstractmethod
+    def thickness(self, angle: Array) -> Array:
+        """Thickness of the membrane [m]."""
+
+    @abc.abstractmethod
+    def direction(self, angle: Array) -> Array:
+        """Angle of the outward normal from the y axis, clockwise [rad]."""
+
+    @abc.abstractmethod
+    def curvature(self, angle: Array) -> Array:
+        """Curvature of the mid-line, positive where it bulges outwards [1/m]."""
+
+    @abc.abstractmethod
+    def mid_line(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Position of the mid-line [m]."""
+
+    @abc.abstractmethod
+    def given_angle(self, angle: Array) -> Array:
+        """The angle that a scene calls so, from this module's [rad]."""
+
+    @abc.abstractmethod
+    def from_given_angle(self, angle: Array) -> Array:
+        """Inverse of `given_angle`."""
+
+    @abc.abstractmethod
+    def arc(self, angle: Array) -> Array:
+        """Arc length of the inner face from its middle [m]."""
+
+    @abc.abstractmethod
+    def from_arc(self, arc: Array) -> Array:
+        """Inverse of `arc`."""
+
+    def fraction(self, angle: Array) -> Array:
+        """Share of the inner face's arc that lies left of an angle."""
+        half = self.arc(self.half_angle)
+        return (self.arc(angle) - self.arc(-self.half_angle)) / (
+            half - self.arc(-self.half_angle)
+        )
+
+    @property
+    def breakpoints(self) -> list[Lanes]:
+        """Angles inside the section where its curvature jumps."""
+        return []
+
+    def frame(self, angle: Array) -> Frame:
+        """Directions, curvature and thickness at angles."""
+        direction = self.direction(angle)
+        t, n = tangent(direction), outward(direction)
+
+        def over(x: Array) -> Array:
+            """With as many axes as the angles."""
+            return jnp.reshape(x, (1,) * (angle.ndim - x.ndim) + x.shape)
+
+        curvature, thickness = over(self.curvature(angle)), over(self.thickness(angle))
+        return Frame(angle, t, n, curvature, thickness)
+
+    def normal(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Outward unit normal of the undeformed section."""
+        return outward(self.direction(angle))
+
+    def inner_face(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Position of the inner face [m]."""
+        return self.mid_line(angle) - self.thickness(angle) / 2 * self.normal(angle)
+
+    def foot(
+        self, position: Float[Array, "2 *shape"], near: Array
+    ) -> tuple[Array, Array]:
+        """Angle of the normal through a place, and the height over the inner face there [m].
+
+        Args:
+            position: x and y first, coordinates along the axis don't matter.
+            near: angle to start from.
+        """
+
+        def step(angle: Array, _: None) -> tuple[Array, None]:
+            direction, half = self.direction(angle), self.thickness(angle) / 2
+            off = position[:2] - self.inner_face(angle)
+            along, height = jnp.sum(off * tangent(direction), 0), jnp.sum(off * outward(direction), 0)
+            speed = self.size * (1 + self.curvature(angle) * (height - half))
+            return angle + along / speed, None
+
+        start = jnp.broadcast_to(jax.lax.stop_gradient(near), position.shape[1:])
+        angle, _ = jax.lax.scan(step, start, None, length=_FOOT_STEPS)
+        off = position[:2] - self.inner_face(angle)
+        return angle, jnp.sum(off * self.normal(angle), 0)
+
+    def moved(self, angle: Array, length: Array, height: Array) -> Array:
+        """The angle a length further along a line beside the mid-line.
+
+        Args:
+            angle: where to start.
+            length: signed, along the line [m].
+            height: of the line over the mid-line [m].
+        """
+
+        def rate(angle: Array) -> Array:
+            return length / (self.size * (1 + self.curvature(angle) * height))
+
+        first = rate(angle)
+        second = rate(angle + first / 2)
+        third = rate(angle + second / 2)
+        return angle + (first + 2 * second + 2 * third + rate(angle + third)) / 6

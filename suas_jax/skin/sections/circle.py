@@ -1,0 +1,46 @@
+"""An arc of a circle, for a membrane whose thickness varies along it."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from suas_jax.config.geometry import GeometrySpec
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.charted import AbstractCurve
+from suas_jax.skin.section import outward
+
+
+class CircularArc(AbstractCurve):
+    """By the angle from the symmetry axis, which is the one of scenes.
+
+    Attributes:
+        radius: of the inner face [m].
+        last: angle of the right clamp [rad].
+        symmetric: see the base class.
+    """
+
+    radius: Lanes
+    last: Lanes
+    symmetric: bool = eqx.field(static=True, default=True)
+
+    @classmethod
+    def of(cls, spec: GeometrySpec, value: Callable[[str], Lanes]) -> "CircularArc":
+        """See the base class."""
+        del spec
+        return cls(value("inner_radius"), value("half_angle"))
+
+    def edges(self) -> Float[Array, "edge lane"]:
+        """The clamps [rad]."""
+        return jnp.stack([-self.last, self.last])
+
+    def position(self, parameter: Array, interval: Array) -> Float[Array, "2 *shape"]:
+        """See the base class."""
+        del interval
+        return self.radius * outward(parameter)
+
+    def given_angle(self, parameter: Array, direction: Array) -> Array:
+        """The parameter."""
+        del direction
+        return parameter
