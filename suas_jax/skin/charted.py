@@ -8,8 +8,8 @@ through the polynomials.
 """
 
 import abc
-from collections.abc import Callable
-from typing import Any, NamedTuple, Self
+from collections.abc import Callable, Sequence
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -20,7 +20,13 @@ from jaxtyping import Array, Float
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.newton_polynomial import power_coefficients
 from suas_jax.skin.along import Along
-from suas_jax.skin.section import AbstractSection, outward
+from suas_jax.skin.section import (
+    FOOT_STEPS,
+    AbstractSection,
+    Frame,
+    outward,
+    tangent,
+)
 
 # Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
 _NODES, _PIECES = 7, 48
@@ -66,16 +72,9 @@ class AbstractCurve(eqx.Module):
         return direction
 
 
-class _Pieces(NamedTuple):
-    """Coefficients in ascending powers on every piece [power, piece, lane]."""
-
-    parameter: Array
-    arc: Array
-    direction: Array
-    mid_direction: Array
-    x: Array
-    y: Array
-    thickness: Array
+_FIELDS = ("parameter", "arc", "direction", "mid_direction", "thickness", "x", "y")
+"""What is tabulated: the curve's parameter, arc length and normal of the inner face, normal of
+the mid-line, thickness, position of the inner face."""
 
 
 class ChartedSection(AbstractSection):
@@ -86,7 +85,8 @@ class ChartedSection(AbstractSection):
         mean_thickness: of the membrane [m].
         mid_length: of the mid-line [m].
         ends: angles of the ends of the pieces.
-        pieces: by a coordinate that runs from -1 to 1 on each.
+        table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
+            -1 to 1 on it.
         length: of the inner face [m].
     """
 
@@ -94,7 +94,7 @@ class ChartedSection(AbstractSection):
     mean_thickness: Lanes
     mid_length: Lanes
     ends: Float[Array, "edge lane"]
-    pieces: _Pieces
+    table: Float[Array, "piece field power lane"]
     length: Lanes
 
     @classmethod
@@ -145,9 +145,9 @@ class ChartedSection(AbstractSection):
         angle = (mid_arc - total / 2) / size
         ends = jnp.concatenate([angle[0], angle[-1, -1:]])
         local = (2 * angle - ends[:-1] - ends[1:]) / (ends[1:] - ends[:-1])
-        fields = (t, arc - length / 2, direction, mid_direction, mid[0], mid[1], thick)
-        pieces = _Pieces(*(power_coefficients(local, x) for x in fields))
-        return cls(curve, mean, total, ends, pieces, length)
+        fields = (t, arc - length / 2, direction, mid_direction, thick, place[0], place[1])
+        powers = jnp.stack([power_coefficients(local, x) for x in fields])
+        return cls(curve, mean, total, ends, jnp.moveaxis(powers, 2, 0), length)
 
     @property
     def symmetric(self) -> bool:  # type: ignore[override]
@@ -170,31 +170,65 @@ class ChartedSection(AbstractSection):
         each = (self.ends.shape[0] - 1) // (self.curve.edges().shape[0] - 1)
         return [self.ends[each * k] for k in self.curve.kinks]
 
-    def _at(self, angle: Array, *names: str, order: int = 0) -> list[Array]:
-        """Fields, or their derivatives by angle, at angles [*shape, lane]."""
+    def _at(self, angle: Array, *names: str) -> list[Array]:
+        """Fields at angles [*shape, lane]."""
+        return self._with_slopes(angle, names, ())
+
+    def _with_slopes(
+        self, angle: Array, values: Sequence[str], slopes: Sequence[str]
+    ) -> list[Array]:
+        """Fields at angles [*shape, lane], and the derivatives of some by the angle."""
         lanes = self.ends.shape[-1]
-        angle = jnp.asarray(angle)
-        shape = jnp.broadcast_shapes(angle.shape, (lanes,))
+        shape = jnp.broadcast_shapes(jnp.shape(angle), (lanes,))
         flat = jnp.broadcast_to(angle, shape).reshape(-1, shape[-1])
 
-        def look_up(ends: Array, rows: Array, x: Array) -> Array:
-            """One lane: [field, power, piece] at points."""
-            inside = jnp.searchsorted(ends[1:-1], jax.lax.stop_gradient(x), side="right")
-            low, high = ends[inside], ends[inside + 1]
+        def look_up(ends: Array, table: Array, x: Array) -> list[Array]:
+            fixed = jax.lax.stop_gradient(x)
+            inside = jnp.searchsorted(ends[1:-1], fixed, side="right", method="compare_all")
+            row, low, high = table[inside], ends[inside], ends[inside + 1]
             scale = 2 / (high - low)
             v = (x - low) * scale - 1
-            found = jnp.zeros(())
-            for power in range(_NODES - 1, order - 1, -1):
-                factor = float(np.prod(np.arange(power - order + 1, power + 1)))
-                found = found * v + factor * rows[:, power][:, inside]
-            return found * scale**order
+            found = []
+            for name in values:
+                found.append(_horner(list(row[:, _FIELDS.index(name)].T), v))
+            for name in slopes:
+                powers = row[:, _FIELDS.index(name)].T
+                found.append(_horner([k * powers[k] for k in range(1, _NODES)], v) * scale)
+            return found
 
-        rows = jnp.stack([getattr(self.pieces, name) for name in names])
-        axes = (-1, -1, -1) if lanes > 1 else (None, None, -1)
-        ends = self.ends if lanes > 1 else self.ends[:, 0]
-        rows = rows if lanes > 1 else rows[..., 0]
-        found = jax.vmap(look_up, axes, -1)(ends, rows, flat)
+        if lanes == 1:
+            found = jax.vmap(lambda x: look_up(self.ends[:, 0], self.table[..., 0], x), -1, -1)
+            return [x.reshape(shape) for x in found(flat)]
+        found = jax.vmap(look_up, -1, -1)(self.ends, self.table, flat)
         return [x.reshape(shape) for x in found]
+
+    def frame(self, angle: Array) -> Frame:
+        """See the base class."""
+        thickness, direction, bend = self._with_slopes(
+            angle, ("thickness", "mid_direction"), ("mid_direction",)
+        )
+        t, n = tangent(direction), outward(direction)
+        return Frame(angle, t, n, bend / self.size, thickness)
+
+    def foot(self, position: Float[Array, "2 *shape"], near: Array) -> tuple[Array, Array]:
+        """On the normals of the inner face; see the base class."""
+        place = position[:2]
+
+        def off(angle: Array) -> tuple[Array, Array, Array, Array]:
+            x, y, direction, length, bend = self._with_slopes(
+                angle, ("x", "y", "direction"), ("arc", "direction")
+            )
+            away = place - jnp.stack([x, y])
+            along = jnp.sum(away * tangent(direction), 0)
+            return along, jnp.sum(away * outward(direction), 0), length, bend
+
+        def step(angle: Array, _: None) -> tuple[Array, None]:
+            along, height, length, bend = off(angle)
+            return angle + along / (length + height * bend), None
+
+        start = jnp.broadcast_to(jax.lax.stop_gradient(near), place.shape[1:])
+        angle, _ = jax.lax.scan(step, start, None, length=FOOT_STEPS)
+        return angle, off(angle)[1]
 
     def thickness(self, angle: Array) -> Array:
         """See the base class."""
@@ -206,16 +240,16 @@ class ChartedSection(AbstractSection):
 
     def curvature(self, angle: Array) -> Array:
         """See the base class."""
-        return self._at(angle, "mid_direction", order=1)[0] / self.size
+        return self._with_slopes(angle, (), ("mid_direction",))[0] / self.size
 
     def mid_line(self, angle: Array) -> Float[Array, "2 *shape"]:
         """See the base class."""
-        return jnp.stack(self._at(angle, "x", "y"))
+        x, y, thick, direction = self._at(angle, "x", "y", "thickness", "direction")
+        return jnp.stack([x, y]) + thick / 2 * outward(direction)
 
     def inner_face(self, angle: Array) -> Float[Array, "2 *shape"]:
         """See the base class."""
-        x, y, thick, direction = self._at(angle, "x", "y", "thickness", "direction")
-        return jnp.stack([x, y]) - thick / 2 * outward(direction)
+        return jnp.stack(self._at(angle, "x", "y"))
 
     def given_angle(self, angle: Array) -> Array:
         """See the base class."""
@@ -244,10 +278,17 @@ class ChartedSection(AbstractSection):
         start = (2 * (value - low) / (high - low) - 1) * self.half_angle
 
         def step(angle: Array, _: None) -> tuple[Array, None]:
-            rate = self._at(angle, name, order=1)[0]
-            return angle + (value - self._at(angle, name)[0]) / rate, None
+            here, rate = self._with_slopes(angle, (name,), (name,))
+            return angle + (value - here) / rate, None
 
         return jax.lax.scan(step, start, None, length=_INVERSE_STEPS)[0]
+
+
+def _horner(powers: list[Array], x: Array) -> Array:
+    found = powers[-1]
+    for power in powers[-2::-1]:
+        found = found * x + power
+    return found
 
 
 def _tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -16,15 +16,14 @@ import abc
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
 
-# Newton steps from a material point to the foot of a place near it: its angle changes by
-# little, and the derivatives of the last steps are exact to second order.
-_FOOT_STEPS = 6
+FOOT_STEPS = 6
+"""Newton steps from a material point to the foot of a place near it: its angle changes by
+little, and the derivatives of the last steps are exact to second order."""
 
 
 def outward(direction: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
@@ -92,6 +91,10 @@ class AbstractSection(eqx.Module):
         """Position of the mid-line [m]."""
 
     @abc.abstractmethod
+    def inner_face(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Position of the inner face [m]."""
+
+    @abc.abstractmethod
     def given_angle(self, angle: Array) -> Array:
         """The angle that a scene calls so, from this module's [rad]."""
 
@@ -135,10 +138,7 @@ class AbstractSection(eqx.Module):
         """Outward unit normal of the undeformed section."""
         return outward(self.direction(angle))
 
-    def inner_face(self, angle: Array) -> Float[Array, "2 *shape"]:
-        """Position of the inner face [m]."""
-        return self.mid_line(angle) - self.thickness(angle) / 2 * self.normal(angle)
-
+    @abc.abstractmethod
     def foot(
         self, position: Float[Array, "2 *shape"], near: Array
     ) -> tuple[Array, Array]:
@@ -148,18 +148,6 @@ class AbstractSection(eqx.Module):
             position: x and y first, coordinates along the axis don't matter.
             near: angle to start from.
         """
-
-        def step(angle: Array, _: None) -> tuple[Array, None]:
-            direction, half = self.direction(angle), self.thickness(angle) / 2
-            off = position[:2] - self.inner_face(angle)
-            along, height = jnp.sum(off * tangent(direction), 0), jnp.sum(off * outward(direction), 0)
-            speed = self.size * (1 + self.curvature(angle) * (height - half))
-            return angle + along / speed, None
-
-        start = jnp.broadcast_to(jax.lax.stop_gradient(near), position.shape[1:])
-        angle, _ = jax.lax.scan(step, start, None, length=_FOOT_STEPS)
-        off = position[:2] - self.inner_face(angle)
-        return angle, jnp.sum(off * self.normal(angle), 0)
 
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
         """The angle a length further along a line beside the mid-line.
