@@ -91,7 +91,7 @@ def true_output(spec: SkinSpec, case: Case, loads: np.ndarray) -> SensorOutput:
     # Every case runs the same program: a line is a contact of no width, and what fills the
     # lanes up is dropped again.
     points, weights = np.polynomial.legendre.leggauss(SPREAD_POINTS)
-    half = case.width / 2 / float(skin.geometry.outer_radius[0])
+    half = case.width / 2 / float(skin.geometry.outer_size[0])
     every = np.zeros((-(-(len(loads) + 1) // _LANES) * _LANES, 2))
     every[: len(loads)] = loads
     # A contact presses in one direction: where it is off its middle, it is turned back.

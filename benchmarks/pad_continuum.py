@@ -176,7 +176,7 @@ def estimated() -> list[str]:
     quantities = ("position", "force", "oil pressure", "held by 95 % intervals")
     head = ("force", "one contact, `ok`", *quantities)
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    radius = float(estimator.skin.geometry.outer_radius[0])
+    radius = float(estimator.skin.geometry.outer_size[0])
     for force in FORCES:
         errors, held, good = [], [], 0
         for load, oil, e in zip(loads, pressures, found, strict=True):

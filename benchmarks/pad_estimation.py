@@ -124,7 +124,7 @@ def report(
     stated = np.array([[[c.deviation(n) for n in NAMES] for c in e.contacts] for e in chosen])
     ratio = np.sqrt(((error / bound) ** 2).mean((0, 1)))
     covered = (np.abs(error) < 1.96 * stated).mean((0, 1))
-    radius = 1e3 * float(estimator.skin.geometry.outer_radius[0])
+    radius = 1e3 * float(estimator.skin.geometry.outer_size[0])
     scale = np.array([radius, 1e3, 1.0])
     angle, axial, force = np.median(np.abs(error) * scale, (0, 1))
     print(f"  median |error|: {angle:.3f} mm, {axial:.3f} mm, {force:.3f} N")
@@ -142,7 +142,7 @@ def light_contacts(estimator: LoadEstimator, count: int = 400) -> None:
     fitter: Any = estimator.selection.fitter
     so = fitter.interpolant(loads, 1).readings[:, :-1]
     found = estimator.estimate(measured(so, 6))
-    radius = float(estimator.skin.geometry.outer_radius[0])
+    radius = float(estimator.skin.geometry.outer_size[0])
     for low, high in itertools.pairwise(_LIGHT):
         rows = np.flatnonzero((force[:, 0] >= low) & (force[:, 0] < high))
         single = [k for k in rows if len(found[k].contacts) == 1]
@@ -184,7 +184,7 @@ def main() -> None:
     exact = with_thickness(load_skin(SKIN), 0.0)  # readings are of this very skin
     estimator = LoadEstimator(exact, most_contacts=4)
     print(f"table made or loaded in {time.perf_counter() - begin:.1f} s")
-    radius = float(estimator.skin.geometry.outer_radius[0])
+    radius = float(estimator.skin.geometry.outer_size[0])
     if options.truth is not None and options.truth.exists():
         with np.load(options.truth) as data:
             one = Truth(data["loads"], data["so"])

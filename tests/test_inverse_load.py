@@ -121,7 +121,7 @@ def test_single_contacts_of_the_solid_reach_the_bound(
     assert force < 0.02
     assert 0.90 <= judged.covered.mean() <= 0.99
     assert 0.9 < np.mean([e.chi2_per_dof for e in found]) < 1.15
-    outer = float(estimator.skin.geometry.outer_radius[0])
+    outer = float(estimator.skin.geometry.outer_size[0])
     contact = found[0].contacts[0]
     assert contact.arc_position == pytest.approx(outer * contact.angle)
 

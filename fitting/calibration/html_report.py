@@ -174,8 +174,8 @@ def _drawing(
     pressed: Sequence[tuple[Step, Press]],
 ) -> dict[str, Any]:
     """The unrolled wall with taxels, and where it was pressed [px]."""
-    geometry = spec.geometry
-    half = geometry.half_angle * (geometry.inner_radius - geometry.oil_gap)
+    geometry = spec.geometry.circle("`suas calibrate`")
+    half = geometry.half_angle * (geometry.inner_radius - geometry.mean_gap)
     across = geometry.width / 2
 
     def point(arc: float, axial: float) -> tuple[str, str]:

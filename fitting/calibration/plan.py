@@ -70,7 +70,7 @@ def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tupl
         force: of all presses [N].
     """
     axial = 0.0 if spec.geometry.dimension == 3 else None
-    edge = spec.geometry.half_angle
+    edge = spec.geometry.circle("`suas calibrate`").half_angle
     pressed, verified = (
         tuple(Press(share * edge, force, axial) for share in shares)
         for shares in (_PRESSED, _VERIFIED)
@@ -99,8 +99,9 @@ def press_of(text: str, spec: SkinSpec, option: str) -> Press:
     except ValueError as error:
         usual = '"45 deg, 10 mm, 5 N"' if pad else '"45 deg, 5 N"'
         raise ValueError(f'{option} "{text}": {error}; expected {usual}') from None
-    if abs(angle) >= spec.geometry.half_angle or not force > 0:
-        edge = format_quantity(spec.geometry.half_angle, "angle")
+    half = spec.geometry.circle("`suas calibrate`").half_angle
+    if abs(angle) >= half or not force > 0:
+        edge = format_quantity(half, "angle")
         raise ValueError(
             f'{option} "{text}": an angle within {edge} and a force above zero are expected'
         )

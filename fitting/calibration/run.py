@@ -121,7 +121,8 @@ def _fitted(
     )
     report["verification"] = [_check_json(check) for check in checks]
     report["verified"] = all(check.passed for check in checks) if checks else None
-    radius = spec.geometry.inner_radius - spec.geometry.oil_gap
+    circle = spec.geometry.circle("`suas calibrate`")
+    radius = circle.inner_radius - circle.mean_gap
     places = [*taxel_places(spec.electrodes, radius).values()]
     page = html_report(spec, places, report, options.steps, checks, health)
     write_text(options.page, page)
@@ -188,7 +189,7 @@ def _rest(
 def _drawn(spec: SkinSpec, step: Step) -> str:
     """Where to press, as lines of characters: along the arc, on a pad also along the axis."""
     assert step.press is not None
-    lines = picture([step.press.angle], spec.geometry.half_angle)
+    lines = picture([step.press.angle], spec.geometry.circle("`suas calibrate`").half_angle)
     if step.press.axial is None:
         return lines
     half = spec.geometry.width / 2

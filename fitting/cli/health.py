@@ -95,7 +95,8 @@ def _places(skin: Path) -> dict[tuple[int, int], tuple[float, float]]:
     spec = load_skin(skin)
     if spec.electrodes is None:
         raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
-    return taxel_places(spec.electrodes, spec.geometry.inner_radius - spec.geometry.oil_gap)
+    circle = spec.geometry.circle("`suas health`")
+    return taxel_places(spec.electrodes, circle.inner_radius - circle.mean_gap)
 
 
 def _print(found: "Health") -> None:

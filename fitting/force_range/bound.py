@@ -152,7 +152,7 @@ def force_range(
         raise ValueError(f"noise = {deviation}: zero or more counts are needed")
     geometry = free.geometry
     edge = float(
-        geometry.half_angle[0] - _CLOSEST * geometry.thickness[0] / geometry.mid_radius[0]
+        geometry.half_angle[0] - _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
     )
     angle = np.linspace(-edge, edge, angles) if angles > 1 else np.zeros(1)
     progress("first contact")

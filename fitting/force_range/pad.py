@@ -170,7 +170,7 @@ def pad_force_range(
     own = skin.electrodes.taxels
     taxels = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
     return range_from_table(
-        table, float(skin.geometry.outer_radius[0]), taxels, places, deviation
+        table, float(skin.geometry.outer_size[0]), taxels, places, deviation
     )
 
 

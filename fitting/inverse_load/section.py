@@ -45,7 +45,7 @@ def section_parts(
     )
     assessment = SectionAssessment(
         fitter.parameters,
-        float(skin.geometry.outer_radius[0]),
+        float(skin.geometry.outer_size[0]),
         np.asarray(skin.electrodes.taxels.angle)[:, 0],
         fitter.edge,
         table,

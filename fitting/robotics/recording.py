@@ -70,7 +70,8 @@ class Recording:
         from mcap_ros2.writer import Writer
 
         self._film = TaxelFilm(spec, rest)
-        self._outer = spec.geometry.inner_radius + spec.geometry.thickness
+        circle = spec.geometry.circle("an MCAP recording")
+        self._outer = circle.inner_radius + circle.mean_thickness
         self._shown = 0  # contacts that have a wrench
         with contextlib.ExitStack() as stack:
             draft = stack.enter_context(written(path))

@@ -28,10 +28,10 @@ class Grid:
     @classmethod
     def of(cls, geometry: GeometrySpec) -> "Grid":
         """The grid of a skin."""
-        pad = geometry.dimension == 3
-        angle = np.linspace(-1, 1, _ARC if pad else _SECTION) * geometry.half_angle
+        circle, pad = geometry.circle("`suas view`"), geometry.dimension == 3
+        angle = np.linspace(-1, 1, _ARC if pad else _SECTION) * circle.half_angle
         axial = np.linspace(-1, 1, _AXIAL) * geometry.width / 2 if pad else np.zeros(1)
-        return cls(angle, axial, geometry.inner_radius)
+        return cls(angle, axial, circle.inner_radius)
 
     @property
     def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -35,8 +35,8 @@ class InterpolatedMembrane:
     ) -> None:
         self._film, self._grid = film, grid
         self._pad = geometry.dimension == 3
-        self._rest = geometry.oil_gap
-        radius = geometry.inner_radius
+        circle = geometry.circle("`suas view`")
+        self._rest, radius = circle.mean_gap, circle.inner_radius
         self._points = self._place(*grid.points, radius)
         self._taxels = self._place(film.angle, film.axial, radius)
         self._edges = self._place(*_clamps(geometry), radius)
@@ -81,7 +81,7 @@ class InterpolatedMembrane:
 
 def _clamps(geometry: GeometrySpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Angles and axial positions of points along the clamped edges."""
-    half, end = geometry.half_angle, geometry.width / 2
+    half, end = geometry.circle("`suas view`").half_angle, geometry.width / 2
     if geometry.dimension == 2:
         return np.array([-half, half]), np.zeros(2)
     arc = np.linspace(-half, half, _EDGE_POINTS)

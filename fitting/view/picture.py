@@ -112,7 +112,8 @@ def arrow(contact: Contact, geometry: GeometrySpec) -> dict[str, Any]:
 
     In plane strain the force acts along a line, and the ellipse is a strip.
     """
-    outer = geometry.inner_radius + geometry.thickness
+    circle = geometry.circle("`suas view`")
+    outer = circle.inner_radius + circle.mean_thickness
     entry: dict[str, Any] = {
         "angle": contact.angle,
         "axial": contact.axial or 0.0,
@@ -194,14 +195,15 @@ def describe(
             }
             for module, number, angle, axial, diameter in rows
         ]
+    circle = geometry.circle("`suas view`")
     return {
         "title": title,
         "dimension": geometry.dimension,
-        "inner_radius": geometry.inner_radius,
-        "thickness": geometry.thickness,
-        "half_angle": geometry.half_angle,
-        "width": geometry.width,
-        "oil_gap": geometry.oil_gap,
+        "inner_radius": circle.inner_radius,
+        "thickness": circle.mean_thickness,
+        "half_angle": circle.half_angle,
+        "width": circle.width,
+        "oil_gap": circle.mean_gap,
         "grid_angle": grid.angle.tolist(),
         "grid_axial": grid.axial.tolist(),
         "taxels": taxels,

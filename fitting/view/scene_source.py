@@ -191,7 +191,8 @@ def sliders_of(scene: SceneSpec) -> list[dict[str, Any]]:
             }
         )  # fmt: skip
 
-    half, end = _EDGE * geometry.half_angle, _EDGE * geometry.width / 2
+    circle = geometry.circle("`suas view`")
+    half, end = _EDGE * circle.half_angle, _EDGE * geometry.width / 2
     for i, load in enumerate(scene.loads):
         which = f" {i + 1}" if len(scene.loads) > 1 else ""
         if load.kind == "pressure":
@@ -201,10 +202,11 @@ def sliders_of(scene: SceneSpec) -> list[dict[str, Any]]:
             continue
         most = max(_LEAST_FORCE, 2 * load.force)
         add(f"load.{i}.force", f"force{which}", "N", 1.0, (0.0, most), load.force)
-        add(f"load.{i}.angle", f"angle{which}", "°", 180 / np.pi, (-half, half), load.angle)
+        if load.angle is not None:
+            add(f"load.{i}.angle", f"angle{which}", "°", 180 / np.pi, (-half, half), load.angle)
         if load.kind == "patch":
             add(f"load.{i}.axial", f"along the axis{which}", "mm", 1e3, (-end, end), load.axial)
-    thick, gap = geometry.thickness, geometry.oil_gap
+    thick, gap = circle.mean_thickness, circle.mean_gap
     add("geometry.thickness", "thickness", "mm", 1e3, (thick / 2, 2 * thick), thick)
     add("geometry.oil_gap", "oil gap", "mm", 1e3, (gap / 2, 2 * gap), gap)
     add(_STIFFNESS, "stiffness", "×", 1.0, (0.25, 4.0), 1.0)

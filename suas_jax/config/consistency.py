@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     from suas_jax.config.geometry import GeometrySpec
     from suas_jax.config.schema_load import LineLoadSpec, PatchLoadSpec, PressureLoadSpec
     from suas_jax.config.schema_skin import ElectrodesSpec, ModuleSpec, TaxelSpec
-    from suas_jax.config.sections.circle import CircleSpec
     from suas_jax.config.schema_solve import SolveSpec
     from suas_jax.config.schema_wall import WallSpec
+    from suas_jax.config.sections.circle import CircleSpec
+
+    Placed: TypeAlias = LineLoadSpec | PatchLoadSpec | TaxelSpec | ModuleSpec
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
@@ -78,14 +80,15 @@ def _circle(geometry: GeometrySpec) -> CircleSpec | None:
     return geometry if isinstance(geometry, CircleSpec) else None
 
 
-def _angle_on(geometry: CircleSpec, place: _Place) -> float:
+def angle_on(geometry: CircleSpec, place: Placed) -> float:
+    """Angle of a place on a circle, however it is told [rad]."""
     if place.angle is not None:
         return place.angle
     assert place.arc is not None
     return place.arc / geometry.inner_radius
 
 
-def _without_angle(key: str, geometry: GeometrySpec, place: _Place) -> Iterator[Contradiction]:
+def _without_angle(key: str, geometry: GeometrySpec, place: Placed) -> Iterator[Contradiction]:
     if place.angle is not None and not geometry.has_angle:
         yield Contradiction(
             f"{key}.angle",
@@ -193,7 +196,7 @@ def _off_the_pad(
     circle = _circle(geometry)
     if circle is not None:
         outer = circle.inner_radius + circle.mean_thickness
-        reach = abs(_angle_on(circle, load)) + half_arc / outer
+        reach = abs(angle_on(circle, load)) + half_arc / outer
         if reach >= circle.half_angle:
             yield Contradiction(
                 f"{key}.{_named(load)}",
@@ -210,7 +213,7 @@ def _off_the_pad(
         )
 
 
-def _named(place: _Place) -> str:
+def _named(place: Placed) -> str:
     return "angle" if place.angle is not None else "arc"
 
 
@@ -222,7 +225,7 @@ def _off_the_skin(
     if circle is None:
         return
     edge = format_quantity(circle.half_angle, "angle")
-    angle = _angle_on(circle, load)
+    angle = angle_on(circle, load)
     if abs(angle) >= circle.half_angle:
         yield Contradiction(
             f"{key}.{_named(load)}",
@@ -244,16 +247,21 @@ def _off_the_skin(
 def _off_the_wall(
     geometry: GeometrySpec, electrodes: ElectrodesSpec
 ) -> Iterator[Contradiction]:
-    tables = [(f"taxels.{i}", taxel) for i, taxel in enumerate(electrodes.taxels)]
-    tables += [(f"modules.{i}", module) for i, module in enumerate(electrodes.modules)]
+    for index, taxel in enumerate(electrodes.taxels):
+        yield from _centre(f"electrodes.taxels.{index}", geometry, taxel)
+    for index, module in enumerate(electrodes.modules):
+        key = f"electrodes.modules.{index}"
+        centre, circle = list(_centre(key, geometry, module)), _circle(geometry)
+        yield from centre if centre or circle is None else _corners(key, circle, module)
+
+
+def _centre(
+    key: str, geometry: GeometrySpec, place: TaxelSpec | ModuleSpec
+) -> Iterator[Contradiction]:
+    yield from _without_angle(key, geometry, place)
     circle = _circle(geometry)
-    for name, place in tables:
-        key = f"electrodes.{name}"
-        yield from _without_angle(key, geometry, place)
-        angle = None if circle is None else _angle_on(circle, place)
-        centre = list(_place(f"{key}.", geometry, angle, place.axial, _named(place)))
-        corners = circle is not None and hasattr(place, "pitch") and not centre
-        yield from _corners(key, circle, place) if corners else centre
+    angle = None if circle is None else angle_on(circle, place)
+    yield from _place(f"{key}.", geometry, angle, place.axial, _named(place))
 
 
 def _place(
@@ -286,7 +294,7 @@ def _corners(key: str, geometry: CircleSpec, module: ModuleSpec) -> Iterator[Con
     for corner in range(3):
         turn = module.rotation + math.pi / 2.0 + corner * 2.0 * math.pi / 3.0
         reach = math.sqrt(3.0) * module.pitch
-        angle = _angle_on(geometry, module) + reach * math.cos(turn) / wall
+        angle = angle_on(geometry, module) + reach * math.cos(turn) / wall
         axial = module.axial + reach * math.sin(turn)
         at = f"{format_quantity(angle, 'angle')}, {format_quantity(axial, 'length')}"
         what = f"a corner taxel, at {at}, "

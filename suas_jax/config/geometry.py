@@ -6,11 +6,14 @@ of the same name in `suas_jax.skin.sections`.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field, ValidationInfo, model_validator
 
 from suas_jax.config.fields import AsList, PositiveLength, Quantity, Spec, quantity
+
+if TYPE_CHECKING:
+    from suas_jax.config.sections.circle import CircleSpec
 
 _Fraction = Annotated[float, quantity("number", at_least=0.0)]
 
@@ -93,6 +96,20 @@ class GeometrySpec(Spec):
     def is_circle(self) -> bool:
         """Whether the section is a circle of one thickness and gap."""
         return False
+
+    def circle(self, what: str) -> CircleSpec:
+        """The dimensions of a circle, for what knows no other section.
+
+        Args:
+            what: works with circles alone; begins the message.
+
+        Raises:
+            ValueError: the section is another one.
+        """
+        raise ValueError(
+            f"{what} works with circles of one thickness and gap alone, and geometry.section "
+            f'= "{self.section}" or a table along its arc makes this skin another one'
+        )
 
     @property
     def mean_thickness(self) -> float:

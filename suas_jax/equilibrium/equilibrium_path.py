@@ -20,7 +20,7 @@ from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.skin.wall import Wall
 
-# How far a path without a wall goes beyond it, relative to its radius.
+# How far a path without a wall goes beyond it, relative to its length per angle.
 _BEYOND = 1e-4
 
 
@@ -28,7 +28,7 @@ def beyond_wall(
     mechanics: AbstractMechanics, q: StationVector, wall: Wall
 ) -> Bool[Array, " lane"]:
     """Whether a membrane that no wall holds has gone too far beyond a given one."""
-    return smallest_gap(mechanics, q, wall) < -_BEYOND * wall.radius
+    return smallest_gap(mechanics, q, wall) < -_BEYOND * wall.geometry.wall_size
 
 
 def path(

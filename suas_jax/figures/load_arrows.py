@@ -3,18 +3,23 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from suas_jax.config import continuous_inputs
-from suas_jax.scene.parts import scene_parts
-from suas_jax.scene.solve import Solution
+from suas_jax.figures.outline import Outline
 
 
-def draw_loads(axes: Axes, solution: Solution, outer: np.ndarray, angle: np.ndarray) -> None:
-    """Draw every line load as an arrow that ends at the outer face."""
-    parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
+def draw_loads(axes: Axes, drawn: Outline, outer: np.ndarray, angle: np.ndarray) -> None:
+    """Draw every line load as an arrow that ends at the outer face.
+
+    Args:
+        axes: in millimetres.
+        drawn: the section and its loads.
+        outer: points of the deformed outer face [2, point] [mm].
+        angle: of those points [rad].
+    """
     length = 0.18 * np.ptp(outer[0])
-    for load in parts.forces:
-        at = outer[:, int(np.argmin(np.abs(angle - float(load.angle[0]))))]
-        push = np.asarray(load.direction)[:, 0] * np.sign(float(load.force[0]))
+    for place, push in zip(drawn.load_angle, drawn.load_push, strict=True):
+        if not push.any():  # no load, or none that pushes
+            continue
+        at = outer[:, int(np.argmin(np.abs(angle - place)))]
         axes.annotate(
             "",
             xy=tuple(at),

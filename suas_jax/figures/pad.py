@@ -40,7 +40,7 @@ def plot_pad(
         raise ValueError("the skin has no [electrodes]: there is no pad to draw")
     parts = skin_parts(skin, continuous_inputs(skin))
     assert parts.electrodes is not None
-    wall, taxels = parts.geometry.wall_radius, parts.electrodes.taxels
+    wall, taxels = parts.geometry.wall_size, parts.electrodes.taxels
     value = np.asarray(values, float)
     if value.shape != (len(taxels.number),):
         raise ValueError(f"{value.size} values for {len(taxels.number)} taxels")
@@ -48,7 +48,7 @@ def plot_pad(
     x = scale * np.asarray(taxels.angle)[:, 0]
     y, radius = 1e3 * np.asarray(taxels.axial)[:, 0], 5e2 * np.asarray(taxels.diameter)[:, 0]
     width = 1e3 * skin.geometry.width / 2
-    length = scale * skin.geometry.half_angle
+    length = scale * float(parts.geometry.half_angle[0])
     figure = Figure(figsize=(9, 1.2 + 8 * min(1.0, width / length)), layout="constrained")
     axes = figure.subplots()
     discs = [Circle((a, b), r) for a, b, r in zip(x, y, radius, strict=True)]

@@ -1,6 +1,10 @@
 """Figure of a solved pad: its gap unrolled, and the deformed membrane in space."""
 
+from typing import NamedTuple
+
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import Normalize
@@ -10,21 +14,45 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.solve import Solution
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad
 
 _SAMPLES = 3  # intervals along either side of an element
 
 
-def _grid(problem: Problem, state: State, shown: State) -> Faces:
+class _Grid(NamedTuple):
+    """The deformed pad on a grid [arc, axial, 1].
+
+    Attributes:
+        inner: positions of the inner face [m], components leading.
+        outer: positions of the outer face.
+        height: of the inner face over the undeformed one [m].
+        angle: of the normal through it, as scenes tell it [rad].
+    """
+
+    inner: Array
+    outer: Array
+    height: Array
+    angle: Array
+
+
+def _grid(problem: Problem, state: State, shown: State) -> _Grid:
     """The faces on a grid."""
     del state
     pad = problem.mechanics
     assert isinstance(pad, Pad)
-    return pad.sampled(shown.q, _SAMPLES)
+    faces, section = pad.sampled(shown.q, _SAMPLES), pad.section
+    rest = section.inner_face(faces.angle)
+    above = rest + section.thickness(faces.angle) * section.normal(faces.angle)
+    inner, outer = (
+        jnp.concatenate([x, faces.axial[None]]) + moved
+        for x, moved in ((rest, faces.inner_displacement), (above, faces.outer_displacement))
+    )
+    angle, height = section.foot(inner, faces.angle)
+    return _Grid(inner, outer, height, section.given_angle(angle))
 
 
 def plot_pad_surface(solution: Solution) -> Figure:
@@ -33,23 +61,15 @@ def plot_pad_surface(solution: Solution) -> Figure:
     Args:
         solution: a solution in three dimensions.
     """
-    grid = solution.read(_grid)
-    inner, outer, angle, axial = (
-        np.asarray(x)[..., 0]
-        for x in (grid.inner_displacement, grid.outer_displacement, grid.angle, grid.axial)
-    )
+    face, outer, height, angle = (np.asarray(x)[..., 0] for x in solution.read(_grid))
     geometry = solution.scene.geometry
-    normal = np.stack([np.sin(angle), np.cos(angle), 0 * angle])
-    along = np.stack([0 * angle, 0 * angle, axial])
-    face = geometry.inner_radius * normal + along + inner
-    radius = np.hypot(face[0], face[1])
-    gap = 1e3 * (radius - geometry.inner_radius + geometry.oil_gap)
-    place = np.rad2deg(np.arctan2(face[0], face[1])), 1e3 * face[2]
+    gap = 1e3 * (height + geometry.mean_gap)
+    place = np.rad2deg(angle), 1e3 * face[2]
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     panels = figure.add_gridspec(1, 2, width_ratios=(1, 1.1))
     flat = figure.add_subplot(panels[0])
-    gap_scale = _around(gap, 1e3 * geometry.oil_gap)
+    gap_scale = _around(gap, 1e3 * geometry.mean_gap)
     mesh = flat.pcolormesh(*place, gap, cmap="RdBu", norm=gap_scale, shading="gouraud")
     flat.contour(*place, gap, levels=11, colors="0.3", linewidths=0.4)
     figure.colorbar(mesh, ax=flat, label="gap to the wall [mm]", shrink=0.9)
@@ -57,12 +77,12 @@ def plot_pad_surface(solution: Solution) -> Figure:
     _draw_taxels(flat, parts)
     for load in parts.forces:
         assert isinstance(load, PadLoad)
-        _draw_load(flat, load, geometry.inner_radius + geometry.thickness)
+        _draw_load(flat, load, parts.skin.geometry)
     flat.set(xlabel="angle [deg]", ylabel="position along the axis [mm]")
 
     space = figure.add_subplot(panels[1], projection="3d")
     assert isinstance(space, Axes3D)
-    top = 1e3 * ((geometry.inner_radius + geometry.thickness) * normal + along + outer)
+    top = 1e3 * outer
     colours = mesh.cmap(gap_scale(gap))
     space.plot_surface(top[0], top[2], top[1], facecolors=colours, linewidth=0, shade=True,
                        rcount=200, ccount=200)  # fmt: skip
@@ -91,11 +111,10 @@ def _draw_taxels(axes: Axes, parts: SceneParts) -> None:
     if electrodes is None:
         return
     taxels = electrodes.taxels
-    angle, axial, diameter = (
-        np.asarray(x)[:, 0] for x in (taxels.angle, taxels.axial, taxels.diameter)
-    )
-    wide = np.rad2deg(diameter / float(parts.skin.geometry.wall_radius[0]))
-    places = np.stack([np.rad2deg(angle), 1e3 * axial], 1)
+    axial, diameter = (np.asarray(x)[:, 0] for x in (taxels.axial, taxels.diameter))
+    wide = np.rad2deg(diameter / float(parts.skin.geometry.wall_size[0]))
+    given = np.asarray(parts.skin.geometry.section.given_angle(taxels.angle))[:, 0]
+    places = np.stack([np.rad2deg(given), 1e3 * axial], 1)
     discs = EllipseCollection(
         wide, 1e3 * diameter, np.zeros_like(wide), units="xy", offsets=places,
         offset_transform=axes.transData, facecolors="none", edgecolors="0.25", linewidths=0.5,
@@ -103,11 +122,12 @@ def _draw_taxels(axes: Axes, parts: SceneParts) -> None:
     axes.add_collection(discs)
 
 
-def _draw_load(axes: Axes, load: PadLoad, outer_radius: float) -> None:
+def _draw_load(axes: Axes, load: PadLoad, geometry: SkinGeometry) -> None:
     """Outline a load's part of the outer face, with its force."""
     arc, length = (float(np.asarray(x)[0]) for x in load.extent())
-    x, y = np.rad2deg(float(load.angle[0])), 1e3 * float(load.axial[0])
-    half, reach = np.rad2deg(arc / outer_radius), 1e3 * length
+    given = geometry.section.given_angle(load.angle)
+    x, y = np.rad2deg(float(given[0])), 1e3 * float(load.axial[0])
+    half, reach = np.rad2deg(arc / float(geometry.outer_size[0])), 1e3 * length
     outline: Ellipse | Rectangle = Ellipse((x, y), 2 * half, 2 * reach)
     if load.diameter is None:
         outline = Rectangle((x - half, y - reach), 2 * half, 2 * reach)

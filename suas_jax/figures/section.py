@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_loads
+from suas_jax.figures.outline import outline
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section import section_of
@@ -28,32 +29,35 @@ def plot_section(solution: Solution) -> Figure:
         solution: a solution with the lumped shell.
     """
     shape = solution.read(_profile)
-    geometry = solution.scene.geometry
+    drawn = outline(solution.scene)
     angle = np.asarray(shape.angle)[..., 0].T.ravel()
-    normal = np.stack([np.sin(angle), np.cos(angle)])
-    thickness = geometry.thickness
 
-    def face(radius: float, displacement: object) -> tuple[np.ndarray, np.ndarray]:
-        rest = radius * normal
+    def face(rest: np.ndarray, displacement: object) -> np.ndarray:
         moved = np.asarray(displacement)[..., 0].transpose(0, 2, 1).reshape(2, -1)
-        return 1e3 * rest, 1e3 * (rest + moved)
+        at_rest = np.stack([np.interp(angle, drawn.angle, x) for x in rest])
+        return np.asarray(1e3 * (at_rest + moved))
 
-    inner_rest, inner = face(geometry.inner_radius, shape.inner_displacement)
-    outer_rest, outer = face(geometry.inner_radius + thickness, shape.outer_displacement)
+    inner, outer = (
+        face(rest, moved)
+        for rest, moved in (
+            (drawn.inner, shape.inner_displacement),
+            (drawn.outer, shape.outer_displacement),
+        )
+    )
     energy = np.asarray(shape.energy_density)[..., 0].T.ravel()
     size = 1e3 * np.linalg.norm(np.asarray(shape.mid_displacement)[..., 0], axis=0).T.ravel()
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     fields = ((1e-3 * energy, "strain-energy density [kJ/m³]"), (size, "displacement [mm]"))
     for axes, (values, label) in zip(figure.subplots(1, 2), fields, strict=True):
-        for curve in (inner_rest, outer_rest):
-            axes.plot(*curve, color="0.7", lw=0.8, ls="--")
+        for curve in (drawn.inner, drawn.outer):
+            axes.plot(*(1e3 * curve), color="0.7", lw=0.8, ls="--")
         corners = [inner[:, :-1], inner[:, 1:], outer[:, 1:], outer[:, :-1]]
         quads = np.stack(corners, 0).transpose(2, 0, 1)
         patches = PolyCollection(list(quads), array=(values[1:] + values[:-1]) / 2)
         patches.set_edgecolor("face")
         axes.add_collection(patches)
-        draw_wall(axes, solution)
-        draw_loads(axes, solution, outer, angle)
+        draw_wall(axes, solution, drawn)
+        draw_loads(axes, drawn, outer, angle)
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()

@@ -6,6 +6,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.figures.load_arrows import draw_loads
+from suas_jax.figures.outline import Outline, outline
 from suas_jax.figures.solid_fields import solid_fields
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
@@ -28,10 +29,8 @@ def plot_solid(solution: Solution) -> Figure:
         solution: a solution with the solid model.
     """
     fields, bearings = solution.read(solid_fields)
-    geometry, report = solution.scene.geometry, solution.report
+    drawn, report = outline(solution.scene), solution.report
     moved = 1e3 * (fields.position + fields.displacement)
-    angle = np.linspace(-geometry.half_angle, geometry.half_angle, 361)
-    normal = np.stack([np.sin(angle), np.cos(angle)])
     grid = (*solution.plan.counts, len(NODES))
     top = moved.reshape(*grid, 2)[:, -1, [NODES.index((a, 2)) for a in range(3)]].reshape(-1, 2)
     spread = np.stack([bearings[:-1], (bearings[1:] + bearings[:-1]) / 2, bearings[1:]], 1)
@@ -50,16 +49,18 @@ def plot_solid(solution: Solution) -> Figure:
         # A point load and the clamps' corners are singular: they must not set the scale.
         patches.set_clim(*np.quantile(means, (0.001, 0.999)))
         axes.add_collection(patches)
-        for radius in (geometry.inner_radius, geometry.inner_radius + geometry.thickness):
-            axes.plot(*(1e3 * radius * normal), color="0.7", lw=0.8, ls="--")
-        draw_wall(axes, solution)
-        draw_loads(axes, solution, top.T, spread.ravel())
+        for curve in (drawn.inner, drawn.outer):
+            axes.plot(*(1e3 * curve), color="0.7", lw=0.8, ls="--")
+        draw_wall(axes, solution, drawn)
+        draw_loads(axes, drawn, top.T, spread.ravel())
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()
-    depth = np.linalg.norm(fields.position, axis=-1) - geometry.inner_radius
-    across = np.stack([fields.hoop_stretch, 1e3 * depth], -1).reshape(*grid, 2)
-    _across(panels[2], solution, across, spread)
+    place = fields.position.reshape(*grid, 2)
+    below = place[:, :1, [NODES.index((a, 0)) for a, _ in NODES]]
+    depth = np.linalg.norm(place - below, axis=-1)
+    across = np.stack([fields.hoop_stretch.reshape(grid), 1e3 * depth], -1)
+    _across(panels[2], solution, drawn, across, spread)
     figure.suptitle(
         f"oil {1e-3 * report['oil_pressure_Pa']:.4g} kPa, "
         f"smallest gap {1e3 * report['min_gap_m']:.3g} mm ({report['status']})"
@@ -67,19 +68,23 @@ def plot_solid(solution: Solution) -> Figure:
     return figure
 
 
-def _across(axes: Axes, solution: Solution, values: np.ndarray, spread: np.ndarray) -> None:
+def _across(
+    axes: Axes, solution: Solution, drawn: Outline, values: np.ndarray, spread: np.ndarray
+) -> None:
     """Plot the hoop stretch through the thickness under every line load, or at the crown.
 
     Args:
         axes: to draw in.
         solution: the solid's.
+        drawn: its section.
         values: hoop stretch and distance from the inner face [mm] at the nodes
             [element, layer, node, 2].
         spread: angles of every element's ends and middle [rad].
     """
     loads = [load["angle_deg"] for load in solution.report["loads"] if "angle_deg" in load]
-    for degrees in loads or [0.0]:
-        near = np.abs(spread[:, [0, 2]] - np.deg2rad(degrees))
+    places = drawn.load_angle if loads else np.zeros(1)
+    for degrees, angle in zip(loads or [0.0], places, strict=True):
+        near = np.abs(spread[:, [0, 2]] - angle)
         element, side = np.unravel_index(np.argmin(near), near.shape)
         nodes = [NODES.index((2 * int(side), b)) for b in range(3)]
         stretch, depth = values[element][:, nodes].reshape(-1, 2).T

@@ -70,28 +70,28 @@ def _section_mesh(fields: Fields) -> meshio.Mesh:
     return meshio.Mesh(spatial(fields.position), [("quad9", cells)], point_data=data)
 
 
-def _pad_grid(problem: Problem, state: State, shown: State) -> tuple[Faces, Array]:
-    """The faces on a grid, and the principal stretches of the inner one."""
+def _pad_grid(
+    problem: Problem, state: State, shown: State
+) -> tuple[Faces, Array, Array, Array]:
+    """The faces on a grid; of the inner one principal stretches, place and height over it."""
     del state
     pad = problem.mechanics
     assert isinstance(pad, Pad)
     grid = pad.sampled(shown.q, _PAD_SAMPLES)
-    return grid, principal_stretches(grid.inner_strain)
+    rest = pad.section.inner_face(grid.angle)
+    _, height = pad.section.foot(rest + grid.inner_displacement[:2], grid.angle)
+    return grid, principal_stretches(grid.inner_strain), rest, height
 
 
 def _pad_mesh(solution: Solution) -> meshio.Mesh:
     """The inner face as quadrilaterals."""
     geometry = solution.scene.geometry
-    grid, stretches = solution.read(_pad_grid)
-    angle, axial, energy = (
-        np.asarray(x)[..., 0] for x in (grid.angle, grid.axial, grid.energy_density)
-    )
+    grid, stretches, place, height = solution.read(_pad_grid)
+    axial, energy = (np.asarray(x)[..., 0] for x in (grid.axial, grid.energy_density))
     moved = np.moveaxis(np.asarray(grid.inner_displacement)[..., 0], 0, -1)
-    arc, along = angle.shape
-    radius = geometry.inner_radius
-    rest = np.stack([radius * np.sin(angle), radius * np.cos(angle), axial], -1)
-    now = rest + moved
-    gap = np.hypot(now[..., 0], now[..., 1]) - (radius - geometry.oil_gap)
+    arc, along = axial.shape
+    rest = np.stack([*place[..., 0], axial], -1)
+    gap = height[..., 0] + geometry.mean_gap
     index = np.arange(arc * along).reshape(arc, along)
     corners = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
     data = {

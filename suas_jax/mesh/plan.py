@@ -29,8 +29,8 @@ _FEWEST_POINTS = 16  # under spread loads together, see `_filled`
 class MeshPlan(eqx.Module):
     """A mesh as arrays of plain numbers; its shapes alone decide what is compiled.
 
-    Breakpoints are ordered: left clamp, right clamp, then those of each load in turn, then those
-    of the section.
+    Breakpoints are ordered: left clamp, right clamp, then those of each load in turn, then
+    those of the section.
 
     Attributes:
         stations: weights of the breakpoints in each station's angle [station, breakpoint].
@@ -289,8 +289,8 @@ def load_points(
     of_load = jnp.asarray(plan.load)
     per_width = jnp.stack(
         jnp.broadcast_arrays(
-                *(load.force * load.direction(section) / geometry.width for load in loads)
-            ),
+            *(load.force * load.direction(section) / geometry.width for load in loads)
+        ),
         1,
     )  # [2, load, lane]
     force = jnp.einsum("kp,ckl->cpl", of_load, per_width)

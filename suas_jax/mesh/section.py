@@ -27,9 +27,7 @@ def plan_section(
         decay: length over which boundary layers fade, as an angle [rad].
         local: see `plan_mesh`.
     """
-    spread = [
-        load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)
-    ]
+    spread = [load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)]
     found = measures(scene)
     numbers, symmetric = found.angles, found.symmetric and _mirror_image(scene, found.angles)
     return plan_mesh(numbers, spread, elements, decay, symmetric=symmetric, local=local)
@@ -55,6 +53,7 @@ class Measures(NamedTuple):
 
 @functools.lru_cache(maxsize=64)
 def measures(scene: SceneSpec) -> Measures:
+    """Plain numbers of a scene's section and of the places of its loads."""
     known = {**dict(structure(scene)), **continuous_inputs(scene)}
     numbers = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
     symmetric = False

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.mechanics.base import ContactState
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
 
 Grid = Float[Array, "along line lane"]
@@ -37,10 +38,14 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
         axial = list(_closed(*across)[:2])
         steps = jnp.diff(jnp.mean(contact.axial, 0), axis=0) / 2
         width = jnp.pad(steps, ((1, 0), (0, 0))) + jnp.pad(steps, ((0, 1), (0, 0)))
+    section = geometry.section
+    places = {"angle_deg": [jnp.rad2deg(section.given_angle(x)) for x in (start, end)]}
+    if not isinstance(section, Circle):
+        places["arc_m"] = [section.arc(x) for x in (start, end)]
     return {
         "force_N": force,
         "area_m2": jnp.sum(covered * width, 0) * geometry.wall_size,
-        "angle_deg": [jnp.rad2deg(geometry.section.given_angle(x)) for x in (start, end)],
+        **places,
         "axial_m": axial,
     }
 

@@ -280,7 +280,7 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
         # A vertical force is the inward radial one turned by its angle.
         along = section.direction(load.angle)
         turn = along if load.vertical else load.turn
-        half = 0.0
+        half = jnp.zeros(1)
         if load.spread is not None:
             start, end = load.breakpoints(section)
             half = (end - start) / 2

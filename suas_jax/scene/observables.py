@@ -40,13 +40,13 @@ def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[
             entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
         load = next(forces)
-        moved = problem.mechanics.under(state.q, load)
+        moved, way = problem.mechanics.under(state.q, load), load.direction(section)
         entry = {
             **place_of(parts, "", load.angle),
             "arc_position_m": geometry.outer_arc(load.angle),
             "force_N": load.force * state.factor,
-            "displacement_m": jnp.sum(moved.mid_displacement * load.direction(section), 0),
-            "inner_displacement_m": jnp.sum(moved.inner_displacement * load.direction(section), 0),
+            "displacement_m": jnp.sum(moved.mid_displacement * way, 0),
+            "inner_displacement_m": jnp.sum(moved.inner_displacement * way, 0),
         }
         if isinstance(load, PadLoad):
             entry["axial_m"] = load.axial + jnp.zeros_like(load.angle)

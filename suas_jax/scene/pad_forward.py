@@ -131,13 +131,13 @@ class PadSkin(eqx.Module):
             slots: patches that the problem will have, if more.
         """
         g = self.geometry
-        outer = float(g.outer_radius[0])
+        outer = float(g.outer_size[0])
         columns = (patches.angle, patches.axial, patches.diameter)
         footprints = [
             Footprint(float(a), float(z), float(d) / 2 / outer, float(d) / 2, True)
             for a, z, d in zip(*(np.asarray(x) for x in columns), strict=True)
         ]
-        sizes = (g.half_angle, g.width, g.mid_radius, g.thickness)
+        sizes = (g.half_angle, g.width, g.mid_size, g.thickness)
         half, width, radius, thickness = (float(x[0]) for x in sizes)
         plan = plan_pad(half, width, radius, thickness, footprints, elements=self.elements)
         count = slots or len(footprints)

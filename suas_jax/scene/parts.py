@@ -5,7 +5,7 @@ traced or not, to objects. The scene itself only says which classes.
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -107,12 +107,12 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
             pressures.append(_lane(numbers[path + "pressure"]))
         elif scene.geometry.dimension == 3:
             value = functools.partial(_value, numbers, path)
-            angle = angle_of(spec, section, lambda key, v=value: _lane(v(key)))
+            angle = angle_of(spec, section, functools.partial(_lane_of, value))
             forces.append(PadLoad.of(spec, angle, value, skin.geometry.width))
         else:
             assert spec.kind == "line"  # a scene with a patch in plane strain is refused
             value = functools.partial(_value, numbers, path)
-            forces.append(LineLoad.of(spec, section, lambda key, v=value: _lane(v(key))))
+            forces.append(LineLoad.of(spec, section, functools.partial(_lane_of, value)))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:
         wanted = _lane(numbers["solve.oil_pressure"])
@@ -136,6 +136,10 @@ def _all_numbers(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> dict[str, A
 
 def _value(numbers: Mapping[str, Any], path: str, name: str) -> Any:
     return numbers[path + name]
+
+
+def _lane_of(value: Callable[[str], Any], key: str) -> Array:
+    return _lane(value(key))
 
 
 def _lane(value: Any) -> Array:
@@ -168,4 +172,3 @@ def _law(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractLaw:
 
 def _oil(spec: SkinSpec, numbers: Mapping[str, Any]) -> AbstractOil:
     return build_oil(spec.oil, lambda key: _lane(numbers[f"oil.{key}"]))
-

@@ -20,12 +20,13 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.section_face import PolarFace, gap_at
+from suas_jax.mechanics.section_face import NormalFace, height_at
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.electrodes import Electrodes
+from suas_jax.skin.circle import Circle
 
 _DEGREE = 5
 _ELEMENTS = 720
@@ -99,25 +100,28 @@ def field_capacitance(
         q: its unknowns.
         elements: of the film along the arc.
     """
-    face = section_of(mechanics).face(q, electrodes.geometry.inner_radius)
+    face = section_of(mechanics).face(q)
     return field_capacitance_under(electrodes, face, elements)
 
 
 def field_capacitance_under(
-    electrodes: Electrodes, face: PolarFace, elements: int = _ELEMENTS
+    electrodes: Electrodes, face: NormalFace, elements: int = _ELEMENTS
 ) -> Float[Array, "taxel lane"]:
     """Capacitance of every taxel under a deformed inner face; see `field_capacitance`.
 
     Raises:
-        ValueError: the electrodes have no guard, or layers of their own.
+        ValueError: the electrodes have no guard, or layers of their own; or the section is no
+            circle.
     """
+    if not isinstance(electrodes.geometry.section, Circle):
+        raise ValueError("the film's field is solved under circles of one thickness alone")
     if not electrodes.model.guarded:
         raise ValueError("the section's field is that of electrodes with a guard around them")
     geometry, taxels = electrodes.geometry, electrodes.taxels
-    wall = geometry.wall_radius
+    wall = geometry.wall_size
     angle = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
-    gap = gap_at(face, angle, wall)
-    clear = jnp.all(gap > 0, 0)
+    gap = height_at(face, angle) + geometry.gap(angle)
+    clear = jnp.all(gap > 0, 0) & ~face.folded
     film = Film(angle, jnp.where(clear, gap, 1.0), wall)
     charge = wall_charge(film, np.ones(elements + 1, bool))
     if electrodes.layers.ndim > 1:

@@ -1,7 +1,8 @@
 """Where the taxels are: round electrodes on the wall, one by one or in triangles.
 
-Positions are angles of the section and axial coordinates. A triangular module carries ten taxels in rows of 1, 2, 3 and 4, a pitch
-apart; its single taxel points along +axial and a row runs towards +angle until the module
+Positions are angles of the section and axial coordinates. A triangular module carries ten
+taxels in rows of 1, 2, 3 and 4, a pitch apart, measured along the wall; its single taxel
+points along +axial and a row runs towards +angle until the module
 is turned (positive from +angle towards +axial).
 """
 

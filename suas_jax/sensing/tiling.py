@@ -45,8 +45,9 @@ def tiled_modules(
     """
     if pitch is None:
         pitch = _MEASURED_PITCH * edge / _MEASURED_EDGE
-    wall, height = geometry.inner_radius - geometry.oil_gap, edge * math.sqrt(3) / 2
-    _must_fit("arc", (columns + 1) * edge / 2, 2 * geometry.half_angle * wall)
+    circle, height = geometry.circle("`tiled_modules`"), edge * math.sqrt(3) / 2
+    wall = circle.inner_radius - circle.mean_gap
+    _must_fit("arc", (columns + 1) * edge / 2, 2 * circle.half_angle * wall)
     _must_fit("width", rows * height, geometry.width)
     modules = []
     for row in range(rows):

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.config import LoadSpec, SceneSpec
+from suas_jax.config.consistency import angle_on
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -36,7 +37,8 @@ def true_loads(
     for i, load in enumerate(scene.loads):
         _refuse_others(i, load, flat)
         assert load.kind != "pressure"
-        angle = np.rad2deg(load.angle)
+        circle = scene.geometry.circle("a simulated log with known loads")
+        angle = np.rad2deg(angle_on(circle, load))
         own: dict[str, float] = {"force_N": forces[i], "angle_deg": angle}
         if load.direction == "vertical":
             own["direction_deg"] = angle

@@ -35,13 +35,12 @@ _INVERSE_STEPS = 5
 
 
 class AbstractCurve(eqx.Module):
-    """The inner face of a section by a parameter, from the left clamp to the right one.
+    """The inner face of a section by a parameter, from the left clamp to the right one."""
 
-    Attributes:
-        symmetric: whether the left half is the mirror image of the right one.
-    """
-
-    symmetric: eqx.AbstractVar[bool]
+    @property
+    @abc.abstractmethod
+    def symmetric(self) -> bool:
+        """Whether the left half is the mirror image of the right one."""
 
     @classmethod
     @abc.abstractmethod
@@ -83,6 +82,7 @@ class ChartedSection(AbstractSection):
     Attributes:
         curve: the inner face.
         mean_thickness: of the membrane [m].
+        half_angle: a quarter turn: the mid-line's length sets the size [rad].
         mid_length: of the mid-line [m].
         ends: angles of the ends of the pieces.
         table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
@@ -92,6 +92,7 @@ class ChartedSection(AbstractSection):
 
     curve: AbstractCurve
     mean_thickness: Lanes
+    half_angle: Lanes
     mid_length: Lanes
     ends: Float[Array, "edge lane"]
     table: Float[Array, "piece field power lane"]
@@ -147,17 +148,20 @@ class ChartedSection(AbstractSection):
         local = (2 * angle - ends[:-1] - ends[1:]) / (ends[1:] - ends[:-1])
         fields = (t, arc - length / 2, direction, mid_direction, thick, place[0], place[1])
         powers = jnp.stack([power_coefficients(local, x) for x in fields])
-        return cls(curve, mean, total, ends, jnp.moveaxis(powers, 2, 0), length)
+        return cls(
+            curve=curve,
+            mean_thickness=mean,
+            half_angle=jnp.full_like(total, np.pi / 2),
+            mid_length=total,
+            ends=ends,
+            table=jnp.moveaxis(powers, 2, 0),
+            length=length,
+        )
 
     @property
-    def symmetric(self) -> bool:  # type: ignore[override]
+    def symmetric(self) -> bool:
         """That of the curve."""
         return self.curve.symmetric
-
-    @property
-    def half_angle(self) -> Lanes:
-        """A quarter turn: the mid-line's length sets the size."""
-        return jnp.full_like(self.mid_length, np.pi / 2)
 
     @property
     def size(self) -> Lanes:
@@ -196,11 +200,9 @@ class ChartedSection(AbstractSection):
                 found.append(_horner([k * powers[k] for k in range(1, _NODES)], v) * scale)
             return found
 
-        if lanes == 1:
-            found = jax.vmap(lambda x: look_up(self.ends[:, 0], self.table[..., 0], x), -1, -1)
-            return [x.reshape(shape) for x in found(flat)]
-        found = jax.vmap(look_up, -1, -1)(self.ends, self.table, flat)
-        return [x.reshape(shape) for x in found]
+        axes = (None, None, -1) if lanes == 1 else (-1, -1, -1)
+        own = (self.ends[:, 0], self.table[..., 0]) if lanes == 1 else (self.ends, self.table)
+        return [x.reshape(shape) for x in jax.vmap(look_up, axes, -1)(*own, flat)]
 
     def frame(self, angle: Array) -> Frame:
         """See the base class."""

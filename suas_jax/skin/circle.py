@@ -1,6 +1,5 @@
-"""A circle of one thickness, in closed forms: what other sections are described by tables for."""
+"""A circle of one thickness, in closed forms; other sections need tables."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -20,7 +19,11 @@ class Circle(AbstractSection):
     inner_radius: Lanes
     mean_thickness: Lanes
     half_angle: Lanes
-    symmetric: bool = eqx.field(static=True, default=True)
+
+    @property
+    def symmetric(self) -> bool:
+        """It is."""
+        return True
 
     @property
     def size(self) -> Lanes:

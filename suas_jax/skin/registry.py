@@ -13,6 +13,7 @@ from suas_jax.skin.charted import AbstractCurve, ChartedSection
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.section import AbstractSection
 
 OILS: dict[str, type[AbstractOil]] = model_classes(
     "suas_jax.skin.oils",
@@ -45,7 +46,11 @@ def build_geometry(spec: GeometrySpec, value: Callable[[str], Array]) -> SkinGeo
 
     thickness, gap = along("thickness"), along("oil_gap")
     if spec.section == "circle" and not isinstance(thickness, Along):
-        section = Circle(value("inner_radius"), thickness, value("half_angle"))
+        section: AbstractSection = Circle(
+            inner_radius=value("inner_radius"),
+            mean_thickness=thickness,
+            half_angle=value("half_angle"),
+        )
     else:
         section = ChartedSection.of(CURVES[spec.section].of(spec, value), thickness)
     if isinstance(gap, Along):

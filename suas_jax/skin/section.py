@@ -1,8 +1,9 @@
 """The undeformed section of the membrane: one object for its curve and what lies along it.
 
-x points right and y to the crown. Every place along the section has one coordinate, the *angle*: arc length of the membrane's mid-line from its
-middle over the line's `size`. On a circle that is the angle from the symmetry axis, positive
-towards +x; elsewhere it runs over a quarter turn to either side as well.
+x points right and y to the crown. Every place along the section has one coordinate, the
+*angle*: arc length of the membrane's mid-line from its middle over the line's `size`. On a
+circle that is the angle from the symmetry axis, positive towards +x; elsewhere it runs over a
+quarter turn to either side as well.
 
 The undeformed mid-line has the unit tangent t and the outward normal n::
 
@@ -60,14 +61,17 @@ class AbstractSection(eqx.Module):
     Every method takes angles [*shape, lane] as the module defines them.
 
     Attributes:
-        symmetric: whether the left half is the mirror image of the right one.
         mean_thickness: of the membrane [m].
         half_angle: angle of the right clamped edge [rad]; the left one has its negative.
     """
 
-    symmetric: eqx.AbstractVar[bool]
     mean_thickness: eqx.AbstractVar[Lanes]
     half_angle: eqx.AbstractVar[Lanes]
+
+    @property
+    @abc.abstractmethod
+    def symmetric(self) -> bool:
+        """Whether the left half is the mirror image of the right one."""
 
     @property
     @abc.abstractmethod
@@ -139,9 +143,7 @@ class AbstractSection(eqx.Module):
         return outward(self.direction(angle))
 
     @abc.abstractmethod
-    def foot(
-        self, position: Float[Array, "2 *shape"], near: Array
-    ) -> tuple[Array, Array]:
+    def foot(self, position: Float[Array, "2 *shape"], near: Array) -> tuple[Array, Array]:
         """Angle of the normal through a place, and the height over the inner face there [m].
 
         Args:

@@ -2,8 +2,8 @@
 
 The wall is rigid and parallel to the undeformed inner face. It is frictionless and analytic:
 the gap of a point is its height over the undeformed face, along the normal through it, and
-the oil gap there, so contact needs no search. The contact pressure comes on top of the oil's and follows from an
-energy per area of the inner face at rest, W(gap)::
+the oil gap there, so contact needs no search. The contact pressure comes on top of the oil's
+and follows from an energy per area of the inner face at rest, W(gap)::
 
     p_c = -dW/dgap >= 0
 

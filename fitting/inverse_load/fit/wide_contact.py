@@ -46,7 +46,7 @@ class WideContactFitter(SectionFitter):
     def __init__(self, skin: Skin, table: LoadTable, *, live: bool, most_contacts: int) -> None:
         super().__init__(skin, table, direction=False, live=live, most_contacts=most_contacts)
         self._bounds = np.concatenate([self._bounds, [[_SHORTEST**2, _LONGEST**2]]])
-        self._radius = float(skin.geometry.outer_radius[0])
+        self._radius = float(skin.geometry.outer_size[0])
 
     def fit(
         self,

@@ -58,7 +58,7 @@ def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
     angle, force, square = parameters
     points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
     # The force is radial in the middle: elsewhere it is turned back.
-    turn = jnp.asarray(points)[:, None] * jnp.sqrt(square) / (2 * skin.geometry.outer_radius)
+    turn = jnp.asarray(points)[:, None] * jnp.sqrt(square) / (2 * skin.geometry.outer_size)
     return Loads(
         angle + turn, force * jnp.asarray(weights)[:, None] / 2, turn, jnp.zeros_like(angle)
     )

@@ -57,7 +57,7 @@ class PadFitter(AbstractLoadFitter):
         self._width = self.per_contact * most_contacts
         self.edge = edge_of(skin, interpolant.tables[-1].diameter)
         self.squares = PadLeastSquares(interpolant, self.edge)
-        self._radius = float(skin.geometry.outer_radius[0])
+        self._radius = float(skin.geometry.outer_size[0])
         self._gap = float(skin.geometry.oil_gap[0])
         self._solved = SolvedContacts(skin, interpolant, most_contacts, diameter)
         self._kept: dict[int, Correction] = {}

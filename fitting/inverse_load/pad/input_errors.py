@@ -67,7 +67,7 @@ class PadErrors(AbstractSystematicErrors):
         self.names = errors.names
         self._spec, self._skin, self._table, self._slots = spec, skin, table, slots
         self._inputs = continuous_inputs(spec)
-        self._radius = float(skin.geometry.outer_radius[0])
+        self._radius = float(skin.geometry.outer_size[0])
         taxels, count = len(table.rest), len(errors)
         self._stray = table.stray
         self._at_rest = 1 / (table.rest - table.stray)

@@ -210,7 +210,7 @@ def pad_parts(
         diameter=_FALLBACK if diameter is None else diameter,
     )
     middle = tables[len(tables) // 2]
-    radius = float(skin.geometry.outer_radius[0])
+    radius = float(skin.geometry.outer_size[0])
     nodes = PadNodeSearch(middle, radius)
     own = skin.electrodes.taxels
     places = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)

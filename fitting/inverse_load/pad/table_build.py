@@ -93,7 +93,7 @@ def build_pad_table(
     """
     images, where = mirror_images(skin)
     edge = edge_of(skin, diameter)
-    outer = float(skin.geometry.outer_radius[0])
+    outer = float(skin.geometry.outer_size[0])
     sides = edge[0] * outer, edge[1]
     counts = [max(4, int(np.ceil(x / resolution.spacing)) + 1) for x in sides]
     angle, axial = (np.linspace(0, e, n) for e, n in zip(edge, counts, strict=True))
@@ -128,7 +128,7 @@ def edge_of(skin: PadSkin, diameter: float) -> tuple[float, float]:
     g = skin.geometry
     margin = diameter / 2 + float(g.thickness[0]) / 4
     return (
-        float(g.half_angle[0]) - margin / float(g.outer_radius[0]),
+        float(g.half_angle[0]) - margin / float(g.outer_size[0]),
         float(g.width[0]) / 2 - margin,
     )
 

@@ -100,7 +100,7 @@ class LoadTable:
 def edge_margin(skin: Skin) -> float:
     """Angle from a clamp within which no contact is sought [rad]: two thicknesses."""
     geometry = skin.geometry
-    return float(2 * geometry.thickness[0] / geometry.mid_radius[0])
+    return float(2 * geometry.thickness[0] / geometry.mid_size[0])
 
 
 def table_of(

@@ -174,7 +174,7 @@ def specimen(
         (shell.points.force * share, problem.external_pressure * share),
     )
     load = parts.forces[0]
-    angle, direction = load.angle, load.direction
+    angle, direction = load.angle, load.direction(shell.section)
     if plan.symmetric and float(angle[0]) > 0.0:
         # Only the left half is solved: read the mirror image there.
         angle, direction = -angle, direction * jnp.array([[-1.0], [1.0]])

@@ -278,11 +278,12 @@ def check_known(spec: SkinSpec, known: Known, where: str) -> None:
                 f"{where}: load {load} has no angle; add a column load_{load}_angle_deg, or "
                 f'a header line "# load_{load}_angle_deg: 0"'
             )
+    circle = geometry.circle("a log with known loads")
     limits: dict[str, tuple[float, str]] = {
-        "angle": (geometry.half_angle, format_quantity(geometry.half_angle, "angle")),
+        "angle": (circle.half_angle, format_quantity(circle.half_angle, "angle")),
         "displacement": (
-            1.2 * geometry.oil_gap,
-            f"the oil gap, {format_quantity(geometry.oil_gap, 'length')}",
+            1.2 * circle.mean_gap,
+            f"the oil gap, {format_quantity(circle.mean_gap, 'length')}",
         ),
     }
     limits["inner_displacement"] = limits["displacement"]

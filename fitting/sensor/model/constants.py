@@ -113,7 +113,7 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     """
     own = ALIASES.get(name.strip(), name.strip())
     assert spec.electrodes is not None
-    gap, permittivity = spec.geometry.oil_gap, spec.oil.relative_permittivity or 2.0
+    gap, permittivity = spec.geometry.mean_gap, spec.oil.relative_permittivity or 2.0
     if own == PERMITTIVITY:
         return SensorConstant(own, "1", permittivity)
     if own == GAP:

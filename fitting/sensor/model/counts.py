@@ -19,7 +19,7 @@ from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
 from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.mechanics.section_face import PolarFace
+from suas_jax.mechanics.section_face import NormalFace
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.field import field_capacitance_under
@@ -126,12 +126,12 @@ class SensorModel(eqx.Module):
     def _face(self, constants: Array) -> AbstractFace:
         if self.slope is None:
             return self.face
-        assert isinstance(self.face, PolarFace)
+        assert isinstance(self.face, NormalFace)
         change = (constants - self.at)[jnp.array(self.moving)]
-        edges, radius = (jnp.tensordot(change, slope, 1) for slope in self.slope)
-        return PolarFace(self.face.edges + edges, self.face.radius + radius, self.face.folded)
+        edges, powers = (jnp.tensordot(change, slope, 1) for slope in self.slope)
+        return NormalFace(self.face.edges + edges, self.face.powers + powers, self.face.folded)
 
 
 @eqx.filter_jit
-def _field(electrodes: Electrodes, face: PolarFace) -> Array:
+def _field(electrodes: Electrodes, face: NormalFace) -> Array:
     return field_capacitance_under(electrodes, face)

@@ -64,7 +64,7 @@ def _draw_pad(fit: SensorFit, axes: "Axes") -> None:
     constants = jnp.asarray(fit.constants)
     geometry, _, _, electrodes = parts_of(fit.data.spec, fit.problem.model.numbers(constants))
     taxels = electrodes.taxels
-    wall = float(geometry.wall_radius[0])
+    wall = float(geometry.wall_size[0])
     count = len(fit.data.so)
     x = 1e3 * wall * np.broadcast_to(np.asarray(taxels.angle)[:, 0], count)
     y = 1e3 * np.broadcast_to(np.asarray(taxels.axial)[:, 0], count)

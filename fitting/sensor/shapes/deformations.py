@@ -17,7 +17,7 @@ from fitting.sensor.shapes.press import Meshes, Press, Response, respond
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.equilibrium.outcomes import NAMES, advice
-from suas_jax.mechanics.section_face import PolarFace
+from suas_jax.mechanics.section_face import NormalFace
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
@@ -50,7 +50,7 @@ class Deformed:
     force: np.ndarray
     displacement: np.ndarray
     pressure: np.ndarray
-    face: PolarFace
+    face: NormalFace
     state: State
 
 
@@ -103,7 +103,7 @@ def _layer(geometry: SkinGeometry, law: AbstractLaw, loads: KnownLoads) -> float
     sqrt(D / N) with the bending stiffness D = mu t^3 / 3 and the tension N of the tent that
     a displacement d of the arch's order makes, as in `suas_jax.scene.build.layer_angle`.
     """
-    radius, thickness = float(geometry.mid_radius[0]), float(geometry.thickness[0])
+    radius, thickness = float(geometry.mid_size[0]), float(geometry.thickness[0])
     mu = float(np.asarray(law.shear_modulus).reshape(-1)[0])
     force = np.nanmedian(np.abs(loads.force)) if np.isfinite(loads.force).any() else np.nan
     if not np.isfinite(force) or force <= 0:

@@ -23,7 +23,6 @@ from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mesh.pad_plan import PadPlan
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.pad_forward import PadSkin, Patches
 from suas_jax.sensing.electrodes import Electrodes
@@ -42,24 +41,25 @@ class TaxelFace(AbstractFace):
     """A deformed inner face that is known along the taxels' own rays alone.
 
     Attributes:
-        radius: distance from the axis, ray by ray [ray, taxel, state] [m].
+        heights: over the undeformed face, ray by ray [ray, taxel, state] [m].
     """
 
     varies_along_axis: ClassVar[bool] = True
-    radius: Float[Array, "ray taxel state"]
+    heights: Float[Array, "ray taxel state"]
 
     def gaps(
-        self, rays: Sequence[tuple[Array, Array]], wall_radius: Lanes
+        self, rays: Sequence[tuple[Array, Array]], geometry: SkinGeometry
     ) -> list[Float[Array, "taxel state"]]:
-        """Gaps along the rays that the radii are of; see the base class."""
-        assert len(rays) == len(self.radius)
-        return [radius - wall_radius for radius in self.radius]
+        """Gaps along the rays that the heights are of; see the base class."""
+        assert len(rays) == len(self.heights)
+        pairs = zip(self.heights, rays, strict=True)
+        return [height + geometry.gap(angle) for height, (angle, _) in pairs]
 
-    def gap(self, angle: Array, axial: Array, wall_radius: Lanes) -> Array:
+    def height(self, angle: Array, axial: Array) -> Array:
         """See the base class.
 
         Raises:
-            ValueError: always; radii are known along the taxels' own rays alone.
+            ValueError: always; heights are known along the taxels' own rays alone.
         """
         raise ValueError("a calibration knows the pad along its taxels' own rays alone")
 
@@ -172,20 +172,21 @@ def _met(
 
 
 def _respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
-    """Radii along the taxels' rays, displacements of mid-surface and inner face, result."""
+    """Heights along the taxels' rays, displacements of mid-surface and inner face, result."""
     problem = skin.problem(patches, plan)
     found = equilibrium(problem)
     q = corrected(problem, found.state).state.q
     electrodes, pad = skin.electrodes, problem.mechanics
-    rays = electrodes.taxels.rays(DISC, skin.geometry.wall_radius)
-    gaps = pad.face(q, skin.geometry.inner_radius).gaps(rays, skin.geometry.wall_radius)
-    radius = jnp.stack([gap + skin.geometry.wall_radius for gap in gaps])[..., 0]
+    rays = electrodes.taxels.rays(DISC, skin.geometry)
+    gaps = pad.face(q).gaps(rays, skin.geometry)
+    pairs = zip(gaps, rays, strict=True)
+    heights = jnp.stack([gap - skin.geometry.gap(angle) for gap, (angle, _) in pairs])[..., 0]
     mid, inner = [], []
     for load in skin.loads(patches):
         moved = pad.under(q, load)
-        mid.append(jnp.sum(moved.mid_displacement * load.direction))
-        inner.append(jnp.sum(moved.inner_displacement * load.direction))
-    return radius, jnp.stack(mid), jnp.stack(inner), found.result[0]
+        mid.append(jnp.sum(moved.mid_displacement * load.direction(pad.section)))
+        inner.append(jnp.sum(moved.inner_displacement * load.direction(pad.section)))
+    return heights, jnp.stack(mid), jnp.stack(inner), found.result[0]
 
 
 _RESPOND = eqx.filter_jit(_respond)

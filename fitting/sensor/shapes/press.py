@@ -18,7 +18,7 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import Problem, State, equilibrium
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.section_face import PolarFace
+from suas_jax.mechanics.section_face import NormalFace
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.plan import plan_mesh
 from suas_jax.skin.geometry import SkinGeometry
@@ -91,7 +91,7 @@ class Press(eqx.Module):
         self, geometry: SkinGeometry, law: AbstractLaw, oil: AbstractOil, force: Array
     ) -> Problem:
         """The discrete problem under some forces [load, state, N]."""
-        direction = LineLoad(self.angle, force, self.turn).direction
+        direction = LineLoad(self.angle, force, self.turn).direction(geometry.section)
         per_width = force * direction / geometry.width
         points = LoadPoints(self.meshes.select, self.meshes.xi, per_width)
         shell = Shell.build(geometry, law, self.meshes.angles, points, symmetric=False)
@@ -114,7 +114,9 @@ class Press(eqx.Module):
             at = section_of(mechanics).at_angle(q, self.angle[k])
             mid = at.mid_displacement.reshape(2, -1)
             inner = at.inner_displacement.reshape(2, -1)
-            way = LineLoad(self.angle[k], self.angle[k], self.turn[k]).direction
+            way = LineLoad(self.angle[k], self.angle[k], self.turn[k]).direction(
+                mechanics.section
+            )
             rows.append(jnp.sum(way * jnp.where(self.inner[k] > 0, inner, mid), 0))
         return jnp.stack(rows)
 
@@ -135,7 +137,7 @@ class Response(NamedTuple):
     pressure: Array
     displacement: Array
     compliance: Array
-    face: PolarFace
+    face: NormalFace
     result: Array
 
 
@@ -150,11 +152,11 @@ def respond(
 ) -> Response:
     """Equilibria under given forces, and how displacements change with them."""
 
-    def solve(force: Array) -> tuple[Array, tuple[State, Array, PolarFace, Array]]:
+    def solve(force: Array) -> tuple[Array, tuple[State, Array, NormalFace, Array]]:
         problem = press.problem(geometry, law, oil, force)
         found = equilibrium(problem, start, omitted=True)
         root, shown, shell = corrected(problem, found.state, found.change)
-        face = section_of(shell).face(shown.q, geometry.inner_radius)
+        face = section_of(shell).face(shown.q)
         moved = press.displacements(shell, shown.q)
         return moved, (root, shown.pressure, face, found.result)
 

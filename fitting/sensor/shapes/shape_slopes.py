@@ -41,8 +41,8 @@ def _slopes(
         problem = press.problem(geometry, law, answer, force)
         found = equilibrium(problem, start)
         _, shown, shell = corrected(problem, found.state)
-        face = section_of(shell).face(shown.q, geometry.inner_radius)
-        return press.displacements(shell, shown.q), face.edges, face.radius
+        face = section_of(shell).face(shown.q)
+        return press.displacements(shell, shown.q), face.edges, face.powers
 
     _, push = jax.linearize(shape, moving, force)
     still = jax.tree.map(jnp.zeros_like, moving)

@@ -22,7 +22,7 @@ from suas_jax.config import LineLoadSpec, SceneSpec, SkinSpec, SolveSpec, contin
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.section import section_of
-from suas_jax.mechanics.section_face import PolarFace, radius_at
+from suas_jax.mechanics.section_face import NormalFace, height_at
 from suas_jax.scene.build import build_problem
 from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Structure
@@ -47,7 +47,7 @@ class Correction:
         scale: displacement that the powers are taken of [m].
         displacement: coefficients of powers 1, 2, ... [power, m].
         grid: polar angles [point, rad].
-        radius: coefficients of the inner face's radius [power, point, m].
+        height: coefficients of the inner face's height [power, point, m].
     """
 
     angle: float
@@ -55,7 +55,7 @@ class Correction:
     scale: float
     displacement: np.ndarray
     grid: np.ndarray
-    radius: np.ndarray
+    height: np.ndarray
 
     def powers(self, moved: np.ndarray) -> np.ndarray:
         """Powers of the shell's displacement [state, power]."""
@@ -142,7 +142,7 @@ def _correction(
     except NoDeformation:
         return None
     grid = np.linspace(-1.0, 1.0, _GRID) * float(geometry.half_angle[0])
-    difference, radius = [], []
+    difference, height = [], []
     for k, f in enumerate(at):
         scene = SceneSpec(
             geometry=spec.geometry,
@@ -158,10 +158,10 @@ def _correction(
         difference.append(solution.report["loads"][0][key] - shell.displacement[0, k])
         own = jax.tree.map(lambda x: x[..., k : k + 1], shell.face)  # noqa: B023
         inputs = {key: jnp.asarray(x) for key, x in continuous_inputs(scene).items()}
-        more = _radius_beyond(
+        more = _height_beyond(
             Structure(scene), solution.plan, inputs, solution.state.q, own, jnp.asarray(grid)
         )
-        radius.append(np.asarray(more))
+        height.append(np.asarray(more))
     scale = float(np.abs(shell.displacement).max())
     powers = (shell.displacement[0] / scale)[:, None] ** np.arange(1, count + 1)
     return Correction(
@@ -170,24 +170,24 @@ def _correction(
         scale,
         np.linalg.solve(powers, np.array(difference)),
         grid,
-        np.linalg.solve(powers, np.stack(radius)),
+        np.linalg.solve(powers, np.stack(height)),
     )
 
 
 @eqx.filter_jit
-def _radius_beyond(
+def _height_beyond(
     structure: Structure,
     plan: AbstractPlan,
     inputs: dict[str, Array],
     q: Array,
-    shell: PolarFace,
+    shell: NormalFace,
     grid: Array,
 ) -> Float[Array, " point"]:
-    """Radius of a solid's inner face less a shell's along rays at polar angles [m]."""
+    """Height of a solid's inner face less a shell's along rays at angles [m]."""
     mechanics = build_problem(structure.scene, plan, inputs).mechanics
-    solid = section_of(mechanics).face(q, inputs["geometry.inner_radius"])
+    solid = section_of(mechanics).face(q)
     rays = grid[:, None]
-    return (radius_at(solid, rays) - radius_at(shell, rays))[:, 0]
+    return (height_at(solid, rays) - height_at(shell, rays))[:, 0]
 
 
 def corrected(
@@ -218,10 +218,10 @@ def corrected(
             less[0] = np.where(wanted, loads.displacement[0] - more, np.nan)
         reached = dataclasses.replace(loads, displacement=less)
         shape = deform(reached, geometry, law, oil)
-    radius = np.array(shape.face.radius)
+    height = np.array(shape.face.powers)
     edges = np.asarray(shape.face.edges)
     # Powers of the local coordinate -1 ... 1 of an element through five samples.
-    order = radius.shape[0]
+    order = height.shape[0]
     t = np.cos(np.pi * np.arange(order) / (order - 1))
     inverse = np.linalg.inv(t[:, None] ** np.arange(order))
     middle, half = (edges[1:] + edges[:-1]) / 2, (edges[1:] - edges[:-1]) / 2
@@ -230,13 +230,13 @@ def corrected(
     for c in found:
         powers = _of(c, loads, shape.displacement[0])
         total[0] += powers @ c.displacement
-        for j, row in enumerate(c.radius):
+        for j, row in enumerate(c.height):
             spline = CubicSpline(c.grid, row)
-            radius += (
+            height += (
                 np.einsum("ps,sel->pel", inverse, spline(np.clip(rays, c.grid[0], c.grid[-1])))
                 * powers[:, j]
             )
-    face = PolarFace(shape.face.edges, jnp.asarray(radius), shape.face.folded)
+    face = NormalFace(shape.face.edges, jnp.asarray(height), shape.face.folded)
     return dataclasses.replace(shape, face=face, displacement=total)
 
 

@@ -33,6 +33,10 @@ class CircleSpec(GeometrySpec):
             self.oil_gap, AlongSpec
         )
 
+    def circle(self, what: str) -> CircleSpec:
+        """Itself; see the base class."""
+        return self if self.is_circle else super().circle(what)
+
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
         thickness, gap, radius = self.mean_thickness, self.mean_gap, self.inner_radius

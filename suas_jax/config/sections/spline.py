@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Annotated, ClassVar, Literal
 
@@ -31,8 +32,8 @@ class SplineSpec(GeometrySpec):
 
     @field_validator("points")
     @classmethod
-    def _apart(cls, points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        for k, (a, b) in enumerate(zip(points, points[1:], strict=False)):
+    def _apart(cls, points: tuple[_Point, ...]) -> tuple[_Point, ...]:
+        for k, (a, b) in enumerate(itertools.pairwise(points)):
             if math.dist(a, b) == 0:
                 raise ValueError(f"points {k} and {k + 1} (from 0) are the same")
         if points[0][0] >= points[-1][0]:

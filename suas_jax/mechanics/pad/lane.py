@@ -167,7 +167,7 @@ class PadLane:
         ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
 
         def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-            """Angle of the normal through the inner face's point, its axial position, height."""
+            """Angle of the normal through the inner face's point, axial position, height."""
             s = self._at(qe, *place)
             x, y, z = face_displacement(s, -s.rest.thickness / 2)[0]
             rest = self.section.inner_face(place[0])

@@ -42,9 +42,7 @@ def stress(s: Surface, first: list[Scalar]) -> list[Vector]:
     return [components(by_s), components(by_z), *by_curvature]
 
 
-def tangent(
-    s: Surface, found: Resultants, pressure: Array
-) -> Float[Array, "pair 3 3 *point"]:
+def tangent(s: Surface, found: Resultants, pressure: Array) -> Float[Array, "pair 3 3 *point"]:
     """Second derivatives of the energy less pressure times volume, per area.
 
     Returns:

@@ -73,8 +73,8 @@ class Fibres(eqx.Module):
 
     def _layers(self) -> tuple[Array, Array, Array]:
         """Weight [m], lever m [m], and (1 + Z/R)^2 of the fibres; [layer, ...]."""
-        points, weights = gauss_legendre(self.layers, -0.5, 0.5)
-        points, weights = (jnp.asarray(x)[:, None, None, None] for x in (points, weights))
+        rule = gauss_legendre(self.layers, -0.5, 0.5)
+        points, weights = (jnp.asarray(x)[:, None, None, None] for x in rule)
         offset = points * self.thickness
         shell = 1 + offset * self.mid_curvature
         weight = weights * self.thickness * shell

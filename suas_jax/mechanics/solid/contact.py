@@ -69,7 +69,9 @@ class InnerFace:
 
     def energy(self) -> Lanes:
         """Energy of contact per width [J/m]."""
-        return jnp.sum(self.area * self.wall.law.energy(self.wall.gap(self.position, self.angle)), (0, 1))
+        return jnp.sum(
+            self.area * self.wall.law.energy(self.wall.gap(self.position, self.angle)), (0, 1)
+        )
 
     def element_terms(
         self,

@@ -96,7 +96,9 @@ class SolidModel(AbstractModel):
         least = 8 * 2 * (1 + len(scene.loads))
         if scene.rtol > _LOOSE:
             return (max(64, least), 2)
-        thick = scene.geometry.mean_thickness > _THIN * (size_of(scene) - scene.geometry.mean_thickness / 2)
+        thick = scene.geometry.mean_thickness > _THIN * (
+            size_of(scene) - scene.geometry.mean_thickness / 2
+        )
         if scene.rtol > _STRICT:
             return (max(128, least), 4 if thick else 2)
         return (max(384, least), 6 if thick else 4)

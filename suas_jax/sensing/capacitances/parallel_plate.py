@@ -2,7 +2,6 @@
 
 from jaxtyping import Array, Float
 
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.capacitance import AbstractFilmFormula
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -18,18 +17,21 @@ class CircularArc(AbstractCurve):
     Attributes:
         radius: of the inner face [m].
         last: angle of the right clamp [rad].
-        symmetric: see the base class.
     """
 
     radius: Lanes
     last: Lanes
-    symmetric: bool = eqx.field(static=True, default=True)
 
     @classmethod
     def of(cls, spec: GeometrySpec, value: Callable[[str], Lanes]) -> "CircularArc":
         """See the base class."""
         del spec
         return cls(value("inner_radius"), value("half_angle"))
+
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return True
 
     def edges(self) -> Float[Array, "edge lane"]:
         """The clamps [rad]."""

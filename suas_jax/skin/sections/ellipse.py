@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -21,7 +20,6 @@ class Ellipse(AbstractCurve):
 
     semi_axes: tuple[Lanes, Lanes]
     last: Lanes
-    symmetric: bool = eqx.field(static=True, default=True)
 
     @classmethod
     def of(cls, spec: GeometrySpec, value: Callable[[str], Lanes]) -> "Ellipse":
@@ -29,6 +27,11 @@ class Ellipse(AbstractCurve):
         del spec
         axes = value("inner_semi_axes.0"), value("inner_semi_axes.1")
         return cls(axes, value("half_angle"))
+
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return True
 
     def edges(self) -> Float[Array, "edge lane"]:
         """The clamps [rad]."""
@@ -41,6 +44,6 @@ class Ellipse(AbstractCurve):
         return jnp.stack([a * jnp.sin(parameter), b * jnp.cos(parameter)])
 
     def given_angle(self, parameter: Array, direction: Array) -> Array:
-        """t."""
+        """T."""
         del direction
         return parameter

@@ -19,13 +19,13 @@ class Path(AbstractCurve):
         length: of each piece [m].
         turn: clockwise, over each piece [rad].
         start: direction of the first piece, counter-clockwise from +x [rad].
-        symmetric: see the base class.
+        mirrored: whether the right half is the mirror image of the left one.
     """
 
     length: Float[Array, "piece lane"]
     turn: Float[Array, "piece lane"]
     start: Lanes
-    symmetric: bool = eqx.field(static=True, default=False)
+    mirrored: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def of(cls, spec: PathSpec, value: Callable[[str], Lanes]) -> "Path":
@@ -48,6 +48,11 @@ class Path(AbstractCurve):
         """Where pieces meet."""
         return tuple(range(1, self.length.shape[0]))
 
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
+
     def edges(self) -> Float[Array, "edge lane"]:
         """Arc lengths of the ends of the pieces [m]."""
         return jnp.concatenate([jnp.zeros_like(self.length[:1]), jnp.cumsum(self.length, 0)])
@@ -66,7 +71,7 @@ class Path(AbstractCurve):
 
 
 def _chord(length: Array, heading: Array, turn: Array) -> Float[Array, "2 *shape"]:
-    """From the beginning of an arc to its end: the mean direction times sinc of half the turn."""
+    """From the beginning of an arc to its end: along the mean direction."""
     size = length * jnp.sinc(turn / (2 * np.pi))
     middle = heading + turn / 2
     return size * jnp.stack([jnp.cos(middle), -jnp.sin(middle)])

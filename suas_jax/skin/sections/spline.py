@@ -20,12 +20,12 @@ class Spline(AbstractCurve):
     Attributes:
         points: [2, point, lane], in metres.
         slopes: derivatives by the parameter there.
-        symmetric: see the base class.
+        mirrored: whether the right half is the mirror image of the left one.
     """
 
     points: Float[Array, "2 point lane"]
     slopes: Float[Array, "2 point lane"]
-    symmetric: bool = eqx.field(static=True, default=False)
+    mirrored: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def of(cls, spec: SplineSpec, value: Callable[[str], Lanes]) -> "Spline":
@@ -38,6 +38,11 @@ class Spline(AbstractCurve):
         mirrored = bool(np.allclose(given, image, rtol=0, atol=_MIRRORED * width))
         chord = jnp.sqrt(jnp.sum(jnp.diff(points, axis=1) ** 2, 0))
         return cls(points, _slopes(points, chord), mirrored)
+
+    @property
+    def symmetric(self) -> bool:
+        """See the base class."""
+        return self.mirrored
 
     def edges(self) -> Float[Array, "edge lane"]:
         """Sums of the chords' lengths [m]."""
