@@ -110,23 +110,20 @@ class InterpolatedFace(AbstractFace):
     """An inner face through scattered points.
 
     Attributes:
-        height: of the face above its radius at rest, over angle and axial position in radii.
+        interpolant: height over the radius at rest by angle and axial position in radii.
         radius: at rest [m].
     """
 
-    height: CloughTocher2DInterpolator
+    interpolant: CloughTocher2DInterpolator
     radius: float
     varies_along_axis: ClassVar[bool] = True
 
-    def gap(
-        self,
-        angle: Float[Array, "ray #lane"],
-        axial: Float[Array, "ray #lane"],
-        wall_radius: Lanes,
+    def height(
+        self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]
     ) -> Float[Array, "ray lane"]:
         """See the base class."""
         places = np.broadcast_arrays(np.asarray(angle), np.asarray(axial) / self.radius)
-        return jnp.asarray(self.height(np.stack(places, -1))) + self.radius - wall_radius
+        return jnp.asarray(self.interpolant(np.stack(places, -1)))
 
 
 def face_of(pad: FelupePad) -> InterpolatedFace:
