@@ -31,7 +31,6 @@ from suas_jax import configure
 from suas_jax.config import load_scene, load_skin, with_solve
 from suas_jax.files.writing import write_text
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.pad_forward import pad_skin_of
 from suas_jax.scene.solve import solve
 

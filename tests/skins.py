@@ -94,6 +94,21 @@ def scene(
     return scene_from_dict(table)
 
 
+def shaped(
+    geometry: Mapping[str, Any], *loads: dict[str, Any], **tables: dict[str, Any]
+) -> SceneSpec:
+    """The paper's material, thickness, width and gap around a section of another shape.
+
+    Args:
+        geometry: its table as in a file, which may have other dimensions.
+        loads: tables of the loads.
+        tables: others of the scene.
+    """
+    sizes = {"thickness": "1.5 mm", "width": "123 mm", "oil_gap": "5 mm"}
+    rest = {"material": EPDM, "oil": {"model": "incompressible"}, "load": list(loads)}
+    return scene_from_dict({**rest, **tables, "geometry": {**sizes, **geometry}})
+
+
 def problem_of(
     spec: SceneSpec, elements: int, layers: int = 0, *, half: bool = False
 ) -> Problem:

@@ -6,6 +6,7 @@ of the same name in `suas_jax.skin.sections`.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -42,6 +43,14 @@ class AlongSpec(Spec):
         if self.arc[0] != 0 or self.arc[-1] != 1 or not rising:
             raise ValueError("arc must rise from 0 to 1, for example [0, 0.5, 1]")
         return self
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the right half is the mirror image of the left one."""
+        places = zip(self.arc, self.arc[::-1], strict=True)
+        return self.value == self.value[::-1] and all(
+            math.isclose(a, 1 - b, abs_tol=1e-12) for a, b in places
+        )
 
     @property
     def mean(self) -> float:

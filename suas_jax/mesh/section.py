@@ -60,8 +60,8 @@ def measures(scene: SceneSpec) -> Measures:
 
     def found(numbers: dict[str, Any]) -> tuple[list[Any], list[Any], Any, Any]:
         nonlocal symmetric
-        section = build_geometry(scene.geometry, lambda k: numbers[f"geometry.{k}"]).section
-        symmetric = section.symmetric
+        geometry = build_geometry(scene.geometry, lambda k: numbers[f"geometry.{k}"])
+        section, symmetric = geometry.section, geometry.symmetric
         loads, places = [], []
         for i, spec in enumerate(scene.loads):
             value = functools.partial(_numbered, numbers, i)

@@ -88,6 +88,7 @@ class ChartedSection(AbstractSection):
         table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
             -1 to 1 on it.
         length: of the inner face [m].
+        mirrored: whether the right half is the mirror image of the left one.
     """
 
     curve: AbstractCurve
@@ -97,6 +98,7 @@ class ChartedSection(AbstractSection):
     ends: Float[Array, "edge lane"]
     table: Float[Array, "piece field power lane"]
     length: Lanes
+    mirrored: bool = eqx.field(static=True)
 
     @classmethod
     def of(cls, curve: AbstractCurve, thickness: Lanes | Along) -> Self:
@@ -131,8 +133,10 @@ class ChartedSection(AbstractSection):
 
         arc = lengths(speed * step / 2)
         length = arc[-1, -1]
+        mirrored = curve.symmetric
         if isinstance(thickness, Along):
             thick, mean = thickness(arc / length), thickness.mean()
+            mirrored = mirrored and thickness.mirrored
         else:
             thick, mean = jnp.broadcast_to(thickness, arc.shape), thickness
         mid = place + thick / 2 * outward(direction)
@@ -156,12 +160,13 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
             length=length,
+            mirrored=mirrored,
         )
 
     @property
     def symmetric(self) -> bool:
-        """That of the curve."""
-        return self.curve.symmetric
+        """That of curve and thickness."""
+        return self.mirrored
 
     @property
     def size(self) -> Lanes:
@@ -188,7 +193,8 @@ class ChartedSection(AbstractSection):
 
         def look_up(ends: Array, table: Array, x: Array) -> list[Array]:
             fixed = jax.lax.stop_gradient(x)
-            inside = jnp.searchsorted(ends[1:-1], fixed, side="right", method="compare_all")
+            # Not `searchsorted`: XLA folds it wrongly where several lanes ask at constants.
+            inside = jnp.sum(fixed[:, None] >= ends[1:-1], 1)
             row, low, high = table[inside], ends[inside], ends[inside + 1]
             scale = 2 / (high - low)
             v = (x - low) * scale - 1

@@ -42,6 +42,12 @@ class SkinGeometry(eqx.Module):
         return self.section.half_angle
 
     @property
+    def symmetric(self) -> bool:
+        """Whether the left half is the mirror image of the right one, gap and all."""
+        even = self.gap_along is None or self.gap_along.mirrored
+        return self.section.symmetric and even
+
+    @property
     def mid_size(self) -> Lanes:
         """Length of the mid-line per angle [m]."""
         return self.section.size
