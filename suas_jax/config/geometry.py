@@ -7,14 +7,11 @@ of the same name in `suas_jax.skin.sections`.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
+from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field, ValidationInfo, model_validator
 
 from suas_jax.config.fields import AsList, PositiveLength, Quantity, Spec, quantity
-
-if TYPE_CHECKING:
-    from suas_jax.config.sections.circle import CircleSpec
 
 _Fraction = Annotated[float, quantity("number", at_least=0.0)]
 
@@ -106,8 +103,8 @@ class GeometrySpec(Spec):
         """Whether the section is a circle of one thickness and gap."""
         return False
 
-    def circle(self, what: str) -> CircleSpec:
-        """The dimensions of a circle, for what knows no other section.
+    def circle(self, what: str) -> Any:
+        """The `CircleSpec` that this is, for what knows no other section.
 
         Args:
             what: works with circles alone; begins the message.

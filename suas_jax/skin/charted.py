@@ -22,6 +22,7 @@ from suas_jax.numerics.newton_polynomial import power_coefficients
 from suas_jax.skin.along import Along
 from suas_jax.skin.section import (
     FOOT_STEPS,
+    INVERSE_STEPS,
     AbstractSection,
     Frame,
     outward,
@@ -30,8 +31,6 @@ from suas_jax.skin.section import (
 
 # Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
 _NODES, _PIECES = 7, 48
-# Newton steps of an inverse: smooth functions, from a start good to a per cent.
-_INVERSE_STEPS = 5
 
 
 class AbstractCurve(eqx.Module):
@@ -88,6 +87,7 @@ class ChartedSection(AbstractSection):
         table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
             -1 to 1 on it.
         length: of the inner face [m].
+        kinks: which ends of pieces the curvature jumps at.
         mirrored: whether the right half is the mirror image of the left one.
     """
 
@@ -98,6 +98,7 @@ class ChartedSection(AbstractSection):
     ends: Float[Array, "edge lane"]
     table: Float[Array, "piece field power lane"]
     length: Lanes
+    kinks: tuple[int, ...] = eqx.field(static=True)
     mirrored: bool = eqx.field(static=True)
 
     @classmethod
@@ -160,6 +161,7 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
             length=length,
+            kinks=tuple(each * k for k in curve.kinks),
             mirrored=mirrored,
         )
 
@@ -176,8 +178,7 @@ class ChartedSection(AbstractSection):
     @property
     def breakpoints(self) -> list[Lanes]:
         """See the base class."""
-        each = (self.ends.shape[0] - 1) // (self.curve.edges().shape[0] - 1)
-        return [self.ends[each * k] for k in self.curve.kinks]
+        return [self.ends[k] for k in self.kinks]
 
     def _at(self, angle: Array, *names: str) -> list[Array]:
         """Fields at angles [*shape, lane]."""
@@ -246,6 +247,10 @@ class ChartedSection(AbstractSection):
         """See the base class."""
         return self._at(angle, "mid_direction")[0]
 
+    def inner_direction(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._at(angle, "direction")[0]
+
     def curvature(self, angle: Array) -> Array:
         """See the base class."""
         return self._with_slopes(angle, (), ("mid_direction",))[0] / self.size
@@ -289,7 +294,7 @@ class ChartedSection(AbstractSection):
             here, rate = self._with_slopes(angle, (name,), (name,))
             return angle + (value - here) / rate, None
 
-        return jax.lax.scan(step, start, None, length=_INVERSE_STEPS)[0]
+        return jax.lax.scan(step, start, None, length=INVERSE_STEPS)[0]
 
 
 def _horner(powers: list[Array], x: Array) -> Array:
