@@ -31,7 +31,6 @@ from suas_jax import configure
 from suas_jax.config import load_scene, load_skin, with_solve
 from suas_jax.files.writing import write_text
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.pad_forward import pad_skin_of
 from suas_jax.scene.solve import solve
 
@@ -110,23 +109,20 @@ class InterpolatedFace(AbstractFace):
     """An inner face through scattered points.
 
     Attributes:
-        height: of the face above its radius at rest, over angle and axial position in radii.
+        interpolant: height over the radius at rest by angle and axial position in radii.
         radius: at rest [m].
     """
 
-    height: CloughTocher2DInterpolator
+    interpolant: CloughTocher2DInterpolator
     radius: float
     varies_along_axis: ClassVar[bool] = True
 
-    def gap(
-        self,
-        angle: Float[Array, "ray #lane"],
-        axial: Float[Array, "ray #lane"],
-        wall_radius: Lanes,
+    def height(
+        self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]
     ) -> Float[Array, "ray lane"]:
         """See the base class."""
         places = np.broadcast_arrays(np.asarray(angle), np.asarray(axial) / self.radius)
-        return jnp.asarray(self.height(np.stack(places, -1))) + self.radius - wall_radius
+        return jnp.asarray(self.interpolant(np.stack(places, -1)))
 
 
 def face_of(pad: FelupePad) -> InterpolatedFace:

@@ -17,6 +17,8 @@ from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.program import _program, prepared
 from suas_jax.scene.structure import Structure
+from suas_jax.skin.circle import Circle
+from suas_jax.skin.geometry import SkinGeometry
 
 WIDTH = 0.123
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
@@ -45,6 +47,19 @@ find = quick(equilibrium)
 def check(problem: Problem, state: State) -> Verification:
     """Stability of a state, and its next Newton correction."""
     return verify(problem, state)[0]
+
+
+def half_cylinder(
+    radius: float = 0.0575,
+    thickness: float = 0.0015,
+    half_angle: float = np.pi / 2,
+    width: float = WIDTH,
+    oil_gap: float = 0.005,
+) -> SkinGeometry:
+    """The paper's skin with other dimensions (SI, rad), one lane."""
+    numbers = (radius, thickness, half_angle, width, oil_gap)
+    radius_, thickness_, half_angle_, width_, gap = (jnp.array([x]) for x in numbers)
+    return SkinGeometry(Circle(radius_, thickness_, half_angle_), width_, gap)
 
 
 def line(angle: float, force: float, **more: Any) -> dict[str, Any]:
@@ -77,6 +92,21 @@ def scene(
     if oil_pressure is not None:
         table["solve"] = {"oil_pressure": f"{oil_pressure!r} Pa"}
     return scene_from_dict(table)
+
+
+def shaped(
+    geometry: Mapping[str, Any], *loads: dict[str, Any], **tables: dict[str, Any]
+) -> SceneSpec:
+    """The paper's material, thickness, width and gap around a section of another shape.
+
+    Args:
+        geometry: its table as in a file, which may have other dimensions.
+        loads: tables of the loads.
+        tables: others of the scene.
+    """
+    sizes = {"thickness": "1.5 mm", "width": "123 mm", "oil_gap": "5 mm"}
+    rest = {"material": EPDM, "oil": {"model": "incompressible"}, "load": list(loads)}
+    return scene_from_dict({**rest, **tables, "geometry": {**sizes, **geometry}})
 
 
 def problem_of(

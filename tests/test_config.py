@@ -16,7 +16,6 @@ from suas_jax.config import (
     CompressibleOilSpec,
     ConfigError,
     ElectrodesSpec,
-    GeometrySpec,
     LineLoadSpec,
     MooneyRivlinSpec,
     SceneSpec,
@@ -34,6 +33,7 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.config.quantities import DIMENSIONS, to_si
+from suas_jax.config.sections.circle import CircleSpec
 
 CONFIGS = pathlib.Path(__file__).parent.parent / "configs"
 SCENES = sorted((CONFIGS / "scenes").glob("*.toml"))
@@ -150,7 +150,7 @@ def test_shipped_skin_loads(path):
 
 def test_the_papers_skin_has_the_papers_numbers():
     scene = load_scene(CONFIGS / "scenes/case_b.toml")
-    assert scene.geometry == GeometrySpec(
+    assert scene.geometry == CircleSpec(
         inner_radius=57.5e-3,
         thickness=1.5e-3,
         half_angle=math.pi / 2,

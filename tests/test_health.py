@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from skins import half_cylinder
 from test_baseline import log_of as log_at
 from typer.testing import CliRunner
 
@@ -164,7 +165,8 @@ def test_places_are_the_models() -> None:
         assert spec.electrodes is not None
         radius = spec.geometry.inner_radius - spec.geometry.oil_gap
         stated = defaultdict(float, continuous_inputs(spec))
-        taxels = taxels_of(spec.electrodes, stated, radius)
+        skin = half_cylinder(spec.geometry.inner_radius, oil_gap=spec.geometry.oil_gap)
+        taxels = taxels_of(spec.electrodes, stated, skin)
         places = np.array([*taxel_places(spec.electrodes, radius).values()])
         angle, axial = (np.asarray(x)[:, 0] for x in (taxels.angle, taxels.axial))
         np.testing.assert_allclose(places[:, 0], radius * angle, atol=1e-12)

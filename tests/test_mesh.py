@@ -6,28 +6,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import quick
+from skins import half_cylinder, quick
 
 from suas_jax.mesh.plan import MeshPlan, load_points, plan_mesh
-from suas_jax.skin.geometry import SkinGeometry, outward, tangent
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
+from suas_jax.skin.section import outward, tangent
 
 HALF = np.pi / 2
 LAYER = 0.12
 
 
-def skin(**changes: float) -> SkinGeometry:
-    dimensions = {
-        "inner_radius": 0.0575,
-        "thickness": 0.0015,
-        "half_angle": HALF,
-        "width": 0.123,
-        "oil_gap": 0.005,
-    }
-    return SkinGeometry(**{k: np.array([v]) for k, v in (dimensions | changes).items()})
-
-
-OUTER = float(skin().outer_radius[0])
+SKIN = half_cylinder()
+OUTER = float(SKIN.outer_size[0])
 points_of = quick(load_points)
 
 
@@ -43,16 +34,16 @@ def plan_of(
 ) -> MeshPlan:
     numbers = [-HALF, HALF]
     for one in loads:
-        numbers += [float(x[0]) for x in one.breakpoints(skin())]
+        numbers += [float(x[0]) for x in one.breakpoints(SKIN.section)]
     spread = [one.spread is not None for one in loads]
     return plan_mesh(numbers, spread, elements, layer, symmetric=symmetric)
 
 
 def placed(
-    plan: MeshPlan, loads: list[LineLoad], geometry: SkinGeometry | None = None
+    plan: MeshPlan, loads: list[LineLoad], geometry: SkinGeometry = SKIN
 ) -> tuple[np.ndarray, np.ndarray, LoadPoints]:
     """Angles of the stations and of the load points, and the points."""
-    found = points_of(plan, geometry or skin(), loads)
+    found = points_of(plan, geometry, loads)
     angles, every = jax.tree.map(np.asarray, found)
     used = plan.loaded
     assert not np.any(every.force[:, ~used])
@@ -204,7 +195,7 @@ def test_single_element() -> None:
     total = -7 / 0.123 * (outward(0.4) + outward(-0.1))
     np.testing.assert_allclose(np.sum(points.force, 1)[:, 0], total, rtol=1e-13)
     none = plan_of([], 1)
-    assert points_of(none, skin(), [])[1].force.shape[1] == 0
+    assert points_of(none, SKIN, [])[1].force.shape[1] == 0
 
 
 @pytest.mark.parametrize("elements", [1, 2, 5, 16, 31])
@@ -232,13 +223,13 @@ def test_spread_load_has_the_force_and_the_resultant_of_its_arc(
 
 def test_direction_turns_counter_clockwise_from_the_inward_radial() -> None:
     for angle, turn in itertools.product((-0.7, 0.0, 0.4), (-0.2, 0.0, 1.0)):
-        got = np.asarray(load(angle, turn=turn).direction)[:, 0]
+        got = np.asarray(load(angle, turn=turn).direction(SKIN.section))[:, 0]
         inward = -np.asarray(outward(angle))
         c, s = np.cos(turn), np.sin(turn)
         want = np.array([[c, -s], [s, c]]) @ inward
         np.testing.assert_allclose(got, want, rtol=0, atol=1e-15)
     vertical = LineLoad(jnp.array([0.4]), jnp.ones(1), jnp.zeros(1), None, vertical=True)
-    np.testing.assert_array_equal(vertical.direction[:, 0], [0, -1])
+    np.testing.assert_array_equal(vertical.direction(SKIN.section)[:, 0], [0, -1])
 
 
 def test_tangent_and_normal_frame() -> None:
@@ -265,7 +256,7 @@ def test_load_points_move_smoothly_with_the_inputs(spread: float | None) -> None
         sizes = np.asarray(points.force)[:, :-1, 0].T @ -np.asarray(outward(0.5 + shift))
         centre = np.sum(sizes * where[:-1]) / np.sum(sizes)
         assert abs(centre - (0.5 + shift)) < 1e-13
-    wider = skin(half_angle=HALF + 0.05)
+    wider = half_cylinder(half_angle=HALF + 0.05)
     angles, where, _ = placed(plan, at, wider)
     np.testing.assert_allclose(angles[[0, -1]], [-HALF - 0.05, HALF + 0.05], atol=1e-15)
     assert abs(where[-1] + 0.2) < 1e-14

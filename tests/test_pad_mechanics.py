@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import find, quick
+from skins import find, half_cylinder, quick
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
@@ -16,21 +16,20 @@ from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
 from suas_jax.mechanics.pad.fibres import energy_density, layers, resultants
-from suas_jax.mechanics.pad.mid_surface import Surface, components, surface
+from suas_jax.mechanics.pad.mid_surface import Rest, Surface, components, surface
 from suas_jax.mechanics.pad.net import Net, NetTopology
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
-from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.wall import RigidLimit, Wall
 
 ONE = jnp.ones(1)
-SKIN = SkinGeometry(57.5e-3 * ONE, 1.5e-3 * ONE, np.pi / 2 * ONE, 0.123 * ONE, 5e-3 * ONE)
+SKIN = half_cylinder()
 EPDM = MooneyRivlin(20.7e6 * ONE, -4.4e6 * ONE, 77e3 * ONE)
 RUBBER = Ogden(jnp.array([[31.5e6], [60e3], [-500e3]]), jnp.array([[1.3], [5.0], [-2.0]]))
 
@@ -76,6 +75,9 @@ def trapped(pad: Pad | Shell) -> Problem:
     return Problem(pad, IncompressibleOil(), 0 * ONE)
 
 
+THICK = half_cylinder(radius=0.056, thickness=4e-3, oil_gap=2e-4)
+
+
 def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
     """A thick pad of few uneven elements with forces all over it."""
     rng = np.random.default_rng(0)
@@ -92,7 +94,7 @@ def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
     )
     angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
     net = net_of(NetTopology(arc, axial), angles, positions)
-    return Pad(law, 0.058 * ONE, 4e-3 * ONE, net, points, 1e-4 * ONE, None)
+    return Pad(law, THICK.section, net, points, 1e-4 * ONE, None)
 
 
 CASES = {
@@ -163,9 +165,8 @@ def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
 def test_contact_with_the_wall_comes_from_its_energy() -> None:
     free_pad = small_pad(*CASES["sliding ends, half, kinked"])
     q, directions, free = state_of(free_pad, 2e-3)
-    inner = free_pad.mid_radius - free_pad.thickness / 2
     law = RigidLimit(1e9 * ONE, 1e-4 * ONE)
-    pad = free_pad.with_wall(Wall(inner - 2e-4, law))
+    pad = free_pad.with_wall(Wall(THICK, law))
     gap = quick(lambda pad, q: pad.contact(q, pad.wall).gap)(pad, q)
     assert 0.05 < np.mean(gap < 0) < 0.95
     without = assemble(free_pad, q, PRESSURE, FACTOR)
@@ -216,31 +217,29 @@ def random_derivatives(size: float) -> np.ndarray:
 
 
 def density(u: np.ndarray, angle: np.ndarray, law: AbstractLaw = EPDM) -> np.ndarray:
-    radius, thickness = SKIN.mid_radius, SKIN.thickness
-
     @quick
     def energy(law: AbstractLaw, u: jax.Array, angle: jax.Array) -> jax.Array:
-        s = surface(list(u), angle, radius)
-        return energy_density(law, s, layers(3, thickness, radius), radius)
+        s = surface(list(u), Rest.of(SKIN.section, angle))
+        return energy_density(law, s, layers(3, s.rest))
 
     return np.asarray(energy(law, jnp.asarray(u), jnp.asarray(angle)))
 
 
 @pytest.mark.parametrize("law", [EPDM, pytest.param(RUBBER, marks=pytest.mark.long)])
 def test_resultants_are_derivatives_of_the_energy(law: AbstractLaw) -> None:
-    radius, fibres = SKIN.mid_radius, layers(3, SKIN.thickness, SKIN.mid_radius)
-    angle = jnp.linspace(-1.5, 1.5, 7)
+    rest = Rest.of(SKIN.section, jnp.linspace(-1.5, 1.5, 7))
+    fibres = layers(3, rest)
 
     def energy(six: jax.Array, s: Surface) -> jax.Array:
         rows = [x[None] for x in six]
         s = s._replace(metric=components(rows[:3]), bending=components(rows[3:]))
-        return energy_density(law, s, fibres, radius)[0]
+        return energy_density(law, s, fibres)[0]
 
     @quick
     def both(u: jax.Array) -> tuple[jax.Array, ...]:
-        s = surface(list(u), angle, radius)
+        s = surface(list(u), rest)
         six = jnp.stack([*s.metric, *s.bending])
-        found = resultants(law, s, fibres, radius)
+        found = resultants(law, s, fibres)
         one = jax.tree.map(lambda x: x[..., :1], s)
         gradient = jax.vmap(jax.grad(energy), (1, None), 1)(six, one)
         hessian = jax.vmap(jax.hessian(energy), (1, None), 2)(six, one)
@@ -264,7 +263,7 @@ def test_resultants_are_derivatives_of_the_energy(law: AbstractLaw) -> None:
 def test_rigid_motions_cost_no_energy(law: AbstractLaw) -> None:
     angle = np.linspace(-1.5, 1.5, 7)
     sine, cosine, zero = np.sin(angle), np.cos(angle), np.zeros(7)
-    radius = float(SKIN.mid_radius[0])
+    radius = float(SKIN.mid_size[0])
     n, t = np.stack([sine, cosine, zero]), np.stack([cosine, -sine, zero])
     z = np.stack([zero, zero, zero + 1])
     rest = np.stack([radius * n, t, z, -n / radius, 0 * n, 0 * n])
@@ -289,12 +288,13 @@ def test_in_plane_strain_a_fibre_is_the_section_s(law: AbstractLaw) -> None:
     section = LoadPoints(jnp.zeros((1, 0, 1)), jnp.zeros((0, 1)), jnp.zeros((2, 0, 1)))
     ends = jnp.array([[-1.0], [1.0]])
     shell = Shell.build(SKIN, law, ends, section, symmetric=False)
-    sine, cosine, radius = np.sin(angle), np.cos(angle), float(SKIN.mid_radius[0])
+    sine, cosine, radius = np.sin(angle), np.cos(angle), float(SKIN.mid_size[0])
     r1 = np.stack([cosine, -sine]) + u[1, :2]
     r2 = u[3, :2] - np.stack([sine, cosine]) / radius
     a = np.sum(r1**2, 0)
     curvature = (r2[0] * r1[1] - r2[1] * r1[0]) / a - 1 / radius
-    wanted = shell.fibres.energy(jnp.asarray(a - 1), jnp.asarray(curvature))
+    fibres = shell.fibres(SKIN.section.frame(jnp.asarray(angle)[:, None]))
+    wanted = fibres.energy(*(jnp.asarray(x)[:, None] for x in (a - 1, curvature)))
     np.testing.assert_allclose(density(u, angle, law), wanted.reshape(-1), rtol=1e-9)
 
 
@@ -325,8 +325,7 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
     )
     pad = Pad(
         EPDM,
-        SKIN.mid_radius,
-        SKIN.thickness,
+        SKIN.section,
         net_of(topology, angles, axial),
         PadLoadPoints(at * jnp.ones_like(places), places, forces[..., None]),
         SKIN.film_area * SKIN.width,
@@ -401,7 +400,7 @@ def test_a_finer_mesh_holds_the_same_deformation() -> None:
     np.testing.assert_allclose(fine, coarse, rtol=0, atol=1e-4 * np.max(np.abs(coarse)))
 
 
-def test_radii_along_rays_are_those_of_the_deformed_face() -> None:
+def test_heights_along_rays_are_those_of_the_deformed_face() -> None:
     pad, q, _ = crown(6.0)
     rng = np.random.default_rng(3)
     angle = jnp.asarray(rng.uniform(-1.4, 0, (20, 1)))
@@ -410,8 +409,8 @@ def test_radii_along_rays_are_those_of_the_deformed_face() -> None:
     inner, place = 57.5e-3, np.asarray(angle)[:, 0]
     x, y = inner * np.sin(place) + moved[0], inner * np.cos(place) + moved[1]
     polar, along = np.arctan2(x, y)[:, None], (np.asarray(axial)[:, 0] + moved[2])[:, None]
-    got = quick(Pad.inner_radius_at)(pad, q, jnp.asarray(polar), jnp.asarray(along))
-    np.testing.assert_allclose(got[:, 0], np.hypot(x, y), rtol=1e-9)
+    got = quick(Pad.height_at)(pad, q, jnp.asarray(polar), jnp.asarray(along))
+    np.testing.assert_allclose(inner + got[:, 0], np.hypot(x, y), rtol=1e-9)
 
 
 @pytest.mark.long
@@ -437,8 +436,12 @@ def test_displacements_converge_with_the_order_of_the_splines() -> None:
 def test_forces_add_up_to_the_load(load: PadLoad) -> None:
     points = load_points(plan_of([load]), SKIN, [load])
     total = np.sum(np.asarray(points.force), 1)
-    np.testing.assert_allclose(total, load.force * load.direction, rtol=1e-12, atol=1e-15)
-    share = np.asarray(points.force)[1] / np.asarray(load.force * load.direction)[1]
+    np.testing.assert_allclose(
+        total, load.force * load.direction(SKIN.section), rtol=1e-12, atol=1e-15
+    )
+    share = (
+        np.asarray(points.force)[1] / np.asarray(load.force * load.direction(SKIN.section))[1]
+    )
     centre = [np.sum(share * np.asarray(x), 0) for x in (points.angle, points.axial)]
     np.testing.assert_allclose(centre, [load.angle, load.axial], rtol=1e-12)
 

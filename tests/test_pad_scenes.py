@@ -65,9 +65,10 @@ def answer(scene: Any, plan: Any, inputs: dict[str, jax.Array]) -> tuple[Any, An
 
     def read(state: State) -> jax.Array:
         load = parts.forces[0]
+        force = load.direction(problem.mechanics.section)
         moved = problem.mechanics.under(state.q, load)
         faces = jnp.stack([moved.mid_displacement, moved.inner_displacement])
-        return jnp.append(state.pressure, jnp.sum(faces * load.direction, 1))
+        return jnp.append(state.pressure, jnp.sum(faces * force, 1))
 
     change = verify(problem, found.state)[1]
     assert change is not None
@@ -185,8 +186,9 @@ def test_derivatives_by_place_size_and_direction_are_exact() -> None:
         problem = problem_of(parts, plan)
         found = equilibrium(problem).state
         load = parts.forces[0]
+        force = load.direction(problem.mechanics.section)
         moved_by = problem.mechanics.under(found.q, load).inner_displacement
-        return jnp.append(found.pressure, jnp.sum(moved_by * load.direction, 0))
+        return jnp.append(found.pressure, jnp.sum(moved_by * force, 0))
 
     x = jnp.stack([inputs[name] for name in names])
     step = 1e-5 * jnp.maximum(jnp.abs(x), 1e-2 * (jnp.abs(x) < 10))

@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, converged, line, problem_of, quick, scene
+from skins import EPDM, converged, half_cylinder, line, problem_of, quick, scene
 
-from suas_jax.config import ConfigError, GeometrySpec, continuous_inputs, scene_from_dict
+from suas_jax.config import ConfigError, continuous_inputs, scene_from_dict
+from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.mechanics.base import Profile
-from suas_jax.mechanics.section_face import INTERVALS, PolarFace, polar_face, radius_at
+from suas_jax.mechanics.section_face import INTERVALS, NormalFace, height_at, normal_face
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.scene.forward import forward, loads_of, skin_of
 from suas_jax.scene.gradient import gradient
@@ -32,10 +33,11 @@ from suas_jax.sensing.taxels import (
     taxel_names,
 )
 from suas_jax.sensing.tiling import tiled_modules
-from suas_jax.skin.geometry import SkinGeometry, outward
+from suas_jax.skin.section import outward
 
 DATA = Path(__file__).parent / "data"
-WALL = jnp.array([0.0525])
+SKIN = half_cylinder()
+WALL = 0.0525  # its radius
 
 
 def electrodes(**more: object) -> dict[str, object]:
@@ -66,15 +68,15 @@ def sensing(*loads: dict, table: dict | None = None, **oil: object) -> object:
 
 def test_formulas() -> None:
     gap, oil = jnp.array([5e-3]), jnp.array([2.2])
-    plane = ParallelPlate().per_area(gap, Dielectric(oil, 0.0, WALL))
+    plane = ParallelPlate().per_area(gap, Dielectric(oil, 0.0, 1 / WALL))
     assert plane[0] == pytest.approx(VACUUM_PERMITTIVITY * 2.2 / 5e-3, rel=1e-15)
-    coaxial = Concentric().per_area(gap, Dielectric(oil, 0.0, WALL))
+    coaxial = Concentric().per_area(gap, Dielectric(oil, 0.0, 1 / WALL))
     per_length = 2 * np.pi * VACUUM_PERMITTIVITY * 2.2 / np.log(57.5 / 52.5)
     assert coaxial[0] * 2 * np.pi * 0.0525 == pytest.approx(per_length, rel=1e-13)
     assert coaxial[0] / plane[0] == pytest.approx(1.047, abs=1e-3)
     # In series: reciprocals of capacitance add up.
     layers = 50e-6 / 3.3 + 0.2e-3 / 1.6
-    both = ParallelPlate().per_area(gap, Dielectric(oil, layers, WALL))
+    both = ParallelPlate().per_area(gap, Dielectric(oil, layers, 1 / WALL))
     parts = 5e-3 / 2.2 + 50e-6 / 3.3 + 0.2e-3 / 1.6
     assert both[0] == pytest.approx(VACUUM_PERMITTIVITY / parts, rel=1e-14)
 
@@ -94,7 +96,7 @@ def test_a_bare_disc_gathers_the_field_beyond_its_edge() -> None:
         (0, 0),
         (1, 2),
     )
-    between = Dielectric(jnp.array([2.2]), 0.0, WALL)
+    between = Dielectric(jnp.array([2.2]), 0.0, 1 / WALL)
     gap = jnp.array([[0.3e-3, 0.5e-3, 5e-3, 12e-3]] * 2)
 
     def of(gap: jax.Array) -> jax.Array:
@@ -130,13 +132,14 @@ class Bent:
 
     wall = None
 
-    def face(self, q: jax.Array, inner_radius: jax.Array) -> PolarFace:
+    def face(self, q: jax.Array) -> NormalFace:
         """As `AbstractMechanics.face`."""
         angle = jnp.linspace(-np.pi / 2, np.pi / 2, 9)
         angle = angle[:-1] + jnp.linspace(0, 1, INTERVALS + 1)[:, None] * jnp.diff(angle)
+        angle = angle[..., None]
         moved = -q * jnp.exp(-((angle / 0.2) ** 2)) * outward(angle)
-        shape = Profile(angle[..., None], None, moved[..., None], *(None,) * 4)
-        return polar_face(shape, inner_radius)
+        rest = SKIN.section.inner_face(angle)
+        return normal_face(Profile(angle, rest, None, moved, *(None,) * 4), SKIN.section)
 
 
 @quick
@@ -178,20 +181,20 @@ def test_at_rest_every_taxel_has_the_paper_s_capacitance() -> None:
         sensing(relative_permittivity="olive-oil")
 
 
-def face_of(radius: object, count: int = 12) -> PolarFace:
-    """A face with a given radius over the polar angle, one cubic an element."""
+def face_of(height: object, count: int = 12) -> NormalFace:
+    """A face with a given height over the angle, one cubic an element."""
     edges = np.linspace(-np.pi / 2, np.pi / 2, count + 1)
     t = np.array([-1.0, -1 / 3, 1 / 3, 1.0])
     angle = (edges[:-1] + edges[1:]) / 2 + t[:, None] * np.diff(edges) / 2
-    powers = np.linalg.solve(np.vander(t, increasing=True), radius(angle))
-    return PolarFace(jnp.asarray(edges)[:, None], jnp.asarray(powers)[..., None], False)
+    powers = np.linalg.solve(np.vander(t, increasing=True), height(angle))
+    return NormalFace(jnp.asarray(edges)[:, None], jnp.asarray(powers)[..., None], False)
 
 
 def test_average_over_a_footprint() -> None:
     # 1 / d linear along the arc: the mean over a disc is the value at its centre. With d
     # itself linear, d = a + b x, the mean of 1/d over a disc has a closed form.
     taxels = Taxels(*jnp.array([[0.3], [0.0], [8e-3]])[..., None], (0,), (1,))
-    rays = jnp.stack([angle for angle, _ in taxels.rays(CHORDS, WALL)])
+    rays = jnp.stack([angle for angle, _ in taxels.rays(CHORDS, SKIN)])
     slope = 0.2
     x = (rays - 0.3) * WALL
     mean = CHORDS.average(1 / (3e-3 + slope * x))[0, 0]
@@ -213,10 +216,10 @@ def test_average_over_a_footprint_in_both_directions() -> None:
 
 
 def test_rays_meet_the_face() -> None:
-    face = face_of(lambda angle: 0.0575 + 1e-3 * angle**3)
+    face = face_of(lambda angle: 1e-3 * angle**3)
     angle = jnp.linspace(-1.7, 1.7, 57)[:, None]
-    want = 0.0575 + 1e-3 * np.clip(angle, -np.pi / 2, np.pi / 2) ** 3
-    np.testing.assert_allclose(radius_at(face, angle), want, rtol=1e-13)
+    want = 1e-3 * np.clip(angle, -np.pi / 2, np.pi / 2) ** 3
+    np.testing.assert_allclose(height_at(face, angle), want, rtol=1e-13, atol=1e-17)
 
 
 @pytest.fixture(scope="module")
@@ -232,9 +235,9 @@ def test_gap_is_where_the_inner_face_is(pressed: tuple) -> None:
     def both(mechanics: Shell, q: jax.Array) -> tuple[jax.Array, jax.Array]:
         shape = mechanics.profile(q, 7)  # other points than those that rays are drawn through
         x, y = 0.0575 * outward(shape.angle) + shape.inner_displacement
-        face = mechanics.face(q, jnp.array([0.0575]))
         angle = jnp.arctan2(x, y).reshape(-1, 1)
-        return radius_at(face, angle).ravel(), jnp.hypot(x, y).ravel()
+        along_rays = height_at(mechanics.face(q), angle)
+        return along_rays.ravel(), jnp.hypot(x, y).ravel() - 0.0575
 
     along_rays, of_points = both(mechanics, q)
     # 2e-8 m at the load's element, 1e-9 m elsewhere; the mesh's own error is 1e-6 m.
@@ -243,7 +246,7 @@ def test_gap_is_where_the_inner_face_is(pressed: tuple) -> None:
 
 def test_a_face_that_turns_back_has_no_gap(pressed: tuple) -> None:
     mechanics, q = pressed
-    folded = quick(lambda m, q: m.face(q, jnp.array([0.0575])).folded)
+    folded = quick(lambda m, q: m.face(q).folded)
     assert not folded(mechanics, q).any()
     assert folded(mechanics, 40 * q).all()
 
@@ -288,13 +291,10 @@ def test_derivatives_survive_a_taxel_that_touches() -> None:
     )
 
     one = jnp.ones(1)
-    geometry = SkinGeometry(
-        0.0575 * one, 0.0015 * one, np.pi / 2 * one, 0.123 * one, 0.005 * one
-    )
 
     def reading(depth: jax.Array, permittivity: jax.Array) -> jax.Array:
         oil = permittivity * one
-        held = Electrodes(taxels, geometry, oil, 0 * one, 0 * one, one, ParallelPlate())
+        held = Electrodes(taxels, SKIN, oil, 0 * one, 0 * one, one, ParallelPlate())
         found = held.read(Bent(), depth)
         return found.capacitance[1, 0]
 
@@ -342,7 +342,7 @@ def test_numbering_and_pose_of_a_module() -> None:
 
 
 def test_thirty_two_triangles_tile_the_wall() -> None:
-    geometry = GeometrySpec(
+    geometry = CircleSpec(
         inner_radius=0.0575, thickness=0.0015, half_angle=np.pi / 2, width=0.123, oil_gap=0.005
     )
     modules = tiled_modules(geometry)

@@ -7,7 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, built, check, find, line, problem_of, quick, scene, status
+from skins import (
+    EPDM,
+    built,
+    check,
+    find,
+    half_cylinder,
+    line,
+    problem_of,
+    quick,
+    scene,
+    status,
+)
 
 from suas_jax.config import continuous_inputs, scene_from_dict, with_inputs, with_solve
 from suas_jax.constitutive.laws.neo_hookean import NeoHookean
@@ -19,7 +30,6 @@ from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.solve import solve
-from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 
 REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
@@ -191,8 +201,7 @@ def inflated_sector(across: np.ndarray) -> tuple[jax.Array, jax.Array]:
     inner, outer, half, stretch = 1.0, 1.6, np.pi / 4, 1.25
     layers, elements = len(across), 4 * len(across)
     law = NeoHookean(jnp.ones(1))
-    sizes = (inner, outer - inner, half, 1.0, 0.1)
-    geometry = SkinGeometry(*(jnp.full(1, x) for x in sizes))
+    geometry = half_cylinder(inner, outer - inner, half, 1.0, 0.1)
     angles = jnp.linspace(-half, half, elements + 1)[:, None]
     nothing = LoadPoints(jnp.zeros((elements, 0, 1)), jnp.zeros((0, 1)), jnp.zeros((2, 0, 1)))
     solid = Solid.build(geometry, law, angles, nothing, layers=layers, symmetric=False)

@@ -95,7 +95,7 @@ def test_both_faces_of_both_shapes_are_looked_at(green: float, inside: bool, fac
     law = Gent(jnp.full(1, 1e6), jnp.full(1, 0.04))
     strain = np.zeros((9, 4, 1))
     strain[5, 2] = green
-    empty = [jnp.zeros_like(strain)] * 4
+    empty = [jnp.zeros_like(strain)] * 5
     faces = {"inner": 0 * strain, "outer": 0 * strain} | {face: strain}
     stretches = [jnp.sqrt(1 + faces[side]) for side in ("inner", "outer")]
     section = SectionShape(Profile(*empty, *stretches, empty[0]), jnp.full(1, -1.0))
@@ -104,7 +104,7 @@ def test_both_faces_of_both_shapes_are_looked_at(green: float, inside: bool, fac
     assert in_domain(continuum, law).tolist() == [inside or face == "outer"]
     across = np.zeros_like(strain)
     strains = [jnp.stack([faces[side], across, across]) for side in ("inner", "outer")]
-    pad = PadShape(Faces(*empty, empty[0], *strains, empty[0]))
+    pad = PadShape(Faces(*empty, *strains, empty[0]))
     assert in_domain(pad, law).tolist() == [inside]
 
 

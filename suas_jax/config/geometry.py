@@ -6,14 +6,12 @@ of the same name in `suas_jax.skin.sections`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
+import math
+from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field, ValidationInfo, model_validator
 
 from suas_jax.config.fields import AsList, PositiveLength, Quantity, Spec, quantity
-
-if TYPE_CHECKING:
-    from suas_jax.config.sections.circle import CircleSpec
 
 _Fraction = Annotated[float, quantity("number", at_least=0.0)]
 
@@ -42,6 +40,14 @@ class AlongSpec(Spec):
         if self.arc[0] != 0 or self.arc[-1] != 1 or not rising:
             raise ValueError("arc must rise from 0 to 1, for example [0, 0.5, 1]")
         return self
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the right half is the mirror image of the left one."""
+        places = zip(self.arc, self.arc[::-1], strict=True)
+        return self.value == self.value[::-1] and all(
+            math.isclose(a, 1 - b, abs_tol=1e-12) for a, b in places
+        )
 
     @property
     def mean(self) -> float:
@@ -97,8 +103,8 @@ class GeometrySpec(Spec):
         """Whether the section is a circle of one thickness and gap."""
         return False
 
-    def circle(self, what: str) -> CircleSpec:
-        """The dimensions of a circle, for what knows no other section.
+    def circle(self, what: str) -> Any:
+        """The `CircleSpec` that this is, for what knows no other section.
 
         Args:
             what: works with circles alone; begins the message.

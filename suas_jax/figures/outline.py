@@ -53,7 +53,7 @@ def _outline(structure: Structure, inputs: Inputs) -> Outline:
     geometry = parts.skin.geometry
     section = geometry.section
     angle = jnp.linspace(-1, 1, _POINTS)[:, None] * section.half_angle
-    inner, normal = section.inner_face(angle), section.normal(angle)
+    inner, normal = section.inner_face(angle), section.inner_normal(angle)
     thick = section.thickness(angle)
     signs = [jnp.sign(load.force) for load in parts.forces]
     push = [

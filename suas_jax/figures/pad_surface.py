@@ -46,7 +46,7 @@ def _grid(problem: Problem, state: State, shown: State) -> _Grid:
     assert isinstance(pad, Pad)
     faces, section = pad.sampled(shown.q, _SAMPLES), pad.section
     rest = section.inner_face(faces.angle)
-    above = rest + section.thickness(faces.angle) * section.normal(faces.angle)
+    above = rest + section.thickness(faces.angle) * section.inner_normal(faces.angle)
     inner, outer = (
         jnp.concatenate([x, faces.axial[None]]) + moved
         for x, moved in ((rest, faces.inner_displacement), (above, faces.outer_displacement))

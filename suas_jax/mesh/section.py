@@ -55,7 +55,8 @@ class Measures(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def measures(scene: SceneSpec) -> Measures:
     """Plain numbers of a scene's section and of the places of its loads."""
-    section = plain_geometry(scene.geometry).section
+    geometry = plain_geometry(scene.geometry)
+    section = geometry.section
     loads = {f"load.{i}": spec for i, spec in enumerate(scene.loads) if spec.kind != "pressure"}
     check_places(scene.geometry, loads)
     known = continuous_inputs(scene)
@@ -73,7 +74,7 @@ def measures(scene: SceneSpec) -> Measures:
     run = found if scene.geometry.is_circle else eqx.filter_jit(found)
     ends, middles = (tuple(float(x[0]) for x in group) for group in run(section))
     half, size = (float(x[0]) for x in (section.half_angle, section.size))
-    return Measures(ends, middles, half, size, section.symmetric)
+    return Measures(ends, middles, half, size, geometry.symmetric)
 
 
 def _numbered(numbers: dict[str, Any], load: str, key: str) -> Any:

@@ -120,7 +120,7 @@ class Taxels(eqx.Module):
         """
         section = geometry.section
         below = geometry.gap(self.angle) - height
-        x, y = section.inner_face(self.angle) - below * section.normal(self.angle)
+        x, y = section.inner_face(self.angle) - below * section.inner_normal(self.angle)
         return jnp.stack(jnp.broadcast_arrays(x, y, self.axial), 1)[..., 0]
 
     def rays(self, footprint: Footprint, geometry: SkinGeometry) -> list[tuple[Array, Array]]:

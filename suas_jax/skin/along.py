@@ -16,10 +16,12 @@ class Along(eqx.Module):
     Attributes:
         at: the fractions, from 0 at the left clamp to 1 at the right one.
         values: there [place, lane].
+        mirrored: whether the right half is the mirror image of the left one.
     """
 
     at: tuple[float, ...] = eqx.field(static=True)
     values: Float[Array, "place #lane"]
+    mirrored: bool = eqx.field(static=True, default=False)
 
     def __call__(self, fraction: Float[Array, "*shape #lane"]) -> Float[Array, "*shape lane"]:
         """The number at fractions of the arc."""
@@ -27,7 +29,7 @@ class Along(eqx.Module):
         # [power, interval, place], highest power first, in distances from the knots.
         powers = np.asarray(CubicSpline(knots, np.eye(len(knots))).c)
         table = jnp.einsum("pik,kl->pil", powers, self.values)
-        inside = jnp.searchsorted(jnp.asarray(knots[1:-1]), fraction, side="right")
+        inside = jnp.sum(fraction[..., None] >= knots[1:-1], -1)
         x = fraction - jnp.asarray(knots)[inside]
         lane = jnp.arange(table.shape[-1])
         found = jnp.zeros(())

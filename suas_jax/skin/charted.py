@@ -22,6 +22,7 @@ from suas_jax.numerics.newton_polynomial import power_coefficients
 from suas_jax.skin.along import Along
 from suas_jax.skin.section import (
     FOOT_STEPS,
+    INVERSE_STEPS,
     AbstractSection,
     Frame,
     outward,
@@ -30,8 +31,6 @@ from suas_jax.skin.section import (
 
 # Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
 _NODES, _PIECES = 7, 48
-# Newton steps of an inverse: smooth functions, from a start good to a per cent.
-_INVERSE_STEPS = 5
 
 
 class AbstractCurve(eqx.Module):
@@ -88,6 +87,8 @@ class ChartedSection(AbstractSection):
         table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
             -1 to 1 on it.
         length: of the inner face [m].
+        kinks: which ends of pieces the curvature jumps at.
+        mirrored: whether the right half is the mirror image of the left one.
     """
 
     curve: AbstractCurve
@@ -97,6 +98,8 @@ class ChartedSection(AbstractSection):
     ends: Float[Array, "edge lane"]
     table: Float[Array, "piece field power lane"]
     length: Lanes
+    kinks: tuple[int, ...] = eqx.field(static=True)
+    mirrored: bool = eqx.field(static=True)
 
     @classmethod
     def of(cls, curve: AbstractCurve, thickness: Lanes | Along) -> Self:
@@ -131,8 +134,10 @@ class ChartedSection(AbstractSection):
 
         arc = lengths(speed * step / 2)
         length = arc[-1, -1]
+        mirrored = curve.symmetric
         if isinstance(thickness, Along):
             thick, mean = thickness(arc / length), thickness.mean()
+            mirrored = mirrored and thickness.mirrored
         else:
             thick, mean = jnp.broadcast_to(thickness, arc.shape), thickness
         mid = place + thick / 2 * outward(direction)
@@ -156,12 +161,14 @@ class ChartedSection(AbstractSection):
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
             length=length,
+            kinks=tuple(each * k for k in curve.kinks),
+            mirrored=mirrored,
         )
 
     @property
     def symmetric(self) -> bool:
-        """That of the curve."""
-        return self.curve.symmetric
+        """That of curve and thickness."""
+        return self.mirrored
 
     @property
     def size(self) -> Lanes:
@@ -171,8 +178,7 @@ class ChartedSection(AbstractSection):
     @property
     def breakpoints(self) -> list[Lanes]:
         """See the base class."""
-        each = (self.ends.shape[0] - 1) // (self.curve.edges().shape[0] - 1)
-        return [self.ends[each * k] for k in self.curve.kinks]
+        return [self.ends[k] for k in self.kinks]
 
     def _at(self, angle: Array, *names: str) -> list[Array]:
         """Fields at angles [*shape, lane]."""
@@ -188,7 +194,8 @@ class ChartedSection(AbstractSection):
 
         def look_up(ends: Array, table: Array, x: Array) -> list[Array]:
             fixed = jax.lax.stop_gradient(x)
-            inside = jnp.searchsorted(ends[1:-1], fixed, side="right", method="compare_all")
+            # Not `searchsorted`: XLA folds it wrongly where several lanes ask at constants.
+            inside = jnp.sum(fixed[:, None] >= ends[1:-1], 1)
             row, low, high = table[inside], ends[inside], ends[inside + 1]
             scale = 2 / (high - low)
             v = (x - low) * scale - 1
@@ -240,6 +247,10 @@ class ChartedSection(AbstractSection):
         """See the base class."""
         return self._at(angle, "mid_direction")[0]
 
+    def inner_direction(self, angle: Array) -> Array:
+        """See the base class."""
+        return self._at(angle, "direction")[0]
+
     def curvature(self, angle: Array) -> Array:
         """See the base class."""
         return self._with_slopes(angle, (), ("mid_direction",))[0] / self.size
@@ -283,7 +294,7 @@ class ChartedSection(AbstractSection):
             here, rate = self._with_slopes(angle, (name,), (name,))
             return angle + (value - here) / rate, None
 
-        return jax.lax.scan(step, start, None, length=_INVERSE_STEPS)[0]
+        return jax.lax.scan(step, start, None, length=INVERSE_STEPS)[0]
 
 
 def _horner(powers: list[Array], x: Array) -> Array:

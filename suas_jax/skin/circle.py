@@ -39,6 +39,8 @@ class Circle(AbstractSection):
         """The angle."""
         return angle
 
+    inner_direction = direction
+
     def curvature(self, angle: Array) -> Array:
         """Inverse of the mid-line's radius [1/m]."""
         del angle

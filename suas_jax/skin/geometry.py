@@ -5,6 +5,7 @@ between them. The wall is the inner face moved inwards along its normal.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -42,6 +43,12 @@ class SkinGeometry(eqx.Module):
         return self.section.half_angle
 
     @property
+    def symmetric(self) -> bool:
+        """Whether the left half is the mirror image of the right one, gap and all."""
+        even = self.gap_along is None or self.gap_along.mirrored
+        return self.section.symmetric and even
+
+    @property
     def mid_size(self) -> Lanes:
         """Length of the mid-line per angle [m]."""
         return self.section.size
@@ -49,7 +56,7 @@ class SkinGeometry(eqx.Module):
     @property
     def _turning(self) -> Lanes:
         """Turn of the normal from clamp to clamp per angle: 1 on a circle."""
-        ends = self.section.direction(jnp.stack([-self.half_angle, self.half_angle]))
+        ends = self.section.inner_direction(jnp.stack([-self.half_angle, self.half_angle]))
         return (ends[1] - ends[0]) / (2 * self.half_angle)
 
     @property
@@ -91,10 +98,12 @@ class SkinGeometry(eqx.Module):
             length = section.arc(half) - section.arc(-half)
             return self.oil_gap * (length - self.oil_gap * half * self._turning)
         x, w = gauss_legendre(_GAUSS)
-        edges = jnp.linspace(-1.0, 1.0, _INTERVALS + 1)[:, None] * half
+        even = jnp.linspace(-1.0, 1.0, _INTERVALS + 1)[:, None] * half
+        edges = jnp.sort(jnp.concatenate([even, *(x[None] for x in section.breakpoints)]), 0)
         step = jnp.diff(edges, axis=0)
         angle = edges[:-1] + jnp.asarray(x)[:, None, None] * step
-        gap, half = self.gap(angle), section.thickness(angle) / 2
-        middle = 1 - section.curvature(angle) * (half + gap / 2)
+        gap, one = self.gap(angle), jnp.ones_like(angle)
+        _, length = jax.jvp(section.arc, (angle,), (one,))
+        _, turn = jax.jvp(section.inner_direction, (angle,), (one,))
         weight = jnp.asarray(w)[:, None, None] * step
-        return jnp.sum(weight * section.size * middle * gap, (0, 1))
+        return jnp.sum(weight * gap * (length - gap * turn / 2), (0, 1))

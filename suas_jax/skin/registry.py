@@ -42,7 +42,7 @@ def build_geometry(spec: GeometrySpec, value: Callable[[str], Array]) -> SkinGeo
         if not isinstance(table, AlongSpec):
             return value(key)
         values = [value(f"{key}.value.{k}") for k in range(len(table.value))]
-        return Along(table.arc, jnp.stack(jnp.broadcast_arrays(*values)))
+        return Along(table.arc, jnp.stack(jnp.broadcast_arrays(*values)), table.mirrored)
 
     thickness, gap = along("thickness"), along("oil_gap")
     if spec.section == "circle" and not isinstance(thickness, Along):

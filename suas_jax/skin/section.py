@@ -17,6 +17,7 @@ import abc
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -25,6 +26,9 @@ from suas_jax.numerics.array_types import Lanes
 FOOT_STEPS = 6
 """Newton steps from a material point to the foot of a place near it: its angle changes by
 little, and the derivatives of the last steps are exact to second order."""
+
+INVERSE_STEPS = 5
+"""Newton steps of an inverse: smooth functions, from a start good to a per cent."""
 
 
 def outward(direction: Float[Array, "*shape"]) -> Float[Array, "2 *shape"]:
@@ -87,6 +91,10 @@ class AbstractSection(eqx.Module):
         """Angle of the outward normal from the y axis, clockwise [rad]."""
 
     @abc.abstractmethod
+    def inner_direction(self, angle: Array) -> Array:
+        """The same of the inner face, which differs where the thickness varies [rad]."""
+
+    @abc.abstractmethod
     def curvature(self, angle: Array) -> Array:
         """Curvature of the mid-line, positive where it bulges outwards [1/m]."""
 
@@ -138,9 +146,9 @@ class AbstractSection(eqx.Module):
         curvature, thickness = over(self.curvature(angle)), over(self.thickness(angle))
         return Frame(angle, t, n, curvature, thickness)
 
-    def normal(self, angle: Array) -> Float[Array, "2 *shape"]:
-        """Outward unit normal of the undeformed section."""
-        return outward(self.direction(angle))
+    def inner_normal(self, angle: Array) -> Float[Array, "2 *shape"]:
+        """Outward unit normal of the undeformed inner face."""
+        return outward(self.inner_direction(angle))
 
     @abc.abstractmethod
     def foot(self, position: Float[Array, "2 *shape"], near: Array) -> tuple[Array, Array]:
@@ -154,16 +162,20 @@ class AbstractSection(eqx.Module):
     def moved(self, angle: Array, length: Array, height: Array) -> Array:
         """The angle a length further along a line beside the mid-line.
 
+        The line is as much longer than the mid-line as the normal turns. Curvatures jump;
+        Newton's method takes that where a quadrature would not.
+
         Args:
             angle: where to start.
             length: signed, along the line [m].
             height: of the line over the mid-line [m].
         """
+        start = self.direction(angle)
 
-        def rate(angle: Array) -> Array:
-            return length / (self.size * (1 + self.curvature(angle) * height))
+        def step(end: Array, _: None) -> tuple[Array, None]:
+            along = self.size * (end - angle) + height * (self.direction(end) - start)
+            rate = self.size * (1 + self.curvature(end) * height)
+            return end + (length - along) / rate, None
 
-        first = rate(angle)
-        second = rate(angle + first / 2)
-        third = rate(angle + second / 2)
-        return angle + (first + 2 * second + 2 * third + rate(angle + third)) / 6
+        first = angle + length / self.size + jnp.zeros_like(start)
+        return jax.lax.scan(step, first, None, length=INVERSE_STEPS)[0]

@@ -131,6 +131,20 @@ class Resultants(NamedTuple):
     second: list[list[Scalar]]
 
 
+def _moments(fibres: Layers, terms: list[Array]) -> Array:
+    """Sums of terms over the fibres by powers of the levers, 0 to 4.
+
+    A matrix product, so that the compiler keeps the moments instead of computing the law
+    again for each of their uses.
+    """
+    if fibres.lever.shape[-1] == 1:
+        powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
+        return powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
+    # Levers differ from point to point with curvature and thickness.
+    powers = fibres.lever ** np.arange(5)[:, None, None]
+    return jnp.einsum("klp,ltp->ktp", powers, jnp.stack(terms, 1))
+
+
 def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
     """Differentiate the energy: the law by its two invariants, the rest by hand.
 
@@ -158,15 +172,7 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
         value = jet.xy * (unit[p] * co[q] + co[p] * unit[q]) + jet.yy * (co[p] * co[q])
         value = value + jet.xx * (unit[p] * unit[q]) + jet.y * _DETERMINANT[p, q]
         terms.append(weight * scales[p] * scales[q] * value)
-    # A matrix product, so that the compiler keeps the moments instead of computing the law
-    # again for each of their uses.
-    if fibres.lever.shape[-1] == 1:
-        powers = fibres.lever[:, 0] ** np.arange(5)[:, None]
-        moments = powers @ jnp.stack(terms, 1).reshape(len(powers[0]), -1)
-    else:  # levers differ from point to point with curvature and thickness
-        powers = fibres.lever ** np.arange(5)[:, None, None]
-        moments = jnp.einsum("klp,ltp->ktp", powers, jnp.stack(terms, 1))
-    flat = list(moments.reshape(5 * len(terms), *inverse.shape))
+    flat = list(_moments(fibres, terms).reshape(5 * len(terms), *inverse.shape))
     by_power = [flat[k : k + len(terms)] for k in range(0, len(flat), len(terms))]
     n, m = [row[:3] for row in by_power[:3]], [row[3:] for row in by_power]
     a, h = _metric(s), _curved(s)

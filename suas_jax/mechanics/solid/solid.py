@@ -139,7 +139,8 @@ class Solid(AbstractPlaneStrain):
     def _inner_length(self, angle: Array) -> Array:
         """Length of the inner face per angle [m]."""
         at = self.section.frame(angle)
-        return self.section.size * (1 - at.curvature * at.thickness / 2)
+        length = self.section.size * (1 - at.curvature * at.thickness / 2)
+        return length + jnp.zeros_like(angle)
 
     @property
     def _ends(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
