@@ -156,9 +156,6 @@ class StepRecorder:
     def press(self, rest: Rest) -> list[Judged]:
         """Rows of a steady window under a load; returns once the load is off again.
 
-        Args:
-            rest: readings of the untouched skin.
-
         Raises:
             InterruptedStepError, LayoutMismatchError: as for `rest`.
         """

@@ -43,11 +43,7 @@ class _Places(NamedTuple):
 
 
 class Layout:
-    """Where each taxel of a skin stands in a log.
-
-    Args:
-        spec: the skin.
-    """
+    """Where each taxel of a skin stands in a log."""
 
     def __init__(self, spec: SkinSpec) -> None:
         if spec.electrodes is None:

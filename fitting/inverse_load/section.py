@@ -27,17 +27,7 @@ def section_parts(
     from_rest: bool,
     progress: Callable[[str], None],
 ) -> tuple[EstimationParts, Skin, LoadTable]:
-    """The parts for a skin in plane strain, its model and its table of solved states.
-
-    Args:
-        spec: the skin.
-        errors: of its inputs.
-        direction: whether directions are free.
-        live: whether frames come one by one.
-        most_contacts: to tell apart.
-        from_rest: whether readings count from a baseline.
-        progress: called with what is being done.
-    """
+    """The parts for a skin in plane strain, its model and its table of solved states."""
     skin = skin_of(spec, contact=False)
     table = table_of(spec, skin, progress)
     fitter = SectionFitter(

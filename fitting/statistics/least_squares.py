@@ -156,11 +156,6 @@ def minimise_one_by_one(
     The steps are taken outside of the compiled programs (MINPACK's Levenberg-Marquardt), so
     that of residuals that are long to compile nothing but `sensitivity` is compiled.
 
-    Args:
-        residuals: the misfit.
-        starts: unconstrained parameters to start from.
-        evaluations: most evaluations for each start.
-
     Returns:
         The starts, best first, judged as `minimise` judges them.
     """

@@ -75,9 +75,6 @@ class AbstractSceneModel(abc.ABC):
     def __call__(self, values: Mapping[str, float]) -> Solved:
         """Solve for other inputs.
 
-        Args:
-            values: SI values by TOML path.
-
         Raises:
             ValueError: a value is not allowed.
         """

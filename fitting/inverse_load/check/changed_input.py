@@ -57,12 +57,7 @@ class AbstractInputFit(abc.ABC):
 
     @abc.abstractmethod
     def chi2(self, path: str, change: float) -> float:
-        """Sum of the frames' chi2 with an input changed, contacts fitted anew.
-
-        Args:
-            path: of the input.
-            change: relative.
-        """
+        """Sum of the frames' chi2 with an input changed, contacts fitted anew."""
 
     def best(self, gained: Gain) -> Gain:
         """The change of an input that explains most, and what it takes off chi2.

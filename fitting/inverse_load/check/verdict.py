@@ -101,12 +101,7 @@ class ModelVerdict:
         )
 
     def command(self, skin: str, log: str) -> str:
-        """What would set it right; empty where nothing is known to.
-
-        Args:
-            skin: the skin file.
-            log: the log.
-        """
+        """What would set it right; empty where nothing is known to."""
         if self.shift:
             return f"compare the order of the taxels in {skin} with the wiring"
         return _COMMANDS.get(self.name or "", "").format(skin=skin, log=log)

@@ -168,10 +168,6 @@ def load_array(contacts: Sequence[Contact], names: Sequence[str]) -> NDArray[np.
     """Contacts as an array [contact] of `load_type(names)`, by angle.
 
     A quantity that a contact lacks is NaN, and so is what its covariance doesn't state.
-
-    Args:
-        contacts: of one frame.
-        names: of the quantities.
     """
     loads = np.zeros(len(contacts), load_type(names))
     for load, contact in zip(loads, contacts, strict=True):

@@ -75,12 +75,7 @@ class AbstractLoadPosterior(abc.ABC):
 
 
 class SectionPosterior(AbstractLoadPosterior):
-    """The posterior of line loads in plane strain: even over angle, force and direction.
-
-    Args:
-        fitter: of the skin.
-        nodes: its coarse search.
-    """
+    """The posterior of line loads in plane strain: even over angle, force and direction."""
 
     def __init__(self, fitter: SectionFitter, nodes: AbstractNodeSearch) -> None:
         low, high = (x[:, 0] for x in fitter.limits(1, 1, False))

@@ -38,16 +38,7 @@ _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
 class SectionErrors(AbstractSystematicErrors):
-    """Errors of the inputs of one skin.
-
-    Args:
-        spec: the skin.
-        errors: of its inputs.
-        skin: the model made from it.
-        table: its states.
-        from_rest: whether readings count from a baseline.
-        live: one lane instead of a batch.
-    """
+    """Errors of the inputs of one skin."""
 
     def __init__(
         self,

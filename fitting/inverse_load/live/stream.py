@@ -72,9 +72,6 @@ class FrameBuilder:
     """Puts modules of equal seq together.
 
     A frame is complete when all modules of the skin have spoken, or when the next begins.
-
-    Args:
-        layout: of the skin.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -108,10 +108,6 @@ class PadPosterior(AbstractLoadPosterior):
 
     Several contacts are solved at the mode; what the sum of single ones leaves out there is
     taken as the same for all samples.
-
-    Args:
-        fitter: of the pad.
-        nodes: its coarse search.
     """
 
     def __init__(self, fitter: PadFitter, nodes: AbstractNodeSearch) -> None:

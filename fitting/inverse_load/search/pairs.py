@@ -158,12 +158,7 @@ def _start(loads: Any, node: Any) -> Start:
 
 
 class NodeSearch(AbstractNodeSearch):
-    """The coarse search of one skin in plane strain.
-
-    Args:
-        skin: the skin.
-        table: states under one radial contact.
-    """
+    """The coarse search of one skin in plane strain."""
 
     def __init__(self, skin: Skin, table: LoadTable) -> None:
         self._skin, self._table = skin, table

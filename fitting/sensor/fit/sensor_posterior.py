@@ -26,11 +26,6 @@ def sample_sensor(
     residuals like the readings, Gaussian in the constants. Priors on parameters without one
     are flat in theta, which is flat in the logarithm of a positive constant.
 
-    Args:
-        fit: the calibration.
-        settings: of the sampler.
-        progress: see `posterior.sample`.
-
     Returns:
         The chain in theta, and its summary: the key "posterior" of the report.
 

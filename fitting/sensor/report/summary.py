@@ -112,12 +112,7 @@ def _taxels(
 
 
 def print_report(report: dict[str, Any], fit: SensorFit) -> None:
-    """Print what was found.
-
-    Args:
-        report: the JSON of `suas fit sensor`.
-        fit: the calibration it came from.
-    """
+    """Print what was found."""
     console = new_console(highlight=False)
     colour = "green" if fit.status == "converged" else "yellow"
     residual = report["residual"]

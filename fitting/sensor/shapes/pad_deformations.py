@@ -88,13 +88,6 @@ def deform_pad(
 ) -> PadDeformed:
     """Find the shape of the pad in every state.
 
-    Args:
-        loads: what is known of the loads.
-        geometry: of the pad.
-        law: its material.
-        oil: how the fluid in the gap answers.
-        electrodes: whose rays are followed.
-
     Raises:
         NoDeformation: a state has no equilibrium, or its displacement is not met.
         ValueError: a load is turned, or several displacements are known at once.

@@ -72,17 +72,7 @@ def corrections(
     oil: AbstractOil,
     progress: Callable[[str], None] = lambda text: None,
 ) -> list[Correction] | None:
-    """Corrections for every place of a load; None where they can't be had cheaply.
-
-    Args:
-        spec: the skin.
-        loads: the known states.
-        shape: what the shell makes of them.
-        geometry: of the skin.
-        law: its material.
-        oil: how the oil answers.
-        progress: called with what is being done.
-    """
+    """Corrections for every place of a load; None where they can't be had cheaply."""
     if loads.angle.shape[0] != 1:
         return None
     moved = np.nan_to_num(shape.force[0]) != 0
@@ -198,16 +188,7 @@ def corrected(
     law: AbstractLaw,
     oil: AbstractOil,
 ) -> Deformed:
-    """States with the corrections added; known displacements are met by the solid's.
-
-    Args:
-        shape: the shell's states.
-        loads: what is known.
-        found: from `corrections`.
-        geometry: of the skin.
-        law: its material.
-        oil: how the oil answers.
-    """
+    """States with the corrections added; known displacements are met by the solid's."""
     wanted = np.isfinite(loads.displacement[0])
     if wanted.any():
         less = loads.displacement.copy()
