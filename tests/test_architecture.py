@@ -22,7 +22,7 @@ LAYERS = {
         ["simulation", "figures"],
     ],
     "fitting": [
-        ["json_text", "column_units", "html", "workers"],
+        ["json_text", "column_units", "report", "workers"],
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],

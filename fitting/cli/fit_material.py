@@ -251,7 +251,7 @@ def material(
     if as_json:
         say(json_text(report))
     elif report["status"] != "no_fit":
-        from fitting.material.report.text import print_report
+        from fitting.material.report.description import print_report
 
         print_report(report, fit)
     if report["status"] == "no_fit":
