@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.fit.section_fitter import SectionFitter
+from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.forward import Skin

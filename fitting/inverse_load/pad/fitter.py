@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant
-from fitting.inverse_load.pad.least_squares import (
+from fitting.inverse_load.pad.pad_least_squares import (
     DIAMETER_PRIOR,
-    Fit,
+    PadFit,
     PadLeastSquares,
-    damped_step,
+    step_of,
 )
 from fitting.inverse_load.pad.solved import SolvedContacts, near
 from fitting.inverse_load.pad.table_build import edge_of
@@ -84,7 +84,7 @@ class PadFitter(AbstractLoadFitter):
             fit, gap = self._refined(y[row], weight[row], start[row], contacts)
             fits.append(fit)
             gaps.append(gap)
-        joined = Fit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
+        joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
 
     def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
@@ -135,7 +135,7 @@ class PadFitter(AbstractLoadFitter):
 
     # --- several contacts -------------------------------------------------------------
 
-    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[Fit, float]:
+    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[PadFit, float]:
         """Fit one frame by several contacts or free directions, solving them on the way."""
         kept, gap = self._kept.get(contacts), 1.0
         # A coarse start is near enough to try what is known.
@@ -167,12 +167,12 @@ class PadFitter(AbstractLoadFitter):
         return self._gap * (1 - force / self.table.first_contact_at(angle, axial))
 
     def _gathered(
-        self, fit: Fit, weight: Any, contacts: int, gaps: NDArray[np.float64]
+        self, fit: PadFit, weight: Any, contacts: int, gaps: NDArray[np.float64]
     ) -> Explanations:
         frames, wide = len(fit.chi2), self._width
         low, high = self.squares.bounds(fit.parameters, contacts, False)
         low = np.where(fit.parameters < low, -np.inf, low)
-        _, decrease = damped_step(fit, low, high, np.zeros(frames))
+        _, decrease = step_of(fit, low, high, np.zeros(frames))
         return Explanations(
             score=fit.chi2.copy(),
             chi2=fit.chi2.copy(),
