@@ -1,4 +1,4 @@
-"""Which known loads a guided calibration asks for, in which order."""
+"""Known loads of a guided calibration, in the order in which it asks for them."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""How well a load can be told from a skin's taxels, before and after it reaches the wall.
+"""Cramér-Rao bounds of a load from a skin's taxels, before and after it reaches the wall.
 
 No unbiased estimate of a load's angle and force has a smaller covariance than ::
 

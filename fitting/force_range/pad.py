@@ -1,4 +1,4 @@
-"""How well a contact on a pad can be told from its taxels, over the pad.
+"""Cramér-Rao bounds of a contact from the taxels of a pad, over the pad.
 
 The bound of Cramer and Rao as for a section (`bound`), for the angle, the axial position and
 the force of one round radial contact, from the table of solved states that estimates begin

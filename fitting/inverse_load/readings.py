@@ -1,4 +1,4 @@
-"""From logs and baselines to readings taxel by taxel, in the order of a skin's layout."""
+"""Readings of logs and baselines, taxel by taxel in the order of a skin's layout."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What estimates loads on a skin in plane strain: the parts that `LoadEstimator` needs."""
+"""Parts of `LoadEstimator` for loads on a skin in plane strain."""
 
 from collections.abc import Callable
 

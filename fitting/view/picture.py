@@ -1,4 +1,4 @@
-"""What the page shows of one moment, and its bytes on the way there.
+"""Picture of one moment for the page, and its bytes on the way there.
 
 A message is the length of its header (little-endian, 4 bytes), the header as JSON, padded to
 a multiple of four bytes, then the arrays: displacements of the grid's points as three 16-bit

@@ -1,4 +1,4 @@
-"""Whether a skin file describes the section that a log was taken on?
+"""Verdict of a log on the skin file of a section: does it describe that section?
 
 One contact hardly shows a wrong gap where readings count from a baseline; many contacts share
 it (see `verdict`). A column too many shifts all readings by a taxel, and wide contacts leave a

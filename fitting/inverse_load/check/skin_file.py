@@ -1,4 +1,4 @@
-"""Whether a skin file describes the pad that a log was taken on?
+"""Verdict of a log on the skin file of a pad: does it describe that pad?
 
 A wrong thickness, gap, permittivity or stiffness leaves residuals of its own shape in every
 frame; the input of largest gain is named (see `verdict`). A stiffness scales forces and

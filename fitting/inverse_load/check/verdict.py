@@ -1,4 +1,4 @@
-"""What a log says about its skin file: which number of it is wrong, and by how much.
+"""Verdict of a log on its skin file: the number of it that is wrong, and by how much.
 
 With r the residuals of single contacts, J and s their derivatives by the contact and by an
 input m, W the weights, and s' = s - J (J^T W J)^-1 J^T W s what no contact explains::

@@ -1,4 +1,4 @@
-"""From explanations to estimates: covariances, statuses, what can't be said."""
+"""Estimates made of explanations: covariances, statuses, what can't be said."""
 
 import abc
 import itertools

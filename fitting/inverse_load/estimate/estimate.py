@@ -1,4 +1,4 @@
-"""What is known of the loads in one frame: contacts, covariances and a named status."""
+"""Estimate of the loads in one frame: contacts, covariances and a named status."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

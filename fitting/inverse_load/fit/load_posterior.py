@@ -1,4 +1,4 @@
-"""What the posterior of a frame's loads needs of a skin: prior, likelihood, distances."""
+"""Posterior of a frame's loads on a skin: prior, likelihood, distances."""
 
 import abc
 

@@ -1,4 +1,4 @@
-"""What estimates contacts on a pad: the parts that `LoadEstimator` needs."""
+"""Parts of `LoadEstimator` for contacts on a pad: search, fits, posterior."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor

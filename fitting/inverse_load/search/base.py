@@ -1,4 +1,4 @@
-"""Where fits begin, whatever the dimension: nodes of a table, and several contacts at once."""
+"""Starts of fits, whatever the dimension: nodes of a table, and several contacts at once."""
 
 import abc
 

@@ -1,4 +1,4 @@
-"""What the rows above a table say about the test: keys with values, and specimens' sizes.
+"""Header of a table: keys with values, and specimens' sizes, in the rows above it.
 
 Read are comments (`# width: 6 mm`), rows of a key, a value and perhaps its unit, several
 such in a row, and small tables of results whose columns are sizes of the specimens.

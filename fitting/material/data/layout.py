@@ -1,4 +1,4 @@
-"""Where the table stands in the cells of a file: names, units, rows of numbers.
+"""Layout of a file: names, units and rows of numbers of the table in its cells.
 
 Machines write reports: rows about the test, tables of results, and one table of readings. The
 table of readings is the longest run of rows with numbers under a row of names of which some
