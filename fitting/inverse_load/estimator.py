@@ -2,7 +2,7 @@
 
 ::
 
-    readings -> as the model has them, weighed              `weighing`
+    readings -> as the model has them, weighed              `drift`
              -> contact or not                              `detection`
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
@@ -10,9 +10,9 @@
              -> covariances, statuses                       `systematic`, `assessment`
 
 Readings are compared with the skin's own model in counts, weighed by their variances
-(`weighing`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the change
-from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`) is the
-same in all frames.
+(`ReadingWeights`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the
+change from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`)
+is the same in all frames.
 """
 
 import time
