@@ -27,7 +27,7 @@ class Headline(NamedTuple):
     good: bool
 
 
-class Table(NamedTuple):
+class ReportTable(NamedTuple):
     """Rows of cells.
 
     Attributes:
@@ -55,7 +55,7 @@ class Remark(NamedTuple):
     label: str = ""
 
 
-Part = Headline | Table | Remark
+Part = Headline | ReportTable | Remark
 
 
 def print_parts(console: Console, parts: Sequence[Part]) -> None:

@@ -9,7 +9,7 @@ from fitting.report.description import (
     Headline,
     Part,
     Remark,
-    Table,
+    ReportTable,
     print_parts,
     quantity_text,
 )
@@ -92,7 +92,7 @@ def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
             yield Remark(text, label)
 
 
-def _constants(fit: MaterialFit) -> Table:
+def _constants(fit: MaterialFit) -> ReportTable:
     low, high = fit.intervals(0.95)
     errors = fit.uncertainty.standard_errors
     rows = []
@@ -102,10 +102,12 @@ def _constants(fit: MaterialFit) -> Table:
         rows.append((name, value, error, f"{first} to {last}"))
     modulus, first, last = (quantity_text(x, "Pa") for x in fit.shear_modulus())
     rows.append(("shear modulus", modulus, "", f"{first} to {last}"))
-    return Table("Constants", ("constant", "value", "standard error", "95 % interval"), rows)
+    return ReportTable(
+        "Constants", ("constant", "value", "standard error", "95 % interval"), rows
+    )
 
 
-def _modes(report: dict[str, Any]) -> Table:
+def _modes(report: dict[str, Any]) -> ReportTable:
     """Misfit of each mode where it was measured, and the stretches of stability."""
     rows = []
     for mode in {**report["modes"], **report["stable_range"]}:
@@ -121,10 +123,10 @@ def _modes(report: dict[str, Any]) -> Table:
             )
         )
     names = ("mode", "points", "RMS", "relative RMS", "stable for stretches")
-    return Table("Modes and windows of stability", names, rows)
+    return ReportTable("Modes and windows of stability", names, rows)
 
 
-def _candidates(report: dict[str, Any]) -> Table:
+def _candidates(report: dict[str, Any]) -> ReportTable:
     rows = [
         (
             row["title"],
@@ -138,7 +140,7 @@ def _candidates(report: dict[str, Any]) -> Table:
     rows += [(name, "", "", "", why) for name, why in report["candidates_failed"].items()]
     names = ("law", "constants", "AICc", "above best", "rejected because")
     chosen = next(i for i, row in enumerate(report["candidates"]) if row["chosen"])
-    return Table("Comparison", names, rows, chosen)
+    return ReportTable("Comparison", names, rows, chosen)
 
 
 def _specimens(found: dict[str, Any]) -> Iterator[Part]:
@@ -153,7 +155,7 @@ def _specimens(found: dict[str, Any]) -> Iterator[Part]:
         for one in found["specimens"]
     ]
     names = ("specimen", "mode", "shear modulus", "standard error")
-    yield Table("Specimens", names, rows)
+    yield ReportTable("Specimens", names, rows)
     low, high = found["relative_scatter_95"]
     first, last = (quantity_text(x, "Pa") for x in found["next_specimen_95_Pa"])
     yield Remark(
@@ -194,7 +196,9 @@ def _posterior(posterior: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
         noise = posterior["noise"]
         shown = [f"{low:.3g} to {high:.3g}" for low, high in (noise["68"], noise["95"])]
         rows.append(("noise (of residuals)", f"{noise['median']:.3g}", *shown))
-    yield Table("Posterior", ("constant", "median", "68 % interval", "95 % interval"), rows)
+    yield ReportTable(
+        "Posterior", ("constant", "median", "68 % interval", "95 % interval"), rows
+    )
     for name, prior in posterior["priors"].items():
         yield Remark(f"prior of {name}: {prior}")
     for text in posterior["warnings"]:

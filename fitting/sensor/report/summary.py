@@ -10,7 +10,7 @@ from fitting.report.description import (
     Headline,
     Part,
     Remark,
-    Table,
+    ReportTable,
     print_parts,
     quantity_text,
 )
@@ -139,7 +139,7 @@ def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
         assumed = f"{prior[0]} +- {prior[1]}: {known['reason']}" if known else "none"
         rows.append((name, found, sigma, f"{low} to {high}", assumed))
     names = ("constant", "value", "standard error", "95 % interval", "prior")
-    yield Table("Constants", names, rows)
+    yield ReportTable("Constants", names, rows)
     if ratio := report.get("permittivity_per_gap"):
         error = f"{ratio['standard_error']:.2g}"
         yield Remark(f"permittivity / gap: {ratio['value']:.6g} +- {error} 1/m")

@@ -38,7 +38,7 @@ _GRID = 721
 
 
 @dataclasses.dataclass(frozen=True)
-class Correction:
+class SolidCorrection:
     """Solid less shell for one place of one load.
 
     Attributes:
@@ -71,7 +71,7 @@ def corrections(
     law: AbstractLaw,
     oil: AbstractOil,
     progress: Callable[[str], None] = lambda text: None,
-) -> list[Correction] | None:
+) -> list[SolidCorrection] | None:
     """Corrections for every place of a load; None where they can't be had cheaply."""
     if loads.angle.shape[0] != 1:
         return None
@@ -98,7 +98,7 @@ def _correction(
     geometry: SkinGeometry,
     law: AbstractLaw,
     oil: AbstractOil,
-) -> Correction | None:
+) -> SolidCorrection | None:
     displacement, force = shape.displacement[0, here], shape.force[0, here]
     order = np.argsort(displacement)
     ends = min(displacement.min(), 0.0), max(displacement.max(), 0.0)
@@ -154,7 +154,7 @@ def _correction(
         radius.append(np.asarray(more))
     scale = float(np.abs(shell.displacement).max())
     powers = (shell.displacement[0] / scale)[:, None] ** np.arange(1, count + 1)
-    return Correction(
+    return SolidCorrection(
         angle,
         turn,
         scale,
@@ -183,7 +183,7 @@ def _radius_beyond(
 def corrected(
     shape: Deformed,
     loads: KnownLoads,
-    found: list[Correction],
+    found: list[SolidCorrection],
     geometry: SkinGeometry,
     law: AbstractLaw,
     oil: AbstractOil,
@@ -221,7 +221,7 @@ def corrected(
     return dataclasses.replace(shape, face=face, displacement=total)
 
 
-def _of(c: Correction, loads: KnownLoads, moved: np.ndarray) -> np.ndarray:
+def _of(c: SolidCorrection, loads: KnownLoads, moved: np.ndarray) -> np.ndarray:
     """Powers of the displacement in the states of a place, zero elsewhere [state, power]."""
     here = (loads.angle[0] == c.angle) & (loads.turn[0] == c.turn)
     return np.where(here[:, None], c.powers(np.where(here, moved, 0.0)), 0.0)
