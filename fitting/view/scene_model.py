@@ -13,8 +13,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.view.grid import Grid
 from suas_jax.config import (
     ElectrodesSpec,
@@ -53,8 +53,8 @@ class Solved(NamedTuple):
         status: name of the outcome.
     """
 
-    displacement: NDArray[np.float64]
-    so: NDArray[np.float64]
+    displacement: Floats
+    so: Floats
     oil_pressure: float
     min_gap: float
     status: str

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
+
 # Accuracy beyond which an estimate is called imprecise: standard deviations.
 WANTED = {
     "angle": np.deg2rad(2.0),
@@ -72,9 +74,9 @@ class Contact:
     angle: float
     force: float
     direction: float | None
-    covariance: NDArray[np.float64] | None
+    covariance: Floats | None
     arc_position: float | None = None
-    systematic: NDArray[np.float64] | None = None
+    systematic: Floats | None = None
     axial: float | None = None
     diameter: float | None = None
     spread: tuple[float, float] | None = None
@@ -87,7 +89,7 @@ class Contact:
         return tuple(name for name in order if getattr(self, name) is not None)
 
     @property
-    def noise_covariance(self) -> NDArray[np.float64] | None:
+    def noise_covariance(self) -> Floats | None:
         """The part of the covariance that comes from the readings' noise."""
         if self.covariance is None or self.systematic is None:
             return self.covariance

@@ -7,8 +7,8 @@ reach, and have diameters of the tables; a diameter that is estimated has a norm
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.damped_step import (
     FIRST_DAMPING,
     GIVEN_UP,
@@ -40,12 +40,12 @@ class PadFit(NamedTuple):
         information: J^T W J, priors included [frame, parameter, parameter].
     """
 
-    parameters: NDArray[np.float64]
-    readings: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
-    chi2: NDArray[np.float64]
-    gradient: NDArray[np.float64]
-    information: NDArray[np.float64]
+    parameters: Floats
+    readings: Floats
+    jacobian: Floats
+    chi2: Floats
+    gradient: Floats
+    information: Floats
 
     def rows(self, index: Any) -> "PadFit":
         """Those of some frames."""
@@ -66,9 +66,7 @@ class PadLeastSquares:
         self._free_diameter = "diameter" in self._parameters.names
         self._diameters = interpolant.tables[0].diameter, interpolant.tables[-1].diameter
 
-    def bounds(
-        self, parameters: NDArray[np.float64], contacts: int, pull: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def bounds(self, parameters: Floats, contacts: int, pull: bool) -> tuple[Floats, Floats]:
         """Lower and upper bounds [frame, parameter]; those of forces depend on places.
 
         Args:
@@ -107,12 +105,12 @@ class PadLeastSquares:
 
     def chi2(
         self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        parameters: NDArray[np.float64],
+        y: Floats,
+        weight: Floats,
+        parameters: Floats,
         contacts: int,
         correction: Correction | None,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Weighted squares of the residuals, and of the diameters' from their prior [frame].
 
         Args:
@@ -202,9 +200,7 @@ class PadLeastSquares:
         return best
 
 
-def step_of(
-    fit: PadFit, low: Any, high: Any, damping: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def step_of(fit: PadFit, low: Any, high: Any, damping: Floats) -> tuple[Floats, Floats]:
     """Damped Gauss-Newton step [frame, parameter] and the decrease of chi2 it predicts.
 
     Args:
@@ -219,7 +215,7 @@ def step_of(
     return step.T, decrease
 
 
-def _solved(matrix: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+def _solved(matrix: Floats, right: Floats) -> Floats:
     """Solutions [n, frame] of matrices [n, n, frame]."""
     found = np.linalg.solve(matrix.transpose(2, 0, 1), right.T[..., None])
     return np.asarray(found[..., 0].T, float)
