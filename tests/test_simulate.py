@@ -156,6 +156,7 @@ def test_noise_drift_and_faults_are_as_asked(folder: Path, played: SoLog) -> Non
     np.testing.assert_array_equal(read_log(again).so, log.so)
 
 
+@pytest.mark.long  # a scene of its own; saturation in test_sensing, a path is played here
 def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
     (folder / "hard.csv").write_text(
         "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,80\n1,20,81\n"
