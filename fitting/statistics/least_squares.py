@@ -203,7 +203,7 @@ def minimise_one_by_one(
     exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
     for start in np.asarray(starts, float):
         run = solved_by_scipy(at, start, method="lm", max_nfev=evaluations, **exact)
-        cost, decrease = _judged(jnp.asarray(run.fun), jnp.asarray(run.jac))
+        cost, decrease = judged(jnp.asarray(run.fun), jnp.asarray(run.jac))
         possible = np.max(np.abs(run.fun)) < _IMPOSSIBLE
         found.append((run.x, float(cost) if possible else np.inf, float(decrease)))
     found.sort(key=lambda run: run[1])
@@ -245,12 +245,12 @@ def _advance(
             throw=False,
         ).value
         found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
-        return found, *_judged(*at(found))
+        return found, *judged(*at(found))
 
     return jax.vmap(run)(starts)
 
 
-def _judged(
+def judged(
     r: Float[Array, " n"], J: Float[Array, "n p"]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step predicts."""
