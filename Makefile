@@ -11,9 +11,9 @@ demo: $(READY)
 test: check
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# What takes more than 10 s beside a cheaper test of the same.
+# What compiles programs of its own beside a quick test of the same: CONTRIBUTING.md.
 test-long: $(READY)
-	$(BIN)/python -m pytest -n 2 -m long
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m long
 
 check: $(READY)
 	$(BIN)/ruff check .

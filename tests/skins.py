@@ -1,6 +1,7 @@
 """Scenes around the paper's skin, and compiled functions that the physics tests share."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -20,6 +21,8 @@ from suas_jax.scene.structure import Structure
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
 
+CASE_B = Path(__file__).parent.parent / "configs" / "scenes" / "case_b.toml"
+"""The scene that tests solve whole where any will do: its programs are compiled once."""
 WIDTH = 0.123
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 LAWS: dict[str, dict[str, Any]] = {

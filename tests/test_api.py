@@ -39,7 +39,15 @@ def test_the_page_lists_the_public_names(package: str) -> None:
         module.solv  # noqa: B018
 
 
-@pytest.mark.parametrize("page", ["docs/api", "README", "docs/start", "docs/design"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "README",
+        "docs/design",
+        pytest.param("docs/start", marks=pytest.mark.long),
+        pytest.param("docs/api", marks=pytest.mark.long),
+    ],
+)
 def test_code_of_the_page_runs(
     page: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -298,6 +298,7 @@ model = "shell"
 LOAD = '[[load]]\nkind = "line"\nangle = "0 deg"\nforce = "2 N"\ndirection = "radial"\n'
 
 
+@pytest.mark.long  # the reading of a skin of its own; baselines above
 def test_a_steady_load_shows_against_the_model(tmp_path, capsys):
     """Logs of a simulated skin name their scene: rest is accepted, 2 N all the time are not."""
     import typer

@@ -121,8 +121,16 @@ def consistency(problem: Problem, state: State, direction: Array) -> tuple[Array
     )
 
 
-@pytest.mark.parametrize("layer", [None, LAYER])
-@pytest.mark.parametrize("mesh", [(8, 0), (16, 2)])
+# The meshes of the references: states are found by the same programs.
+@pytest.mark.parametrize(
+    ("mesh", "layer"),
+    [
+        (SHELL, LAYER),
+        (SOLID, None),
+        pytest.param(SHELL, None, marks=pytest.mark.long),
+        pytest.param(SOLID, LAYER, marks=pytest.mark.long),
+    ],
+)
 def test_force_and_stiffness_are_derivatives_of_the_energy(
     mesh: tuple[int, int], layer: dict[str, str] | None
 ) -> None:
@@ -195,6 +203,7 @@ def along(problem: Problem, levels: Array) -> Any:
     return path(problem, levels)
 
 
+@pytest.mark.long  # the program of a path; from rest in the references above
 def test_lift_off_leads_back_along_the_same_curve() -> None:
     problem = held(pressed("B", 100.0), SHELL)
     levels = [0.2, 0.39, 0.6, 1.9, 0.6, 0.39, 0.2]
@@ -221,6 +230,7 @@ def near(problem: Problem, start: State) -> Any:
     return equilibrium(problem, start)
 
 
+@pytest.mark.long  # two programs; force and stiffness above, test_gradients
 def test_derivatives_are_those_of_the_solution_in_contact() -> None:
     def quantities(force: Array, angle: Array) -> Array:
         spec = pressed("B", 60.0)
@@ -264,6 +274,7 @@ def in_contact() -> Solution:
     return solve(with_solve(sensing(layers), model="shell", elements=SHELL[0]))
 
 
+@pytest.mark.long  # two whole programs; the zone and the force in the references above
 def test_a_scene_at_the_wall_reports_it(in_contact: Solution) -> None:
     report = in_contact.report
     assert report["status"] == "converged"
@@ -278,6 +289,7 @@ def test_a_scene_at_the_wall_reports_it(in_contact: Solution) -> None:
     np.testing.assert_allclose(wall["area_m2"], extent, rtol=1e-9)
 
 
+@pytest.mark.long  # as above; layers in test_sensing
 def test_a_taxel_in_contact_keeps_its_series_layers(in_contact: Solution) -> None:
     far, _, under = in_contact.report["taxels"]
     plate = 8.8541878188e-12 * np.pi * 2e-3**2 / (50e-6 / 3.3)
@@ -287,7 +299,7 @@ def test_a_taxel_in_contact_keeps_its_series_layers(in_contact: Solution) -> Non
     assert far["so"] < 200
 
 
-@pytest.mark.long
+@pytest.mark.long  # meshes of both models
 def test_where_no_mesh_of_the_shell_meets_rtol_the_solid_does() -> None:
     expected = references()["A 90"]
     spec = with_solve(pressed("A", 90.0), model="auto", rtol=2e-3)
@@ -305,6 +317,7 @@ def passed_through() -> Solution:
     return solve(with_solve(sensing([], contact=False), model="shell", elements=SHELL[0]))
 
 
+@pytest.mark.long  # a whole program; the same without wall in test_solution
 def test_without_contact_the_membrane_passes(passed_through: Solution) -> None:
     report = passed_through.report
     assert not passed_through.wall
@@ -315,6 +328,7 @@ def test_without_contact_the_membrane_passes(passed_through: Solution) -> None:
     assert "contact = false" in report["message"]
 
 
+@pytest.mark.long  # as above
 def test_an_open_gap_needs_no_wall(in_contact: Solution) -> None:
     solution = solve(with_inputs(in_contact.scene, {"load.0.force": 20.0}))
     assert not solution.wall
@@ -326,6 +340,7 @@ def test_an_open_gap_needs_no_wall(in_contact: Solution) -> None:
     np.testing.assert_allclose(solution.state.pressure, with_it.state.pressure, rtol=1e-9)
 
 
+@pytest.mark.long  # programs of four lanes and of one; test_skin has lanes
 def test_lanes_meet_the_wall_each_for_itself() -> None:
     spec = sensing([])
     skin = skin_of(spec)
@@ -372,6 +387,7 @@ def test_a_wrong_wall_is_named(wall: dict[str, Any], key: str) -> None:
         scene_from_dict(table)
 
 
+@pytest.mark.long  # a batch with its derivatives and the wall; the bound's formula below
 def test_the_range_of_forces_ends_at_the_wall() -> None:
     from fitting.force_range.bound import BEYOND, LADDER, force_range
 
@@ -405,6 +421,7 @@ def test_the_bound_is_that_of_a_straight_line() -> None:
     assert float(offset) == pytest.approx(np.sqrt(1 / 10 + x.mean() ** 2 / spread))
 
 
+@pytest.mark.long  # two whole programs; unreachable pressures in test_equilibrium
 def test_a_pressure_that_the_wall_keeps_out_of_reach_is_named() -> None:
     """A thin membrane touches at 8.2 kPa; beyond, the wall takes whatever is added."""
     thin = scene(line(0.0, 20.0), oil_pressure=10e3, thickness=0.5e-3)

@@ -99,6 +99,7 @@ def test_converged_shell_reproduces_the_continuum(row: dict[str, str]) -> None:
 # Refinement.
 
 
+@pytest.mark.long  # three meshes; the continuum above
 @either_case
 def test_displacement_and_pressure_converge_with_the_fourth_power(case: str) -> None:
     spec = scene(line(CASES[case], 2.0))
@@ -140,6 +141,14 @@ def test_trapped_oil_carries_every_load(case: str, force: float) -> None:
     assert float(problem.mechanics.work(found.state.q)[0]) > 0
 
 
+@pytest.mark.parametrize("layers", [0, 2])
+def test_no_library_that_waits_for_threads_is_called(layers: int) -> None:
+    """Two of LAPACK's for stacks of matrices, on two cores, wait for each other for ever."""
+    text = find.lower(problem_of(scene(line(20, 5.0)), 8, layers)).as_text()
+    assert "stablehlo.while" in text
+    assert "lapack" not in text
+
+
 @either_case
 def test_pulling_lowers_the_pressure_of_the_linear_response(case: str) -> None:
     push, pull = (
@@ -171,6 +180,7 @@ def test_force_and_pressure_control_agree(case: str, force: float) -> None:
     )
 
 
+@pytest.mark.long  # two more meshes; half arcs in test_shell
 @pytest.mark.parametrize("force", [1e-3, 24.4, 150.0])
 def test_half_an_arc_equals_the_whole(force: float) -> None:
     spec = scene(line(0, force))

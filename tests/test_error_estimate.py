@@ -1,5 +1,7 @@
 """The stated error, its parts, and the model that `auto` chooses by it."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,28 +33,34 @@ SCENES: dict[str, SceneSpec] = {
 }
 
 
-@pytest.fixture(scope="module")
-def truths() -> dict[str, dict[str, Any]]:
-    return {
-        name: solve(with_solve(spec, model="solid", mesh=(128, 4))).report
-        for name, spec in SCENES.items()
-    }
+# Of 128 x 4 elements; a long test solves them again.
+TRUTHS: dict[str, dict[str, Any]] = json.loads(
+    (Path(__file__).parent / "data/fine_meshes.json").read_text()
+)["solid"]
+
+
+@pytest.mark.long  # a fine solid
+@pytest.mark.parametrize("name", SCENES)
+def test_the_truths_are_those_of_a_fine_mesh(name: str) -> None:
+    found = solve(with_solve(SCENES[name], model="solid", mesh=(128, 4))).report
+    assert true_error(TRUTHS[name], found) < 1e-8
 
 
 @pytest.fixture(scope="module")
 def shells() -> dict[str, dict[str, Any]]:
-    fine = {"model": "shell", "elements": 64}
-    return {name: solve(with_solve(spec, **fine)).report for name, spec in SCENES.items()}
+    coarse = {"model": "shell", "elements": 16}  # as other files solve such scenes
+    return {name: solve(with_solve(spec, **coarse)).report for name, spec in SCENES.items()}
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_the_stated_error_of_the_shell_is_above_the_true_one_and_near(
-    name: str, shells: dict[str, Any], truths: dict[str, Any]
+    name: str, shells: dict[str, Any]
 ) -> None:
-    true = true_error(shells[name], truths[name])
+    true = true_error(shells[name], TRUTHS[name])
     assert true < shells[name]["error_estimate"] < 20 * true
 
 
+@pytest.mark.long  # two more meshes of another scene
 def test_the_stated_error_under_a_pressure_alone_is_above_the_true_one_and_near() -> None:
     # On few elements most of it is that of the correction's effect on the largest displacement.
     pressed = scene(
@@ -63,10 +71,8 @@ def test_the_stated_error_under_a_pressure_alone_is_above_the_true_one_and_near(
     assert true < few["discretisation_error"] < 10 * true
 
 
-@pytest.mark.parametrize(
-    "path",
-    ["loads.0.displacement_m", pytest.param("oil_pressure_Pa", marks=pytest.mark.long)],
-)
+@pytest.mark.long  # derivatives on two meshes, and their errors
+@pytest.mark.parametrize("path", ["loads.0.displacement_m", "oil_pressure_Pa"])
 @pytest.mark.parametrize("name", ["case B", "light", "thick"])
 def test_the_stated_error_of_a_gradient_is_above_the_true_one_and_near(
     name: str, path: str
@@ -75,7 +81,7 @@ def test_the_stated_error_of_a_gradient_is_above_the_true_one_and_near(
     spec = SCENES[name]
     inputs = continuous_inputs(spec)
     coarse, fine = (
-        solve(with_solve(spec, model="shell", elements=count)) for count in (12, 64)
+        solve(with_solve(spec, model="shell", elements=count)) for count in (16, 64)
     )
     there, here = (gradient(solution, path) for solution in (fine, coarse))
     effect, error = (
@@ -87,9 +93,12 @@ def test_the_stated_error_of_a_gradient_is_above_the_true_one_and_near(
     assert error < stated * effect < 10 * error
 
 
-def test_the_model_error_does_not_depend_on_the_mesh(shells: dict[str, Any]) -> None:
-    coarse = solve(with_solve(SCENES["case B"], model="shell", elements=32)).report
-    fine = shells["case B"]
+@pytest.mark.long  # two more meshes
+def test_the_model_error_does_not_depend_on_the_mesh() -> None:
+    coarse, fine = (
+        solve(with_solve(SCENES["case B"], model="shell", elements=count)).report
+        for count in (32, 64)
+    )
     assert coarse["model_error"] == pytest.approx(fine["model_error"], rel=0.25)
     # Of fourth order the equilibrium, of first the correction.
     assert coarse["discretisation_error"] > 2 * fine["discretisation_error"]
@@ -103,26 +112,28 @@ def test_a_thinner_membrane_is_more_of_a_shell(shells: dict[str, Any]) -> None:
     assert order == sorted(order)
 
 
-def test_a_thousandth_takes_the_shell(truths: dict[str, Any]) -> None:
+@pytest.mark.long  # every mesh on the way
+def test_a_thousandth_takes_the_shell() -> None:
     report = solve(with_solve(SCENES["case B"], model="auto", rtol=1e-3)).report
     assert report["model"] == "shell"
     assert report["rtol_met"]
     assert "shell chosen" in report["message"]
-    assert true_error(report, truths["case B"]) < 1e-3
+    assert true_error(report, TRUTHS["case B"]) < 1e-3
 
 
-def test_a_tight_tolerance_takes_the_solid_and_says_why(truths: dict[str, Any]) -> None:
+@pytest.mark.long  # every mesh of both models on the way
+def test_a_tight_tolerance_takes_the_solid_and_says_why() -> None:
     report = solve(with_solve(SCENES["case B"], model="auto", rtol=1e-4)).report
     assert report["model"] == "solid"
     assert report["rtol_met"]
     assert report["model_error"] == 0
     assert "Solid chosen" in report["message"]
-    assert true_error(report, truths["case B"]) < 1e-4
+    assert true_error(report, TRUTHS["case B"]) < 1e-4
 
 
 def test_a_forced_shell_admits_that_it_misses_the_tolerance() -> None:
-    fine = {"model": "shell", "elements": 64}
-    report = solve(with_solve(SCENES["case B"], rtol=1e-4, **fine)).report
+    coarse = {"model": "shell", "elements": 16}
+    report = solve(with_solve(SCENES["case B"], rtol=1e-4, **coarse)).report
     assert report["model"] == "shell"
     assert report["status"] == "converged"
     assert not report["rtol_met"]
@@ -144,16 +155,15 @@ def observed(
     return observe(parts, problem_of(parts, plan), state)
 
 
+@pytest.mark.long  # a program for the lumped state; its error is stated above
 @pytest.mark.parametrize("name", SCENES)
-def test_the_correction_takes_most_of_the_shell_s_error_away(
-    name: str, truths: dict[str, Any]
-) -> None:
+def test_the_correction_takes_most_of_the_shell_s_error_away(name: str) -> None:
     spec = with_solve(SCENES[name], model="shell", elements=64)
     solution = solve(spec)
     lumped = plain(observed(Structure(spec), solution.plan, inputs_of(spec), solution.state))
-    before = true_error(lumped, truths[name])
-    assert true_error(solution.report, truths[name]) < max(before / 3, 3e-4)
+    before = true_error(lumped, TRUTHS[name])
+    assert true_error(solution.report, TRUTHS[name]) < max(before / 3, 3e-4)
     for key in ("displacement_m", "inner_displacement_m"):
-        reports = (lumped, solution.report, truths[name])
+        reports = (lumped, solution.report, TRUTHS[name])
         raw, better, true = (report["loads"][0][key] for report in reports)
         assert abs(better - true) < max(abs(raw - true) / 2, 3e-4 * abs(true))

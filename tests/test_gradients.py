@@ -38,7 +38,12 @@ SCENES: dict[str, SceneSpec] = {
     ),
 }
 TRAPPED = next(iter(SCENES))
-every_scene = pytest.mark.parametrize("name", SCENES)
+# One in all ways: a principal-stretch law, compressible oil, a spread load and a pressure.
+QUICK = "ogden, spread load, compressible oil"
+every_scene = pytest.mark.parametrize(
+    "name",
+    [name if name == QUICK else pytest.param(name, marks=pytest.mark.long) for name in SCENES],
+)
 QUANTITIES = ("oil pressure", "load factor", "x", "y", "work", "strain energy")
 
 Inputs = dict[str, Any]
@@ -132,7 +137,9 @@ def test_derivatives_by_every_input_are_those_of_differences(name: str) -> None:
     assert idle == (set() if "compressible" in name else {"geometry.oil_gap"})
 
 
-@pytest.mark.parametrize("name", list(SCENES)[1:3])
+@pytest.mark.parametrize(
+    "name", [list(SCENES)[1], pytest.param(list(SCENES)[2], marks=pytest.mark.long)]
+)
 def test_forward_and_reverse_agree(name: str) -> None:
     program = programs(name)
     forward, values = program.forward(program.inputs)
@@ -145,6 +152,7 @@ def test_forward_and_reverse_agree(name: str) -> None:
         assert abs(float(weights @ forward[path] - reverse[path])) < 1e-10 * scale
 
 
+@pytest.mark.long  # a program each; every input above
 @pytest.mark.parametrize("path", ["load.0.force", "geometry.oil_gap"])
 def test_derivatives_by_one_input_alone(path: str) -> None:
     # Some equations don't depend on it: their change is an absent tangent, not a number.
@@ -160,6 +168,7 @@ def test_derivatives_by_one_input_alone(path: str) -> None:
     assert np.all(np.abs(got - want[path]) <= 1e-10 * scale)
 
 
+@pytest.mark.long  # another scene; all of them above
 def test_line_loads_tell_only_the_sum_of_the_first_two_constants() -> None:
     program = programs(TRAPPED)
     jacobian, _ = program.forward(program.inputs)
@@ -175,6 +184,7 @@ def compliance(shell: Shell) -> BorderedVector:
     return eliminate(tangent, BorderedVector(a.load, zero)).solution
 
 
+@pytest.mark.long  # reverse mode of another scene; near rest below
 def test_derivatives_without_any_load() -> None:
     program, spec = programs(TRAPPED), SCENES[TRAPPED]
     inputs = {**program.inputs, "load.0.force": jnp.asarray(0.0)}
@@ -208,7 +218,7 @@ def test_derivatives_of_a_principal_stretch_law_near_rest() -> None:
 CURVED = ("material.mu", "geometry.thickness", "load.0.force", "load.0.angle")
 
 
-@pytest.mark.long
+@pytest.mark.long  # second derivatives of an equilibrium
 def test_second_derivatives() -> None:
     spec = scene(line(25, 12), material=LAWS["neo-hookean"])
     plan, inputs = plan_for(spec, "shell", (ELEMENTS,)), continuous_inputs(spec)
@@ -243,6 +253,7 @@ def test_second_derivatives() -> None:
 LANES = 140  # more than one chunk
 
 
+@pytest.mark.long  # 140 lanes with derivatives; lanes in test_skin
 def test_batches_equal_loops() -> None:
     program = programs(TRAPPED)
     spread = jnp.linspace(0, 1, LANES)

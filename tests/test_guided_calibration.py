@@ -101,6 +101,7 @@ class Page(HTMLParser):
         self.words.append(data)
 
 
+@pytest.mark.long  # a whole calibration, twice; its parts below and in test_sensor_*
 def test_a_skin_is_calibrated_with_an_interruption(
     calibrate: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:

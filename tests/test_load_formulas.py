@@ -26,9 +26,9 @@ from fitting.inverse_load.fit.doubts import (
     _least_trimmed,
 )
 from fitting.inverse_load.fit.explanation import widened
-from fitting.inverse_load.fit.least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.loads_and_errors import LoadsAndErrors
 from fitting.inverse_load.fit.section_errors import SectionErrors, _filled, _most_alike
+from fitting.inverse_load.fit.section_least_squares import Fit, Target, _last_step, _step
 from fitting.inverse_load.fit.selection import Selection
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.model.evaluation import Evaluation

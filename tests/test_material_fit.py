@@ -63,7 +63,7 @@ def made_by(law: AbstractLaw, sets: list[Dataset], noise: float, seed: int) -> l
     return made
 
 
-@pytest.mark.parametrize("kind", ["relative", "absolute"])
+@pytest.mark.parametrize("kind", ["relative", pytest.param("absolute", marks=pytest.mark.long)])
 def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
     treloar: list[Dataset], kind: str
 ) -> None:
@@ -87,6 +87,7 @@ def test_ogden_on_treloar_matches_scipy_and_beats_table_1(
     assert fit.cost <= best * (1.0 + 1e-6)
 
 
+@pytest.mark.long  # a program; what is not measured in test_material_formulas
 def test_a_single_mode_leaves_other_modes_unidentified(treloar: list[Dataset]) -> None:
     report = material_report(fit_material(treloar[:1], "ogden", 3))
     text = " ".join(report["unidentifiable"])
@@ -102,6 +103,7 @@ def test_plane_strain_determines_the_sum_of_c1_and_c2(treloar: list[Dataset]) ->
     assert fit.uncertainty.condition_number > 1e10
 
 
+@pytest.mark.long  # two fits; published data of three modes above
 @pytest.mark.parametrize(
     ("mode", "file"),
     [
@@ -118,7 +120,14 @@ def test_published_biaxial_data_are_fitted(mode: str, file: str) -> None:
     assert report["modes"][mode]["n"] == {"biaxial": 234, "biaxial_difference": 167}[mode]
 
 
-@pytest.mark.parametrize("law", [name for name in LAWS if name != "ogden"])
+@pytest.mark.parametrize(
+    "law",
+    [
+        name if name in ("carroll", "gent") else pytest.param(name, marks=pytest.mark.long)
+        for name in LAWS
+        if name != "ogden"
+    ],
+)
 def test_exact_data_recover_the_constants(treloar: list[Dataset], law: str) -> None:
     chosen = family(law)
     scales = pose(treloar, chosen, "relative").residuals.scales
@@ -183,6 +192,7 @@ def test_bulges_of_a_height_have_the_pressure_of_the_inflated_membrane() -> None
     np.testing.assert_allclose(bulge.predict(law), exact.pressure, rtol=1e-9)
 
 
+@pytest.mark.long  # a program of another law; the largest height in test_diaphragm
 def test_bulges_have_no_pressure_at_heights_that_a_law_does_not_reach() -> None:
     """A soft law's membrane bulges to a largest height, beyond which it has no equilibrium."""
     bulge = Bulge(jnp.array([0.9, 1.0, 1.3]), jnp.full(3, 0.03))
@@ -190,6 +200,7 @@ def test_bulges_have_no_pressure_at_heights_that_a_law_does_not_reach() -> None:
     np.testing.assert_array_equal(np.isfinite(found), [True, True, False])
 
 
+@pytest.mark.long  # a program; derivatives of the diaphragm in test_diaphragm
 def test_derivatives_of_bulges_are_those_of_their_pressures() -> None:
     chosen, constants = family("ogden", 2), np.array([6.3e5, -1e4, 1.3, -2.0])
     bulge = Bulge(jnp.array([0.3, 0.8]), jnp.full(2, 0.03))
@@ -225,6 +236,7 @@ def bulge_file(tmp_path: pathlib.Path, law: AbstractLaw, count: int) -> pathlib.
     return file
 
 
+@pytest.mark.long  # two fits of bulges; their pressures above
 def test_bulge_tests_determine_the_law(tmp_path: pathlib.Path) -> None:
     """Also where the law is written as Ogden's: μ_p α_p / 2 of exponents ±2 are 2C₁ and 2C₂."""
     data = [load_dataset("bulge", bulge_file(tmp_path, MooneyRivlin(2e5, 3e4), 20))]
@@ -238,6 +250,7 @@ def test_bulge_tests_determine_the_law(tmp_path: pathlib.Path) -> None:
     np.testing.assert_allclose(other.shear_modulus()[0], fit.shear_modulus()[0], rtol=0.02)
 
 
+@pytest.mark.long  # a fit of bulges; their pressures above
 def test_a_valley_of_bulge_tests_is_followed_to_its_bottom(tmp_path: pathlib.Path) -> None:
     """Two terms that one curve hardly tells apart: the truth costs more than the minimum."""
     truth = Ogden(np.array([6.3e5, -1e5]), np.array([1.3, -2.0]))
@@ -247,6 +260,7 @@ def test_a_valley_of_bulge_tests_is_followed_to_its_bottom(tmp_path: pathlib.Pat
     assert fit.cost < 0.5 * float(jnp.sum(exact**2))
 
 
+@pytest.mark.long  # a fit of bulges; bounds below
 def test_bounds_without_a_bulge_of_the_measured_height_are_named(
     tmp_path: pathlib.Path,
 ) -> None:
@@ -272,6 +286,7 @@ def test_a_user_defined_energy_is_fitted(treloar: list[Dataset]) -> None:
     np.testing.assert_allclose(fit.constants, 3e5, rtol=1e-8)
 
 
+@pytest.mark.long  # 40 fits; intervals in test_statistics_formulas
 @pytest.mark.parametrize("kind", ["relative", "noise"])
 def test_intervals_cover_the_truth(treloar: list[Dataset], kind: str) -> None:
     truth = np.array([1.9e5, -1.8e3, 44.0])
@@ -325,6 +340,7 @@ def test_a_wrong_law_is_reported_and_widens_intervals(
     assert not right.misfit.significant
 
 
+@pytest.mark.long  # twelve fits; misfit in test_statistics_formulas
 def test_lack_of_fit_distinguishes_two_similar_laws(treloar: list[Dataset]) -> None:
     # Both agree to about the noise; residuals of the wrong one bend along the tests.
     truth = Gent(3e5, 90.0)
@@ -338,6 +354,7 @@ def test_lack_of_fit_distinguishes_two_similar_laws(treloar: list[Dataset]) -> N
     assert said[1] <= 1
 
 
+@pytest.mark.long  # three fits; criteria in test_statistics_formulas
 def test_laws_are_ranked_by_information(treloar: list[Dataset]) -> None:
     made = made_by(MooneyRivlin(2e5, 3e4), treloar, 0.01, 4)
     candidates = (("neo-hookean", 1), ("mooney-rivlin", 2), ("ogden", 1))

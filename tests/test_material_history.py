@@ -204,6 +204,7 @@ def test_largest_energy_begins_again_with_each_history() -> None:
     np.testing.assert_array_equal(largest_before(energy, begins), [1, 3, 3, 0.5, 0.5, 0.7])
 
 
+@pytest.mark.long  # 20 fits; stresses above
 def test_prony_constants_lie_in_their_intervals(tmp_path: pathlib.Path) -> None:
     time, stretch = ramp_and_hold(1.5, 0.1)
     truth = np.array([LONG_TERM, *G, *TAU])
@@ -227,6 +228,7 @@ def test_prony_constants_lie_in_their_intervals(tmp_path: pathlib.Path) -> None:
     assert 0.88 <= np.mean(share) <= 1.0
 
 
+@pytest.mark.long  # 20 fits; stresses above
 def test_softening_constants_lie_in_their_intervals(tmp_path: pathlib.Path) -> None:
     stretch, truth = cycles(), np.array([MU, 1.8, 5e4, 0.1])
     exact = softened(stretch, *truth[1:])
@@ -243,6 +245,7 @@ def test_softening_constants_lie_in_their_intervals(tmp_path: pathlib.Path) -> N
     assert 0.88 <= np.mean(share) <= 1.0
 
 
+@pytest.mark.long  # a fit for each number of terms
 def test_as_many_terms_as_the_data_determine(tmp_path: pathlib.Path) -> None:
     time, stretch = ramp_and_hold(1.5, 0.1)
     exact = neo_hookean_relaxing(time, 0.1)
@@ -291,6 +294,7 @@ def test_a_material_file_carries_both_elastic_responses() -> None:
         scene_from_dict({**SKIN, "material": {**material, "relaxation": too_much}})
 
 
+@pytest.mark.long  # a fit of a history; material files above
 def test_the_command_writes_constants_that_a_skin_takes(tmp_path: pathlib.Path) -> None:
     time, stretch = ramp_and_hold(1.5, 0.1)
     exact = neo_hookean_relaxing(time, 0.1)
@@ -316,6 +320,7 @@ def test_the_command_writes_constants_that_a_skin_takes(tmp_path: pathlib.Path) 
         assert option in refused.output
 
 
+@pytest.mark.long  # a fit and its page; pages in test_material_artefacts
 def test_the_page_of_a_fit_needs_no_host(tmp_path: pathlib.Path) -> None:
     stretch = cycles()
     name = "<b>&cycles.csv"  # what a file is called is text, not markup

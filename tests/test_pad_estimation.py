@@ -102,6 +102,9 @@ def patch() -> Iterator[pytest.MonkeyPatch]:
 
 @pytest.fixture(scope="module")
 def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> PadSkin:
+    # What follows runs a few times: compiled quickly.
+    quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
+    patch.setattr(compiled, "OPTIONS", quick)
     return pad_skin_of(spec, elements=ELEMENTS, contact=False)
 
 
@@ -114,9 +117,6 @@ def table(skin: PadSkin) -> PadTable:
 def estimator(
     spec: SkinSpec, skin: PadSkin, table: PadTable, patch: pytest.MonkeyPatch
 ) -> LoadEstimator:
-    # What follows runs a few times: compiled quickly.
-    quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
-    patch.setattr(compiled, "OPTIONS", quick)
     patch.setattr(pad_parts, "_table", lambda *_: table)
     patch.setattr(pad_parts, "pad_skin_of", lambda *_, **__: skin)
     return LoadEstimator(spec, diameter=DIAMETER, most_contacts=1, pressure_noise=20.0)
@@ -170,6 +170,7 @@ def test_the_spline_is_exact_for_cubics_and_so_are_its_derivatives() -> None:
     np.testing.assert_allclose(slope, np.stack([by_x, by_y], 1), rtol=1e-11, atol=1e-12)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_mirrored_quarters_are_what_a_solve_says(table: PadTable, solved: Solve) -> None:
     interpolant = PadInterpolant((table,))
     place = np.array([table.angle[-2], table.axial[-3]])
@@ -217,9 +218,8 @@ class _Pickling(ThreadPoolExecutor):
         return super().submit(received[0], *received[1])
 
 
-@pytest.mark.parametrize(
-    "executor", [_Pickling, pytest.param(LocalWorkers, marks=pytest.mark.long)]
-)
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
+@pytest.mark.parametrize("executor", [_Pickling, LocalWorkers])
 def test_workers_solve_what_this_process_does(
     skin: PadSkin,
     solved: Solve,
@@ -238,6 +238,7 @@ def test_workers_solve_what_this_process_does(
     np.testing.assert_allclose(found.so[:, -1, where[0]], solved(few)[0], rtol=1e-12)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_slopes_of_the_interpolant_are_its_own(table: PadTable) -> None:
     wider = dataclasses.replace(table, diameter=2 * DIAMETER, u=1.01 * table.u)
     between = dataclasses.replace(table, diameter=1.5 * DIAMETER, u=1.004 * table.u)
@@ -252,6 +253,7 @@ def test_slopes_of_the_interpolant_are_its_own(table: PadTable) -> None:
         np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=1e-6 * abs(slope).max())
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_single_contacts_reach_their_bound(
     estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -271,6 +273,7 @@ def test_single_contacts_reach_their_bound(
     assert 0.85 < np.mean([e.chi2_per_dof for e in found]) < 1.15
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_contact_lighter_than_those_tabulated_is_found_where_it_is(
     estimator: LoadEstimator, table: PadTable
 ) -> None:
@@ -331,6 +334,7 @@ def test_a_state_that_a_path_does_not_find_is_solved_from_rest(
     np.testing.assert_allclose(mended.min_gap, whole.min_gap, rtol=1e-7)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_pairs_are_sought_with_forces_between_those_tabulated(
     estimator: LoadEstimator, table: PadTable
 ) -> None:
@@ -352,6 +356,7 @@ def test_pairs_are_sought_with_forces_between_those_tabulated(
     np.testing.assert_allclose(left, 0, atol=1e-3)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(
     estimator: LoadEstimator,
     spec: SkinSpec,
@@ -386,6 +391,7 @@ def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(
     assert abs(last.drift[0] - drift[480:512].mean()) < 0.7
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_the_range_of_a_pad_is_the_bound_of_its_readings(
     estimator: LoadEstimator, skin: PadSkin, table: PadTable
 ) -> None:
@@ -412,6 +418,7 @@ def test_the_range_of_a_pad_is_the_bound_of_its_readings(
     assert abs(gap) < 0.05 * float(skin.geometry.oil_gap[0])
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_measured_pressure_adds_to_the_force(
     estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -425,6 +432,7 @@ def test_measured_pressure_adds_to_the_force(
         assert abs(b.contacts[0].force - true[2]) < 4 * spread
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_posterior_agrees_with_the_covariance(
     estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -439,6 +447,7 @@ def test_posterior_agrees_with_the_covariance(
     assert mode.covariance[2, 2] < covariance_of(without, 3)[0, 2, 2]
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: PadSkin) -> None:
     true = np.array([(-0.35, -0.012, 6.0), (0.3, 0.015, 5.0)])
     patches = Patches(*(jnp.asarray(x) for x in true.T), jnp.full(2, DIAMETER))
@@ -457,6 +466,7 @@ def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: PadSkin) ->
             assert off @ np.linalg.solve(contact.covariance, off) < 25
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_direction_is_estimated_as_well_as_the_readings_tell(
     estimator: LoadEstimator, spec: SkinSpec
 ) -> None:
@@ -480,6 +490,7 @@ def test_a_direction_is_estimated_as_well_as_the_readings_tell(
     assert radial.chi2_per_dof > 1.3 * found.chi2_per_dof
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_faulty_taxels_are_left_out(
     estimator: LoadEstimator, contacts: np.ndarray, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -494,6 +505,7 @@ def test_faulty_taxels_are_left_out(
         assert abs(c.force - true[2]) < 5 * c.deviation("force")
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 @pytest.mark.parametrize(
     ("path", "name", "within"),
     [
@@ -527,6 +539,7 @@ def test_a_wrong_skin_file_is_noticed(
     assert verdict.explained < verdict.chi2_per_dof
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_right_skin_file_is_not_suspected(
     estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -537,6 +550,7 @@ def test_a_right_skin_file_is_not_suspected(
     assert verdict.right
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_at_the_wall_a_force_that_acts_at_least_is_stated(
     estimator: LoadEstimator, table: PadTable, solved: Solve
 ) -> None:
@@ -553,6 +567,7 @@ def test_at_the_wall_a_force_that_acts_at_least_is_stated(
     assert contact.angle == pytest.approx(place[0], abs=0.01)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_pull_is_named(estimator: LoadEstimator, solved: Solve) -> None:
     so, _ = solved(np.array([[0.2, 0.01, -2.0]]))
     (found,) = estimator.estimate(noisy(so, 8))
@@ -560,6 +575,7 @@ def test_a_pull_is_named(estimator: LoadEstimator, solved: Solve) -> None:
     assert found.contacts[0].force == pytest.approx(-2.0, abs=0.5)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_noise_alone_is_called_a_contact_at_the_stated_rate(estimator: LoadEstimator) -> None:
     frames = 3000
     rest = np.tile(estimator.model_rest, (frames, 1))
@@ -576,6 +592,7 @@ def test_noise_alone_is_called_a_contact_at_the_stated_rate(estimator: LoadEstim
         assert alarms <= binom.ppf(0.999, frames, rate)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_the_filter_follows_the_axial_position(
     estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray], contacts: np.ndarray
 ) -> None:
@@ -588,6 +605,7 @@ def test_the_filter_follows_the_axial_position(
     assert abs(smooth.axial - contacts[0, 1]) < 4 * smooth.deviation("axial")
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_json_of_a_log(
     folder: Path, estimator: LoadEstimator, singles: tuple[np.ndarray, np.ndarray]
 ) -> None:
@@ -651,6 +669,7 @@ def test_nothing_is_solved_for_logs_and_options_that_are_refused(
     assert words in result.output
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) -> None:
     (folder / "path.toml").write_text(
         'skin = "skin.toml"\n[solve]\nelements = [8, 8]\n[[load]]\nkind = "patch"\n'
@@ -668,6 +687,7 @@ def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) 
     np.testing.assert_allclose(found, 0.1e-15 * so, rtol=2e-4)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_known_pokes_calibrate_the_electrodes_of_a_pad(
     folder: Path, spec: SkinSpec, contacts: np.ndarray, solved: Solve, patch: pytest.MonkeyPatch
 ) -> None:
@@ -690,6 +710,7 @@ def test_known_pokes_calibrate_the_electrodes_of_a_pad(
     assert named["stray"] == pytest.approx(stray * 0.1e-15, rel=0.05)
 
 
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_known_displacement_is_met(
     skin: PadSkin, solved: Solve, patch: pytest.MonkeyPatch
 ) -> None:

@@ -18,8 +18,8 @@ from fitting.inverse_load.pad.interpolant import (
     _lagrange,
     force_components,
 )
-from fitting.inverse_load.pad.least_squares import Fit, PadLeastSquares, damped_step
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
+from fitting.inverse_load.pad.pad_least_squares import PadFit, PadLeastSquares, step_of
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
@@ -446,9 +446,9 @@ def test_readings_under_a_tilted_force_are_linear_in_what_is_tangential() -> Non
 # --- least squares ------------------------------------------------------------------------
 
 
-def quadratic(parameters: list[float], gradient: list[float], information: Any) -> Fit:
+def quadratic(parameters: list[float], gradient: list[float], information: Any) -> PadFit:
     none = np.zeros((1, 0))
-    return Fit(
+    return PadFit(
         np.array([parameters]),
         none,
         none,
@@ -463,12 +463,12 @@ def test_step_without_damping_is_gauss_s_and_its_decrease_that_of_the_parabola()
     gradient = [2.0, -3.0]
     fit = quadratic([0.0, 0.0], gradient, information)
     far = np.full((1, 2), 10.0)
-    step, decrease = damped_step(fit, -far, far, np.zeros(1))
+    step, decrease = step_of(fit, -far, far, np.zeros(1))
     expected = np.linalg.solve(information, gradient)
     np.testing.assert_allclose(step[0], expected, rtol=1e-8)
     assert decrease[0] == pytest.approx(expected @ gradient, rel=1e-8)
     # Damping of one: the diagonal counts twice.
-    step, _ = damped_step(fit, -far, far, np.ones(1))
+    step, _ = step_of(fit, -far, far, np.ones(1))
     expected = np.linalg.solve(information + np.diag([4.0, 100.0]), gradient)
     np.testing.assert_allclose(step[0], expected, rtol=1e-8)
 
@@ -478,12 +478,12 @@ def test_what_presses_against_a_bound_takes_no_part_in_the_step(side: float) -> 
     information = np.array([[4.0, 1.0], [1.0, 100.0]])
     low, high = np.array([[-1.0, -1.0]]), np.array([[1.0, 1.0]])
     fit = quadratic([side, 0.0], [2.0 * side, 5.0], information)
-    step, decrease = damped_step(fit, low, high, np.zeros(1))
+    step, decrease = step_of(fit, low, high, np.zeros(1))
     np.testing.assert_allclose(step[0], [0.0, 0.05], rtol=1e-8)
     assert decrease[0] == pytest.approx(0.25, rel=1e-8)
     # Away from the bound it is free.
     fit = quadratic([side, 0.0], [-2.0 * side, 5.0], information)
-    step, _ = damped_step(fit, low, high, np.zeros(1))
+    step, _ = step_of(fit, low, high, np.zeros(1))
     np.testing.assert_allclose(
         step[0], np.linalg.solve(information, [-2.0 * side, 5.0]), rtol=1e-8
     )
@@ -492,7 +492,7 @@ def test_what_presses_against_a_bound_takes_no_part_in_the_step(side: float) -> 
 def test_a_parameter_that_nothing_shows_stays() -> None:
     fit = quadratic([0.0, 0.0], [0.0, 3.0], [[0.0, 0.0], [0.0, 9.0]])
     far = np.full((1, 2), 10.0)
-    step, decrease = damped_step(fit, -far, far, np.zeros(1))
+    step, decrease = step_of(fit, -far, far, np.zeros(1))
     np.testing.assert_allclose(step[0], [0.0, 1 / 3], rtol=1e-8)
     assert decrease[0] == pytest.approx(1.0, rel=1e-8)
 

@@ -15,6 +15,10 @@ from suas_jax.scene.forward import SensorOutput
 from suas_jax.scene.pad_forward import Patches, pad_forward, pad_skin_of, readings
 from suas_jax.scene.solve import solve
 
+# A pad's forward model takes a minute to compile: its parts in test_pad_mechanics and
+# test_pad_formulas, lanes of the section in test_skin.
+pytestmark = pytest.mark.long
+
 ROOT = Path(__file__).parent.parent
 SHIPPED = ROOT / "configs" / "skins" / "suas-pad.toml"
 CONTINUUM = ROOT / "tests" / "data" / "pad_continuum.csv"

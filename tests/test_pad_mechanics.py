@@ -142,9 +142,8 @@ def state_of(pad: Pad, size: float) -> tuple[jax.Array, jax.Array, np.ndarray]:
 PRESSURE, FACTOR = jnp.array([2e4]), jnp.array([1.7])
 
 
-@pytest.mark.parametrize(
-    "name", [*list(CASES)[1:], pytest.param("whole", marks=pytest.mark.long)]
-)
+@pytest.mark.long  # derivatives of each net; those with the wall below hold them
+@pytest.mark.parametrize("name", CASES)
 def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
     pad = small_pad(*CASES[name])
     q, directions, free = state_of(pad, 2e-3)
@@ -171,15 +170,18 @@ def test_contact_with_the_wall_comes_from_its_energy() -> None:
     assert 0.05 < np.mean(gap < 0) < 0.95
     without = assemble(free_pad, q, PRESSURE, FACTOR)
     got = assemble(pad, q, PRESSURE, FACTOR)
-    wanted = gradients(pad, q, PRESSURE, FACTOR)[0] * free
+    wanted, *others = gradients(pad, q, PRESSURE, FACTOR)
     change = np.max(np.abs(got.residual - without.residual))
-    np.testing.assert_allclose(got.residual, wanted, rtol=0, atol=1e-11 * change)
+    np.testing.assert_allclose(got.residual, wanted * free, rtol=0, atol=1e-11 * change)
+    for a, b in zip((got.volume_gradient, got.load), others, strict=True):
+        np.testing.assert_allclose(a, b * free, rtol=0, atol=1e-12 * np.max(np.abs(b)))
     moved = products_of(got.tangent, directions)
     expected = products(pad, q, PRESSURE, FACTOR, directions) * free
     scale = np.max(np.abs(expected))
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-11 * scale)
 
 
+@pytest.mark.long  # second derivatives of another net; those with the wall above
 def test_the_tangent_is_the_hessian_to_the_last_digits() -> None:
     pad = small_pad(*CASES["whole"])
     for size in (0.0, 2e-3):
@@ -384,6 +386,7 @@ def crown(force: float) -> tuple[Pad, jax.Array, jax.Array]:
 at_places = quick(lambda pad, q, angle, axial: pad.faces(q, angle, axial))
 
 
+@pytest.mark.long  # a fine net is solved; splines in test_bspline
 def test_a_finer_mesh_holds_the_same_deformation() -> None:
     pad, q, _ = crown(6.0)
     plan = plan_pad(
@@ -401,12 +404,13 @@ def test_a_finer_mesh_holds_the_same_deformation() -> None:
 
 
 def test_heights_along_rays_are_those_of_the_deformed_face() -> None:
-    pad, q, _ = crown(6.0)
+    pad = small_pad(*CASES["whole"])
+    q, _, _ = state_of(pad, 2e-4)
     rng = np.random.default_rng(3)
-    angle = jnp.asarray(rng.uniform(-1.4, 0, (20, 1)))
-    axial = jnp.asarray(rng.uniform(-0.06, 0, (20, 1)))
+    angle = jnp.asarray(rng.uniform(-1.3, 1.3, (20, 1)))
+    axial = jnp.asarray(rng.uniform(-0.055, 0.055, (20, 1)))
     moved = np.asarray(at_places(pad, q, angle, axial).inner_displacement)[:, :, 0]
-    inner, place = 57.5e-3, np.asarray(angle)[:, 0]
+    inner, place = 56e-3, np.asarray(angle)[:, 0]
     x, y = inner * np.sin(place) + moved[0], inner * np.cos(place) + moved[1]
     polar, along = np.arctan2(x, y)[:, None], (np.asarray(axial)[:, 0] + moved[2])[:, None]
     got = quick(Pad.height_at)(pad, q, jnp.asarray(polar), jnp.asarray(along))

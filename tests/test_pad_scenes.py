@@ -105,6 +105,7 @@ def test_shear_is_what_the_shell_leaves_out(row: int, crown: list[Any]) -> None:
     assert sheared[2] == pytest.approx(displacement, rel=5e-3)
 
 
+@pytest.mark.long  # the whole pad; a quarter of it above
 def test_a_poke_beside_the_crown_is_the_continuum_s() -> None:
     angle, axial = REFERENCE[-1, :2]
     scene = pad({"angle": f"{angle} deg", "axial": f"{axial} mm"})
@@ -117,6 +118,7 @@ def test_a_poke_beside_the_crown_is_the_continuum_s() -> None:
     assert sheared[2] == pytest.approx(SIDE[2], rel=5e-3)
 
 
+@pytest.mark.long  # the pad with its wall; its energy in test_pad_mechanics
 def test_beyond_first_contact_the_wall_takes_the_load() -> None:
     """The continuum touches at 17.05 N and 7056 Pa; the shell without shear 1.3 % later."""
     scene = pad({"angle": "0 deg"})
@@ -172,6 +174,7 @@ def test_a_quarter_is_the_whole() -> None:
     np.testing.assert_allclose(four, energy, rtol=1e-12)
 
 
+@pytest.mark.long  # a whole pad's derivatives; those of sections in test_gradients
 def test_derivatives_by_place_size_and_direction_are_exact() -> None:
     scene = pad({"angle": "20 deg", "axial": "-15 mm", "tilt": "10 deg"})
     plan = plan_for(scene, "shell", (8, 8))
@@ -200,6 +203,7 @@ def test_derivatives_by_place_size_and_direction_are_exact() -> None:
         np.testing.assert_allclose(slope, (ahead - behind) / 2, rtol=2e-6, err_msg=name)
 
 
+@pytest.mark.long  # as long to trace as to solve; equilibria in test_equilibrium
 def test_its_program_calls_no_library_that_waits_for_threads() -> None:
     assert "lapack" not in program_text(pad({"angle": "20 deg"}), "shell", (8, 8))
 

@@ -8,6 +8,10 @@ import pytest
 
 from benchmarks.random_scenes import Outcome, study
 
+# Four patterns, programs each; every law, oil and number of loads in test_equilibrium,
+# test_gradients and test_shell.
+pytestmark = pytest.mark.long
+
 # Every law, every oil, one and two loads; the benchmark crosses them all.
 PATTERNS = [
     ("mooney-rivlin", "incompressible", 1),

@@ -6,14 +6,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, converged, half_cylinder, line, problem_of, quick, scene
+from skins import CASE_B, EPDM, converged, half_cylinder, line, problem_of, quick, scene
 
-from suas_jax.config import ConfigError, continuous_inputs, scene_from_dict
+from suas_jax.config import (
+    ConfigError,
+    SceneSpec,
+    continuous_inputs,
+    load_scene,
+    scene_from_dict,
+)
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, height_at, normal_face
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.forward import forward, loads_of, skin_of
+from suas_jax.scene.forward import Loads, forward, skin_of
 from suas_jax.scene.gradient import gradient
 from suas_jax.scene.parts import skin_parts
 from suas_jax.scene.solve import solve
@@ -46,7 +52,7 @@ def electrodes(**more: object) -> dict[str, object]:
     return {"stray": "3 fF", "lsb": "0.305 fF", "taxels": taxels, **more}
 
 
-def sensing(*loads: dict, table: dict | None = None, **oil: object) -> object:
+def sensing(*loads: dict, table: dict | None = None, **oil: object) -> SceneSpec:
     return scene_from_dict(
         {
             "geometry": {
@@ -224,7 +230,7 @@ def test_rays_meet_the_face() -> None:
 
 @pytest.fixture(scope="module")
 def pressed() -> tuple:
-    problem = problem_of(scene(line(25, 18)), 32)
+    problem = problem_of(scene(line(25, 18)), 33)
     return problem.mechanics, converged(problem).state.q
 
 
@@ -251,6 +257,7 @@ def test_a_face_that_turns_back_has_no_gap(pressed: tuple) -> None:
     assert folded(mechanics, 40 * q).all()
 
 
+@pytest.mark.long  # a scene of its own; taxels that touch below and in test_contact
 def test_taxels_that_touch_are_named_and_leave_the_others_alone() -> None:
     report = solve(sensing(line(44, 45))).report
     so = [taxel["so"] for taxel in report["taxels"]]
@@ -261,17 +268,22 @@ def test_taxels_that_touch_are_named_and_leave_the_others_alone() -> None:
     assert "1 of 5 taxels touch the membrane" in report["message"]
 
 
-def test_solve_and_skin_agree() -> None:
-    spec = sensing(line(31, 14))
+@pytest.mark.long  # a solve and a lane, programs each; lanes in test_skin, a scene in test_cli
+@pytest.mark.parametrize(
+    ("spec", "within"), [(load_scene(CASE_B), 1e-3), (sensing(line(31, 14)), 2e-4)]
+)
+def test_solve_and_skin_agree(spec: SceneSpec, within: float) -> None:
     report = solve(spec).report
-    found = quick(forward)(skin_of(spec), loads_of(spec))
+    (load,) = report["loads"]
+    loads = Loads.line(np.deg2rad(load["angle_deg"]), load["force_N"])
+    found = quick(forward)(skin_of(spec), loads)
     so = [taxel["so"] for taxel in report["taxels"]]
-    np.testing.assert_allclose(found.so[:, 0], so, rtol=2e-4)
+    np.testing.assert_allclose(found.so[:, 0], so, rtol=within)
     gap = [taxel["gap_m"] for taxel in report["taxels"]]
-    np.testing.assert_allclose(found.readings.gap[:, 0], gap, rtol=2e-4)
+    np.testing.assert_allclose(found.readings.gap[:, 0], gap, rtol=within)
 
 
-@pytest.mark.long
+@pytest.mark.long  # the program of derivatives; those of a reading below
 def test_gradient_of_a_reported_so() -> None:
     solution = solve(sensing(line(31, 14)))
     slopes = gradient(solution, "taxels.2.so")

@@ -22,7 +22,14 @@ CASES = {
     "yeoh, whole arc": ("yeoh", False, [SPREAD]),
     "neo-hookean, half arc": ("neo-hookean", True, [line(0, 9, spread="8 mm")]),
 }
-shell_cases = pytest.mark.parametrize("name", CASES)
+# Both kinds of law, both kinds of arc; the other two compile programs of their own.
+shell_cases = pytest.mark.parametrize(
+    "name",
+    [
+        *list(CASES)[:2],
+        *(pytest.param(name, marks=pytest.mark.long) for name in list(CASES)[2:]),
+    ],
+)
 
 
 def shell_of(name: str, half_angle: float = np.pi / 2, elements: int = ELEMENTS) -> Shell:
@@ -307,6 +314,7 @@ def linear_response(thickness: float, half_angle: float, elements: int) -> tuple
     return *crown, float(trapped.border[0]) / line_force
 
 
+@pytest.mark.long  # three meshes; the limit of the ring below
 @pytest.mark.parametrize("half_angle", [0.8, np.pi / 2])
 @pytest.mark.parametrize("thickness", [0.0015, 0.006])
 def test_small_displacements_are_those_of_the_exact_arch(

@@ -74,6 +74,7 @@ def counts_of(log: SoLog) -> np.ndarray:
     return np.stack([frames.of_module(k) for k in range(2)], 1)
 
 
+@pytest.mark.long  # the program of a path; what is written and read is here
 def test_a_path_is_played_as_the_model_has_it(folder: Path, played: SoLog) -> None:
     frames = group_frames(played)
     so = counts_of(played)
@@ -156,6 +157,7 @@ def test_noise_drift_and_faults_are_as_asked(folder: Path, played: SoLog) -> Non
     np.testing.assert_array_equal(read_log(again).so, log.so)
 
 
+@pytest.mark.long  # a scene of its own; saturation in test_sensing
 def test_a_taxel_that_touches_reads_full_scale(folder: Path) -> None:
     (folder / "hard.csv").write_text(
         "# scene: scene.toml\nt_s,loads.0.angle_deg,loads.0.force_N\n0,20,80\n1,20,81\n"

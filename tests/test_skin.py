@@ -10,7 +10,7 @@ import pytest
 from skins import EPDM, quick
 
 from suas_jax.config import continuous_inputs, scene_from_dict
-from suas_jax.runtime.compiled import COMPILED, OPTIONS
+from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.forward import (
     Loads,
@@ -71,16 +71,39 @@ def a_scene(*loads: dict, electrodes: dict = LIST, oil: dict | None = None) -> o
 
 
 run = quick(forward)
+EVERY = a_scene(LINE, PRESSURE, electrodes=TRIANGLE, oil=COMPRESSIBLE)
 
 
+def so_of(inputs: dict) -> jax.Array:
+    """Readings of the scene with every kind of input."""
+    return forward(skin_of(EVERY, inputs, elements=16), loads_of(EVERY, inputs)).so[:, 0]
+
+
+def every_input() -> dict[str, jax.Array]:
+    # Of the type that sums of them have: another one would be another program.
+    return {path: jnp.asarray(x, float) for path, x in continuous_inputs(EVERY).items()}
+
+
+@pytest.mark.long  # solve and derivatives in one; test_gradients, readings in test_sensing
+def test_derivatives_of_every_so_along_all_inputs_are_those_of_differences() -> None:
+    inputs = every_input()
+    signs = iter(np.random.default_rng(0).choice([-1.0, 1.0], len(inputs)))
+    along = {path: next(signs) * jnp.abs(x) for path, x in inputs.items()}
+    both = quick(lambda at, along: jax.jvp(so_of, (at,), (along,)))
+
+    def beside(step: float) -> np.ndarray:
+        return np.asarray(both({p: x + step * along[p] for p, x in inputs.items()}, along)[0])
+
+    so, slope = both(inputs, along)
+    h = 1e-4
+    want = (8 * (beside(h) - beside(-h)) - (beside(2 * h) - beside(-2 * h))) / (12 * h)
+    np.testing.assert_allclose(slope, want, rtol=0, atol=1e-6 * float(jnp.max(jnp.abs(so))))
+
+
+@pytest.mark.long  # all columns at once; along one direction above
 def test_derivatives_of_every_so_by_every_input_are_those_of_differences() -> None:
-    spec = a_scene(LINE, PRESSURE, electrodes=TRIANGLE, oil=COMPRESSIBLE)
-    inputs = {path: jnp.asarray(x) for path, x in continuous_inputs(spec).items()}
-
-    def so(inputs: dict) -> jax.Array:
-        return forward(skin_of(spec, inputs, elements=16), loads_of(spec, inputs)).so[:, 0]
-
-    jacobian = quick(jax.jacfwd(so))(inputs)
+    inputs = every_input()
+    jacobian = quick(jax.jacfwd(so_of))(inputs)
     paths, offsets = list(inputs), np.array([-2.0, -1.0, 1.0, 2.0])
     weights = np.array([1.0, -8.0, 8.0, -1.0]) / 12
     steps = {path: 1e-4 * abs(float(x)) for path, x in inputs.items()}
@@ -89,7 +112,7 @@ def test_derivatives_of_every_so_by_every_input_are_those_of_differences() -> No
         column = np.full((len(paths), 4), float(x))
         column[i] += offsets * steps[path]
         stacked[path] = jnp.asarray(column.ravel())
-    values = np.asarray(quick(jax.vmap(so))(stacked)).reshape(len(paths), 4, -1)
+    values = np.asarray(quick(jax.vmap(so_of))(stacked)).reshape(len(paths), 4, -1)
     level = np.abs(values[0, 0])
     for i, path in enumerate(paths):
         want = weights @ values[i] / steps[path]
@@ -117,6 +140,7 @@ def batch(pad: object) -> SensorOutput:
     return run(pad, loads())
 
 
+@pytest.mark.long  # a program with a start; starts in test_equilibrium
 def test_converged_everywhere_and_undisturbed_by_a_start(
     pad: object, batch: SensorOutput
 ) -> None:
@@ -126,10 +150,8 @@ def test_converged_everywhere_and_undisturbed_by_a_start(
     np.testing.assert_allclose(again.so, batch.so, rtol=1e-9)
 
 
-def test_called_with_numbers_it_compiles_once(
-    pad: object, batch: SensorOutput, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(OPTIONS, "xla_backend_optimization_level", 0)
+@pytest.mark.long  # the same program, compiled as users have it
+def test_called_with_numbers_it_compiles_once(pad: object, batch: SensorOutput) -> None:
     first = forward(pad, loads())
     np.testing.assert_allclose(first.so, batch.so, rtol=1e-9)
     compiled: list[str] = []
@@ -145,7 +167,7 @@ def test_called_with_numbers_it_compiles_once(
         jax.monitoring.unregister_event_duration_listener(listen)
     assert not compiled
     assert not np.any(second.result)
-    assert np.all(np.asarray(second.oil_pressure) < np.asarray(first.oil_pressure))
+    assert np.all(np.asarray(second.oil_pressure) < np.asarray(batch.oil_pressure))
 
 
 def test_what_numbers_call_is_kept_between_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,6 +180,7 @@ def test_what_numbers_call_is_kept_between_runs(monkeypatch: pytest.MonkeyPatch)
     assert len({content_key(function) for function in called}) == 3
 
 
+@pytest.mark.long  # a fine mesh; a solve in test_sensing
 def test_its_mesh_serves_loads_anywhere_on_the_arc(batch: SensorOutput) -> None:
     fine = run(skin_of(a_scene(), elements=128), loads())
     np.testing.assert_allclose(batch.so, fine.so, rtol=1e-3)

@@ -1,5 +1,6 @@
 """The skin as test specimen: recovers what its curve determines, and says what it doesn't."""
 
+import json
 import pathlib
 
 import equinox as eqx
@@ -47,6 +48,21 @@ def fit(data: Dataset) -> MaterialFit:
     return fit_material([data], "mooney-rivlin", 2, residual="noise")
 
 
+@pytest.mark.long  # a skin's curve; the fit of other tests in test_material_fit
+def test_predicted_readings_are_those_of_a_fine_mesh() -> None:
+    """Displacement and oil pressure at the force of the paper's case A."""
+    truths = json.loads(
+        (SCENE.parent.parent.parent / "tests/data/fine_meshes.json").read_text()
+    )
+    truth = truths["shell"]["case A"]
+    channel = np.array([DISPLACEMENT, PRESSURE])
+    curve = specimen(load_scene(SCENE), np.full(2, 24.4), channel, np.ones(2)).curve
+    found = np.asarray(predicted(curve, MooneyRivlin(20.7e6, -4.4e6, 77e3)))
+    wanted = [truth["loads"][0]["displacement_m"], truth["oil_pressure_Pa"]]
+    np.testing.assert_allclose(found[:2], wanted, rtol=2e-3)
+
+
+@pytest.mark.long  # a skin's curve; the fit of other tests in test_material_fit
 def test_skin_curve_determines_the_sum_of_c1_and_c2_only(fit: MaterialFit) -> None:
     assert fit.status == "converged"
     assert any("C1 - C2" in text for text in fit.uncertainty.unidentifiable)
@@ -71,6 +87,7 @@ def test_shared_errors_make_dense_covariances() -> None:
     assert not shared_error(np.zeros(4)).any()
 
 
+@pytest.mark.long  # a skin's curve; the fit of other tests in test_material_fit
 def test_intervals_include_the_shell_model_error(fit: MaterialFit) -> None:
     assert 2e-4 < fit.problem.model_error < 5e-3
     residuals = fit.problem.residuals
@@ -86,7 +103,7 @@ def test_intervals_include_the_shell_model_error(fit: MaterialFit) -> None:
     assert 0.5 * fit.problem.model_error < added < 3.0 * fit.problem.model_error
 
 
-@pytest.mark.long
+@pytest.mark.long  # a skin's curve; the fit of other tests in test_material_fit
 def test_posterior_of_the_curve(fit: MaterialFit, tmp_path: pathlib.Path) -> None:
     found = sample_material(fit, Settings(steps=600, stop=False))
     figure = plot_predictive(found, tmp_path / "predictive.png")

@@ -29,7 +29,7 @@ from suas_jax.mechanics.solid.model import SOLID
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.scene.build import plan_for
-from suas_jax.scene.solve import solve
+from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.loads import LoadPoints
 
 REFERENCE = pathlib.Path(__file__).parent / "data" / "arch.csv"
@@ -145,6 +145,7 @@ def test_condensation_solves_the_whole_system() -> None:
     assert twice < 1e-9
 
 
+@pytest.mark.long  # a fine mesh; condensation above
 def test_slender_elements_keep_their_digits() -> None:
     # 60 times as long as high: in the nodes' own displacements nothing of the answer was left.
     spec = scene(line(0, 8.0), thickness=0.5e-3)
@@ -293,6 +294,7 @@ def test_pressure_does_not_oscillate(solved: dict[str, tuple]) -> None:
     assert np.max(np.abs(second)) < 0.02 * np.max(np.abs(mean[:, 1:-1][:, away]))
 
 
+@pytest.mark.long  # two more meshes; derivatives of a half above
 def test_half_an_arc_gives_the_same(solved: dict[str, tuple]) -> None:
     spec = scene(line(0, 24.0))
     whole, half = (problem_of(spec, 32, 2, half=half) for half in (False, True))
@@ -304,6 +306,7 @@ def test_half_an_arc_gives_the_same(solved: dict[str, tuple]) -> None:
     np.testing.assert_allclose(unfolded[: 2 * dof], want[: 2 * dof], rtol=0, atol=1e-8 * size)
 
 
+@pytest.mark.long  # the comparison meshes; reference above
 def test_estimated_error_covers_the_true_one(solved: dict[str, tuple]) -> None:
     row, problem, state = solved["B-10000"]
     spec = scene(line(45, 1.0))
@@ -319,6 +322,7 @@ def test_estimated_error_covers_the_true_one(solved: dict[str, tuple]) -> None:
     assert true < estimate < 20 * true
 
 
+@pytest.mark.long  # another mesh; that of the shell in test_equilibrium
 def test_work_of_the_loads_is_stored_as_energy() -> None:
     # Trapped oil does no work: the load's work along the path is all there is. The
     # trapezoidal rule's error goes with the square of the step: extrapolate.
@@ -375,6 +379,7 @@ def test_a_state_carried_to_a_finer_mesh_is_the_same_deformation(
     np.testing.assert_allclose(back / size, kept / size, atol=1e-12)
 
 
+@pytest.mark.long  # two fine meshes; states carried above
 def test_a_refined_solve_starts_from_the_coarser_mesh() -> None:
     spec = scene(line(30, 1.0), thickness=4e-4)
     refined = solve(with_solve(spec, model="solid", rtol=2.2e-3))  # 64 x 2 misses it
@@ -385,15 +390,30 @@ def test_a_refined_solve_starts_from_the_coarser_mesh() -> None:
         assert refined.report[key] == pytest.approx(given.report[key], rel=1e-9)
 
 
-def test_the_stretch_through_the_thickness_is_drawn_where_its_nodes_are() -> None:
-    spec = scene(line(30, 1.0), thickness=4e-4)
-    found = solve(with_solve(spec, model="solid", mesh=(96, 4)))
-    (drawn,) = plot_solid(found).axes[2].lines
-    nodes = 0.4 * Layout(96, 4).heights  # mm; those of two layers are drawn twice
+@pytest.fixture(scope="module")
+def trapped() -> Solution:
+    return solve(with_solve(scene(line(40, 12.0)), model="solid", mesh=(32, 2)))
+
+
+def test_the_stretch_through_the_thickness_is_drawn_where_its_nodes_are(
+    trapped: Solution,
+) -> None:
+    (drawn,) = plot_solid(trapped).axes[2].lines
+    nodes = 1.5 * Layout(32, 2).heights  # mm; those of two layers are drawn twice
     np.testing.assert_allclose(np.unique(np.round(drawn.get_ydata(), 9)), nodes, atol=1e-8)
 
 
-def test_scene_of_a_solid_reports_like_the_shell() -> None:
+def test_scene_of_a_solid_reports_like_the_shell(trapped: Solution) -> None:
+    shell = solve(with_solve(trapped.scene, model="shell", elements=16, mesh=None))
+    assert trapped.report["model"] == "solid"
+    assert trapped.report.keys() == shell.report.keys()
+    for key in ("oil_pressure_Pa", "max_displacement_m", "min_gap_m", "strain_energy_J"):
+        assert trapped.report[key] == pytest.approx(shell.report[key], rel=2e-2)
+    assert trapped.report["stable"]
+
+
+@pytest.mark.long  # the program of derivatives; differentiated equilibria in test_gradients
+def test_gradient_of_a_solid_is_that_of_differences() -> None:
     from suas_jax.scene.gradient import gradient
 
     table = {
@@ -410,13 +430,6 @@ def test_scene_of_a_solid_reports_like_the_shell() -> None:
         "solve": {"model": "solid", "mesh": [32, 2]},
     }
     found = solve(scene_from_dict(table))
-    table["solve"] = {"model": "shell", "elements": 16}
-    shell = solve(scene_from_dict(table))
-    assert found.report["model"] == "solid"
-    assert found.report.keys() == shell.report.keys()
-    for key in ("oil_pressure_Pa", "max_displacement_m", "min_gap_m", "strain_energy_J"):
-        assert found.report[key] == pytest.approx(shell.report[key], rel=2e-2)
-    assert found.report["stable"]
     got = gradient(found, "oil_pressure_Pa")
     inputs = continuous_inputs(found.scene)
     assert got.keys() == inputs.keys()

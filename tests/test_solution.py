@@ -1,5 +1,7 @@
 """A solved scene: its error estimate, its mesh, and what it does not pay for."""
 
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,15 @@ SCENES: dict[str, SceneSpec] = {
 }
 
 
+# Of 192 elements; a long test solves them again.
+TRUTHS = json.loads((Path(__file__).parent / "data/fine_meshes.json").read_text())["shell"]
+# A line load on an arc without symmetry is what other files solve, too: one program for all.
+names = pytest.mark.parametrize(
+    "name",
+    [x if x == "case B" else pytest.param(x, marks=pytest.mark.long) for x in SCENES],
+)
+
+
 def largest_error(report: dict[str, Any], truth: dict[str, Any]) -> float:
     """Relative error of what the estimate speaks of."""
     size = max(abs(load["displacement_m"]) for load in truth["loads"])
@@ -34,51 +45,68 @@ def largest_error(report: dict[str, Any], truth: dict[str, Any]) -> float:
     return max(errors)
 
 
+@pytest.mark.long  # fine meshes
 @pytest.mark.parametrize("name", SCENES)
+def test_the_truths_are_those_of_a_fine_mesh(name: str) -> None:
+    found = solve(with_solve(SCENES[name], elements=192)).report
+    assert largest_error(TRUTHS[name], found) < 1e-8
+
+
+@names
 def test_discretisation_error_is_above_the_true_one_and_near(name: str) -> None:
-    truth = solve(with_solve(SCENES[name], elements=192)).report
+    truth = TRUTHS[name]
     report = solve(with_solve(SCENES[name], elements=16)).report
     true = largest_error(report, truth)
     assert true < report["discretisation_error"] < 6 * true
 
 
+@pytest.mark.long  # half an arc; the whole one above
 def test_sixteen_elements_a_half_arc_are_within_a_thousandth() -> None:
-    truth = solve(with_solve(SCENES["case A"], elements=192)).report
     report = solve(with_solve(SCENES["case A"], elements=32)).report
-    assert largest_error(report, truth) < 1e-3
+    assert largest_error(report, TRUTHS["case A"]) < 1e-3
 
 
+@pytest.mark.long  # every mesh on the way
 def test_the_mesh_is_refined_until_rtol_is_met() -> None:
     report = solve(with_solve(SCENES["case A"], model="shell", rtol=3e-5)).report
-    truth = solve(with_solve(SCENES["case A"], elements=192)).report
     assert report["discretisation_error"] < 3e-5
-    assert largest_error(report, truth) < 3e-5
+    assert largest_error(report, TRUTHS["case A"]) < 3e-5
 
 
 def test_a_forced_mesh_that_misses_rtol_says_so() -> None:
-    report = solve(with_solve(SCENES["case A"], elements=16, rtol=1e-6)).report
+    report = solve(with_solve(SCENES["case B"], elements=16, rtol=1e-6)).report
     assert report["status"] == "converged"
     assert not report["rtol_met"]
 
 
 def test_what_a_scene_does_not_need_is_not_solved() -> None:
     trapped = solve(with_solve(SCENES["case B"], elements=16)).report
-    vented = scene(line(45, 2), oil={"model": "vented"})
     assert trapped["unknowns"] == 15 * 4 + 2 + 1  # stations, stretch at the clamps, pressure
-    assert solve(with_solve(vented, elements=16)).report["unknowns"] == 15 * 4 + 2
-    half = solve(with_solve(SCENES["case A"], elements=16)).report
-    assert half["unknowns"] == 7 * 4 + 1 + 2 + 1  # the crown keeps y and the stretch
     nothing = solve(scene(line(45, 0))).report
     assert (nothing["unknowns"], nothing["iterations"]) == (0, 0)
     assert nothing["max_displacement_m"] < 1e-15  # rounding of the reference place
 
 
+@pytest.mark.long  # half an arc is a program of its own
+def test_half_of_a_symmetric_scene_is_solved() -> None:
+    half = solve(with_solve(SCENES["case A"], elements=16)).report
+    assert half["unknowns"] == 7 * 4 + 1 + 2 + 1  # the crown keeps y and the stretch
+
+
+@pytest.mark.long  # vented oil is a program of its own
+def test_a_vented_scene_has_no_pressure_to_find() -> None:
+    vented = scene(line(45, 2), oil={"model": "vented"})
+    assert solve(with_solve(vented, elements=16)).report["unknowns"] == 15 * 4 + 2
+
+
+@pytest.mark.long  # as long to trace as to solve
 def test_only_quantities_of_the_report_can_be_differentiated() -> None:
     solution = solve(with_solve(SCENES["case B"], elements=16))
     with pytest.raises(UnknownQuantityError, match="oil_pressure_Pa"):
         gradient(solution, "status")
 
 
+@pytest.mark.long  # two scenes of their own; test_equilibrium
 @pytest.mark.parametrize("law", ["mooney-rivlin", "ogden"])
 def test_pressure_under_no_load_but_external_is_that_pressure(law: str) -> None:
     uniform = {"kind": "pressure", "pressure": "800 Pa"}
@@ -87,6 +115,7 @@ def test_pressure_under_no_load_but_external_is_that_pressure(law: str) -> None:
     assert report["max_displacement_m"] < 1e-12
 
 
+@pytest.mark.long  # as long to trace as to solve; equilibria in test_equilibrium
 @pytest.mark.parametrize("case", [("shell", (8,)), ("solid", (8, 2))])
 def test_programs_call_no_library_that_waits_for_threads(case: tuple[str, Counts]) -> None:
     assert "lapack" not in program_text(scene(line(20, 5.0)), *case)
@@ -104,6 +133,7 @@ def test_a_function_of_one_s_own_reads_what_the_report_says() -> None:
     assert energy[0] * WIDTH == pytest.approx(solution.report["strain_energy_J"], rel=1e-9)
 
 
+@pytest.mark.long  # the program of a curve; a sweep in test_cli
 def test_a_curve_of_several_blocks_ends_at_the_single_solve() -> None:
     """The mesh of a curve is that of its largest load."""
     spec = with_solve(SCENES["case B"], elements=16)

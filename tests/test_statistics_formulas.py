@@ -24,7 +24,7 @@ from fitting.statistics.diagnostics import (
 from fitting.statistics.least_squares import (
     Minima,
     _is_minimum,
-    _judged,
+    judged,
     minimise_one_by_one,
 )
 from fitting.statistics.log_probability import Batch, Gaussian, NumpyBatch, _expansion, laplace
@@ -408,7 +408,7 @@ def test_step_on_a_linearised_constraint_is_least_squares_on_its_plane(p: int) -
 # --- least squares ------------------------------------------------------------------------
 
 
-judged = quick(_judged, jax.jit)
+judged = quick(judged, jax.jit)
 
 
 def test_predicted_decrease_is_in_full_up_to_a_step_of_one() -> None:
@@ -475,8 +475,10 @@ def test_decrease_in_a_box_counts_what_leads_back_into_it() -> None:
     model = linear(LINE, Y)
     point = np.array([8.0, -3.0])
     with pytest.MonkeyPatch.context() as patch:
-        stay = SimpleNamespace(least_squares=lambda f, start, **given: SimpleNamespace(x=start))
-        patch.setattr("fitting.material.fit.bounded.optimize", stay)
+        patch.setattr(
+            "fitting.material.fit.bounded.solved_by_scipy",
+            lambda f, start, **given: SimpleNamespace(x=start),
+        )
         far = np.full(2, np.inf)
         constants, cost, decrease = _solve(model, point, -far, far)
         r = LINE @ point - Y

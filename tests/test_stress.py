@@ -4,6 +4,9 @@ import pytest
 
 from benchmarks.stress import Outcome, Trial, attempt, skin
 
+# Programs of their own; light, heavy and outward loads in test_equilibrium.
+pytestmark = pytest.mark.long
+
 TRIALS = {
     "thinnest": Trial("thickness", "0.02 mm", skin((30, 0.27), thickness=2e-5)),
     "thickest": Trial("thickness", "10 mm", skin((30, 130.0), thickness=0.01)),

@@ -443,6 +443,7 @@ def test_a_fault_that_is_none_is_named(text):
         parse_faults([text])
 
 
+@pytest.mark.long  # a process compiles its scene; simulate in test_simulate
 def test_a_scene_played_live(tmp_path):
     from test_baseline import LOAD, SCENE
 

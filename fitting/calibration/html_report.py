@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 
 from fitting.calibration.plan import Press, Step
-from fitting.html.page import page
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.readings import readings_of
+from fitting.report.description import quantity_text
+from fitting.report.page import page
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.health import FAULTS, Health
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.missing import mean
-from suas_jax.config import SkinSpec, format_quantity
+from suas_jax.config import SkinSpec
 
 _ANGLE, _AXIAL, _FORCE = math.radians(2.0), 2e-3, 0.1  # tolerated: angle, place, share of force
 _ERRORS = 3.0  # standard errors that are tolerated, too
 
-_DIMENSIONS = {"m": "length", "F": "capacitance", "Pa": "stress"}
 _WIDTH, _HEIGHT, _MARGIN = 640, 200, 20  # of the drawing [px]
 
 
@@ -148,17 +148,11 @@ def _constant(name: str, report: dict[str, Any]) -> tuple[str, ...]:
     prior = report["priors"].get(name)
     return (
         name,
-        "–" if before is None else _quantity(before, unit),
-        _quantity(report["parameters"][name], unit),
-        _quantity(report["standard_errors"][name], unit),
+        "–" if before is None else quantity_text(before, unit),
+        quantity_text(report["parameters"][name], unit),
+        quantity_text(report["standard_errors"][name], unit),
         "nothing" if prior is None else str(prior["reason"]),
     )
-
-
-def _quantity(value: float, unit: str) -> str:
-    if unit in _DIMENSIONS and value:
-        return format_quantity(value, _DIMENSIONS[unit])  # type: ignore[arg-type]
-    return f"{value:.5g}"
 
 
 def _check(check: Verification) -> tuple[str, ...]:

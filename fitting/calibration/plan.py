@@ -1,4 +1,4 @@
-"""Which known loads a guided calibration asks for, in which order."""
+"""Known loads of a guided calibration, in the order in which it asks for them."""
 
 import re
 from collections.abc import Sequence
@@ -80,11 +80,6 @@ def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tupl
 
 def press_of(text: str, spec: SkinSpec, option: str) -> Press:
     """A press from the command line: "45 deg, 5 N", on a pad "45 deg, 10 mm, 5 N".
-
-    Args:
-        text: as given.
-        spec: the skin.
-        option: its name, for messages.
 
     Raises:
         ValueError: naming what is expected.

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.live.stream import FrameBuilder
 from fitting.inverse_load.readings import Layout
 from suas_jax.acquisition.health import MIN_FRAMES
@@ -35,8 +35,8 @@ class Rest(NamedTuple):
         noise: standard deviation of one [taxel] [counts].
     """
 
-    so: NDArray[np.float64]
-    noise: NDArray[np.float64]
+    so: Floats
+    noise: Floats
 
 
 class SteadyWindow:
@@ -51,9 +51,9 @@ class SteadyWindow:
     def __init__(self, hold: float, rest: Rest | None = None, *, fewest: int = 50) -> None:
         self._hold, self._fewest = hold, fewest
         self._rest = rest
-        self._frames: deque[tuple[float, NDArray[np.float64]]] = deque()
+        self._frames: deque[tuple[float, Floats]] = deque()
 
-    def feed(self, time: float, so: NDArray[np.float64]) -> None:
+    def feed(self, time: float, so: Floats) -> None:
         """Take a frame.
 
         Args:
@@ -107,7 +107,7 @@ class SteadyWindow:
         allowed = _STEADY * error + 1.0 + _STEADY_SHARE * change
         return not bool((moved > allowed).any())
 
-    def _readings(self) -> NDArray[np.float64]:
+    def _readings(self) -> Floats:
         return np.array([so for _, so in self._frames])
 
 
@@ -155,9 +155,6 @@ class StepRecorder:
 
     def press(self, rest: Rest) -> list[Judged]:
         """Rows of a steady window under a load; returns once the load is off again.
-
-        Args:
-            rest: readings of the untouched skin.
 
         Raises:
             InterruptedStepError, LayoutMismatchError: as for `rest`.

@@ -70,11 +70,6 @@ def run_calibration(
 ) -> dict[str, Any]:
     """Calibrate a skin with a person's help.
 
-    Args:
-        options: how.
-        say: called with what the person should do.
-        progress: called with what is being computed.
-
     Returns:
         The report of `suas fit sensor`, with `verification` and the files' names.
 

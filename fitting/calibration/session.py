@@ -1,4 +1,4 @@
-"""What a guided calibration has recorded so far: a folder that an interruption leaves whole."""
+"""Folder of a guided calibration: the steps recorded so far, whole after an interruption."""
 
 import contextlib
 import hashlib

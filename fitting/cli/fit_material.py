@@ -13,7 +13,7 @@ from fitting.cli.options import (
     named_bounds,
     named_file,
     named_values,
-    quantity_of,
+    quantity_option,
 )
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
@@ -251,7 +251,7 @@ def material(
     if as_json:
         say(json_text(report))
     elif report["status"] != "no_fit":
-        from fitting.material.report.text import print_report
+        from fitting.material.report.description import print_report
 
         print_report(report, fit)
     if report["status"] == "no_fit":
@@ -272,7 +272,7 @@ def _card_settings(
 
     modulus = None
     if bulk_modulus is not None:
-        modulus = quantity_of("--bulk-modulus", bulk_modulus, "stress")
+        modulus = quantity_option("--bulk-modulus", bulk_modulus, "stress")
     for program, _ in cards:
         require_program(program)
     return CardSettings(units, name, density, modulus)

@@ -43,7 +43,7 @@ TrustNetwork = Annotated[
 ]
 
 
-def quantity_of(option: str, text: str, dimension: "DimensionName") -> float:
+def quantity_option(option: str, text: str, dimension: "DimensionName") -> float:
     """SI value of an option such as ``--diameter "6 mm"``.
 
     Raises:
@@ -138,9 +138,11 @@ def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, 
     settings: dict[str, float | None] = {}
     if diameter is not None:
         free = diameter == "free"
-        settings["diameter"] = None if free else quantity_of("--diameter", diameter, "length")
+        settings["diameter"] = (
+            None if free else quantity_option("--diameter", diameter, "length")
+        )
     if pressure_noise is not None:
-        noise = quantity_of("--pressure-noise", pressure_noise, "pressure")
+        noise = quantity_option("--pressure-noise", pressure_noise, "pressure")
         settings["pressure_noise"] = noise
     return settings
 

@@ -11,9 +11,6 @@ from suas_jax.acquisition.terminal import new_console
 def spinner(what: str) -> Iterator[Callable[[str], None]]:
     """Show what is being done, with the elapsed time.
 
-    Args:
-        what: shown first.
-
     Yields:
         A function that shows something else.
     """

@@ -1,1 +1,1 @@
-"""Where a skin's range of forces ends: at the wall, in noise, at the converter's limit."""
+"""Ends of a skin's range of forces: at the wall, in noise, at the converter's limit."""

@@ -1,4 +1,4 @@
-"""How well a load can be told from a skin's taxels, before and after it reaches the wall.
+"""Cramér-Rao bounds of a load from a skin's taxels, before and after it reaches the wall.
 
 No unbiased estimate of a load's angle and force has a smaller covariance than ::
 
@@ -17,16 +17,14 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
 from suas_jax.config import SkinSpec
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
 from suas_jax.sensing.converter import Converter
-
-Floats = NDArray[np.float64]
 
 TOLD = 0.2
 """Standard deviation, relative to the force, up to which a force can be told."""
@@ -65,12 +63,12 @@ class ForceRange:
     force_error: Floats
     angle_error: Floats
     wall_force: Floats
-    saturated: NDArray[np.bool_]
+    saturated: Flags
     noise: float
     modelled: bool
 
     @property
-    def told(self) -> NDArray[np.bool_]:
+    def told(self) -> Flags:
         """Whether a force can be told, to `TOLD` of itself [angle, force]."""
         return np.asarray(self.force_error <= TOLD * self.force)
 
@@ -245,7 +243,7 @@ def _rest_readings(skin: Skin) -> Any:
 
 def _sensitivities(
     skin: Skin, angle: Floats, force: Floats
-) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Floats, Floats, Flags]:
     """Readings, derivatives by angle and force, the wall's force, what has no solution.
 
     Returns:
@@ -268,7 +266,7 @@ def _sensitivities(
     )
 
 
-def _first(force: Floats, holds: NDArray[np.bool_]) -> Floats:
+def _first(force: Floats, holds: Flags) -> Floats:
     """First force of every row for which something holds, or NaN."""
     found = force[np.arange(len(force)), holds.argmax(1)]
     return np.where(holds.any(1), found, np.nan)

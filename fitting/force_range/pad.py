@@ -1,4 +1,4 @@
-"""How well a contact on a pad can be told from its taxels, over the pad.
+"""Cramér-Rao bounds of a contact from the taxels of a pad, over the pad.
 
 The bound of Cramer and Rao as for a section (`bound`), for the angle, the axial position and
 the force of one round radial contact, from the table of solved states that estimates begin
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
@@ -20,8 +21,6 @@ from fitting.inverse_load.pad.parts import table_of_pad
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import SkinSpec
 from suas_jax.sensing.converter import Converter
-
-Floats = NDArray[np.float64]
 
 _NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
 _REFERENCE = 0.3  # force of the map of errors in terms of the smallest first contact

@@ -17,8 +17,8 @@ of the drift taken off, and the model's error in terms of the change from rest.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.fit.detection import AbstractDetector
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import SkinSpec
@@ -47,7 +47,7 @@ class DriftDensities:
     gain: float = 3e-4
     before: float = 1200.0
 
-    def walk(self, rest: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+    def walk(self, rest: Floats, seconds: float) -> Floats:
         """Covariance of the walk over a time [taxel, taxel] [counts^2]."""
         own = self.taxel**2 * np.eye(len(rest))
         shared = self.common**2 + self.gain**2 * np.outer(rest, rest)
@@ -64,8 +64,8 @@ class Drift:
         variance: of it [frame, taxel] [counts^2]; likewise.
     """
 
-    offset: NDArray[np.float64]
-    variance: NDArray[np.float64]
+    offset: Floats
+    variance: Floats
 
     def rows(self, frames: slice) -> "Drift":
         """That of some frames."""
@@ -93,7 +93,7 @@ class DriftFollower:
 
     def __init__(
         self,
-        rest: NDArray[np.float64],
+        rest: Floats,
         noise_variance: float,
         detector: AbstractDetector,
         densities: DriftDensities | None = None,
@@ -102,15 +102,15 @@ class DriftFollower:
         self._rest, self._noise, self._detector = rest, noise_variance, detector
         self._densities = densities or DriftDensities()
         self._gathered = gathered
-        self._waiting: list[tuple[float, NDArray[np.float64]]] = []
+        self._waiting: list[tuple[float, Floats]] = []
         self.drift = np.zeros(len(rest))
         self.covariance = self._densities.walk(rest, self._densities.before)
         self.known = False
         """Whether a frame without contact has been seen."""
         self._time: float | None = None
-        self._axes: NDArray[np.float64] | None = None
+        self._axes: Floats | None = None
 
-    def follow(self, time: NDArray[np.float64], change: NDArray[np.float64]) -> Drift:
+    def follow(self, time: Floats, change: Floats) -> Drift:
         """Take frames; return the drift in each of them.
 
         Args:
@@ -137,7 +137,7 @@ class DriftFollower:
             )
         self._time = now
 
-    def _quiet(self, change: NDArray[np.float64]) -> None:
+    def _quiet(self, change: Floats) -> None:
         """Learn from the frames without contact among some."""
         used = np.isfinite(change)
         left = np.where(used, change - self.drift, 0.0)
@@ -161,7 +161,7 @@ class DriftFollower:
         self.covariance = (kept + kept.T) / 2
         self.known = True
 
-    def _shared(self) -> NDArray[np.float64]:
+    def _shared(self) -> Floats:
         """The widest directions of the covariance, as long as they are wide [taxel, _SHARED].
 
         By subspace iteration, as they hardly turn: decomposing a pad's whole covariance at
@@ -189,9 +189,9 @@ class ReadingWeights:
             there is none; None in plane strain, where there is no such column.
     """
 
-    zero: NDArray[np.float64]
-    variance: NDArray[np.float64]
-    model_rest: NDArray[np.float64]
+    zero: Floats
+    variance: Floats
+    model_rest: Floats
     model_error: float
     pressure_noise: float | None
 
@@ -200,20 +200,18 @@ class ReadingWeights:
         """Number of taxels in the layout."""
         return len(self.model_rest)
 
-    def change_from_rest(
-        self, so: NDArray[np.float64], faulty: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
+    def change_from_rest(self, so: Floats, faulty: Flags) -> Floats:
         """Readings less those at rest [frame, taxel]; NaN where a taxel can't be used."""
         used = np.isfinite(so) & (so > 0) & ~saturated(so) & ~faulty
         return np.where(used, so - self.zero - self.model_rest, np.nan)
 
     def weigh(
         self,
-        so: NDArray[np.float64],
-        faulty: NDArray[np.bool_] | None = None,
-        pressure: NDArray[np.float64] | None = None,
+        so: Floats,
+        faulty: Flags | None = None,
+        pressure: Floats | None = None,
         drift: Drift | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Floats, Floats]:
         """Readings as the model has them, and their inverse variances.
 
         Args:
@@ -247,11 +245,8 @@ class ReadingWeights:
 
 
 def zero_of_readings(
-    spec: SkinSpec,
-    model_rest: NDArray[np.float64],
-    rest: NDArray[np.float64] | None,
-    rest_variance: NDArray[np.float64] | float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    spec: SkinSpec, model_rest: Floats, rest: Floats | None, rest_variance: Floats | float
+) -> tuple[Floats, Floats]:
     """What is taken off readings to compare them with the model, and its variance.
 
     Args:

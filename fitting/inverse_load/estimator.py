@@ -2,7 +2,7 @@
 
 ::
 
-    readings -> as the model has them, weighed              `weighing`
+    readings -> as the model has them, weighed              `drift`
              -> contact or not                              `detection`
              -> nearest states of a table                   `table`, `search`
              -> least squares with exact derivatives        `model`, `explanation`
@@ -10,9 +10,9 @@
              -> covariances, statuses                       `systematic`, `assessment`
 
 Readings are compared with the skin's own model in counts, weighed by their variances
-(`weighing`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the change
-from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`) is the
-same in all frames.
+(`ReadingWeights`): the corrected shell is within MODEL_ERROR of the continuum, in terms of the
+change from rest. What the skin file's own numbers leave open (`suas_jax.config.input_errors`)
+is the same in all frames.
 """
 
 import time
@@ -22,9 +22,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.drift import (
     ROUNDING,
     Drift,
@@ -101,8 +101,8 @@ class LoadEstimator:
     false_alarm: float = 0.01
     noise: float | None = None
     model_error: float | None = None
-    rest: NDArray[np.float64] | None = None
-    rest_variance: NDArray[np.float64] | float = 0.0
+    rest: Floats | None = None
+    rest_variance: Floats | float = 0.0
     most_contacts: int = MOST_CONTACTS
     live: bool = False
     progress: Callable[[str], None] = lambda text: None
@@ -235,28 +235,28 @@ class LoadEstimator:
         return self._parts.posterior
 
     @property
-    def model_rest(self) -> NDArray[np.float64]:
+    def model_rest(self) -> Floats:
         """The model's readings at rest [taxel] [counts]."""
         return self._parts.rest
 
     def weigh(
         self,
-        so: NDArray[np.float64],
-        faulty: NDArray[np.bool_] | None = None,
-        pressure: NDArray[np.float64] | None = None,
+        so: Floats,
+        faulty: Flags | None = None,
+        pressure: Floats | None = None,
         drift: Drift | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Floats, Floats]:
         """Readings as the model has them, and inverse variances: `ReadingWeights.weigh`."""
         return self._weights.weigh(so, faulty, pressure, drift)
 
     def estimate(
         self,
-        so: NDArray[np.float64],
-        faulty: NDArray[np.bool_] | None = None,
+        so: Floats,
+        faulty: Flags | None = None,
         done: Callable[[int], None] = lambda frames: None,
         *,
-        pressure: NDArray[np.float64] | None = None,
-        time: NDArray[np.float64] | None = None,
+        pressure: Floats | None = None,
+        time: Floats | None = None,
     ) -> list[LoadEstimate]:
         """Estimate the loads of frames.
 
@@ -290,12 +290,7 @@ class LoadEstimator:
             done(len(found))
         return found
 
-    def _followed(
-        self,
-        so: NDArray[np.float64],
-        faulty: NDArray[np.bool_],
-        time: NDArray[np.float64] | None,
-    ) -> Drift | None:
+    def _followed(self, so: Floats, faulty: Flags, time: Floats | None) -> Drift | None:
         """Drift of the readings at rest in frames; None where it isn't followed."""
         if self._drift is None or time is None:
             return None
@@ -314,11 +309,7 @@ class LoadEstimator:
         self.forget()
 
     def _batch(
-        self,
-        so: NDArray[np.float64],
-        faulty: NDArray[np.bool_],
-        pressure: NDArray[np.float64] | None,
-        drift: Drift | None,
+        self, so: Floats, faulty: Flags, pressure: Floats | None, drift: Drift | None
     ) -> list[LoadEstimate]:
         begin, compiling = time.perf_counter(), COMPILED.seconds
         y, weight = self.weigh(so, faulty, pressure, drift)
@@ -351,7 +342,7 @@ class LoadEstimator:
         spent /= len(so)
         return [replace(result, latency=spent) for result in results]
 
-    def _chi2_at_rest(self, change: Any, weight: Any) -> NDArray[np.float64]:
+    def _chi2_at_rest(self, change: Any, weight: Any) -> Floats:
         """Weighted squares of the change from rest that no error of the inputs explains."""
         left = change
         if self._systematic is not None and self._systematic.rest.any():

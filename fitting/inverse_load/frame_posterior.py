@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimate.estimate import FIELDS
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
@@ -53,8 +53,8 @@ class LoadMode:
 
     contacts: int
     names: tuple[str, ...]
-    parameters: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    parameters: Floats
+    covariance: Floats
     chi2: float
     probability: float
     kind: str
@@ -64,8 +64,8 @@ class LoadMode:
 
 def frame_posterior(
     estimator: LoadEstimator,
-    so: NDArray[np.float64],
-    faulty: NDArray[np.bool_] | None = None,
+    so: Floats,
+    faulty: Flags | None = None,
     settings: Settings | None = None,
     progress: Callable[[str], None] = lambda text: None,
     *,
@@ -106,8 +106,8 @@ def frame_posterior(
 
 
 def likely_modes(
-    estimator: LoadEstimator, y: NDArray[np.float64], weight: NDArray[np.float64]
-) -> tuple[Explanations, NDArray[np.float64]]:
+    estimator: LoadEstimator, y: Floats, weight: Floats
+) -> tuple[Explanations, Floats]:
     """Distinct fits of one frame and their probabilities, the most probable first.
 
     Args:

@@ -1,4 +1,4 @@
-"""From logs and baselines to readings taxel by taxel, in the order of a skin's layout."""
+"""Readings of logs and baselines, taxel by taxel in the order of a skin's layout."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.acquisition.taxel_faults import stuck_taxels
@@ -16,7 +17,7 @@ from suas_jax.sensing.taxels import taxel_names
 _SCALE_AGREES = 1e-3
 
 
-CountsOf = Callable[[int], NDArray[np.float64]]
+CountsOf = Callable[[int], Floats]
 """Readings [..., taxel] of a module, by its index among the modules that are there."""
 
 
@@ -43,11 +44,7 @@ class _Places(NamedTuple):
 
 
 class Layout:
-    """Where each taxel of a skin stands in a log.
-
-    Args:
-        spec: the skin.
-    """
+    """Where each taxel of a skin stands in a log."""
 
     def __init__(self, spec: SkinSpec) -> None:
         if spec.electrodes is None:
@@ -73,7 +70,7 @@ class Layout:
         """Number of taxels."""
         return len(self.module)
 
-    def names(self, which: NDArray[np.bool_]) -> str:
+    def names(self, which: Flags) -> str:
         """Some taxels [taxel], by module and number, such as "0.3, 1.10"."""
         rows = np.flatnonzero(which)
         return ", ".join(f"{self.module[k]}.{self.number[k]}" for k in rows)
@@ -138,7 +135,7 @@ class Layout:
                     "file?"
                 )
 
-    def pick(self, modules: Sequence[int], counts: CountsOf) -> NDArray[np.float64]:
+    def pick(self, modules: Sequence[int], counts: CountsOf) -> Floats:
         """Readings [..., taxel] of the whole layout; NaN where a module is absent.
 
         Args:
@@ -146,7 +143,7 @@ class Layout:
             counts: likewise.
         """
         _, row, column = self._in(modules)
-        out: NDArray[np.float64] | None = None
+        out: Floats | None = None
         for k in range(len(modules)):
             so = counts(k)
             if out is None:
@@ -185,15 +182,15 @@ class LogReadings:
         force: known of the one load of the log [frame] [N]; likewise.
     """
 
-    time: NDArray[np.float64]
+    time: Floats
     seq: NDArray[np.int64]
-    so: NDArray[np.float64]
-    stuck: NDArray[np.bool_]
+    so: Floats
+    stuck: Flags
     notes: tuple[str, ...]
-    host_time: NDArray[np.float64]
+    host_time: Floats
     header: Mapping[str, str]
-    pressure: NDArray[np.float64] | None = None
-    force: NDArray[np.float64] | None = None
+    pressure: Floats | None = None
+    force: Floats | None = None
 
 
 def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:

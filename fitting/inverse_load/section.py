@@ -1,4 +1,4 @@
-"""What estimates loads on a skin in plane strain: the parts that `LoadEstimator` needs."""
+"""Parts of `LoadEstimator` for loads on a skin in plane strain."""
 
 from collections.abc import Callable
 
@@ -27,17 +27,7 @@ def section_parts(
     from_rest: bool,
     progress: Callable[[str], None],
 ) -> tuple[EstimationParts, Skin, LoadTable]:
-    """The parts for a skin in plane strain, its model and its table of solved states.
-
-    Args:
-        spec: the skin.
-        errors: of its inputs.
-        direction: whether directions are free.
-        live: whether frames come one by one.
-        most_contacts: to tell apart.
-        from_rest: whether readings count from a baseline.
-        progress: called with what is being done.
-    """
+    """The parts for a skin in plane strain, its model and its table of solved states."""
     skin = skin_of(spec, contact=False)
     table = table_of(spec, skin, progress)
     fitter = SectionFitter(

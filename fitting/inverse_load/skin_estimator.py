@@ -29,13 +29,7 @@ def skin_estimator(skin: Path, baseline: Path | None = None, **settings: Any) ->
 def estimator_of(
     spec: SkinSpec, baseline: Path | None = None, **settings: Any
 ) -> LoadEstimator:
-    """The same for a skin that has been read.
-
-    Args:
-        spec: the skin.
-        baseline: as for `skin_estimator`.
-        settings: of the `LoadEstimator`.
-    """
+    """The same for a skin that has been read."""
     rest, variance = rest_of(spec, baseline)
     if rest is not None:
         settings |= {"rest": rest, "rest_variance": variance}

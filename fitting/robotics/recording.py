@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimate.estimate import WANTED, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import FrameReadings, LiveFrame, LiveWatcher
@@ -61,7 +61,7 @@ class Recording:
         path: Path,
         spec: SkinSpec,
         *,
-        rest: NDArray[np.float64] | None = None,
+        rest: Floats | None = None,
         estimator: LoadEstimator | None = None,
         skin_file: Path | None = None,
         more: Mapping[str, str] | None = None,
@@ -95,12 +95,7 @@ class Recording:
         self._close.__exit__(*raised)
 
     def taxels(
-        self,
-        stamp: int,
-        sequence: int,
-        device_time: float,
-        so: NDArray[np.float64],
-        stuck: NDArray[np.bool_],
+        self, stamp: int, sequence: int, device_time: float, so: Floats, stuck: Flags
     ) -> None:
         """Write a frame's readings.
 

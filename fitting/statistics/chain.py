@@ -6,6 +6,7 @@ first 2 tau are burn-in.
 """
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -111,6 +112,22 @@ class Posterior:
         return f"not converged: {numbers}{'; ' if reason else ''}{reason}; {advice}"
 
     @property
+    def report(self) -> dict[str, Any]:
+        """How long the chain is and how far it can be trusted, for JSON."""
+        return {
+            "agreement": self.agreement,
+            "steps": self.steps,
+            "walkers": self.chain.shape[1],
+            "burn_in": self.burn_in,
+            "autocorrelation_time": dict(zip(self.names, self.tau.tolist(), strict=True)),
+            "effective_samples": float(np.min(self.effective_samples)),
+            "acceptance": self.acceptance,
+            "converged": self.converged,
+            "status": "converged" if self.converged else "not_converged",
+            "message": self.message,
+        }
+
+    @property
     def agreement(self) -> dict[str, Any]:
         """The chain compared with Laplace's approximation."""
         if self.laplace is None:
@@ -135,6 +152,35 @@ class Posterior:
             "deviation_ratio": dict(zip(self.names, ratio.tolist(), strict=True)),
             "message": text,
         }
+
+
+def constants_report(
+    constants: np.ndarray,
+    names: Sequence[str],
+    quantiles: Sequence[float],
+    tree: Callable[[Any], dict[str, Any]],
+) -> dict[str, Any]:
+    """Samples of constants in numbers, for JSON.
+
+    Args:
+        constants: samples, SI units, shape [n, p].
+        names: of the constants.
+        quantiles: ends of the 95 %, of the 68 % interval, and the median, ascending [%].
+        tree: puts one value a constant under its name.
+    """
+    low95, low, middle, high, high95 = np.percentile(constants, quantiles, axis=0)
+    covariance = np.atleast_2d(np.cov(constants.T))
+    return {
+        "parameters": tree(middle.tolist()),
+        "mean": tree(constants.mean(axis=0).tolist()),
+        "standard_deviations": tree(np.sqrt(np.diagonal(covariance)).tolist()),
+        "covariance": covariance.tolist(),
+        "covariance_order": list(names),
+        "intervals": {
+            "68": tree(np.stack([low, high], axis=1).tolist()),
+            "95": tree(np.stack([low95, high95], axis=1).tolist()),
+        },
+    }
 
 
 def _round_up(value: float) -> int:

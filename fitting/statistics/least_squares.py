@@ -7,7 +7,8 @@ every singular direction of the Jacobian, lowers the cost noticeably.
 """
 
 import functools
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -122,6 +123,36 @@ def minimise(
     return Minima(theta, cost, _is_minimum(cost, predicted_decrease, used), predicted_decrease)
 
 
+def solved_by_scipy(
+    at: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    start: np.ndarray,
+    impossible: float = _IMPOSSIBLE,
+    **options: Any,
+) -> Any:
+    """SciPy's least squares of residuals that come with their derivatives.
+
+    Args:
+        at: residuals [n] and their derivatives [n, p] at parameters [p].
+        start: parameters to start from [p].
+        impossible: residual that stands for one that is not a number, flat there.
+        options: of `scipy.optimize.least_squares`.
+
+    Returns:
+        SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
+    """
+
+    @functools.lru_cache(maxsize=2)
+    def kept(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+        with np.errstate(all="ignore"):
+            r, J = at(np.frombuffer(key))
+        finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
+        return np.where(finite, r, impossible), np.where(finite[:, None], J, 0.0)
+
+    return scipy.optimize.least_squares(
+        lambda x: kept(x.tobytes())[0], start, lambda x: kept(x.tobytes())[1], **options
+    )
+
+
 def _finished(
     residuals: AbstractResiduals,
     theta: np.ndarray,
@@ -156,42 +187,24 @@ def minimise_one_by_one(
     The steps are taken outside of the compiled programs (MINPACK's Levenberg-Marquardt), so
     that of residuals that are long to compile nothing but `sensitivity` is compiled.
 
-    Args:
-        residuals: the misfit.
-        starts: unconstrained parameters to start from.
-        evaluations: most evaluations for each start.
-
     Returns:
         The starts, best first, judged as `minimise` judges them.
     """
     used = int(residuals.used.sum())
     found = []
+
+    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        try:
+            return by_theta(residuals, theta)
+        except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
+            none = np.full(len(residuals.value), np.nan)
+            return none, np.zeros((len(none), theta.size))
+
+    exact = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12}
     for start in np.asarray(starts, float):
-
-        @functools.lru_cache(maxsize=2)
-        def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
-            try:
-                with np.errstate(all="ignore"):
-                    r, J = by_theta(residuals, np.frombuffer(key))
-            except jax.errors.JaxRuntimeError:  # an equilibrium inside that has no numbers
-                r = np.full(len(residuals.value), np.nan)
-                J = np.zeros((len(r), np.frombuffer(key).size))
-            finite = np.isfinite(r) & np.all(np.isfinite(J), axis=1)
-            return np.where(finite, r, _IMPOSSIBLE), np.where(finite[:, None], J, 0.0)
-
-        run = scipy.optimize.least_squares(
-            lambda x, at=at: at(x.tobytes())[0],
-            start,
-            lambda x, at=at: at(x.tobytes())[1],
-            method="lm",
-            xtol=1e-12,
-            ftol=1e-12,
-            gtol=1e-12,
-            max_nfev=evaluations,
-        )
-        r, J = at(run.x.tobytes())
-        cost, decrease = _judged(jnp.asarray(r), jnp.asarray(J))
-        possible = np.max(np.abs(r)) < _IMPOSSIBLE
+        run = solved_by_scipy(at, start, method="lm", max_nfev=evaluations, **exact)
+        cost, decrease = judged(jnp.asarray(run.fun), jnp.asarray(run.jac))
+        possible = np.max(np.abs(run.fun)) < _IMPOSSIBLE
         found.append((run.x, float(cost) if possible else np.inf, float(decrease)))
     found.sort(key=lambda run: run[1])
     theta, costs, decreases = (np.array([run[i] for run in found]) for i in range(3))
@@ -232,12 +245,12 @@ def _advance(
             throw=False,
         ).value
         found = jnp.where(jnp.all(jnp.isfinite(found)), found, start)
-        return found, *_judged(*at(found))
+        return found, *judged(*at(found))
 
     return jax.vmap(run)(starts)
 
 
-def _judged(
+def judged(
     r: Float[Array, " n"], J: Float[Array, "n p"]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Cost, and the relative decrease that a bounded Gauss-Newton step predicts."""

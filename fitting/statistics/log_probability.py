@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from suas_jax.runtime.compiled import OPTIONS
 
 LogProbability = Callable[[Float[Array, "point p"]], Float[Array, " point"]]
@@ -34,7 +34,7 @@ class NumpyBatch:
         seconds: spent in them.
     """
 
-    def __init__(self, function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
+    def __init__(self, function: Callable[[Floats], Floats]) -> None:
         self._function = function
         self.evaluations, self.seconds = 0, 0.0
 

@@ -1,4 +1,4 @@
-"""How the noise of readings grows with them: relative, absolute or both, from the data.
+"""Noise of readings that grows with them: relative, absolute or both, from the data.
 
 The standard deviation of a reading y is √(a² + b² y²). It is estimated from how much each
 residual differs from the line through its neighbours along the test, which a wrong law or a

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from suas_jax.config import GeometrySpec
 
 _ARC, _AXIAL = 49, 25  # of a pad; 7 kB a picture
@@ -21,8 +21,8 @@ class Grid:
         radius: of the inner face [m].
     """
 
-    angle: NDArray[np.float64]
-    axial: NDArray[np.float64]
+    angle: Floats
+    axial: Floats
     radius: float
 
     @classmethod
@@ -34,13 +34,13 @@ class Grid:
         return cls(angle, axial, circle.inner_radius)
 
     @property
-    def points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def points(self) -> tuple[Floats, Floats]:
         """Angle and axial position of every point [arc * axial]."""
         angle, axial = np.meshgrid(self.angle, self.axial, indexing="ij")
         return angle.ravel(), axial.ravel()
 
     @property
-    def outward(self) -> NDArray[np.float64]:
+    def outward(self) -> Floats:
         """Unit vectors away from the axis [arc * axial, 3]."""
         angle, _ = self.points
         return np.stack([np.sin(angle), np.cos(angle), np.zeros_like(angle)], 1)

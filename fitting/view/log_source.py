@@ -54,11 +54,7 @@ class LogSource:
         self._place, self._speed, self._playing = 0.0, 1.0, True
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Play until it is over.
-
-        Args:
-            over: asked a few times a second.
-        """
+        """Play until it is over."""
         for note in self._readings.notes:
             self.hub.say(note)
         self._chart()

@@ -9,6 +9,7 @@ made once for each set of taxels that can be used.
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.view.grid import Grid
 from suas_jax.config import GeometrySpec
 from suas_jax.scene.taxel_film import TaxelFilm
@@ -46,7 +47,7 @@ class InterpolatedMembrane:
         self._used = np.zeros(len(film.rest), bool)
         self._weights = np.zeros((len(self._points), 0))
 
-    def __call__(self, so: NDArray[np.float64], usable: NDArray[np.bool_]) -> NDArray:
+    def __call__(self, so: Floats, usable: Flags) -> NDArray:
         """Displacement of the grid's points [point, 3] [m].
 
         Args:
@@ -60,12 +61,12 @@ class InterpolatedMembrane:
         radial = self._weights @ (gap - self._rest)[usable]
         return radial[:, None] * self._grid.outward
 
-    def _place(self, angle: NDArray, axial: NDArray, radius: float) -> NDArray[np.float64]:
+    def _place(self, angle: NDArray, axial: NDArray, radius: float) -> Floats:
         """Places on the unrolled inner face [place, 2] [m]; a section has the arc alone."""
         along = axial if self._pad else np.zeros_like(axial)
         return np.stack([radius * angle, along], 1)
 
-    def _weights_of(self, usable: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _weights_of(self, usable: Flags) -> Floats:
         known = np.concatenate([self._taxels[usable], self._edges])
         variance = np.concatenate([self._variance[usable], np.zeros(len(self._edges))])
         matrix = self._covariance(known, known) + np.diag(variance + _TINY)
@@ -73,13 +74,13 @@ class InterpolatedMembrane:
         weights = np.linalg.solve(matrix, across)
         return np.ascontiguousarray(weights[: usable.sum()].T)
 
-    def _covariance(self, a: NDArray, b: NDArray) -> NDArray[np.float64]:
+    def _covariance(self, a: NDArray, b: NDArray) -> Floats:
         distance = np.linalg.norm(a[:, None] - b[None], axis=-1)
         x = np.sqrt(5.0) * distance / self._length
         return np.asarray((1 + x + x**2 / 3) * np.exp(-x))
 
 
-def _clamps(geometry: GeometrySpec) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _clamps(geometry: GeometrySpec) -> tuple[Floats, Floats]:
     """Angles and axial positions of points along the clamped edges."""
     half, end = geometry.circle("`suas view`").half_angle, geometry.width / 2
     if geometry.dimension == 2:
@@ -91,7 +92,7 @@ def _clamps(geometry: GeometrySpec) -> tuple[NDArray[np.float64], NDArray[np.flo
     return np.concatenate([a for a, _ in sides]), np.concatenate([z for _, z in sides])
 
 
-def _spacing(places: NDArray[np.float64]) -> float:
+def _spacing(places: Floats) -> float:
     """Median distance from a taxel to its nearest neighbour [m]."""
     if len(places) < 2:
         return 0.0

@@ -1,4 +1,4 @@
-"""What the page shows of one moment, and its bytes on the way there.
+"""Picture of one moment for the page, and its bytes on the way there.
 
 A message is the length of its header (little-endian, 4 bytes), the header as JSON, padded to
 a multiple of four bytes, then the arrays: displacements of the grid's points as three 16-bit
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.report.text import contact_text
 from fitting.json_text import json_text
@@ -53,8 +54,8 @@ class Picture:
     time: float
     status: str
     message: str
-    displacement: Callable[[], NDArray[np.float64]]
-    change: NDArray[np.float64]
+    displacement: Callable[[], Floats]
+    change: Floats
     taxels: NDArray[np.uint8]
     arrows: list[dict[str, Any]]
     values: list[tuple[str, str]]
@@ -98,7 +99,7 @@ class Picture:
         )
 
 
-def taxel_states(so: NDArray[np.float64], left_out: Sequence[int] = ()) -> NDArray[np.uint8]:
+def taxel_states(so: Floats, left_out: Sequence[int] = ()) -> NDArray[np.uint8]:
     """States of the taxels from their readings [taxel] and those that were not used."""
     states = np.full(len(so), GOOD, np.uint8)
     states[list(left_out)] = LEFT_OUT

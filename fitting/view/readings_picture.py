@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.view.grid import Grid
 from fitting.view.membrane import InterpolatedMembrane
@@ -30,7 +30,7 @@ class ReadingsPictures:
         rest: readings at rest [taxel] [counts]; those of the model where not given.
     """
 
-    def __init__(self, spec: SkinSpec, rest: NDArray[np.float64] | None) -> None:
+    def __init__(self, spec: SkinSpec, rest: Floats | None) -> None:
         assert spec.electrodes is not None
         self._geometry = spec.geometry
         self._spec, self._grid = spec, Grid.of(spec.geometry)
@@ -46,8 +46,8 @@ class ReadingsPictures:
     def picture(
         self,
         time: float,
-        so: NDArray[np.float64],
-        stuck: NDArray[np.bool_],
+        so: Floats,
+        stuck: Flags,
         estimate: LoadEstimate | None,
         values: list[tuple[str, str]],
         **more: Any,

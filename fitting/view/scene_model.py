@@ -13,8 +13,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.view.grid import Grid
 from suas_jax.config import (
     ElectrodesSpec,
@@ -53,8 +53,8 @@ class Solved(NamedTuple):
         status: name of the outcome.
     """
 
-    displacement: NDArray[np.float64]
-    so: NDArray[np.float64]
+    displacement: Floats
+    so: Floats
     oil_pressure: float
     min_gap: float
     status: str
@@ -74,9 +74,6 @@ class AbstractSceneModel(abc.ABC):
 
     def __call__(self, values: Mapping[str, float]) -> Solved:
         """Solve for other inputs.
-
-        Args:
-            values: SI values by TOML path.
 
         Raises:
             ValueError: a value is not allowed.

@@ -36,12 +36,7 @@ _STIFFNESS = "stiffness"
 
 
 class SceneSource:
-    """A scene whose loads, thickness, gap and stiffness can be changed.
-
-    Args:
-        scene: the scene.
-        title: what the page calls it.
-    """
+    """A scene whose loads, thickness, gap and stiffness can be changed."""
 
     def __init__(self, scene: SceneSpec, title: str) -> None:
         scene = _all_stated(scene)
@@ -57,11 +52,7 @@ class SceneSource:
         self.hub = Hub(description)
 
     def run(self, over: Callable[[], bool]) -> None:
-        """Answer the sliders until it is over.
-
-        Args:
-            over: asked a few times a second.
-        """
+        """Answer the sliders until it is over."""
         began, wanted, first = time.monotonic(), True, True
         self.hub.show(self._without_answer(0.0, "compiling", _COMPILING))
         while not (over() or self.hub.closed):

@@ -1,1 +1,1 @@
-"""What a whole log says beyond its frames: whether the skin file explains it."""
+"""Verdicts of a whole log, beyond its frames: whether the skin file explains it."""

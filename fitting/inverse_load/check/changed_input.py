@@ -12,9 +12,9 @@ import abc
 import functools
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from fitting.arrays import Floats
 from fitting.inverse_load.check.verdict import Gain
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.explanation import Explanations
@@ -31,7 +31,7 @@ _LOST = 100.0  # chi2 that a frame is charged whose contact is not found
 
 ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.lsb")
 """The inputs, by TOML path."""
-_Line = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+_Line = tuple[Floats, Floats, Floats]
 _STEP = 0.01  # relative, for slopes
 
 
@@ -46,23 +46,14 @@ class AbstractInputFit(abc.ABC):
     """
 
     def __init__(
-        self,
-        estimator: LoadEstimator,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        fit: Explanations,
+        self, estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations
     ) -> None:
         self._estimator, self._y, self._weight, self._fit = estimator, y, weight, fit
         self._lost = fit.chi2 + _LOST
 
     @abc.abstractmethod
     def chi2(self, path: str, change: float) -> float:
-        """Sum of the frames' chi2 with an input changed, contacts fitted anew.
-
-        Args:
-            path: of the input.
-            change: relative.
-        """
+        """Sum of the frames' chi2 with an input changed, contacts fitted anew."""
 
     def best(self, gained: Gain) -> Gain:
         """The change of an input that explains most, and what it takes off chi2.
@@ -118,7 +109,7 @@ class ElectricalFit(AbstractInputFit):
     def _own(self) -> _Line:
         return gap_line(self._estimator.spec, {})
 
-    def slopes(self, path: str) -> NDArray[np.float64]:
+    def slopes(self, path: str) -> Floats:
         """Derivative of the channels by the logarithm of an input [frame, channel]."""
         by = np.zeros_like(self._fit.so)
         there = self._changed(path, _STEP)
@@ -154,7 +145,7 @@ class ElectricalFit(AbstractInputFit):
         return gap_line(spec, {path: (1 + change) * value_of(spec, path)})
 
 
-def _moved(so: NDArray[np.float64], one: _Line, other: _Line) -> NDArray[np.float64]:
+def _moved(so: Floats, one: _Line, other: _Line) -> Floats:
     """Readings of one pad as another one has them where its membrane is."""
     displacement = (1 / np.maximum(so - one[0], 1e-9) - one[1]) / one[2]
     return np.asarray(other[0] + 1 / (other[1] + other[2] * displacement))

@@ -1,4 +1,4 @@
-"""Whether a skin file describes the section that a log was taken on?
+"""Verdict of a log on the skin file of a section: does it describe that section?
 
 One contact hardly shows a wrong gap where readings count from a baseline; many contacts share
 it (see `verdict`). A column too many shifts all readings by a taxel, and wide contacts leave a
@@ -9,9 +9,9 @@ measured pressure: at the same readings both are in proportion to it.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.check.changed_input import SectionInputFit
 from fitting.inverse_load.check.verdict import (
     FEWEST,
@@ -45,12 +45,12 @@ _NARROW = 2 / 3  # share of the single contacts that must be lines
 
 def section_verdict(
     estimator: LoadEstimator,
-    so: NDArray[np.float64],
-    faulty: NDArray[np.bool_],
+    so: Floats,
+    faulty: Flags,
     estimates: Sequence[LoadEstimate],
     *,
-    pressure: NDArray[np.float64] | None = None,
-    force: NDArray[np.float64] | None = None,
+    pressure: Floats | None = None,
+    force: Floats | None = None,
 ) -> ModelVerdict | None:
     """Look at the contacts of a log; None where too few are single and no cause is seen.
 
@@ -109,9 +109,7 @@ def section_verdict(
     return ModelVerdict(chi2 / dof, bool(noise))
 
 
-def _single(
-    estimator: LoadEstimator, y: NDArray[np.float64], weight: NDArray[np.float64]
-) -> Explanations:
+def _single(estimator: LoadEstimator, y: Floats, weight: Floats) -> Explanations:
     """Fits of one contact, the skin's inputs as written."""
     nodes, fitter = estimator.selection.nodes, estimator.selection.fitter
     first, _ = nodes.nearest(y, weight)
@@ -120,12 +118,7 @@ def _single(
 
 
 def _explaining(
-    estimator: LoadEstimator,
-    y: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    fit: Explanations,
-    *,
-    noise: bool,
+    estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations, *, noise: bool
 ) -> list[Gain]:
     """Inputs whose change explains much, the best first; their changes are relative."""
     fitter = estimator.selection.fitter
@@ -156,12 +149,7 @@ def _explaining(
     return sorted(named, reverse=True)
 
 
-def _wide(
-    estimator: LoadEstimator,
-    y: NDArray[np.float64],
-    weight: NDArray[np.float64],
-    fit: Explanations,
-) -> Gain:
+def _wide(estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations) -> Gain:
     """What widths of the contacts take off chi2 beyond what a number each does by chance."""
     fitter = estimator.selection.wide_fitter
     if fitter is None:
@@ -173,7 +161,7 @@ def _wide(
 
 
 def _shifted(
-    estimator: LoadEstimator, y: NDArray[np.float64], weight: NDArray[np.float64], own: float
+    estimator: LoadEstimator, y: Floats, weight: Floats, own: float
 ) -> ModelVerdict | None:
     """A shift of the readings by whole taxels that explains them far better."""
     some = np.linspace(0, len(y) - 1, min(_FRAMES_SHIFTED, len(y))).astype(int)
@@ -194,9 +182,7 @@ def _shifted(
     return ModelVerdict(own, False, explained=left, shift=shift)
 
 
-def _ratio(
-    measured: NDArray[np.float64], model: NDArray[np.float64]
-) -> tuple[float, float] | None:
+def _ratio(measured: Floats, model: Floats) -> tuple[float, float] | None:
     """Measured over model and its standard error, where they differ for certain."""
     used = np.isfinite(measured) & np.isfinite(model) & (measured > 0) & (model > 0)
     if used.sum() < FEWEST:

@@ -1,4 +1,4 @@
-"""Whether a skin file describes the pad that a log was taken on?
+"""Verdict of a log on the skin file of a pad: does it describe that pad?
 
 A wrong thickness, gap, permittivity or stiffness leaves residuals of its own shape in every
 frame; the input of largest gain is named (see `verdict`). A stiffness scales forces and
@@ -8,9 +8,9 @@ pressures alike, so readings alone never show it; a measured oil pressure does.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.check.changed_input import ELECTRICAL, ElectricalFit
 from fitting.inverse_load.check.verdict import (
     DIAMETER,
@@ -40,9 +40,9 @@ _LEAST_CHANGE = 1e-2  # relative, of an input that is named: less may be the mod
 
 def model_verdict(
     estimator: LoadEstimator,
-    so: NDArray[np.float64],
-    faulty: NDArray[np.bool_],
-    pressure: NDArray[np.float64] | None,
+    so: Floats,
+    faulty: Flags,
+    pressure: Floats | None,
     estimates: Sequence[LoadEstimate],
 ) -> ModelVerdict | None:
     """Look at the single contacts of a log; None for too few, or with free directions.
@@ -74,7 +74,7 @@ def model_verdict(
     parameters, jacobian = fit.parameters[:, :width], fit.jacobian[:, :width]
     residual = np.where(weight > 0, y - fit.so, 0.0)
 
-    def gained(name: str, slopes: NDArray[np.float64]) -> Gain:
+    def gained(name: str, slopes: Floats) -> Gain:
         return gain_of(name, slopes, weight, residual, jacobian)
 
     # A stiffer pad shows what less force does, at more pressure.
@@ -96,9 +96,7 @@ def model_verdict(
     return ModelVerdict(chi2 / dof, bool(noise))
 
 
-def _slopes(
-    estimator: LoadEstimator, parameters: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
+def _slopes(estimator: LoadEstimator, parameters: Floats) -> dict[str, Floats]:
     """Derivatives of the channels by the logarithms of inputs [frame, channel]."""
     skin, diameter = estimator.skin, estimator.diameter or float("nan")
     slots = max(estimator.most_contacts, 2)  # as the estimator's own program has

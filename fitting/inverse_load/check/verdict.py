@@ -1,4 +1,4 @@
-"""What a log says about its skin file: which number of it is wrong, and by how much.
+"""Verdict of a log on its skin file: the number of it that is wrong, and by how much.
 
 With r the residuals of single contacts, J and s their derivatives by the contact and by an
 input m, W the weights, and s' = s - J (J^T W J)^-1 J^T W s what no contact explains::
@@ -101,12 +101,7 @@ class ModelVerdict:
         )
 
     def command(self, skin: str, log: str) -> str:
-        """What would set it right; empty where nothing is known to.
-
-        Args:
-            skin: the skin file.
-            log: the log.
-        """
+        """What would set it right; empty where nothing is known to."""
         if self.shift:
             return f"compare the order of the taxels in {skin} with the wiring"
         return _COMMANDS.get(self.name or "", "").format(skin=skin, log=log)

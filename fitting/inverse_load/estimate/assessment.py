@@ -1,4 +1,4 @@
-"""From explanations to estimates: covariances, statuses, what can't be said."""
+"""Estimates made of explanations: covariances, statuses, what can't be said."""
 
 import abc
 import itertools
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import Explanations
@@ -45,7 +45,7 @@ class AbstractLoadAssessment(abc.ABC):
         self._outer_radius, self._taxels = outer_radius, taxels
 
     @abc.abstractmethod
-    def first_contact(self, place: NDArray[np.float64]) -> float:
+    def first_contact(self, place: Floats) -> float:
         """Force of one contact at which the membrane reaches the wall [N].
 
         Args:
@@ -53,7 +53,7 @@ class AbstractLoadAssessment(abc.ABC):
         """
 
     @abc.abstractmethod
-    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
+    def near_taxels(self, place: Floats, taxels: Flags) -> bool:
         """Whether a contact lies near one of some taxels.
 
         Args:
@@ -62,15 +62,15 @@ class AbstractLoadAssessment(abc.ABC):
         """
 
     @abc.abstractmethod
-    def at_edge(self, place: NDArray[np.float64]) -> bool:
+    def at_edge(self, place: Floats) -> bool:
         """Whether a contact lies where no farther one is sought."""
 
     def estimates(
         self,
         best: Explanations,
         others: Sequence[Alternative | None],
-        full_scale: NDArray[np.bool_],
-        systematic: NDArray[np.float64] | None = None,
+        full_scale: Flags,
+        systematic: Floats | None = None,
     ) -> list[LoadEstimate]:
         """Estimates of frames that something touches.
 
@@ -103,7 +103,7 @@ class AbstractLoadAssessment(abc.ABC):
         i: int,
         covariance: Any,
         systematic: Any,
-        full_scale: NDArray[np.bool_],
+        full_scale: Flags,
         poor: bool,
     ) -> LoadEstimate:
         count, chi2 = int(best.contacts[i]), float(best.chi2[i])
@@ -196,7 +196,7 @@ class AbstractLoadAssessment(abc.ABC):
         ]
         return max(*bounds, 0.0), bool(near)
 
-    def _felt(self, parameters: Any, count: int, covariance: Any) -> NDArray[np.intp]:
+    def _felt(self, parameters: Any, count: int, covariance: Any) -> Rows:
         """Contacts whose force is twice its error; the strongest where none is."""
         forces = self._parameters.rows("force", count)
         force, own = parameters[forces], np.diag(covariance)[forces]
@@ -211,7 +211,7 @@ class AbstractLoadAssessment(abc.ABC):
         covariance: Any,
         systematic: Any,
         spread: Any = (np.nan, np.nan),
-        chosen: NDArray[np.intp] | None = None,
+        chosen: Rows | None = None,
     ) -> tuple[Contact, ...]:
         contacts = []
         for k in range(count) if chosen is None else chosen:
@@ -237,7 +237,7 @@ class AbstractLoadAssessment(abc.ABC):
         return tuple(sorted(contacts, key=lambda contact: contact.angle))
 
 
-def _root(covariance: NDArray[np.float64]) -> float:
+def _root(covariance: Floats) -> float:
     """Standard deviation of a sum; zero where it is not known."""
     variance = float(np.sum(covariance))
     return float(np.sqrt(variance)) if np.isfinite(variance) and variance > 0 else 0.0
@@ -258,22 +258,22 @@ class SectionAssessment(AbstractLoadAssessment):
         self,
         parameters: ContactParameters,
         outer_radius: float,
-        taxel_angle: NDArray[np.float64],
+        taxel_angle: Floats,
         edge: float,
         table: LoadTable,
     ) -> None:
         super().__init__(parameters, outer_radius, len(taxel_angle))
         self._taxel_angle, self._edge, self._table = taxel_angle, edge, table
 
-    def first_contact(self, place: NDArray[np.float64]) -> float:
+    def first_contact(self, place: Floats) -> float:
         """See the base class."""
         known = np.minimum(self._table.first_contact, _NEVER)
         return float(np.interp(place[0], self._table.angles, known))
 
-    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
+    def near_taxels(self, place: Floats, taxels: Flags) -> bool:
         """See the base class."""
         return bool((np.abs(self._taxel_angle[taxels] - place[0]) < APART).any())
 
-    def at_edge(self, place: NDArray[np.float64]) -> bool:
+    def at_edge(self, place: Floats) -> bool:
         """See the base class."""
         return bool(abs(place[0]) >= self._edge - 1e-6)

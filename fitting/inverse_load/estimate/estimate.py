@@ -1,10 +1,12 @@
-"""What is known of the loads in one frame: contacts, covariances and a named status."""
+"""Estimate of the loads in one frame: contacts, covariances and a named status."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fitting.arrays import Floats
 
 # Accuracy beyond which an estimate is called imprecise: standard deviations.
 WANTED = {
@@ -72,9 +74,9 @@ class Contact:
     angle: float
     force: float
     direction: float | None
-    covariance: NDArray[np.float64] | None
+    covariance: Floats | None
     arc_position: float | None = None
-    systematic: NDArray[np.float64] | None = None
+    systematic: Floats | None = None
     axial: float | None = None
     diameter: float | None = None
     spread: tuple[float, float] | None = None
@@ -87,7 +89,7 @@ class Contact:
         return tuple(name for name in order if getattr(self, name) is not None)
 
     @property
-    def noise_covariance(self) -> NDArray[np.float64] | None:
+    def noise_covariance(self) -> Floats | None:
         """The part of the covariance that comes from the readings' noise."""
         if self.covariance is None or self.systematic is None:
             return self.covariance
@@ -168,10 +170,6 @@ def load_array(contacts: Sequence[Contact], names: Sequence[str]) -> NDArray[np.
     """Contacts as an array [contact] of `load_type(names)`, by angle.
 
     A quantity that a contact lacks is NaN, and so is what its covariance doesn't state.
-
-    Args:
-        contacts: of one frame.
-        names: of the quantities.
     """
     loads = np.zeros(len(contacts), load_type(names))
     for load, contact in zip(loads, contacts, strict=True):

@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from fitting.arrays import Floats
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.fit.detection import AbstractDetector
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter
@@ -30,12 +28,12 @@ class EstimationParts:
         wide_fitter: fits one contact of unknown width; None where there is no such model.
     """
 
-    rest: NDArray[np.float64]
+    rest: Floats
     detector: AbstractDetector
     nodes: AbstractNodeSearch
     fitter: AbstractLoadFitter
     assessment: AbstractLoadAssessment
-    trials: tuple[NDArray[np.float64], NDArray[np.float64]]
+    trials: tuple[Floats, Floats]
     posterior: AbstractLoadPosterior
     systematic: AbstractSystematicErrors | None = None
     wide_fitter: AbstractLoadFitter | None = None

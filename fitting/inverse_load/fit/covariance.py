@@ -1,14 +1,14 @@
 """Covariances of estimated loads: inverses of the information of their fits."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 
 _SINGULAR = 1e-13  # of a scaled matrix, whose diagonal is one
 
 
-def covariance_of(best: Explanations, per_contact: int) -> NDArray[np.float64]:
+def covariance_of(best: Explanations, per_contact: int) -> Floats:
     """Covariances of the parameters, padded as the information is."""
     covariance = np.full(best.information.shape, np.nan)
     for count in np.unique(best.contacts):
@@ -17,7 +17,7 @@ def covariance_of(best: Explanations, per_contact: int) -> NDArray[np.float64]:
     return covariance
 
 
-def inverse(information: NDArray[np.float64]) -> NDArray[np.float64]:
+def inverse(information: Floats) -> Floats:
     """Covariances from information [frame, p, p]; infinite where nothing is determined."""
     size = information.shape[-1]
     scale = np.sqrt(np.diagonal(information, axis1=1, axis2=2))

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from fitting.arrays import Floats
+
 
 class Detection(NamedTuple):
     """Result of the test, frame by frame.
@@ -33,8 +35,8 @@ class Detection(NamedTuple):
         p_value: probability that noise alone reaches it.
     """
 
-    statistic: NDArray[np.float64]
-    p_value: NDArray[np.float64]
+    statistic: Floats
+    p_value: Floats
 
 
 class AbstractDetector(abc.ABC):
@@ -44,7 +46,7 @@ class AbstractDetector(abc.ABC):
         signatures: change of readings under a light contact [place, taxel].
     """
 
-    def __init__(self, signatures: NDArray[np.float64]) -> None:
+    def __init__(self, signatures: Floats) -> None:
         self._patterns = signatures
         self._squares = signatures**2
 
@@ -55,11 +57,8 @@ class AbstractDetector(abc.ABC):
 
     @abc.abstractmethod
     def extent(
-        self,
-        weight: NDArray[np.float64],
-        size: NDArray[np.float64],
-        shared: NDArray[np.float64] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, weight: Floats, size: Floats, shared: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """Length and area of the patterns, L and A above [frame].
 
         Args:
@@ -69,12 +68,7 @@ class AbstractDetector(abc.ABC):
                 products of its rows [frame, row, place]; None without errors.
         """
 
-    def test(
-        self,
-        change: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        errors: NDArray[np.float64] | None = None,
-    ) -> Detection:
+    def test(self, change: Floats, weight: Floats, errors: Floats | None = None) -> Detection:
         """Test frames.
 
         Args:
@@ -110,16 +104,13 @@ class AbstractDetector(abc.ABC):
 class ArcDetector(AbstractDetector):
     """The test for a skin in plane strain: places lie along the arc, in order."""
 
-    def __init__(self, signatures: NDArray[np.float64]) -> None:
+    def __init__(self, signatures: Floats) -> None:
         super().__init__(signatures)
         self._products = signatures[1:] * signatures[:-1]
 
     def extent(
-        self,
-        weight: NDArray[np.float64],
-        size: NDArray[np.float64],
-        shared: NDArray[np.float64] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, weight: Floats, size: Floats, shared: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """See the base class."""
         products = weight @ self._products.T
         if shared is not None:
@@ -137,7 +128,7 @@ class PadDetector(AbstractDetector):
         shape: of the grid; its places are in row-major order.
     """
 
-    def __init__(self, signatures: NDArray[np.float64], shape: tuple[int, int]) -> None:
+    def __init__(self, signatures: Floats, shape: tuple[int, int]) -> None:
         super().__init__(signatures)
         self._shape = shape
         grid = signatures.reshape(*shape, -1)
@@ -147,11 +138,8 @@ class PadDetector(AbstractDetector):
         self._steps = [x.reshape(-1, taxels) for x in (*steps, *diagonals)]
 
     def extent(
-        self,
-        weight: NDArray[np.float64],
-        size: NDArray[np.float64],
-        shared: NDArray[np.float64] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        self, weight: Floats, size: Floats, shared: Floats | None = None
+    ) -> tuple[Floats, Floats]:
         """See the base class: the surface as triangles between the grid's patterns."""
         a, b = self._shape
         size = size.reshape(-1, a, b)
@@ -187,9 +175,7 @@ class PadDetector(AbstractDetector):
         return np.asarray(edge / 2), np.asarray(area)
 
 
-def without_errors(
-    change: NDArray[np.float64], weight: NDArray[np.float64], errors: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def without_errors(change: Floats, weight: Floats, errors: Floats) -> tuple[Floats, Floats]:
     """Take what errors of the inputs explain best off the readings at rest.
 
     Args:
@@ -211,14 +197,12 @@ def without_errors(
     return np.where(weight > 0, change - taken / safe, 0.0), root
 
 
-def _triangle(a: NDArray, b: NDArray, c: NDArray) -> NDArray[np.float64]:
+def _triangle(a: NDArray, b: NDArray, c: NDArray) -> Floats:
     """Area of triangles from the squares of their sides (Heron)."""
     return np.sqrt(np.maximum(4 * a * b - (a + b - c) ** 2, 0.0)) / 4
 
 
-def false_alarm_rate(
-    z: NDArray[np.float64], length: NDArray[np.float64], area: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def false_alarm_rate(z: Floats, length: Floats, area: Floats) -> Floats:
     """Probability that noise alone reaches z."""
     bounded = np.maximum(z, 0.0)
     tail = length / (2 * np.pi) + area * bounded / (2 * np.pi) ** 1.5

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT
 from fitting.inverse_load.search.base import AbstractNodeSearch
@@ -64,11 +64,11 @@ class Doubts:
         """Live: let nothing of the frames so far count for the next."""
         self._last = _Doubt(None, False)
 
-    def hinted(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+    def hinted(self, y: Any, best: Explanations) -> Flags:
         """Frames whose residuals hold the pattern of one more contact (a score test)."""
         return self._hints(y, best)[0]
 
-    def _hints(self, y: Any, best: Explanations) -> tuple[NDArray[np.bool_], NDArray[np.intp]]:
+    def _hints(self, y: Any, best: Explanations) -> tuple[Flags, Rows]:
         """The same, and the place of the pattern that fits best."""
         if self._most_contacts < 2:
             return np.zeros(len(y), bool), np.zeros(len(y), np.intp)
@@ -79,7 +79,7 @@ class Doubts:
         gain = along**2 / np.maximum(size, 1e-300)
         return np.asarray(gain.max(1) > self._penalty / 2), gain.argmax(1)
 
-    def of(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+    def of(self, y: Any, best: Explanations) -> Flags:
         """Frames that one contact may not explain.
 
         Args:
@@ -90,7 +90,7 @@ class Doubts:
             return self._lasting(y, best)
         return (best.p_value(self._per_contact) < SUSPECT) | self.hinted(y, best)
 
-    def _lasting(self, y: Any, best: Explanations) -> NDArray[np.bool_]:
+    def _lasting(self, y: Any, best: Explanations) -> Flags:
         """Live: doubts that the frame before gave, too, or that are too strong for noise.
 
         Noise gives a hint to every twentieth frame and a poor fit to every five-hundredth,
@@ -175,7 +175,7 @@ class FaultyTaxels:
         return best.cheapest(frames[rows], candidates)[0]
 
 
-def _inliers(y: Any, weight: Any, so: Any) -> NDArray[np.float64]:
+def _inliers(y: Any, weight: Any, so: Any) -> Floats:
     """Weights without the taxels that stand out from a model.
 
     Args:
@@ -190,7 +190,7 @@ def _inliers(y: Any, weight: Any, so: Any) -> NDArray[np.float64]:
 
 def _least_trimmed(
     nodes: AbstractNodeSearch, y: Any, weight: Any, most: Any
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+) -> tuple[Rows, Floats]:
     """Nodes that explain all but the worst taxels best (least trimmed squares).
 
     Args:

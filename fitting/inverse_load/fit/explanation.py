@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.model.contact_parameters import ContactParameters
 from suas_jax.equilibrium.equilibrium import State
 
@@ -42,35 +43,33 @@ class Explanations:
             information are those with the spread fitted along.
     """
 
-    score: NDArray[np.float64]
-    chi2: NDArray[np.float64]
+    score: Floats
+    chi2: Floats
     contacts: NDArray[np.int64]
-    parameters: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
-    information: NDArray[np.float64]
-    predicted_decrease: NDArray[np.float64]
-    pressure: NDArray[np.float64]
-    min_gap: NDArray[np.float64]
-    so: NDArray[np.float64]
-    q: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    absorbed: NDArray[np.bool_]
-    spread: NDArray[np.float64]
+    parameters: Floats
+    jacobian: Floats
+    information: Floats
+    predicted_decrease: Floats
+    pressure: Floats
+    min_gap: Floats
+    so: Floats
+    q: Floats
+    weight: Floats
+    absorbed: Flags
+    spread: Floats
 
     def __len__(self) -> int:
         return len(self.chi2)
 
-    def rows(self, frames: NDArray[np.intp]) -> "Explanations":
+    def rows(self, frames: Rows) -> "Explanations":
         """Those of some frames."""
         return Explanations(*(getattr(self, field.name)[frames] for field in fields(self)))
 
-    def penalised(self, penalty: NDArray[np.float64] | float) -> "Explanations":
+    def penalised(self, penalty: Floats | float) -> "Explanations":
         """The same with a penalty added to the scores."""
         return replace(self, score=self.score + penalty)
 
-    def with_frames(
-        self, frames: NDArray[np.intp], other: "Explanations", rows: NDArray[np.intp]
-    ) -> "Explanations":
+    def with_frames(self, frames: Rows, other: "Explanations", rows: Rows) -> "Explanations":
         """These, but for some frames, whose explanations are rows of others."""
         changed = {}
         for field in fields(self):
@@ -79,9 +78,7 @@ class Explanations:
             changed[field.name] = array
         return Explanations(**changed)
 
-    def cheapest(
-        self, frames: NDArray[np.intp], candidates: "Explanations"
-    ) -> tuple["Explanations", NDArray[np.intp]]:
+    def cheapest(self, frames: Rows, candidates: "Explanations") -> tuple["Explanations", Rows]:
         """The explanation of lowest score of every frame, and which frames changed.
 
         Args:
@@ -115,14 +112,14 @@ class Explanations:
         """Taxels that were fitted [frame]."""
         return np.asarray((self.weight > 0).sum(1))
 
-    def p_value(self, per_contact: int) -> NDArray[np.float64]:
+    def p_value(self, per_contact: int) -> Floats:
         """Probability of a chi2 as large, were the explanation right [frame]."""
         dof = np.maximum(self.used() - per_contact * self.contacts, 1)
         value = np.where(np.isfinite(self.chi2), self.chi2, _UNKNOWN)
         return np.asarray(chdtrc(dof, value))
 
 
-def widened(values: NDArray[np.float64], *sizes: int) -> NDArray[np.float64]:
+def widened(values: Floats, *sizes: int) -> Floats:
     """Arrays by frame with NaN for the parameters that a fit doesn't have.
 
     Args:
@@ -153,9 +150,9 @@ class AbstractLoadFitter(abc.ABC):
     @abc.abstractmethod
     def fit(
         self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        start: NDArray[np.float64],
+        y: Floats,
+        weight: Floats,
+        start: Floats,
         state: State,
         contacts: int,
         *,
@@ -173,18 +170,18 @@ class AbstractLoadFitter(abc.ABC):
         """
 
     @abc.abstractmethod
-    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+    def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
 
     def screened(
         self,
-        frames: NDArray[np.intp],
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        start: NDArray[np.float64],
+        frames: Rows,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
         contacts: int,
-        to_beat: NDArray[np.float64],
-    ) -> NDArray[np.intp]:
+        to_beat: Floats,
+    ) -> Rows:
         """Starting points of several contacts that are worth a fit, all unless told otherwise.
 
         Args:

@@ -1,12 +1,12 @@
-"""What the posterior of a frame's loads needs of a skin: prior, likelihood, distances."""
+"""Posterior of a frame's loads on a skin: prior, likelihood, distances."""
 
 import abc
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.model.evaluation import loads_from
@@ -36,15 +36,13 @@ class AbstractLoadPosterior(abc.ABC):
         places: int,
         volume: float,
         same: float,
-        mirrors: NDArray[np.float64],
+        mirrors: Floats,
     ) -> None:
         self.nodes, self.volume = nodes, volume
         self._places, self._same, self._mirrors = places, same, mirrors
 
     @abc.abstractmethod
-    def log_probability(
-        self, y: NDArray[np.float64], mode: Explanations
-    ) -> LogProbability | NumpyBatch:
+    def log_probability(self, y: Floats, mode: Explanations) -> LogProbability | NumpyBatch:
         """The posterior of as many contacts as a mode has, but for a constant.
 
         Args:
@@ -52,42 +50,37 @@ class AbstractLoadPosterior(abc.ABC):
             mode: a fit of them.
         """
 
-    def places(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+    def places(self, parameters: Floats, contacts: int) -> Floats:
         """Places [contact, coordinate] from parameters, all of a name together."""
         return parameters[: self._places * contacts].reshape(self._places, contacts).T
 
-    def same(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    def same(self, a: Floats, b: Floats) -> bool:
         """Whether as many contacts are at the same places [contact, coordinate]."""
         return self._near(a, b, self._same)
 
-    def mirrored(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    def mirrored(self, a: Floats, b: Floats) -> bool:
         """Whether contacts are at the mirror places of others, roughly."""
         return any(self._near(a * signs, b, self.nodes.separate) for signs in self._mirrors)
 
-    def apart(self, places: NDArray[np.float64]) -> bool:
+    def apart(self, places: Floats) -> bool:
         """Whether all contacts lie apart from one another."""
         between = self.nodes.distance(places[:, None], places[None])
         return bool((between[np.triu_indices(len(places), 1)] > self.nodes.separate / 2).all())
 
-    def _near(self, a: NDArray[np.float64], b: NDArray[np.float64], limit: float) -> bool:
+    def _near(self, a: Floats, b: Floats, limit: float) -> bool:
         close = self.nodes.distance(a[:, None], b[None]) < limit
         return bool(close.any(0).all() and close.any(1).all())
 
 
 class SectionPosterior(AbstractLoadPosterior):
-    """The posterior of line loads in plane strain: even over angle, force and direction.
-
-    Args:
-        fitter: of the skin.
-        nodes: its coarse search.
-    """
+    """The posterior of line loads in plane strain: even over angle, force and direction."""
 
     def __init__(self, fitter: SectionFitter, nodes: AbstractNodeSearch) -> None:
         low, high = (x[:, 0] for x in fitter.limits(1, 1, False))
         super().__init__(nodes, 1, float(np.prod(high - low)), _SAME, np.array([[-1.0]]))
         self._fitter = fitter
 
-    def log_probability(self, y: NDArray[np.float64], mode: Explanations) -> LogProbability:
+    def log_probability(self, y: Floats, mode: Explanations) -> LogProbability:
         """See the base class."""
         count, skin = int(mode.contacts[0]), self._fitter.skin
         pull = bool(mode.parameters[0, count] < 0)

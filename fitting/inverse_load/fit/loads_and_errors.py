@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from suas_jax.equilibrium.equilibrium import State
@@ -36,7 +36,7 @@ class LoadsAndErrors:
         self,
         y: Any,
         weight: Any,
-        start: NDArray[np.float64],
+        start: Floats,
         state: State,
         count: int,
         *,

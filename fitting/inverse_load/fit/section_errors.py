@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.model.evaluation import at_rest, loads_from
@@ -38,16 +39,7 @@ _RIDGE = 1e-12  # of squared cosines: where angle and force do the same
 
 
 class SectionErrors(AbstractSystematicErrors):
-    """Errors of the inputs of one skin.
-
-    Args:
-        spec: the skin.
-        errors: of its inputs.
-        skin: the model made from it.
-        table: its states.
-        from_rest: whether readings count from a baseline.
-        live: one lane instead of a batch.
-    """
+    """Errors of the inputs of one skin."""
 
     def __init__(
         self,
@@ -68,9 +60,7 @@ class SectionErrors(AbstractSystematicErrors):
         self._at_zero = at_zero
         self.rest = np.zeros_like(at_zero) if from_rest else at_zero
 
-    def slopes(
-        self, best: Explanations, per_contact: int, contacts: int
-    ) -> NDArray[np.float64]:
+    def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """See the base class."""
         if contacts == 1 and per_contact == _RADIAL:
             jacobian = best.jacobian[:, :_RADIAL]
@@ -80,12 +70,7 @@ class SectionErrors(AbstractSystematicErrors):
         exact = self._computed(best.parameters[:, :width], there, contacts, self._lanes)
         return exact - self._at_zero + self.rest
 
-    def under_one(
-        self,
-        angle: NDArray[np.float64],
-        force: NDArray[np.float64],
-        jacobian: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def under_one(self, angle: Floats, force: Floats, jacobian: Floats) -> Floats:
         """Change of readings under one radial contact [frame, error, taxel].
 
         Args:
@@ -112,7 +97,7 @@ class SectionErrors(AbstractSystematicErrors):
         left = left * force[:, None, None] + alike @ np.nan_to_num(jacobian)
         return np.asarray(left + self.rest)
 
-    def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64]]:
+    def _tabulated(self) -> tuple[NDArray[Any], NDArray[Any], Floats]:
         """What errors do at all states and at rest.
 
         Returns:
@@ -147,16 +132,14 @@ class SectionErrors(AbstractSystematicErrors):
         ]
         return {"left": found[0], "alike": found[1], "rest": rest}
 
-    def _by_contact(self, parameters: NDArray[np.float64], state: State) -> NDArray[np.float64]:
+    def _by_contact(self, parameters: Floats, state: State) -> Floats:
         """Derivatives of readings by angle and force of one contact [frame, 2, taxel]."""
         none = jax.tree.map(jnp.zeros_like, eqx.filter(self._skin, eqx.is_inexact_array))
         return self._along(
             [(none, unit) for unit in np.eye(_RADIAL)], parameters, state, 1, LANES
         )
 
-    def _computed(
-        self, parameters: NDArray[np.float64], state: State, count: int, lanes: int
-    ) -> NDArray[np.float64]:
+    def _computed(self, parameters: Floats, state: State, count: int, lanes: int) -> Floats:
         """Change of readings by each error, from the model [frame, error, taxel]."""
         if not self._tangents:
             self._tangents = [
@@ -169,12 +152,12 @@ class SectionErrors(AbstractSystematicErrors):
 
     def _along(
         self,
-        directions: Sequence[tuple[Skin, NDArray[np.float64]]],
-        parameters: NDArray[np.float64],
+        directions: Sequence[tuple[Skin, Floats]],
+        parameters: Floats,
         state: State,
         count: int,
         lanes: int,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Derivatives of readings as skin and contacts change [frame, direction, taxel]."""
         parts = []
         for begin in range(0, len(parameters), lanes):
@@ -188,9 +171,7 @@ class SectionErrors(AbstractSystematicErrors):
         return np.concatenate(parts)[: len(parameters)]
 
 
-def _most_alike(
-    jacobian: NDArray[np.float64], moved: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _most_alike(jacobian: Floats, moved: Floats) -> Floats:
     """Changes of a contact that come nearest to changes of readings [frame, change, 2].
 
     Args:
@@ -205,7 +186,7 @@ def _most_alike(
     return np.asarray(np.swapaxes(found / np.where(size > 0, size, np.inf), 1, 2))
 
 
-def _filled(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _filled(values: Floats) -> Floats:
     """Where no state was found at a force, the values at less force [angle, force, ...]."""
     for k in range(1, values.shape[1]):
         values[:, k] = np.where(np.isfinite(values[:, k]), values[:, k], values[:, k - 1])
@@ -225,9 +206,7 @@ def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) ->
     return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, skin.elements)
 
 
-def _tangent(
-    spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: NDArray[np.float64]
-) -> Skin:
+def _tangent(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: Floats) -> Skin:
     """Derivative of a skin by its inputs along a direction."""
     at = [value_of(spec, path) for path in paths]
 

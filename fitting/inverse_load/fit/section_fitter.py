@@ -10,10 +10,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
-from fitting.inverse_load.fit.least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
+from fitting.inverse_load.fit.section_least_squares import FIT_PROGRAMS, SETTLED, Fit, Target
 from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_DIRECTION
 from fitting.inverse_load.search.table import LoadTable, edge_margin
 from suas_jax.equilibrium.equilibrium import State
@@ -54,9 +54,9 @@ class SectionFitter(AbstractLoadFitter):
 
     def fit(
         self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        start: NDArray[np.float64],
+        y: Floats,
+        weight: Floats,
+        start: Floats,
         state: State,
         contacts: int,
         *,
@@ -84,7 +84,7 @@ class SectionFitter(AbstractLoadFitter):
                 whole[..., again] = part
         return self._gathered(fit, weight, contacts)
 
-    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+    def inside(self, parameters: Floats, contacts: int) -> Floats:
         """See the base class."""
         low, high = np.repeat(self._bounds, contacts, 0).T
         return np.clip(parameters, low, high)

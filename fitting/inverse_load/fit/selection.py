@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
@@ -36,8 +36,8 @@ class Alternative(NamedTuple):
     """
 
     chi2: float
-    parameters: NDArray[np.float64]
-    information: NDArray[np.float64]
+    parameters: Floats
+    information: Floats
 
 
 @dataclass
@@ -83,7 +83,7 @@ class Selection:
         return self._pairs
 
     def explain(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64]
+        self, y: Floats, weight: Floats
     ) -> tuple[Explanations, list[Alternative | None]]:
         """The best explanation of every frame, and its second mode where there is one.
 
@@ -120,7 +120,7 @@ class Selection:
         start = self.nodes.near(y, weight, node)
         return self._loads.fit(y, weight, start, self.nodes.states(node), 1)
 
-    def _predicted(self, y: Any, weight: Any) -> NDArray[np.float64]:
+    def _predicted(self, y: Any, weight: Any) -> Floats:
         """Live: parameters from the last frame's by its own derivatives."""
         assert self.last is not None
         count = int(self.last.contacts[0])
@@ -132,7 +132,7 @@ class Selection:
         step = np.linalg.lstsq(information, weighted @ residual)[0]
         return self.fitter.inside(self.last.parameters[:, :width] + step, count)
 
-    def _p_value(self, best: Explanations) -> NDArray[np.float64]:
+    def _p_value(self, best: Explanations) -> Floats:
         return best.p_value(self.fitter.per_contact)
 
     def _second_modes(
@@ -159,8 +159,8 @@ class Selection:
     # --- wide contacts ------------------------------------------------------------------
 
     def _or_wide(
-        self, y: Any, weight: Any, frames: NDArray[np.intp], best: Explanations
-    ) -> tuple[Explanations, NDArray[np.intp]]:
+        self, y: Any, weight: Any, frames: Rows, best: Explanations
+    ) -> tuple[Explanations, Rows]:
         """One wide contact where it is cheaper; and the frames that ask for more than that.
 
         A width is one more parameter, and costs Schwarz's criterion.
@@ -228,7 +228,7 @@ class Selection:
 
     def _as_before(
         self, y: Any, weight: Any, frames: Any, best: Explanations
-    ) -> tuple[Explanations, NDArray[np.intp]]:
+    ) -> tuple[Explanations, Rows]:
         """Live: as many contacts as before, where they were; what is left to explain."""
         assert self.last is not None
         count = int(self.last.contacts[0])
@@ -266,7 +266,7 @@ class Selection:
 
     # --- pulls ------------------------------------------------------------------------
 
-    def pulled(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> Explanations:
+    def pulled(self, y: Floats, weight: Floats) -> Explanations:
         """The best explanation of every frame by one force that pulls outwards."""
         change = np.where(weight > 0, y - self.nodes.rest, 0.0)
         along = -(weight * change) @ self.nodes.signatures.T

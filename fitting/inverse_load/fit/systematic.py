@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.covariance import inverse
 from fitting.inverse_load.fit.explanation import Explanations
 
@@ -43,13 +44,13 @@ class ErrorsOfFrames(NamedTuple):
         decrease: of chi2, less the squares of the errors [frame].
     """
 
-    slopes: NDArray[np.float64]
-    gain: NDArray[np.float64]
-    left: NDArray[np.float64]
-    pull: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    likely: NDArray[np.float64]
-    decrease: NDArray[np.float64]
+    slopes: Floats
+    gain: Floats
+    left: Floats
+    pull: Floats
+    spread: Floats
+    likely: Floats
+    decrease: Floats
 
 
 class AbstractSystematicErrors(abc.ABC):
@@ -62,12 +63,10 @@ class AbstractSystematicErrors(abc.ABC):
     """
 
     names: tuple[str, ...]
-    rest: NDArray[np.float64]
+    rest: Floats
 
     @abc.abstractmethod
-    def slopes(
-        self, best: Explanations, per_contact: int, contacts: int
-    ) -> NDArray[np.float64]:
+    def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """Change of readings by one standard deviation of each error [frame, error, channel].
 
         Args:
@@ -76,13 +75,11 @@ class AbstractSystematicErrors(abc.ABC):
             contacts: their number, the same in all frames.
         """
 
-    def unexplained(self, best: Explanations, per_contact: int) -> NDArray[np.float64] | None:
+    def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
         """Covariances of the parameters that come from the model itself, if there are any."""
         return None
 
-    def of(
-        self, best: Explanations, residual: NDArray[np.float64], per_contact: int
-    ) -> ErrorsOfFrames:
+    def of(self, best: Explanations, residual: Floats, per_contact: int) -> ErrorsOfFrames:
         """What frames of one number of contacts say about the errors.
 
         Args:
@@ -111,9 +108,7 @@ class AbstractSystematicErrors(abc.ABC):
         likely = (spread @ pull[..., None])[..., 0]
         return ErrorsOfFrames(slopes, gain, left, pull, spread, likely, (pull * likely).sum(1))
 
-    def covariance(
-        self, best: Explanations, y: NDArray[np.float64], per_contact: int
-    ) -> NDArray[np.float64]:
+    def covariance(self, best: Explanations, y: Floats, per_contact: int) -> Floats:
         """Covariances of the parameters by the errors, padded as the information is.
 
         Args:
@@ -135,7 +130,7 @@ class AbstractSystematicErrors(abc.ABC):
         return total if own_error is None else total + own_error
 
 
-def _alike(contacts: NDArray[np.int64]) -> Iterator[NDArray[np.intp]]:
+def _alike(contacts: NDArray[np.int64]) -> Iterator[Rows]:
     """Frames of one number of contacts, so few together that they fit in the cache."""
     for count in np.unique(contacts):
         frames = np.flatnonzero(contacts == count)

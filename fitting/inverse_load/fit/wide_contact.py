@@ -13,11 +13,11 @@ whose inverse is the covariance of angle and force, the length unknown.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
-from fitting.inverse_load.fit.least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.fit.section_fitter import SectionFitter
+from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.forward import Skin
@@ -50,9 +50,9 @@ class WideContactFitter(SectionFitter):
 
     def fit(
         self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        start: NDArray[np.float64],
+        y: Floats,
+        weight: Floats,
+        start: Floats,
         state: State,
         contacts: int,
         *,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 
 _GATE = 25.0  # squared distance beyond which an estimate is another contact's
@@ -23,8 +24,8 @@ _FOLLOWED = {"angle": 1.0, "axial": 3.5e-3, "force": 400.0}
 
 @dataclass
 class _Track:
-    mean: NDArray[np.float64]  # what is followed, then the rates
-    covariance: NDArray[np.float64]
+    mean: Floats  # what is followed, then the rates
+    covariance: Floats
     time: float
 
 
@@ -89,7 +90,7 @@ class LoadFilter:
         self._tracks = tracks
         return filtered
 
-    def _predict(self, track: _Track, time: float, densities: NDArray[np.float64]) -> _Track:
+    def _predict(self, track: _Track, time: float, densities: Floats) -> _Track:
         dt = max(time - track.time, 0.0)
         size, density = len(densities), np.diag(densities)
         move = np.eye(2 * size)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.filter import LoadFilter
@@ -36,8 +36,8 @@ class FrameReadings(NamedTuple):
     time: float
     seq: int
     arrived: float
-    so: NDArray[np.float64]
-    stuck: NDArray[np.bool_]
+    so: Floats
+    stuck: Flags
 
 
 class LiveFrame(NamedTuple):
@@ -72,9 +72,6 @@ class FrameBuilder:
     """Puts modules of equal seq together.
 
     A frame is complete when all modules of the skin have spoken, or when the next begins.
-
-    Args:
-        layout: of the skin.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -82,7 +79,7 @@ class FrameBuilder:
         self._expected = set(layout.module.tolist())
         self._open: _Frame | None = None
 
-    def feed(self, judged: Judged) -> Iterator[tuple[_Frame, NDArray[np.float64]]]:
+    def feed(self, judged: Judged) -> Iterator[tuple[_Frame, Floats]]:
         """Take a reading; yield the frames that it completes."""
         reading = judged.reading
         if judged.flags.duplicate:
@@ -101,7 +98,7 @@ class FrameBuilder:
             self._open = None
             yield now, self._readings(now)
 
-    def _readings(self, frame: _Frame) -> NDArray[np.float64]:
+    def _readings(self, frame: _Frame) -> Floats:
         source = f"frame {frame.seq}"
         self._layout.check_sent({m: len(c) for m, c in frame.modules.items()}, source)
         width = max(len(counts) for counts in frame.modules.values())
@@ -162,9 +159,7 @@ def live_frames(
                 yield LiveFrame(frame.time, frame.seq, estimate, smoothed, dropped, readings)
 
 
-def _built(
-    builder: FrameBuilder, judged: Judged
-) -> Iterator[tuple[_Frame, NDArray[np.float64] | None]]:
+def _built(builder: FrameBuilder, judged: Judged) -> Iterator[tuple[_Frame, Floats | None]]:
     try:
         yield from builder.feed(judged)
     except LayoutMismatchError:

@@ -1,4 +1,4 @@
-"""What a person sees of a live estimate: the pad, its readings and where it is pressed."""
+"""Terminal view of a live estimate: the pad, its readings and where it is pressed."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""What describes a contact, and where it stands in a vector of parameters."""
+"""Parameters of a contact, and their places in a vector."""
 
 from dataclasses import dataclass
 from functools import cached_property

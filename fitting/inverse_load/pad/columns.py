@@ -10,8 +10,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
 from suas_jax.scene.pad_forward import PadSkin, Patches, readings
@@ -33,10 +33,10 @@ _READ_ALONG = eqx.filter_jit(readings_along)
 class Column(NamedTuple):
     """Readings of one place, or of many with a leading axis; see `PadReadings`."""
 
-    so: NDArray[np.float64]
-    pressure: NDArray[np.float64]
-    min_gap: NDArray[np.float64]
-    found: NDArray[np.bool_]
+    so: Floats
+    pressure: Floats
+    min_gap: Floats
+    found: Flags
 
 
 class Columns:
@@ -63,9 +63,9 @@ class Columns:
 
     def solve(
         self,
-        places: NDArray[np.float64],
-        force: NDArray[np.float64],
-        levels: NDArray[np.float64],
+        places: Floats,
+        force: Floats,
+        levels: Floats,
         elements: tuple[int, int] | None = None,
     ) -> Column:
         """Readings [place, level, ...] of places [place, 2] under shares of forces.
@@ -84,7 +84,7 @@ class Columns:
         if self._workers is not None:
             return _joined(self._on_workers(self._workers, skin, numbers, levels, once))
 
-        def column(numbers: NDArray[np.float64], levels: NDArray[np.float64]) -> Column:
+        def column(numbers: Floats, levels: Floats) -> Column:
             found = solve_column(skin, numbers, levels, once)
             self._count(1)
             return found
@@ -95,12 +95,7 @@ class Columns:
         return _joined(rows)
 
     def _on_workers(
-        self,
-        workers: Executor,
-        skin: PadSkin,
-        numbers: NDArray[np.float64],
-        levels: NDArray[np.float64],
-        once: bool,
+        self, workers: Executor, skin: PadSkin, numbers: Floats, levels: Floats, once: bool
     ) -> list[Column]:
         """Columns in the order of their places."""
         sent = pickle.dumps(skin)
@@ -118,9 +113,7 @@ class Columns:
         self._progress(min(self._done, self._total), self._total)
 
 
-def solve_column(
-    skin: PadSkin, numbers: NDArray[np.float64], levels: NDArray[np.float64], once: bool
-) -> Column:
+def solve_column(skin: PadSkin, numbers: Floats, levels: Floats, once: bool) -> Column:
     """Readings under shares of one contact's force.
 
     States follow one another by extrapolation; those that Newton's method doesn't find that way
@@ -143,12 +136,7 @@ def solve_column(
     return column
 
 
-def _solve_columns(
-    sent: bytes,
-    numbers: NDArray[np.float64],
-    levels: NDArray[np.float64],
-    once: bool,
-) -> list[Column]:
+def _solve_columns(sent: bytes, numbers: Floats, levels: Floats, once: bool) -> list[Column]:
     """A few columns [column, number] in a worker's process, their levels [column, level].
 
     The skin is sent as bytes: read before float64 is on, its arrays would be of float32.
@@ -162,14 +150,12 @@ def _joined(rows: list[Column]) -> Column:
     return Column(*(np.stack(x) for x in zip(*rows, strict=True)))
 
 
-def grid(*axes: NDArray[np.float64]) -> NDArray[np.float64]:
+def grid(*axes: Floats) -> Floats:
     """Places of a grid of coordinates [place, axis]."""
     return np.stack([x.reshape(-1) for x in np.meshgrid(*axes, indexing="ij")], 1)
 
 
-def largest_forces(
-    columns: Columns, probes: tuple[NDArray[np.float64], ...]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def largest_forces(columns: Columns, probes: tuple[Floats, ...]) -> tuple[Floats, Floats]:
     """Forces that leave little of the gap, and those that leave none [angle, axial] [N].
 
     From the linear response at the crown a path of forces is guessed that reaches the wall,
@@ -206,9 +192,7 @@ def largest_forces(
     return cap.reshape(shape), touch.reshape(shape)
 
 
-def _reach(
-    found: Column, row: int, levels: NDArray[np.float64], left: float
-) -> tuple[float, float]:
+def _reach(found: Column, row: int, levels: Floats, left: float) -> tuple[float, float]:
     """Shares of the force at which little of the gap is left, and none."""
     good = found.found[row] & (levels > 0) & np.isfinite(found.min_gap[row])
     ends = np.flatnonzero((levels > 0) & ~good)

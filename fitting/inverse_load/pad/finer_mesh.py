@@ -8,16 +8,14 @@ on both meshes, from readings SO at the same force F, and is smooth in between::
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.pad.columns import Column
 
 _MOST = 0.05  # a mesh that differs by more differs in the shape of its readings, too
 
 
-def force_surplus(
-    coarse: Column, fine: Column, levels: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def force_surplus(coarse: Column, fine: Column, levels: Floats) -> Floats:
     """Share e of the force by which the coarse mesh has to be loaded more [place, level].
 
     Args:

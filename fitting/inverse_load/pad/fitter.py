@@ -8,15 +8,15 @@ slopes.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant
-from fitting.inverse_load.pad.least_squares import (
+from fitting.inverse_load.pad.pad_least_squares import (
     DIAMETER_PRIOR,
-    Fit,
+    PadFit,
     PadLeastSquares,
-    damped_step,
+    step_of,
 )
 from fitting.inverse_load.pad.solved import SolvedContacts, near
 from fitting.inverse_load.pad.table_build import edge_of
@@ -64,9 +64,9 @@ class PadFitter(AbstractLoadFitter):
 
     def fit(
         self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        start: NDArray[np.float64],
+        y: Floats,
+        weight: Floats,
+        start: Floats,
         state: State,
         contacts: int,
         *,
@@ -84,23 +84,23 @@ class PadFitter(AbstractLoadFitter):
             fit, gap = self._refined(y[row], weight[row], start[row], contacts)
             fits.append(fit)
             gaps.append(gap)
-        joined = Fit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
+        joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
 
-    def inside(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+    def inside(self, parameters: Floats, contacts: int) -> Floats:
         """See the base class."""
         low, high = self.squares.bounds(parameters, contacts, False)
         return np.clip(parameters, low, high)
 
     def screened(
         self,
-        frames: NDArray[np.intp],
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        start: NDArray[np.float64],
+        frames: Rows,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
         contacts: int,
-        to_beat: NDArray[np.float64],
-    ) -> NDArray[np.intp]:
+        to_beat: Floats,
+    ) -> Rows:
         """The start of every frame from which the interpolant alone explains it best.
 
         None where even that is no better than what is known: the interpolant is exact for a
@@ -115,14 +115,14 @@ class PadFitter(AbstractLoadFitter):
         chosen = np.array(best, np.intp)
         return chosen[fit.chi2[chosen] < to_beat[chosen]]
 
-    def completed(self, start: NDArray[np.float64], contacts: int) -> NDArray[np.float64]:
+    def completed(self, start: Floats, contacts: int) -> Floats:
         """Starting points with all parameters: the prior's diameter, radial forces."""
         missing = self.parameters.names[start.shape[1] // contacts :]
         values = [DIAMETER_PRIOR[0] if name == "diameter" else 0.0 for name in missing]
         more = np.tile(np.repeat(values, contacts), (len(start), 1))
         return np.concatenate([start, more], 1) if missing else start
 
-    def correction(self, parameters: NDArray[np.float64], contacts: int) -> Correction | None:
+    def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """What the interpolant leaves out at some contacts; None for nothing, or unknown.
 
         Args:
@@ -135,7 +135,7 @@ class PadFitter(AbstractLoadFitter):
 
     # --- several contacts -------------------------------------------------------------
 
-    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[Fit, float]:
+    def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[PadFit, float]:
         """Fit one frame by several contacts or free directions, solving them on the way."""
         kept, gap = self._kept.get(contacts), 1.0
         # A coarse start is near enough to try what is known.
@@ -161,18 +161,16 @@ class PadFitter(AbstractLoadFitter):
     def _near(self, kept: Correction | None, now: Any, contacts: int, *, live: bool) -> bool:
         return kept is not None and near(kept, now, contacts, self._radius, live=live)
 
-    def _gap_sign(self, parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _gap_sign(self, parameters: Floats) -> Floats:
         """Below zero where a contact is beyond the force of first contact."""
         angle, axial, force = parameters[:, :3].T  # of single contacts
         return self._gap * (1 - force / self.table.first_contact_at(angle, axial))
 
-    def _gathered(
-        self, fit: Fit, weight: Any, contacts: int, gaps: NDArray[np.float64]
-    ) -> Explanations:
+    def _gathered(self, fit: PadFit, weight: Any, contacts: int, gaps: Floats) -> Explanations:
         frames, wide = len(fit.chi2), self._width
         low, high = self.squares.bounds(fit.parameters, contacts, False)
         low = np.where(fit.parameters < low, -np.inf, low)
-        _, decrease = damped_step(fit, low, high, np.zeros(frames))
+        _, decrease = step_of(fit, low, high, np.zeros(frames))
         return Explanations(
             score=fit.chi2.copy(),
             chi2=fit.chi2.copy(),

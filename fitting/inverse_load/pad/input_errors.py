@@ -17,8 +17,8 @@ from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.pad.columns import READ
@@ -89,9 +89,7 @@ class PadErrors(AbstractSystematicErrors):
         self._moved_at_rest = np.concatenate([rest, zero], 1)
         self.rest = 0 * self._moved_at_rest if from_rest else self._moved_at_rest
 
-    def slopes(
-        self, best: Explanations, per_contact: int, contacts: int
-    ) -> NDArray[np.float64]:
+    def slopes(self, best: Explanations, per_contact: int, contacts: int) -> Floats:
         """See the base class."""
         del per_contact
         forces = slice(2 * contacts, 3 * contacts)
@@ -106,7 +104,7 @@ class PadErrors(AbstractSystematicErrors):
         moved = own + self._stiffness[:, None] * stiffer[:, None]
         return np.asarray(moved - self._moved_at_rest + self.rest)
 
-    def unexplained(self, best: Explanations, per_contact: int) -> NDArray[np.float64] | None:
+    def unexplained(self, best: Explanations, per_contact: int) -> Floats | None:
         """See the base class: errors of the model and its mesh."""
         total = np.full(best.information.shape, np.nan)
         for i, count in enumerate(best.contacts.tolist()):
@@ -132,7 +130,7 @@ class PadErrors(AbstractSystematicErrors):
 
     def _gap_line(
         self, change: Mapping[str, float], size: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    ) -> tuple[Floats, Floats, Floats]:
         """Stray counts, a and b, with inputs changed by a share of an error [taxel]."""
         inputs = {path: value_of(self._spec, path) + size * by for path, by in change.items()}
         return gap_line(self._spec, inputs)
@@ -196,9 +194,7 @@ class PadErrors(AbstractSystematicErrors):
         return top / size if size > 0 else 0.0
 
 
-def gap_line(
-    spec: SkinSpec, inputs: Mapping[str, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:
     """Stray counts, a and b of 1 / (SO - stray) = a + b w [taxel].
 
     Args:
@@ -215,9 +211,7 @@ def gap_line(
     return stray, values[1], (values[2] - values[0]) / (2 * step)
 
 
-def solved_channels(
-    skin: PadSkin, parameters: NDArray[np.float64], diameter: float, slots: int
-) -> NDArray[np.float64]:
+def solved_channels(skin: PadSkin, parameters: Floats, diameter: float, slots: int) -> Floats:
     """Readings and the oil's pressure under single contacts, from the model.
 
     Args:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.model.contact_parameters import pad_parameters
 from fitting.inverse_load.pad.columns import LEVELS
 from fitting.inverse_load.pad.table import PadTable
@@ -38,13 +39,13 @@ class Correction(NamedTuple):
             radial.
     """
 
-    parameters: NDArray[np.float64]
-    change: NDArray[np.float64]
+    parameters: Floats
+    change: Floats
     min_gap: float
-    across: NDArray[np.float64] | None = None
+    across: Floats | None = None
 
 
-def force_components(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def force_components(x: Floats) -> Floats:
     """Radial force and those along arc and axis [N], of contacts with a direction.
 
     Args:
@@ -64,9 +65,9 @@ class Interpolated(NamedTuple):
         change: of u from rest, of the pressure [frame, channel], not corrected.
     """
 
-    readings: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
-    change: NDArray[np.float64]
+    readings: Floats
+    jacobian: Floats
+    change: Floats
 
 
 class PadInterpolant:
@@ -87,21 +88,18 @@ class PadInterpolant:
         self._squares = np.array([table.diameter**2 for table in tables])
 
     @property
-    def rest(self) -> NDArray[np.float64]:
+    def rest(self) -> Floats:
         """Channels at rest."""
         return np.append(self.tables[0].rest, 0.0)
 
-    def largest(self, angle: NDArray[np.float64], axial: NDArray[np.float64]) -> NDArray:
+    def largest(self, angle: Floats, axial: Floats) -> NDArray:
         """Largest force of the tables at places [N]."""
         return np.asarray(
             np.min([np.exp(t.largest(angle, axial)[0][:, 0]) for t in self.tables], 0)
         )
 
     def __call__(
-        self,
-        parameters: NDArray[np.float64],
-        contacts: int,
-        correction: Correction | None = None,
+        self, parameters: Floats, contacts: int, correction: Correction | None = None
     ) -> Interpolated:
         """Readings and derivatives.
 
@@ -132,9 +130,7 @@ class PadInterpolant:
         jacobian[..., :taxels] *= by_u[:, None]
         return Interpolated(readings, jacobian, change)
 
-    def _turned(
-        self, x: NDArray[np.float64], across: NDArray[np.float64] | None
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _turned(self, x: Floats, across: Floats | None) -> tuple[Floats, Floats]:
         """The same of a contact whose force may not be radial.
 
         Args:
@@ -164,7 +160,7 @@ class PadInterpolant:
         slope[:, 2] = rows[:, 0]
         return value, np.concatenate([slope, rows[:, 1:]], 1)
 
-    def _one(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _one(self, x: Floats) -> tuple[Floats, Floats]:
         """Change of u by one contact [frame, channel], and its slopes [frame, 3 or 4, ...]."""
         found = [_from_table(table, *x[:, :3].T) for table in self.tables]
         if len(found) == 1:
@@ -179,11 +175,8 @@ class PadInterpolant:
 
 
 def _from_table(
-    table: PadTable,
-    angle: NDArray[np.float64],
-    axial: NDArray[np.float64],
-    force: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    table: PadTable, angle: Floats, axial: Floats, force: Floats
+) -> tuple[Floats, Floats]:
     log_cap, by_place = table.largest(angle, axial)
     cap = np.exp(log_cap[:, 0])
     share = force / cap
@@ -197,9 +190,7 @@ def _from_table(
     return value, slopes
 
 
-def _lagrange(
-    nodes: NDArray[np.float64], x: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _lagrange(nodes: Floats, x: Floats) -> tuple[Floats, Floats]:
     """Lagrange polynomials and their slopes [place, node]."""
     powers = np.vander(nodes / nodes[-1], increasing=True)
     inverse = np.linalg.inv(powers)

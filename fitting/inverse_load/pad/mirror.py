@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats, Rows
 from suas_jax.scene.pad_forward import PadSkin
 from suas_jax.sensing.taxels import Taxels
 
 
-def mirror_images(skin: PadSkin) -> tuple[PadSkin, NDArray[np.intp]]:
+def mirror_images(skin: PadSkin) -> tuple[PadSkin, Rows]:
     """The pad with all distinct mirror images of its taxels.
 
     Returns:
@@ -24,7 +25,7 @@ def mirror_images(skin: PadSkin) -> tuple[PadSkin, NDArray[np.intp]]:
     e = skin.electrodes
     taxels = len(e.taxels.angle)
 
-    def column(x: Any) -> NDArray[np.float64]:
+    def column(x: Any) -> Floats:
         return np.broadcast_to(np.asarray(x, float).reshape(-1), (taxels,))
 
     own = [column(x) for x in (e.permittivity, e.stray, e.layers, e.lsb, e.height)]

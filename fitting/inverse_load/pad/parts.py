@@ -1,12 +1,12 @@
-"""What estimates contacts on a pad: the parts that `LoadEstimator` needs."""
+"""Parts of `LoadEstimator` for contacts on a pad: search, fits, posterior."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.fit.detection import PadDetector
@@ -63,12 +63,12 @@ class PadNodeSearch(AbstractNodeSearch):
         self._table, self._radius = coarse, radius
         self._grid = (len(coarse.angle), len(coarse.axial))
 
-    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance(self, a: Floats, b: Floats) -> Floats:
         """Between places on the outer face [..., (angle, axial, ...)] [m]."""
         along = self._radius * (a[..., 0] - b[..., 0])
         return np.asarray(np.hypot(along, a[..., 1] - b[..., 1]))
 
-    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
+    def nearest_to(self, parameters: Floats, contacts: int) -> Rows:
         """See the base class."""
         angle, axial, force = (parameters[:, k * contacts] for k in range(3))
         i = np.abs(self._table.angle - angle[:, None]).argmin(1)
@@ -79,13 +79,11 @@ class PadNodeSearch(AbstractNodeSearch):
             place * self.levels + np.abs(forces - force[:, None]).argmin(1), np.intp
         )
 
-    def near(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64], node: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
+    def near(self, y: Floats, weight: Floats, node: Rows) -> Floats:
         """The nodes' own loads: steps on the interpolant cost nothing."""
         return self.loads[node]
 
-    def states(self, node: NDArray[np.intp]) -> State:
+    def states(self, node: Rows) -> State:
         """Empty: fits on the interpolant start from no state."""
         return self.rest_states(len(node))
 
@@ -108,17 +106,13 @@ class PadPosterior(AbstractLoadPosterior):
 
     Several contacts are solved at the mode; what the sum of single ones leaves out there is
     taken as the same for all samples.
-
-    Args:
-        fitter: of the pad.
-        nodes: its coarse search.
     """
 
     def __init__(self, fitter: PadFitter, nodes: AbstractNodeSearch) -> None:
         super().__init__(nodes, 2, fitter.squares.prior_volume(), _SAME, _MIRRORS)
         self._fitter = fitter
 
-    def log_probability(self, y: NDArray[np.float64], mode: Explanations) -> NumpyBatch:
+    def log_probability(self, y: Floats, mode: Explanations) -> NumpyBatch:
         """See the base class."""
         count, fitter = int(mode.contacts[0]), self._fitter
         centre = mode.parameters[0, : fitter.per_contact * count]
@@ -126,7 +120,7 @@ class PadPosterior(AbstractLoadPosterior):
         correction = fitter.correction(centre, count)
         weight = mode.weight[:1]
 
-        def log_probability(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        def log_probability(points: Floats) -> Floats:
             low, high = fitter.squares.bounds(points, count, pull)
             inside = ((points >= low) & (points <= high)).all(1)
             within = np.clip(points, low, high)
@@ -149,24 +143,20 @@ class PadAssessment(AbstractLoadAssessment):
     limit_error = 0.03  # of the table, which knows it at a few places
 
     def __init__(
-        self,
-        fitter: PadFitter,
-        nodes: PadNodeSearch,
-        radius: float,
-        taxels: NDArray[np.float64],
+        self, fitter: PadFitter, nodes: PadNodeSearch, radius: float, taxels: Floats
     ) -> None:
         super().__init__(fitter.parameters, radius, len(taxels))
         self._fitter, self._nodes, self._places = fitter, nodes, taxels
 
-    def first_contact(self, place: NDArray[np.float64]) -> float:
+    def first_contact(self, place: Floats) -> float:
         """See the base class."""
         return float(self._fitter.table.first_contact_at(place[:1], place[1:2])[0])
 
-    def near_taxels(self, place: NDArray[np.float64], taxels: NDArray[np.bool_]) -> bool:
+    def near_taxels(self, place: Floats, taxels: Flags) -> bool:
         """See the base class."""
         return bool((self._nodes.distance(self._places[taxels], place) < APART).any())
 
-    def at_edge(self, place: NDArray[np.float64]) -> bool:
+    def at_edge(self, place: Floats) -> bool:
         """See the base class."""
         return bool((np.abs(place[:2]) >= np.array(self._fitter.edge) * (1 - 1e-6)).any())
 
@@ -236,10 +226,7 @@ def pad_parts(
 
 
 def table_of_pad(
-    spec: SkinSpec,
-    diameter: float,
-    progress: Callable[[str], None],
-    workers: Executor | None,
+    spec: SkinSpec, diameter: float, progress: Callable[[str], None], workers: Executor | None
 ) -> tuple[PadSkin, PadTable]:
     """A pad's model and its table of solved states.
 

@@ -1,18 +1,18 @@
 """Readings of a pad that nothing touches."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from suas_jax.scene.pad_forward import PadSkin
 
 
-def rest_readings(skin: PadSkin) -> NDArray[np.float64]:
+def rest_readings(skin: PadSkin) -> Floats:
     """Readings of the undeformed pad [taxel] [counts]."""
     so = skin.electrodes.read_even_film(skin.geometry.oil_gap)
     return np.broadcast_to(np.asarray(so)[:, 0], (len(skin.electrodes.taxels.angle),)).copy()
 
 
-def stray_counts(skin: PadSkin) -> NDArray[np.float64]:
+def stray_counts(skin: PadSkin) -> Floats:
     """Part of the readings that no gap changes [taxel] [counts]."""
     taxels = len(skin.electrodes.taxels.angle)
     counts = np.asarray(skin.electrodes.stray / skin.electrodes.lsb, float).reshape(-1)

@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.pad.columns import READ
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, force_components
 from suas_jax.runtime.compiled import COMPILED
@@ -18,12 +18,7 @@ _LEAST = 0.01  # and of at least this force [N]
 
 
 def near(
-    kept: Correction,
-    parameters: NDArray[np.float64],
-    contacts: int,
-    radius: float,
-    *,
-    live: bool,
+    kept: Correction, parameters: Floats, contacts: int, radius: float, *, live: bool
 ) -> bool:
     """Whether a correction holds well enough for other contacts.
 
@@ -64,7 +59,7 @@ class SolvedContacts:
         self._stray, self._rest = table.stray, 1 / (table.rest - table.stray)
 
     def correction(
-        self, parameters: NDArray[np.float64], contacts: int, kept: Correction | None = None
+        self, parameters: Floats, contacts: int, kept: Correction | None = None
     ) -> Correction | None:
         """Solve some contacts; None where no state was found.
 
@@ -89,9 +84,7 @@ class SolvedContacts:
         missing = np.where(np.isfinite(change), change - own, 0.0)
         return known._replace(change=missing)
 
-    def _across(
-        self, by_contact: NDArray[np.float64], change: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _across(self, by_contact: Floats, change: Floats) -> Floats:
         """Differences by small tangential forces at constant radial ones; zero if unknown."""
         slopes = np.zeros((len(by_contact), 2, len(change)))
         for contact in range(len(by_contact)):
@@ -104,9 +97,7 @@ class SolvedContacts:
                     slopes[contact, component] = np.nan_to_num((found[0] - change) / step)
         return slopes
 
-    def _solve(
-        self, by_contact: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], float] | None:
+    def _solve(self, by_contact: Floats) -> tuple[Floats, float] | None:
         """Change of u and the oil's pressure [channel], and smallest gap, under contacts."""
         count = len(by_contact)
         names = self._interpolant.parameters.names
@@ -129,7 +120,7 @@ class SolvedContacts:
         return np.append(u - self._rest, float(found.pressure)), float(found.min_gap)
 
 
-def _along(by_contact: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+def _along(by_contact: Floats, force: Floats) -> Floats:
     """Contacts with other components of their forces."""
     changed = by_contact.copy()
     changed[:, 2] = np.linalg.norm(force, axis=-1)

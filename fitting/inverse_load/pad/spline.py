@@ -9,8 +9,9 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
+
+from fitting.arrays import Floats, Rows
 
 
 class SplineBasis:
@@ -20,7 +21,7 @@ class SplineBasis:
         nodes: ascending, four or more.
     """
 
-    def __init__(self, nodes: NDArray[np.float64]) -> None:
+    def __init__(self, nodes: Floats) -> None:
         self.nodes = np.asarray(nodes, float)
         count = len(self.nodes)
         knots = make_interp_spline(self.nodes, np.zeros(count), k=3).t
@@ -33,9 +34,7 @@ class SplineBasis:
         pieces = np.stack(powers, -1)
         self._pieces = np.stack([pieces[i, i : i + 4] for i in range(intervals)])
 
-    def at(
-        self, x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, x: Floats) -> tuple[Rows, Floats, Floats]:
         """First of the four functions that count at places, their values and slopes.
 
         Beyond the nodes the last polynomial goes on.
@@ -58,12 +57,10 @@ class TensorSpline:
     """
 
     axes: tuple[SplineBasis, ...]
-    coefficients: NDArray[np.float64]
+    coefficients: Floats
 
     @classmethod
-    def through(
-        cls, nodes: tuple[NDArray[np.float64], ...], values: NDArray[np.float64]
-    ) -> "TensorSpline":
+    def through(cls, nodes: tuple[Floats, ...], values: Floats) -> "TensorSpline":
         """The spline through values at the nodes of a grid [variable, ..., channel]."""
         axes = tuple(SplineBasis(x) for x in nodes)
         coefficients = np.asarray(values, float)
@@ -73,9 +70,7 @@ class TensorSpline:
             coefficients = np.moveaxis(flat.reshape(moved.shape), 0, k)
         return cls(axes, np.ascontiguousarray(coefficients))
 
-    def __call__(
-        self, *x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def __call__(self, *x: Floats) -> tuple[Floats, Floats]:
         """Values and derivatives at places.
 
         Args:
@@ -101,5 +96,5 @@ class TensorSpline:
             for part in parts[1:]:
                 row = (row[:, :, None] * part[:, None]).reshape(count, -1)
             rows.append(row)
-        both: NDArray[np.float64] = np.stack(rows, 1) @ block
+        both: Floats = np.stack(rows, 1) @ block
         return both[:, 0], both[:, 1:]

@@ -9,8 +9,8 @@ import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.pad.columns import LEVELS, grid
 from fitting.inverse_load.pad.spline import TensorSpline
 
@@ -19,7 +19,7 @@ from fitting.inverse_load.pad.spline import TensorSpline
 _LIGHTLY = np.array([0.015, 0.03, 0.06])
 
 
-def reciprocal(force: NDArray[np.float64]) -> NDArray[np.float64]:
+def reciprocal(force: Floats) -> Floats:
     """Reciprocals of forces, infinite for those that aren't above zero, and back."""
     finite = np.isfinite(force) & (force > 1e-9)
     return np.where(
@@ -46,15 +46,15 @@ class PadTable:
         diameter: of the contact [m].
     """
 
-    angle: NDArray[np.float64]
-    axial: NDArray[np.float64]
-    cap: NDArray[np.float64]
-    first_contact: NDArray[np.float64]
-    u: NDArray[np.float64]
-    pressure: NDArray[np.float64]
-    surplus: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    stray: NDArray[np.float64]
+    angle: Floats
+    axial: Floats
+    cap: Floats
+    first_contact: Floats
+    u: Floats
+    pressure: Floats
+    surplus: Floats
+    rest: Floats
+    stray: Floats
     diameter: float
 
     @functools.cached_property
@@ -69,9 +69,7 @@ class PadTable:
         """Of the logarithm of the largest force."""
         return TensorSpline.through((self.angle, self.axial), np.log(self.cap)[..., None])
 
-    def first_contact_at(
-        self, angle: NDArray[np.float64], axial: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def first_contact_at(self, angle: Floats, axial: Floats) -> Floats:
         """Force of one contact at which the membrane reaches the wall [place] [N].
 
         Args:
@@ -89,12 +87,7 @@ class PadTable:
         value = value + a * ((1 - b) * inverse[i + 1, j] + b * inverse[i + 1, j + 1])
         return np.asarray(1 / np.maximum(value, 1e-9))
 
-    def force_on_mesh(
-        self,
-        angle: NDArray[np.float64],
-        axial: NDArray[np.float64],
-        force: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def force_on_mesh(self, angle: Floats, axial: Floats, force: Floats) -> Floats:
         """Force under which the table's mesh reads what a finer mesh reads [contact] [N].
 
         Args:
@@ -112,12 +105,12 @@ class PadTable:
         return TensorSpline.through(nodes, self.surplus[..., None])
 
     @functools.cached_property
-    def places(self) -> NDArray[np.float64]:
+    def places(self) -> Floats:
         """Angle and axial position of every place [place, 2]."""
         return grid(self.angle, self.axial)
 
     @functools.cached_property
-    def signatures(self) -> NDArray[np.float64]:
+    def signatures(self) -> Floats:
         """Change of channels per newton of a light contact [place, channel]."""
         rest = 1 / (self.rest - self.stray)
         level = int(np.flatnonzero(LEVELS > 0)[0])
@@ -145,7 +138,7 @@ class PadTable:
         )
 
     @functools.cached_property
-    def nodes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def nodes(self) -> tuple[Floats, Floats]:
         """Loads (angle, axial, force) and channels of states that press, lightly ones too.
 
         Returns:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
@@ -134,11 +135,8 @@ def edge_of(skin: PadSkin, diameter: float) -> tuple[float, float]:
 
 
 def _surplus(
-    columns: Columns,
-    finer: tuple[int, int],
-    probes: tuple[NDArray[np.float64], ...],
-    cap: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    columns: Columns, finer: tuple[int, int], probes: tuple[Floats, ...], cap: Floats
+) -> Floats:
     """Share of force that the table's mesh needs more, of the probes [angle, axial, level]."""
     places, levels = grid(*probes), LEVELS[LEVELS != 0]
     meshes = None, finer
@@ -148,9 +146,7 @@ def _surplus(
     return np.insert(surplus, rest, surplus[:, rest], axis=1).reshape(*cap.shape, -1)
 
 
-def _between(
-    axes: tuple[NDArray[np.float64], ...], values: NDArray, places: NDArray
-) -> NDArray[np.float64]:
+def _between(axes: tuple[Floats, ...], values: NDArray, places: NDArray) -> Floats:
     """Values of the probes [angle, axial, ...] between them, even in both directions."""
     whole = [np.concatenate([-x[:0:-1], x]) for x in axes]
     both = mirrored(values)
@@ -160,13 +156,13 @@ def _between(
 
 def _unfolded(
     found: Column,
-    where: NDArray[np.intp],
-    axes: tuple[NDArray[np.float64], NDArray[np.float64]],
-    force: NDArray[np.float64],
-    touch: NDArray[np.float64],
-    surplus: NDArray[np.float64],
-    of_images: tuple[NDArray[np.float64], NDArray[np.float64]],
-    of_taxels: tuple[NDArray[np.float64], NDArray[np.float64]],
+    where: Rows,
+    axes: tuple[Floats, Floats],
+    force: Floats,
+    touch: Floats,
+    surplus: Floats,
+    of_images: tuple[Floats, Floats],
+    of_taxels: tuple[Floats, Floats],
     diameter: float,
 ) -> PadTable:
     """The whole pad's table from the quarter's states of all images."""
@@ -204,7 +200,7 @@ def _unfolded(
     )
 
 
-def _mended(values: NDArray, found: NDArray[np.bool_], level: int) -> NDArray:
+def _mended(values: NDArray, found: Flags, level: int) -> NDArray:
     """Values with those of states that weren't found replaced by their neighbours' line."""
     good = np.insert(found, level, True, axis=1)
     values = values.copy()

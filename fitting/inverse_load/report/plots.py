@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from suas_jax.figures.style import written
 
@@ -24,7 +24,7 @@ _LABELS = {
 
 
 def plot_loads(
-    time: NDArray[np.float64],
+    time: Floats,
     estimates: Sequence[LoadEstimate],
     file: Path | None = None,
     filtered: Sequence[Sequence[Contact]] | None = None,
@@ -86,9 +86,7 @@ def plot_loads(
     return written(figure, file)
 
 
-def _draw_bounds(
-    axes: Axes, time: NDArray[np.float64], estimates: Sequence[LoadEstimate]
-) -> None:
+def _draw_bounds(axes: Axes, time: Floats, estimates: Sequence[LoadEstimate]) -> None:
     """What acts at least where the wall takes the rest."""
     bounds = [
         (t, e.at_least) for t, e in zip(time, estimates, strict=True) if e.at_least is not None
@@ -97,7 +95,7 @@ def _draw_bounds(
         axes.plot(*zip(*bounds, strict=True), "^", ms=5, color="C3", label="at least")
 
 
-def _limit(axes: Axes, values: NDArray[np.float64], errors: NDArray[np.float64]) -> None:
+def _limit(axes: Axes, values: Floats, errors: Floats) -> None:
     """Show all values, and of their intervals what the few widest don't hide."""
     if not np.isfinite(errors).any():
         return

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from suas_jax.files.reading import MEGABYTE, read_bytes
 
@@ -82,7 +83,7 @@ def _contact(load: dict[str, Any]) -> Contact:
     )
 
 
-def _matrix(rows: Any) -> NDArray[np.float64] | None:
+def _matrix(rows: Any) -> Floats | None:
     if rows is None:
         return None
     matrix = np.array(rows, float)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
@@ -106,7 +106,7 @@ def contact_text(contact: Contact) -> str:
     return ", ".join(parts)
 
 
-def print_table(time: NDArray[np.float64], estimates: Sequence[LoadEstimate]) -> None:
+def print_table(time: Floats, estimates: Sequence[LoadEstimate]) -> None:
     """Print what a person wants to see of a log: a line a frame, then the statuses."""
     from rich.table import Table
 

@@ -1,1 +1,1 @@
-"""Where a fit of loads begins: a table of solved states."""
+"""Starts of a fit of loads: a table of solved states."""

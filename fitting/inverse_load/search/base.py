@@ -1,16 +1,17 @@
-"""Where fits begin, whatever the dimension: nodes of a table, and several contacts at once."""
+"""Starts of fits, whatever the dimension: nodes of a table, and several contacts at once."""
 
 import abc
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fitting.arrays import Flags, Floats, Rows
 from suas_jax.equilibrium.equilibrium import State
 
 NEARLY = 40.0
 """Difference of chi2, on the table, below which a second mode is fitted."""
 
-Start = tuple[NDArray[np.float64], int]
+Start = tuple[Floats, int]
 """Parameters of several contacts, and the node of the strongest one."""
 
 
@@ -18,7 +19,7 @@ class AbstractSeveralSearch(abc.ABC):
     """Starting points of fits by several contacts."""
 
     @abc.abstractmethod
-    def of_two(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> list[Start]:
+    def of_two(self, y: Floats, weight: Floats) -> list[Start]:
         """Starting points of two contacts in one frame, best first.
 
         Args:
@@ -28,12 +29,7 @@ class AbstractSeveralSearch(abc.ABC):
 
     @abc.abstractmethod
     def of_one_more(
-        self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        parameters: NDArray[np.float64],
-        so: NDArray[np.float64],
-        known: int,
+        self, y: Floats, weight: Floats, parameters: Floats, so: Floats, known: int
     ) -> list[Start]:
         """Starting points of one contact beside those that a fit has, best first.
 
@@ -61,11 +57,11 @@ class AbstractNodeSearch(abc.ABC):
 
     def __init__(
         self,
-        loads: NDArray[np.float64],
-        readings: NDArray[np.float64],
-        rest: NDArray[np.float64],
-        places: NDArray[np.float64],
-        signatures: NDArray[np.float64],
+        loads: Floats,
+        readings: Floats,
+        rest: Floats,
+        places: Floats,
+        signatures: Floats,
         *,
         levels: int,
         separate: float,
@@ -82,7 +78,7 @@ class AbstractNodeSearch(abc.ABC):
         self._squares = self._change**2
         self._forbidden = np.where(self.known, 0.0, np.inf).astype(np.float32)
 
-    def costs(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float32]:
+    def costs(self, y: Floats, weight: Floats) -> NDArray[np.float32]:
         """Weighted squares of y less every node, but for a constant a frame [frame, node]."""
         moved = (weight * (y - self.rest)).astype(np.float32)
         cost = weight.astype(np.float32) @ self._squares
@@ -91,15 +87,13 @@ class AbstractNodeSearch(abc.ABC):
         return np.asarray(cost)
 
     @abc.abstractmethod
-    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance(self, a: Floats, b: Floats) -> Floats:
         """Between places [..., coordinate], in radians in plane strain, in metres on a pad.
 
         Coordinates after those of places don't count.
         """
 
-    def nearest(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def nearest(self, y: Floats, weight: Floats) -> tuple[Rows, Rows]:
         """The nearest node of every frame, and the nearest of those far from it, or -1."""
         cost = self.costs(y, weight).reshape(len(y), -1, self.levels)
         frame = np.arange(len(y))
@@ -114,9 +108,7 @@ class AbstractNodeSearch(abc.ABC):
         other = np.where(close, second * self.levels + row[frame, second], -1)
         return first * self.levels + row[frame, first], other
 
-    def minima(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64], most: int, within: float
-    ) -> NDArray[np.intp]:
+    def minima(self, y: Floats, weight: Floats, most: int, within: float) -> Rows:
         """The nodes of the lowest minima of one frame over the skin, best first.
 
         Args:
@@ -136,24 +128,22 @@ class AbstractNodeSearch(abc.ABC):
         return np.array(chosen, np.intp)
 
     @abc.abstractmethod
-    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
+    def nearest_to(self, parameters: Floats, contacts: int) -> Rows:
         """Nodes nearest to the first contacts of some parameters [frame, parameter]."""
 
     @abc.abstractmethod
-    def near(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64], node: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
+    def near(self, y: Floats, weight: Floats, node: Rows) -> Floats:
         """Place and force near some nodes that explain frames better [frame, parameter]."""
 
     @abc.abstractmethod
-    def states(self, node: NDArray[np.intp]) -> State:
+    def states(self, node: Rows) -> State:
         """Equilibria of some nodes, a lane each."""
 
     @abc.abstractmethod
     def rest_states(self, frames: int) -> State:
         """The undeformed state, a lane a frame."""
 
-    def apart(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def apart(self, a: Floats, b: Floats) -> Flags:
         """Whether single contacts are different modes [frame]."""
         return np.asarray(self.distance(a, b) > self.separate)
 

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.model.evaluation import at_rest
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from fitting.inverse_load.search.table import LoadTable
@@ -22,7 +22,7 @@ _STARTS = 3
 _SUPERPOSITION = 0.05  # its relative error
 _LEAST, _MOST = 0.5, 2.0  # scales of a node's change
 
-Distance = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]]
+Distance = Callable[[Floats, Floats], Floats]
 """Distance between places [..., coordinate]; coordinates after those of places don't count."""
 
 APART = np.deg2rad(10.0)
@@ -48,8 +48,8 @@ class PairSearch(AbstractSeveralSearch):
     def __init__(
         self,
         nodes: AbstractNodeSearch,
-        thinned: NDArray[np.intp],
-        stray: NDArray[np.float64],
+        thinned: Rows,
+        stray: Floats,
         distance: Distance,
         *,
         closest: float,
@@ -64,10 +64,10 @@ class PairSearch(AbstractSeveralSearch):
         self._distance = distance(self._loads[:, None], self._loads[None])
         self._closest, self._apart = closest, apart
 
-    def _reciprocal(self, so: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _reciprocal(self, so: Floats) -> Floats:
         return np.asarray(1 / np.maximum(so - self._stray, 1e-3))
 
-    def of_two(self, y: NDArray[np.float64], weight: NDArray[np.float64]) -> list[Start]:
+    def of_two(self, y: Floats, weight: Floats) -> list[Start]:
         """See the base class."""
         used, u, variance = self._measured(y, weight)
         change = u - self._rest
@@ -92,12 +92,7 @@ class PairSearch(AbstractSeveralSearch):
         return chosen
 
     def of_one_more(
-        self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        parameters: NDArray[np.float64],
-        so: NDArray[np.float64],
-        known: int,
+        self, y: Floats, weight: Floats, parameters: Floats, so: Floats, known: int
     ) -> list[Start]:
         """See the base class."""
         used, u, variance = self._measured(y, weight)
@@ -127,9 +122,7 @@ class PairSearch(AbstractSeveralSearch):
         return used, u, u**4 / np.where(used, weight, 1.0)
 
 
-def _scaled(
-    products: NDArray[np.float64], along: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _scaled(products: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Scales of the nodes of all pairs and what is left, but for a constant.
 
     Args:
@@ -158,12 +151,7 @@ def _start(loads: Any, node: Any) -> Start:
 
 
 class NodeSearch(AbstractNodeSearch):
-    """The coarse search of one skin in plane strain.
-
-    Args:
-        skin: the skin.
-        table: states under one radial contact.
-    """
+    """The coarse search of one skin in plane strain."""
 
     def __init__(self, skin: Skin, table: LoadTable) -> None:
         self._skin, self._table = skin, table
@@ -180,7 +168,7 @@ class NodeSearch(AbstractNodeSearch):
             separate=APART,
         )
 
-    def states(self, node: NDArray[np.intp]) -> State:
+    def states(self, node: Rows) -> State:
         """See the base class."""
         return self._table.start(node)
 
@@ -188,7 +176,7 @@ class NodeSearch(AbstractNodeSearch):
         """See the base class."""
         return at_rest(self._skin, frames)
 
-    def distance(self, a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def distance(self, a: Floats, b: Floats) -> Floats:
         """Between angles [..., (angle, ...)] [rad]."""
         return np.asarray(np.abs(a[..., 0] - b[..., 0]))
 
@@ -208,7 +196,7 @@ class NodeSearch(AbstractNodeSearch):
             apart=_ONE_START,
         )
 
-    def nearest_to(self, parameters: NDArray[np.float64], contacts: int) -> NDArray[np.intp]:
+    def nearest_to(self, parameters: Floats, contacts: int) -> Rows:
         """See the base class; the lightest of an angle where there is no state."""
         forces = self._table.forces
         angle, force = parameters[:, 0], parameters[:, contacts]
@@ -217,9 +205,7 @@ class NodeSearch(AbstractNodeSearch):
         lightest = j * forces.shape[1]
         return np.where(self.known[lightest + i], lightest + i, lightest)
 
-    def near(
-        self, y: NDArray[np.float64], weight: NDArray[np.float64], node: NDArray[np.intp]
-    ) -> NDArray[np.float64]:
+    def near(self, y: Floats, weight: Floats, node: Rows) -> Floats:
         """Angle and force near some nodes, by the table's own slopes and curvatures.
 
         Gauss-Newton on the Taylor polynomial of the readings about the node: it costs

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.model.evaluation import at_rest, read_program
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.equilibrium.equilibrium import State
@@ -45,21 +45,21 @@ class LoadTable:
             where none does.
     """
 
-    angles: NDArray[np.float64]
-    forces: NDArray[np.float64]
-    so: NDArray[np.float64]
-    rest: NDArray[np.float64]
-    q: NDArray[np.float64]
-    pressure: NDArray[np.float64]
-    first_contact: NDArray[np.float64]
+    angles: Floats
+    forces: Floats
+    so: Floats
+    rest: Floats
+    q: Floats
+    pressure: Floats
+    first_contact: Floats
 
     @property
-    def nodes(self) -> NDArray[np.float64]:
+    def nodes(self) -> Floats:
         """Readings node by node [angle*force, taxel]."""
         return self.so.reshape(-1, self.so.shape[-1])
 
     @property
-    def signatures(self) -> NDArray[np.float64]:
+    def signatures(self) -> Floats:
         """Change of readings per newton of a light contact [angle, taxel]."""
         return (self.so[:, 0] - self.rest) / self.forces[:, :1]
 
@@ -70,7 +70,7 @@ class LoadTable:
         return float(self.angles[1] - self.angles[0]), float(np.log(ratio))
 
     @functools.cached_property
-    def taylor(self) -> NDArray[np.float64]:
+    def taylor(self) -> Floats:
         """Readings about every node [angle*force, term, taxel].
 
         Terms: value, slopes by angle and by log force (in `steps`), then the second
@@ -89,7 +89,7 @@ class LoadTable:
         terms = np.stack([self.so, by_a, by_f, aa, af, ff], 2)
         return np.nan_to_num(terms.reshape(-1, 6, self.so.shape[-1]))
 
-    def start(self, node: NDArray[np.intp]) -> State:
+    def start(self, node: Rows) -> State:
         """States of some nodes, a lane each."""
         q = self.q.reshape(-1, *self.q.shape[2:])[node]
         ones = np.ones(len(node))
@@ -108,7 +108,7 @@ def table_of(
 ) -> LoadTable:
     """The table of a skin, from the cache where it is there."""
 
-    def built() -> dict[str, NDArray[np.float64]]:
+    def built() -> dict[str, Floats]:
         progress("building the table of solved states")
         return vars(build_table(skin))
 

@@ -1,4 +1,4 @@
-"""What material cards share: units, name, density, and the terms of polynomial laws."""
+"""Settings of material cards: units, name, density; and the terms of polynomial laws."""
 
 import dataclasses
 import re

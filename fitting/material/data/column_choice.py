@@ -1,4 +1,4 @@
-"""Which columns mean what, and belong to which specimen, where their names alone do not say.
+"""Columns that the user names, and columns of specimens that stand side by side.
 
 The user names a quantity, then a column by its number or its name, and a unit where the file
 states none: `--columns "force=3,extension=5 mm"`. That column is then called as the quantity

@@ -1,4 +1,4 @@
-"""What a column of a data file measures, read off its name: quantity, direction, unit."""
+"""Meaning of a data file's column, read off its name: quantity, direction, unit."""
 
 import re
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""What is raised when a data file can't be used."""
+"""The error of a data file that can't be used."""
 
 
 class DataError(ValueError):

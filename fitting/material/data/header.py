@@ -1,4 +1,4 @@
-"""What the rows above a table say about the test: keys with values, and specimens' sizes.
+"""Header of a table: keys with values, and specimens' sizes, in the rows above it.
 
 Read are comments (`# width: 6 mm`), rows of a key, a value and perhaps its unit, several
 such in a row, and small tables of results whose columns are sizes of the specimens.
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from fitting.material.data.cells import Cells
 from fitting.material.data.column_names import plain_words
 from fitting.material.data.columns import SIZES, is_unit, split_specimen, understand
-from fitting.material.data.layout import Layout, with_unit
+from fitting.material.data.layout import TableLayout, with_unit
 from fitting.material.data.numbers import decimal_mark, looks_numeric, number
 
 _META = re.compile(r"^\s*([^\W\d][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
@@ -54,7 +54,7 @@ class Header:
         return {**named, **self.metadata}
 
 
-def read_header(cells: Cells, layout: Layout | None) -> Header:
+def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     """Read the rows of a sheet that are no table of readings."""
     rows = cells.rows if layout is None else [cells.rows[i] for i in layout.head]
     decimal = decimal_mark(cell for row in cells.rows[:2000] for cell in row)

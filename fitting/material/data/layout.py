@@ -1,4 +1,4 @@
-"""Where the table stands in the cells of a file: names, units, rows of numbers.
+"""TableLayout of a file: names, units and rows of numbers of the table in its cells.
 
 Machines write reports: rows about the test, tables of results, and one table of readings. The
 table of readings is the longest run of rows with numbers under a row of names of which some
@@ -17,7 +17,7 @@ _HEAD_ROWS = 4  # of names and units above a table
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class TableLayout:
     """The parts of a sheet.
 
     Attributes:
@@ -45,7 +45,7 @@ class Layout:
         return sum(_is_known(name, unit) for name, unit in pairs)
 
 
-def find_table(file: str, cells: Cells, *, named: bool) -> Layout:
+def find_table(file: str, cells: Cells, *, named: bool) -> TableLayout:
     """Find the table of readings.
 
     Args:
@@ -105,7 +105,7 @@ def _runs(kinds: list[str]) -> list[tuple[int, int]]:
     return found
 
 
-def _above(cells: Cells, kinds: list[str], first: int, last: int) -> Layout:
+def _above(cells: Cells, kinds: list[str], first: int, last: int) -> TableLayout:
     """The table of a run of numbers, with the names and units above it."""
     rows = cells.rows
     words = []
@@ -123,7 +123,7 @@ def _above(cells: Cells, kinds: list[str], first: int, last: int) -> Layout:
         width = max(len(rows[i]) for i in body)
         blank = [""] * width
         units = _filled([unit.strip("()[]{}<> ") for unit in units], width)
-        return Layout([], units, blank, body, [], list(range(first)), cells.lines[first])
+        return TableLayout([], units, blank, body, [], list(range(first)), cells.lines[first])
     names = list(rows[best])
     while names and not names[-1]:
         names.pop()
@@ -134,10 +134,12 @@ def _above(cells: Cells, kinds: list[str], first: int, last: int) -> Layout:
         groups = _spread(_filled(rows[best - 1], len(names)))
         taken.add(best - 1)
     head = [i for i in range(first) if i not in taken]
-    return Layout(names, _filled(shown, len(names)), groups, body, [], head, cells.lines[best])
+    return TableLayout(
+        names, _filled(shown, len(names)), groups, body, [], head, cells.lines[best]
+    )
 
 
-def _continued(cells: Cells, kinds: list[str], table: Layout) -> Layout:
+def _continued(cells: Cells, kinds: list[str], table: TableLayout) -> TableLayout:
     """The table with what follows after rows of words, such as repeated names."""
     rows = cells.rows
     pattern = _numbers_in(rows[table.body[len(table.body) // 2]])

@@ -18,7 +18,7 @@ from fitting.material.data.column_choice import renamed, side_by_side
 from fitting.material.data.columns import split_specimen
 from fitting.material.data.errors import DataError
 from fitting.material.data.header import Header, read_header
-from fitting.material.data.layout import Layout, find_table, with_unit
+from fitting.material.data.layout import TableLayout, find_table, with_unit
 from fitting.material.data.numbers import decimal_mark, number
 
 _SAMPLED = 2000  # rows that tell the decimal mark
@@ -119,13 +119,13 @@ class _Part:
     remarks: list[str]
 
 
-def _signature(layout: Layout) -> tuple[str, ...]:
+def _signature(layout: TableLayout) -> tuple[str, ...]:
     return tuple(map(with_unit, layout.names, layout.units))
 
 
 def _others(
-    sheets: list[Cells], found: list[tuple[Cells, Layout]]
-) -> list[tuple[Cells, Layout | None]]:
+    sheets: list[Cells], found: list[tuple[Cells, TableLayout]]
+) -> list[tuple[Cells, TableLayout | None]]:
     """Sheets without a table of readings; they may state the specimens' sizes."""
     taken = [id(cells) for cells, _ in found]
     return [(cells, None) for cells in sheets if id(cells) not in taken]
@@ -134,7 +134,7 @@ def _others(
 def _part(
     file: str,
     cells: Cells,
-    layout: Layout,
+    layout: TableLayout,
     columns: Mapping[str, str],
     sheet: str,
     *,

@@ -95,9 +95,6 @@ class HistoryTest(StressTest):
 def with_history(data: Dataset) -> HistoryTest:
     """A test that remembers.
 
-    Args:
-        data: a test of homogeneous deformation.
-
     Raises:
         DataError: the test is of another kind, or its times are not complete or negative.
     """

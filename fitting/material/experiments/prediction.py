@@ -1,4 +1,4 @@
-"""What a law predicts for a test: the forward model of a calibration of a material.
+"""Predictions of a law for a test: the forward model of a calibration of a material.
 
 A homogeneous test reads a linear combination of the two Kirchhoff stresses at a known
 state, c₁ τ₁(e₁, e₂) + c₂ τ₂(e₁, e₂): stress measure, direction and geometry of the test

@@ -1,4 +1,4 @@
-"""What is understood of a data file, before anything is fitted."""
+"""Preview of a data file: what is understood of it, before anything is fitted."""
 
 import os
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""Which readings of a test are fitted: one cycle, up to the break, and not too many."""
+"""Selection of the readings that are fitted: one cycle, up to the break, not too many."""
 
 import dataclasses
 import itertools

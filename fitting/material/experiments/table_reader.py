@@ -1,4 +1,4 @@
-"""What a specimen was subjected to and what was measured, from the columns of a table."""
+"""Reader of a specimen's table: what it was subjected to, and what was measured."""
 
 import contextlib
 import dataclasses

@@ -1,4 +1,4 @@
-"""How a curve of tension or compression begins: slack that carries nothing, and a toe.
+"""Start of a curve of tension or compression: slack that carries nothing, and a toe.
 
 Rubber is steepest at rest. A curve on which readings do not rise at first is of a specimen that
 hung slack, and one that grows steeper from rest has a toe, in which the specimen or its grips

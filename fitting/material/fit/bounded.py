@@ -9,10 +9,9 @@ from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
-from scipy import optimize
 
 from fitting.material.laws.parameters import AbstractFamily
-from fitting.statistics.least_squares import CONVERGED, Minima
+from fitting.statistics.least_squares import CONVERGED, Minima, judged, solved_by_scipy
 from fitting.statistics.residuals import AbstractResiduals, sensitivity
 
 _AT_BOUND = 1e-6
@@ -95,34 +94,26 @@ def _solve(
     size = np.maximum(np.abs(point), 1e-6 * np.max(np.abs(point)))
     size = np.where(np.isfinite(high - low), np.maximum(size, 1e-3 * (high - low)), size)
 
-    def linearised(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(q * size)))
-        finite = np.isfinite(r)
-        return np.where(finite, r, 1e6), np.where(finite[:, None], J * size, 0.0)
+    def scaled(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r, J = sensitivity(residuals, jnp.asarray(q * size))
+        return np.asarray(r), np.asarray(J) * size
 
     margin = np.where(np.isfinite(high - low), 1e-3 * (high - low), 1e-3 * size)
-    start = np.clip(point, low + margin, high - margin) / size
-    q = optimize.least_squares(
-        lambda q: linearised(q)[0],
-        start,
-        jac=lambda q: linearised(q)[1],
+    exact = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 1e-14, "max_nfev": 4000}
+    run = solved_by_scipy(
+        scaled,
+        np.clip(point, low + margin, high - margin) / size,
         bounds=(low / size, high / size),
         method="trf",
-        xtol=1e-14,
-        ftol=1e-14,
-        gtol=1e-14,
-        max_nfev=4000,
-    ).x
-    constants = np.clip(q * size, low, high)
-    r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
-    cost = 0.5 * float(r @ r)
+        **exact,
+    )
+    constants = np.clip(run.x * size, low, high)
+    r, J = scaled(constants / size)
     # At a bound only a step back into the box counts.
-    slope = (J * size).T @ r
+    slope = J.T @ r
     reach = _AT_BOUND * np.maximum(np.abs(constants), 1e-12)
     free = ~((constants - low <= reach) & (slope > 0.0)) & ~(
         (high - constants <= reach) & (slope < 0.0)
     )
-    u, s, _ = np.linalg.svd((J * size)[:, free], full_matrices=False)
-    along = np.abs(u.T @ r)
-    decrease = np.where(along <= s, 0.5 * along**2, s * along - 0.5 * s**2)
-    return constants, cost, float(np.sum(decrease)) / cost if cost > 0.0 else 0.0
+    cost, decrease = judged(jnp.asarray(r), jnp.asarray(J[:, free]))
+    return constants, float(cost), float(decrease)

@@ -8,13 +8,12 @@ cheap model that has the shape of a curved valley is followed along it in a few 
 steps on the costly residuals alone creep there.
 """
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
-import scipy.optimize
 from jaxtyping import Float
 
+from fitting.statistics.least_squares import solved_by_scipy
 from fitting.statistics.residuals import AbstractResiduals, by_theta
 
 # The radius, largest change of a parameter: first, over that of a step that failed, and by how
@@ -23,7 +22,7 @@ _RADIUS, _FAILED = 1.0, 0.3
 _GOOD, _POOR, _FACTOR = 0.75, 0.25, 2.0
 # Predicted gain, relative to the cost, that is not worth an evaluation.
 _ENOUGH = 1e-8
-_CHEAP_STEPS, _IMPOSSIBLE = 100, 1e6
+_CHEAP_STEPS = 100
 
 
 def minimise_corrected(
@@ -69,7 +68,7 @@ def _cost(r: np.ndarray, J: np.ndarray) -> float:
     return 0.5 * float(r @ r) if np.all(np.isfinite(r)) and np.all(np.isfinite(J)) else np.inf
 
 
-_Model = Callable[[bytes], tuple[np.ndarray, np.ndarray]]
+_Model = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def _corrected(
@@ -81,24 +80,18 @@ def _corrected(
         return None
     offset, slope = r - r_cheap, J - J_cheap
 
-    @functools.lru_cache(maxsize=2)
-    def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
-        theta = np.frombuffer(key)
-        with np.errstate(all="ignore"):
-            value, derivative = by_theta(cheap, theta)
-        value, derivative = value + offset + slope @ (theta - best), derivative + slope
-        finite = np.isfinite(value) & np.all(np.isfinite(derivative), axis=1)
-        return np.where(finite, value, _IMPOSSIBLE), np.where(finite[:, None], derivative, 0.0)
+    def at(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        value, derivative = by_theta(cheap, theta)
+        return value + offset + slope @ (theta - best), derivative + slope
 
     return at
 
 
 def _least(at: _Model, best: np.ndarray, radius: float) -> tuple[np.ndarray, float]:
     """The corrected model's minimum within a radius of the best point: parameters and cost."""
-    run = scipy.optimize.least_squares(
-        lambda x: at(x.tobytes())[0],
+    run = solved_by_scipy(
+        at,
         best,
-        lambda x: at(x.tobytes())[1],
         bounds=(best - radius, best + radius),
         xtol=1e-12,
         ftol=1e-12,

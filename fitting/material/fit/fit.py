@@ -236,13 +236,13 @@ def _bounded(
 ) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
     """The minimum inside hard bounds; see `minimise_in_box`."""
     family = problem.residuals.family
-    try:
-        return minimise_in_box(problem.residuals, family, constants, others, bounds)
-    except np.linalg.LinAlgError as error:
+    found = minimise_in_box(problem.residuals, family, constants, others, bounds)
+    if not np.isfinite(found[1].cost[0]):
         raise NoFit(
             f"{family.title}: --bound leaves no constants with finite stresses for all "
             f"readings; widen the bounds, or choose another law"
-        ) from error
+        )
+    return found
 
 
 def _is_mended(suspect: Suspect, zero: Sequence[str]) -> bool:

@@ -22,7 +22,7 @@ from jaxtyping import Array
 
 from fitting.material.fit.problem import settle
 from fitting.material.fit.result import MaterialFit
-from fitting.statistics.chain import Posterior
+from fitting.statistics.chain import Posterior, constants_report
 from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
 from fitting.statistics.residuals import sensitivity
@@ -75,20 +75,10 @@ class MaterialPosterior:
         family, posterior = self.fit.family, self.posterior
         theta = posterior.samples
         constants = self.constants(theta)
-        low95, low, middle, high, high95 = np.percentile(constants, _QUANTILES, axis=0)
-        covariance = np.atleast_2d(np.cov(constants.T))
         moduli = np.asarray(_moduli(self.fit.problem.residuals, jnp.asarray(constants)))
         share = theta.std(axis=0)[: family.size] / family.prior_deviation
         report: dict[str, Any] = {
-            "parameters": family.tree(middle.tolist()),
-            "mean": family.tree(constants.mean(axis=0).tolist()),
-            "standard_deviations": family.tree(np.sqrt(np.diagonal(covariance)).tolist()),
-            "covariance": covariance.tolist(),
-            "covariance_order": list(family.names),
-            "intervals": {
-                "68": family.tree(np.stack([low, high], axis=1).tolist()),
-                "95": family.tree(np.stack([low95, high95], axis=1).tolist()),
-            },
+            **constants_report(constants, family.names, _QUANTILES, family.tree),
             "shear_modulus_Pa": dict(
                 zip(
                     ("low95", "low68", "median", "high68", "high95"),
@@ -104,20 +94,9 @@ class MaterialPosterior:
             ],
             "warnings": self._warnings(),
             "laplace": self._laplace(),
-            "agreement": posterior.agreement,
-            "steps": posterior.steps,
-            "walkers": posterior.chain.shape[1],
-            "burn_in": posterior.burn_in,
-            "autocorrelation_time": dict(
-                zip(posterior.names, posterior.tau.tolist(), strict=True)
-            ),
-            "effective_samples": float(np.min(posterior.effective_samples)),
-            "acceptance": posterior.acceptance,
+            **posterior.report,
             "evaluations": posterior.evaluations,
             "evaluations_per_s": posterior.evaluations / max(posterior.seconds, 1e-9),
-            "converged": posterior.converged,
-            "status": "converged" if posterior.converged else "not_converged",
-            "message": posterior.message,
         }
         if not self.noise_known:
             spread = np.percentile(np.exp(theta[:, -1]), _QUANTILES)

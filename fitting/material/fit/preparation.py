@@ -1,4 +1,4 @@
-"""Which readings of the data are fitted, and what their curves alone show."""
+"""Preparation of the data of a fit: readings that are kept, artefacts that curves show."""
 
 from collections.abc import Mapping, Sequence
 

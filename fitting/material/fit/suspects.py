@@ -6,12 +6,11 @@ remains is noise.
 """
 
 import dataclasses
-import functools
 from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from scipy import optimize, stats
+from scipy import stats
 
 from fitting.material.experiments.artefacts import Suspect, percent_suspect
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
@@ -21,6 +20,7 @@ from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
 from fitting.material.laws.parameters import AbstractFamily
+from fitting.statistics.least_squares import solved_by_scipy
 from fitting.statistics.residuals import by_theta, sensitivity
 
 _CHANCE = 1e-4
@@ -158,15 +158,16 @@ def _refit_with(
     theta[size:] = np.where(part, np.asarray(zeros.start), 0.0)
     moved = np.append(np.ones(size, dtype=bool), part)
 
-    @functools.lru_cache(maxsize=2)
-    def at(key: bytes) -> tuple[np.ndarray, np.ndarray]:
+    def whole_of(x: np.ndarray) -> np.ndarray:
         whole = theta.copy()
-        whole[moved] = np.clip(np.frombuffer(key), -_FARTHEST, _FARTHEST)
-        r, J = by_theta(residuals, whole)
-        good = np.all(np.isfinite(J), axis=1) & np.isfinite(r)
-        return np.where(good, r, 1e3), np.where(good[:, None], J, 0.0)[:, moved]
+        whole[moved] = np.clip(x, -_FARTHEST, _FARTHEST)
+        return whole
 
-    best = None
+    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        r, J = by_theta(residuals, whole_of(x))
+        known = np.all(np.isfinite(J), axis=1)  # by the parameters that are held, too
+        return np.where(known, r, np.nan), J[:, moved]
+
     none = np.zeros(int(part.sum()))
     kinds = np.array(zeros.kinds)[part]
     # A machine that takes a tenth, or a third, of the travel.
@@ -175,20 +176,9 @@ def _refit_with(
     starts = [theta[moved], np.append(theta[:size], none)]
     if np.any(share):
         starts += [np.append(theta[:size], times * share) for times in (0.3, 1.0)]
-    for start in starts:
-        run = optimize.least_squares(
-            lambda x: at(x.tobytes())[0],
-            start,
-            lambda x: at(x.tobytes())[1],
-            method="lm",
-            max_nfev=40,
-        )
-        if best is None or run.cost < best.cost:
-            best = run
-    assert best is not None
-    whole = theta.copy()
-    whole[moved] = np.clip(best.x, -_FARTHEST, _FARTHEST)
-    point = np.asarray(residuals.constants(jnp.asarray(whole)))
+    runs = [solved_by_scipy(at, start, 1e3, method="lm", max_nfev=40) for start in starts]
+    best = min(runs, key=lambda run: run.cost)
+    point = np.asarray(residuals.constants(jnp.asarray(whole_of(best.x))))
     _, J = (np.asarray(y) for y in sensitivity(residuals, jnp.asarray(point)))
     J = J[:, moved] * np.maximum(np.abs(point[moved]), 1e-300)
     spare = max(int(residuals.used.sum()) - int(moved.sum()), 1)

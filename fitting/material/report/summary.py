@@ -20,11 +20,7 @@ _LIMITS = {("gent", "Jm"): "neo-Hookean", ("arruda-boyce", "lambda_m"): "neo-Hoo
 
 
 def material_report(fit: MaterialFit) -> dict[str, Any]:
-    """The JSON of `suas fit material`.
-
-    Args:
-        fit: the fitted law.
-    """
+    """The JSON of `suas fit material`."""
     family, judged = fit.family, fit.uncertainty
     aicc, bic = fit.criteria
     size = family.law_size

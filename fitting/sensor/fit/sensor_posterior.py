@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.result import SensorFit
-from fitting.statistics.chain import Posterior
+from fitting.statistics.chain import Posterior, constants_report
 from fitting.statistics.log_probability import Gaussian
 from fitting.statistics.posterior import Settings, sample
 
@@ -25,11 +25,6 @@ def sample_sensor(
     The noise is what the residuals showed, the priors are those of the fit: they are
     residuals like the readings, Gaussian in the constants. Priors on parameters without one
     are flat in theta, which is flat in the logarithm of a positive constant.
-
-    Args:
-        fit: the calibration.
-        settings: of the sampler.
-        progress: see `posterior.sample`.
 
     Returns:
         The chain in theta, and its summary: the key "posterior" of the report.
@@ -62,30 +57,11 @@ def sample_sensor(
     with np.errstate(invalid="ignore"):
         chain = sample(jax.vmap(one), start, family.names, settings, key=key, progress=progress)
     constants = np.asarray(jax.vmap(family.constants)(jnp.asarray(chain.samples)))
-    low95, low, middle, high, high95 = np.percentile(constants, _QUANTILES, axis=0)
 
-    def by_name(values: np.ndarray) -> dict[str, Any]:
-        return dict(zip(family.names, values.tolist(), strict=True))
+    def by_name(values: Any) -> dict[str, Any]:
+        return dict(zip(family.names, values, strict=True))
 
-    covariance = np.atleast_2d(np.cov(constants.T))
     return chain, {
-        "parameters": by_name(middle),
-        "mean": by_name(constants.mean(axis=0)),
-        "standard_deviations": by_name(np.sqrt(np.diagonal(covariance))),
-        "covariance": covariance.tolist(),
-        "covariance_order": list(family.names),
-        "intervals": {
-            "68": by_name(np.stack([low, high], axis=1)),
-            "95": by_name(np.stack([low95, high95], axis=1)),
-        },
-        "agreement": chain.agreement,
-        "steps": chain.steps,
-        "walkers": chain.chain.shape[1],
-        "burn_in": chain.burn_in,
-        "autocorrelation_time": by_name(chain.tau),
-        "effective_samples": float(np.min(chain.effective_samples)),
-        "acceptance": chain.acceptance,
-        "converged": chain.converged,
-        "status": "converged" if chain.converged else "not_converged",
-        "message": chain.message,
+        **constants_report(constants, family.names, _QUANTILES, by_name),
+        **chain.report,
     }

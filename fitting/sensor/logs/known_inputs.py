@@ -118,10 +118,6 @@ def understood(name: str, where: str) -> tuple[Key, float] | None:
 def from_columns(columns: Mapping[str, Iterable[object]], where: str) -> Known:
     """Known inputs among some columns.
 
-    Args:
-        columns: values by name, all of one length.
-        where: file, for messages.
-
     Raises:
         ValueError: naming file, column, value and what is allowed.
     """

@@ -1,6 +1,7 @@
 """Known loads of an experiment: their place, and force or displacement."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 
@@ -35,25 +36,17 @@ class KnownLoads:
 
     def take(self, index: np.ndarray) -> "KnownLoads":
         """Some of the states."""
-        return KnownLoads(
-            self.angle[:, index],
-            self.turn[:, index],
-            self.force[:, index],
-            self.displacement[:, index],
-            self.inner,
-            self.axial[:, index],
-            self.diameter[:, index],
-        )
+        return self._by_state(lambda values: values[:, index])
 
     def with_rest(self) -> "KnownLoads":
         """One more state, without loads."""
-        zero = np.zeros((len(self.angle), 1))
-        return KnownLoads(
-            np.concatenate([self.angle, zero], 1),
-            np.concatenate([self.turn, zero], 1),
-            np.concatenate([self.force, zero], 1),
-            np.concatenate([self.displacement, np.nan * zero], 1),
-            self.inner,
-            np.concatenate([self.axial, zero], 1),
-            np.concatenate([self.diameter, zero], 1),
+        more = self._by_state(lambda values: np.pad(values, ((0, 0), (0, 1))))
+        more.displacement[:, -1] = np.nan
+        return more
+
+    def _by_state(self, change: Callable[[np.ndarray], np.ndarray]) -> "KnownLoads":
+        """The same loads in other states."""
+        names = (field.name for field in dataclasses.fields(self) if field.name != "inner")
+        return dataclasses.replace(
+            self, **{name: change(getattr(self, name)) for name in names}
         )

@@ -1,4 +1,4 @@
-"""From electrical and material constants to counts, state by state.
+"""Counts of a skin from its electrical and material constants, state by state.
 
 The membrane's shape under known loads does not depend on the electrodes: it is computed
 once, and the counts follow from it in microseconds. Constants that do move the membrane

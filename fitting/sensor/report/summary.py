@@ -1,20 +1,23 @@
 """A sensor calibration as JSON, and for people: tables, what is not known, and warnings."""
 
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
+from fitting.report.description import (
+    Headline,
+    Part,
+    Remark,
+    ReportTable,
+    print_parts,
+    quantity_text,
+)
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.constants import PATHS
 from suas_jax.acquisition.terminal import new_console
-from suas_jax.config.quantities import format_quantity
 from suas_jax.sensing.taxels import taxel_names
-
-_DIMENSIONS = {"m": "length", "F": "capacitance", "Pa": "stress"}
 
 
 def sensor_report(fit: SensorFit) -> dict[str, Any]:
@@ -112,74 +115,45 @@ def _taxels(
 
 
 def print_report(report: dict[str, Any], fit: SensorFit) -> None:
-    """Print what was found.
+    """Print what was found."""
+    print_parts(new_console(highlight=False), [*_described(report, fit)])
 
-    Args:
-        report: the JSON of `suas fit sensor`.
-        fit: the calibration it came from.
-    """
-    console = new_console(highlight=False)
-    colour = "green" if fit.status == "converged" else "yellow"
+
+def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
+    """The report in parts."""
     residual = report["residual"]
-    console.print(
-        f"[{colour}]{fit.status}[/] {residual['n']} readings of "
-        f"{sum(1 for t in report['taxels'] if t['n'])} taxels, RMS residual "
-        f"{residual['rms_counts']:.3g} counts, condition number "
-        f"{report['condition_number']:.3g}"
+    yield Headline(
+        fit.status,
+        f"{residual['n']} readings of {sum(1 for t in report['taxels'] if t['n'])} taxels, RMS "
+        f"residual {residual['rms_counts']:.3g} counts, condition number "
+        f"{report['condition_number']:.3g}",
+        fit.status == "converged",
     )
-    table = Table()
-    table.add_column("constant", no_wrap=True)
-    for heading in ("value", "standard error", "95 % interval"):
-        table.add_column(heading, overflow="fold")
-    table.add_column("prior")
+    rows = []
     for name, value in report["parameters"].items():
-        unit = report["units"][name]
-        low, high = report["intervals"]["95"][name]
-        prior = report["priors"].get(name)
-        table.add_row(
-            name,
-            _text(value, unit),
-            _text(report["standard_errors"][name], unit),
-            f"{_text(low, unit)} to {_text(high, unit)}",
-            f"{_text(prior['mean'], unit)} +- {_text(prior['sd'], unit)}: {prior['reason']}"
-            if prior
-            else "none",
-        )
-    console.print(table)
-    ratio = report.get("permittivity_per_gap")
-    if ratio:
-        console.print(
-            f"permittivity / gap: {ratio['value']:.6g} +- {ratio['standard_error']:.2g} 1/m"
-        )
-    posterior = report.get("posterior")
-    if posterior:
-        _print_posterior(console, posterior, report["units"])
+        unit, error = report["units"][name], report["standard_errors"][name]
+        known = report["priors"].get(name)
+        numbers = [value, error, *report["intervals"]["95"][name]]
+        numbers += [known["mean"], known["sd"]] if known else []
+        found, sigma, low, high, *prior = (quantity_text(x, unit, 6) for x in numbers)
+        assumed = f"{prior[0]} +- {prior[1]}: {known['reason']}" if known else "none"
+        rows.append((name, found, sigma, f"{low} to {high}", assumed))
+    names = ("constant", "value", "standard error", "95 % interval", "prior")
+    yield ReportTable("Constants", names, rows)
+    if ratio := report.get("permittivity_per_gap"):
+        error = f"{ratio['standard_error']:.2g}"
+        yield Remark(f"permittivity / gap: {ratio['value']:.6g} +- {error} 1/m")
+    if posterior := report.get("posterior"):
+        good = posterior["status"] == "converged"
+        yield Headline(f"posterior {posterior['status']}", posterior["message"], good)
+        for name, value in posterior.get("parameters", {}).items():
+            numbers = [value, *posterior["intervals"]["95"][name]]
+            middle, low, high = (quantity_text(x, report["units"][name], 6) for x in numbers)
+            yield Remark(f"  {name}: {middle}, 95 % from {low} to {high}")
     for text in report["unidentifiable"]:
-        console.print(f"[yellow]not determined:[/] {escape(text)}")
+        yield Remark(text, "not determined")
     for row in report["masked"]:
-        console.print(
-            f"left out: module {row['module']}, taxel {row['taxel']}, {row['frames']} "
-            f"readings: {row['reason']}"
-        )
+        taxel = f"module {row['module']}, taxel {row['taxel']}"
+        yield Remark(f"left out: {taxel}, {row['frames']} readings: {row['reason']}")
     for text in report["warnings"]:
-        console.print(f"[yellow]warning:[/] {escape(text)}")
-
-
-def _print_posterior(
-    console: Console, posterior: dict[str, Any], units: dict[str, str]
-) -> None:
-    colour = "green" if posterior["status"] == "converged" else "yellow"
-    console.print(f"posterior: [{colour}]{posterior['status']}[/] {posterior['message']}")
-    for name, value in posterior.get("parameters", {}).items():
-        low, high = posterior["intervals"]["95"][name]
-        unit = units[name]
-        console.print(
-            f"  {name}: {_text(value, unit)}, 95 % from {_text(low, unit)} to "
-            f"{_text(high, unit)}"
-        )
-
-
-def _text(value: float, unit: str) -> str:
-    if unit in _DIMENSIONS and abs(value) > 0:
-        return format_quantity(value, _DIMENSIONS[unit])  # type: ignore[arg-type]
-    return f"{value:.6g}"
+        yield Remark(text, "warning")

@@ -63,13 +63,6 @@ def deform(
 ) -> Deformed:
     """Find the shape of the membrane in every state.
 
-    Args:
-        loads: what is known of the loads.
-        geometry: of the skin.
-        law: its material.
-        oil: how the fluid in the gap answers.
-        progress: called with the number of states done.
-
     Raises:
         NoDeformation: a state has no equilibrium, or its displacement is not met.
     """

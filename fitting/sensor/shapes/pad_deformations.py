@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from fitting.arrays import Floats
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.shapes.deformations import NoDeformation
 from suas_jax.constitutive import AbstractLaw
@@ -75,8 +76,8 @@ class PadDeformed:
     """
 
     face: TaxelFace
-    force: NDArray[np.float64]
-    displacement: NDArray[np.float64]
+    force: Floats
+    displacement: Floats
 
 
 def deform_pad(
@@ -87,13 +88,6 @@ def deform_pad(
     electrodes: Electrodes,
 ) -> PadDeformed:
     """Find the shape of the pad in every state.
-
-    Args:
-        loads: what is known of the loads.
-        geometry: of the pad.
-        law: its material.
-        oil: how the fluid in the gap answers.
-        electrodes: whose rays are followed.
 
     Raises:
         NoDeformation: a state has no equilibrium, or its displacement is not met.

@@ -17,7 +17,7 @@ from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
 from fitting.sensor.shapes.shape_slopes import shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
-    Correction,
+    SolidCorrection,
     corrected,
     corrections,
 )
@@ -86,7 +86,7 @@ class ShapeSolver:
         self._family, self._gap_of, self._progress = family, gap_of, progress
         self._shell = model == "shell" or (model == "auto" and data.simulated)
         self._air = self._answer_of(air)
-        self._corrections: list[Correction] | None = None
+        self._corrections: list[SolidCorrection] | None = None
         yields = data.spec.oil.yields or (self._air is not None and self._air.yields)
         self.moving = tuple(
             i

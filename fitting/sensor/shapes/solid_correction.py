@@ -38,7 +38,7 @@ _GRID = 721
 
 
 @dataclasses.dataclass(frozen=True)
-class Correction:
+class SolidCorrection:
     """Solid less shell for one place of one load.
 
     Attributes:
@@ -71,18 +71,8 @@ def corrections(
     law: AbstractLaw,
     oil: AbstractOil,
     progress: Callable[[str], None] = lambda text: None,
-) -> list[Correction] | None:
-    """Corrections for every place of a load; None where they can't be had cheaply.
-
-    Args:
-        spec: the skin.
-        loads: the known states.
-        shape: what the shell makes of them.
-        geometry: of the skin.
-        law: its material.
-        oil: how the oil answers.
-        progress: called with what is being done.
-    """
+) -> list[SolidCorrection] | None:
+    """Corrections for every place of a load; None where they can't be had cheaply."""
     if loads.angle.shape[0] != 1:
         return None
     moved = np.nan_to_num(shape.force[0]) != 0
@@ -108,7 +98,7 @@ def _correction(
     geometry: SkinGeometry,
     law: AbstractLaw,
     oil: AbstractOil,
-) -> Correction | None:
+) -> SolidCorrection | None:
     displacement, force = shape.displacement[0, here], shape.force[0, here]
     order = np.argsort(displacement)
     ends = min(displacement.min(), 0.0), max(displacement.max(), 0.0)
@@ -164,7 +154,7 @@ def _correction(
         height.append(np.asarray(more))
     scale = float(np.abs(shell.displacement).max())
     powers = (shell.displacement[0] / scale)[:, None] ** np.arange(1, count + 1)
-    return Correction(
+    return SolidCorrection(
         angle,
         turn,
         scale,
@@ -193,21 +183,12 @@ def _height_beyond(
 def corrected(
     shape: Deformed,
     loads: KnownLoads,
-    found: list[Correction],
+    found: list[SolidCorrection],
     geometry: SkinGeometry,
     law: AbstractLaw,
     oil: AbstractOil,
 ) -> Deformed:
-    """States with the corrections added; known displacements are met by the solid's.
-
-    Args:
-        shape: the shell's states.
-        loads: what is known.
-        found: from `corrections`.
-        geometry: of the skin.
-        law: its material.
-        oil: how the oil answers.
-    """
+    """States with the corrections added; known displacements are met by the solid's."""
     wanted = np.isfinite(loads.displacement[0])
     if wanted.any():
         less = loads.displacement.copy()
@@ -240,7 +221,7 @@ def corrected(
     return dataclasses.replace(shape, face=face, displacement=total)
 
 
-def _of(c: Correction, loads: KnownLoads, moved: np.ndarray) -> np.ndarray:
+def _of(c: SolidCorrection, loads: KnownLoads, moved: np.ndarray) -> np.ndarray:
     """Powers of the displacement in the states of a place, zero elsewhere [state, power]."""
     here = (loads.angle[0] == c.angle) & (loads.turn[0] == c.turn)
     return np.where(here[:, None], c.powers(np.where(here, moved, 0.0)), 0.0)

@@ -16,7 +16,7 @@ def page(package: str, template: str, **values: Any) -> str:
     Raises:
         jinja2.UndefinedError: a value is missing.
     """
-    loaders = [jinja2.PackageLoader(name, "") for name in (package, "fitting.html")]
+    loaders = [jinja2.PackageLoader(name, "") for name in (package, "fitting.report")]
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader(loaders),
         autoescape=True,

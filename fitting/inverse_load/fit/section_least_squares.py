@@ -8,6 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from fitting.inverse_load.fit.damped_step import (
+    FIRST_DAMPING,
+    GIVEN_UP,
+    Descent,
+    damped_step,
+    next_damping,
+)
 from fitting.inverse_load.model.evaluation import Evaluation, evaluate
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.numerics.array_types import Lanes
@@ -53,7 +60,7 @@ class Fit(NamedTuple):
 SETTLED = 1e-2
 """Decrease of chi2 below which a step is the last: it moves the estimate by less than a tenth
 of its standard deviation, so linearly that its end needn't be evaluated."""
-_FIRST_DAMPING, _RAISED_DAMPING, _GIVEN_UP = 1e-3, 1e-1, 1e8
+_RIDGE = 1e-12
 
 
 class _Walk(NamedTuple):
@@ -95,10 +102,9 @@ def fit_loads(
         new = _judged(skin, target, there, old.evaluation.state, contacts, wide)
         better = walk.live & (new.chi2 <= old.chi2)
         worse = walk.live & ~better
-        raised = jnp.maximum(10 * walk.damping, _RAISED_DAMPING)
-        damping = jnp.where(worse, raised, walk.damping / 10)
+        damping = next_damping(walk.damping, ~worse, jnp)
         settled = better & ~(new.predicted_decrease >= SETTLED)
-        lost = (better & ~jnp.isfinite(new.chi2)) | (worse & (damping > _GIVEN_UP))
+        lost = (better & ~jnp.isfinite(new.chi2)) | (worse & (damping > GIVEN_UP))
         live = walk.live & ~settled & ~lost
         fit = jax.tree.map(lambda x, y: jnp.where(better, x, y), new, old)
         return _Walk(fit, damping, live, walk.evaluations + 1)
@@ -107,7 +113,7 @@ def fit_loads(
     lanes = parameters.shape[-1]
     walk = _Walk(
         _nowhere(skin, parameters, start),
-        jnp.full(lanes, _FIRST_DAMPING),
+        jnp.full(lanes, FIRST_DAMPING),
         jnp.ones(lanes, bool),
         jnp.array(0),
     )
@@ -169,20 +175,8 @@ def _nowhere(skin: Skin, parameters: Array, start: State) -> Fit:
 
 def _step(fit: Fit, target: Target, damping: Array) -> tuple[Array, Array]:
     """Damped Gauss-Newton step [parameter, lane] and the decrease of chi2 that it predicts."""
-    # A parameter that presses against its bound stays there.
-    stuck = ((fit.parameters <= target.low) & (fit.gradient < 0)) | (
-        (fit.parameters >= target.high) & (fit.gradient > 0)
-    )
-    gradient = jnp.where(stuck, 0.0, fit.gradient)
-    scale = jnp.stack([row[i] for i, row in enumerate(fit.information)])
-    scale = jnp.sqrt(jnp.where(stuck | (scale <= 0), 1.0, scale))
-    free = ~(stuck[:, None] | stuck[None])
-    matrix = jnp.where(free, fit.information, 0.0) / (scale[:, None] * scale[None])
-    eye = jnp.eye(len(gradient))[..., None]
-    matrix = jnp.where(eye > 0, 1.0 + damping + 1e-12, matrix)
-    solution = _solve_spd(matrix, gradient / scale)
-    decrease = jnp.sum(solution * gradient / scale, 0)
-    return solution / scale, decrease
+    here = Descent(fit.parameters, fit.gradient, fit.information, target.low, target.high)
+    return damped_step(here, damping, _solve_spd, ridge=_RIDGE, xp=jnp)
 
 
 def _solve_spd(matrix: Float[Array, "n n lane"], right: Float[Array, "n lane"]) -> Array:

@@ -7,8 +7,15 @@ reach, and have diameters of the tables; a diameter that is estimated has a norm
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fitting.arrays import Floats
+from fitting.inverse_load.fit.damped_step import (
+    FIRST_DAMPING,
+    GIVEN_UP,
+    Descent,
+    damped_step,
+    next_damping,
+)
 from fitting.inverse_load.pad.interpolant import LEAST, MOST, Correction, PadInterpolant
 
 DIAMETER_PRIOR = (6e-3, 3e-3)
@@ -18,10 +25,10 @@ _MOST_TURN = np.pi / 3
 _STEPS = 100
 _SETTLED = 1e-4  # decrease of chi2 below which a fit has ended
 _CHUNK = 64  # frames whose coefficients are gathered together
-_DAMPING, _GIVEN_UP = 1e-3, 1e8
+_RIDGE = 1e-10
 
 
-class Fit(NamedTuple):
+class PadFit(NamedTuple):
     """A fit, frame by frame.
 
     Attributes:
@@ -33,16 +40,16 @@ class Fit(NamedTuple):
         information: J^T W J, priors included [frame, parameter, parameter].
     """
 
-    parameters: NDArray[np.float64]
-    readings: NDArray[np.float64]
-    jacobian: NDArray[np.float64]
-    chi2: NDArray[np.float64]
-    gradient: NDArray[np.float64]
-    information: NDArray[np.float64]
+    parameters: Floats
+    readings: Floats
+    jacobian: Floats
+    chi2: Floats
+    gradient: Floats
+    information: Floats
 
-    def rows(self, index: Any) -> "Fit":
+    def rows(self, index: Any) -> "PadFit":
         """Those of some frames."""
-        return Fit(*(x[index] for x in self))
+        return PadFit(*(x[index] for x in self))
 
 
 class PadLeastSquares:
@@ -59,9 +66,7 @@ class PadLeastSquares:
         self._free_diameter = "diameter" in self._parameters.names
         self._diameters = interpolant.tables[0].diameter, interpolant.tables[-1].diameter
 
-    def bounds(
-        self, parameters: NDArray[np.float64], contacts: int, pull: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def bounds(self, parameters: Floats, contacts: int, pull: bool) -> tuple[Floats, Floats]:
         """Lower and upper bounds [frame, parameter]; those of forces depend on places.
 
         Args:
@@ -100,12 +105,12 @@ class PadLeastSquares:
 
     def chi2(
         self,
-        y: NDArray[np.float64],
-        weight: NDArray[np.float64],
-        parameters: NDArray[np.float64],
+        y: Floats,
+        weight: Floats,
+        parameters: Floats,
         contacts: int,
         correction: Correction | None,
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Weighted squares of the residuals, and of the diameters' from their prior [frame].
 
         Args:
@@ -119,7 +124,7 @@ class PadLeastSquares:
 
     def _judged(
         self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Correction | None
-    ) -> Fit:
+    ) -> PadFit:
         found = self._interpolant(parameters, contacts, correction)
         used = weight > 0
         residual = np.where(used, y - found.readings, 0.0)
@@ -135,7 +140,7 @@ class PadLeastSquares:
             gradient[:, rows] += off / sigma**2
             k = np.arange(rows.start, rows.stop)
             information[:, k, k] += 1 / sigma**2
-        return Fit(parameters, found.readings, found.jacobian, chi2, gradient, information)
+        return PadFit(parameters, found.readings, found.jacobian, chi2, gradient, information)
 
     def fitted(
         self,
@@ -145,7 +150,7 @@ class PadLeastSquares:
         contacts: int,
         correction: Correction | None,
         pull: bool,
-    ) -> Fit:
+    ) -> PadFit:
         """Fit frames, a few together: what they need fits in the cache.
 
         Args:
@@ -161,7 +166,7 @@ class PadLeastSquares:
             rows = slice(begin, begin + _CHUNK)
             part = (y[rows], weight[rows], start[rows])
             parts.append(self._walk(*part, contacts, correction, pull))
-        return Fit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+        return PadFit(*(np.concatenate(x) for x in zip(*parts, strict=True)))
 
     def _walk(
         self,
@@ -171,14 +176,14 @@ class PadLeastSquares:
         contacts: int,
         correction: Correction | None,
         pull: bool,
-    ) -> Fit:
+    ) -> PadFit:
         low, high = self.bounds(start, contacts, pull)
         best = self._judged(y, weight, np.clip(start, low, high), contacts, correction)
-        damping = np.full(len(y), _DAMPING)
+        damping = np.full(len(y), FIRST_DAMPING)
         live = np.arange(len(y))
         for _ in range(_STEPS):
             old = best.rows(live)
-            step, decrease = damped_step(old, low[live], high[live], damping[live])
+            step, decrease = step_of(old, low[live], high[live], damping[live])
             there = old.parameters + step
             lowest, highest = self.bounds(there, contacts, pull)
             there = np.clip(there, lowest, highest)
@@ -187,19 +192,15 @@ class PadLeastSquares:
             bounds = (low, lowest), (high, highest)
             for whole, part in (*zip(best, new, strict=True), *bounds):
                 whole[live[better]] = part[better]
-            damping[live] = np.where(
-                better, damping[live] / 10, np.maximum(10 * damping[live], 0.1)
-            )
+            damping[live] = next_damping(damping[live], better)
             ended = better & (old.chi2 - new.chi2 < _SETTLED) & (decrease < 100 * _SETTLED)
-            live = live[~ended & (damping[live] < _GIVEN_UP)]
+            live = live[~ended & (damping[live] < GIVEN_UP)]
             if not live.size:
                 break
         return best
 
 
-def damped_step(
-    fit: Fit, low: Any, high: Any, damping: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def step_of(fit: PadFit, low: Any, high: Any, damping: Floats) -> tuple[Floats, Floats]:
     """Damped Gauss-Newton step [frame, parameter] and the decrease of chi2 it predicts.
 
     Args:
@@ -208,17 +209,13 @@ def damped_step(
         high: upper bounds, likewise.
         damping: of the step [frame].
     """
-    tiny = 1e-12 * (1 + np.abs(fit.parameters))
-    stuck = ((fit.parameters <= low + tiny) & (fit.gradient < 0)) | (
-        (fit.parameters >= high - tiny) & (fit.gradient > 0)
-    )
-    gradient = np.where(stuck, 0.0, fit.gradient)
-    diagonal = np.diagonal(fit.information, axis1=1, axis2=2)
-    scale = np.sqrt(np.where(stuck | (diagonal <= 0), 1.0, diagonal))
-    free = ~(stuck[:, :, None] | stuck[:, None])
-    matrix = np.where(free, fit.information, 0.0) / (scale[:, :, None] * scale[:, None])
-    k = np.arange(matrix.shape[-1])
-    matrix[:, k, k] = 1.0 + damping[:, None] + 1e-10
-    solution = np.linalg.solve(matrix, (gradient / scale)[..., None])[..., 0]
-    decrease = (solution * gradient / scale).sum(1)
-    return solution / scale, decrease
+    information = fit.information.transpose(1, 2, 0)
+    here = Descent(fit.parameters.T, fit.gradient.T, information, low.T, high.T)
+    step, decrease = damped_step(here, damping, _solved, ridge=_RIDGE)
+    return step.T, decrease
+
+
+def _solved(matrix: Floats, right: Floats) -> Floats:
+    """Solutions [n, frame] of matrices [n, n, frame]."""
+    found = np.linalg.solve(matrix.transpose(2, 0, 1), right.T[..., None])
+    return np.asarray(found[..., 0].T, float)

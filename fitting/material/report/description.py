@@ -1,0 +1,218 @@
+"""A material fit in words and tables, for a terminal and for a page."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from fitting.material.cards.card import card
+from fitting.material.fit.result import MaterialFit
+from fitting.report.description import (
+    Headline,
+    Part,
+    Remark,
+    ReportTable,
+    print_parts,
+    quantity_text,
+)
+from suas_jax.acquisition.terminal import new_console
+from suas_jax.config.schema_material import LAWS
+
+
+def print_report(report: dict[str, Any], fit: MaterialFit | None) -> None:
+    """Print what was found, and the [material] table.
+
+    Args:
+        report: the JSON of `suas fit material`.
+        fit: the fit it came from; None where only a bulk modulus was fitted.
+    """
+    console = new_console(highlight=False)
+    print_parts(console, described(report, fit))
+    if fit is not None and fit.family.law_name in LAWS:
+        console.print("\n" + card(fit.material(), "toml"), markup=False)
+
+
+def described(report: dict[str, Any], fit: MaterialFit | None) -> list[Part]:
+    """The report in parts; see `print_report`."""
+    parts = [] if fit is None else [*_law(report, fit)]
+    if "bulk_modulus_Pa" in report:
+        parts += _bulk_modulus(report)
+    return parts + [Remark(text, "warning") for text in report["warnings"]]
+
+
+def _bulk_modulus(report: dict[str, Any]) -> Iterator[Part]:
+    """The bulk modulus, its energy, and how closely it follows the tests."""
+    found, about = report["bulk_modulus_Pa"], report["volumetric"]
+    mode = report["modes"]["volumetric"]
+    numbers = [found["value"], about["standard_error_Pa"], found["low95"], found["high95"]]
+    value, error, low, high = (quantity_text(number, "Pa") for number in numbers)
+    yield Remark(
+        f"bulk modulus K {value} +- {error} (95 %: {low} to {high}), energy {about['energy']}, "
+        f"{mode['n']} readings, relative RMS {100.0 * mode['relative_rms']:.3g} %"
+    )
+    if about["poisson_ratio"] is not None:
+        yield Remark(
+            f"Poisson's ratio {about['poisson_ratio']:.6f}; the law is fitted as if it were 1/2"
+        )
+
+
+def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
+    """The law: constants, modes, comparison, and what the data leave open."""
+    yield Headline(
+        fit.status,
+        f"{fit.family.title}: {report['starts_agreeing']} of the best {len(fit.minima.cost)} "
+        f"of {fit.starts} starts agree",
+        fit.status == "converged",
+    )
+    yield _constants(fit)
+    if relaxation := report.get("relaxation"):
+        modulus = quantity_text(relaxation["instantaneous_shear_modulus_Pa"]["value"], "Pa")
+        share = relaxation["long_term_share"]["value"]
+        yield Remark(
+            f"the law's constants are the long-term ones; the instantaneous shear modulus is "
+            f"{modulus}, the long-term share {share:.4g}"
+        )
+    yield _modes(report)
+    criteria = ""
+    if "candidates" in report:
+        yield _candidates(report)
+    else:
+        criteria = f"AICc {report['aicc']:.2f}, BIC {report['bic']:.2f}, "
+    kind = report["residual"]["kind"]
+    floor = ", floor 1 % of each file's median" if kind == "relative" else ""
+    condition = f"condition number {report['condition_number']:.3g}"
+    yield Remark(f"{criteria}residuals {kind}{floor}, {condition}")
+    if "posterior" in report:
+        yield from _posterior(report["posterior"], fit)
+    if "specimens" in report:
+        yield from _specimens(report["specimens"])
+    for zero in report["zeros"]:
+        error = f"{zero['standard_error']:.2g} {zero['unit']}"
+        yield Remark(f"{zero['name']} of {zero['file']}: {zero['value']:.4g} +- {error}")
+    for label, key in (("at a limit", "at_limits"), ("not determined", "unidentifiable")):
+        for text in report[key]:
+            yield Remark(text, label)
+
+
+def _constants(fit: MaterialFit) -> ReportTable:
+    low, high = fit.intervals(0.95)
+    errors = fit.uncertainty.standard_errors
+    rows = []
+    for i, (name, unit) in enumerate(zip(fit.family.names, fit.family.units, strict=True)):
+        numbers = (fit.constants[i], errors[i], low[i], high[i])
+        value, error, first, last = (quantity_text(number, unit) for number in numbers)
+        rows.append((name, value, error, f"{first} to {last}"))
+    modulus, first, last = (quantity_text(x, "Pa") for x in fit.shear_modulus())
+    rows.append(("shear modulus", modulus, "", f"{first} to {last}"))
+    return ReportTable(
+        "Constants", ("constant", "value", "standard error", "95 % interval"), rows
+    )
+
+
+def _modes(report: dict[str, Any]) -> ReportTable:
+    """Misfit of each mode where it was measured, and the stretches of stability."""
+    rows = []
+    for mode in {**report["modes"], **report["stable_range"]}:
+        found = report["modes"].get(mode, {})
+        window = report["stable_range"].get(mode)
+        rows.append(
+            (
+                mode,
+                str(found.get("n", "not measured")),
+                quantity_text(1e6 * found["rms_MPa"], "Pa") if "rms_MPa" in found else "",
+                f"{100.0 * found['relative_rms']:.3g} %" if found else "",
+                _window(window, report["stable_range_open"][mode]) if window else "",
+            )
+        )
+    names = ("mode", "points", "RMS", "relative RMS", "stable for stretches")
+    return ReportTable("Modes and windows of stability", names, rows)
+
+
+def _candidates(report: dict[str, Any]) -> ReportTable:
+    rows = [
+        (
+            row["title"],
+            str(row["constants"]),
+            f"{row['aicc']:.2f}",
+            f"{row['delta_aicc']:.2f}",
+            "; ".join(row["rejected"]),
+        )
+        for row in report["candidates"]
+    ]
+    rows += [(name, "", "", "", why) for name, why in report["candidates_failed"].items()]
+    names = ("law", "constants", "AICc", "above best", "rejected because")
+    chosen = next(i for i, row in enumerate(report["candidates"]) if row["chosen"])
+    return ReportTable("Comparison", names, rows, chosen)
+
+
+def _specimens(found: dict[str, Any]) -> Iterator[Part]:
+    """Stiffness of each specimen, and the scatter between them."""
+    rows = [
+        (
+            f"{one['file']} {one['specimen']}".strip(),
+            one["mode"],
+            quantity_text(one["shear_modulus_Pa"], "Pa"),
+            f"{100.0 * one['standard_error'] / one['factor']:.2g} %",
+        )
+        for one in found["specimens"]
+    ]
+    names = ("specimen", "mode", "shear modulus", "standard error")
+    yield ReportTable("Specimens", names, rows)
+    low, high = found["relative_scatter_95"]
+    first, last = (quantity_text(x, "Pa") for x in found["next_specimen_95_Pa"])
+    yield Remark(
+        f"scatter between specimens {100.0 * found['relative_scatter']:.2g} % "
+        f"({100.0 * low:.2g} to {100.0 * high:.2g} %); a further specimen has a shear modulus "
+        f"of {first} to {last} (95 %)"
+    )
+
+
+def _posterior(posterior: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
+    """Quantiles of the samples, what was assumed, and whether to trust them."""
+    yield Headline("posterior", posterior["message"], posterior["converged"])
+    if "parameters" not in posterior:
+        return
+
+    def flat(tree: dict[str, Any]) -> list[Any]:
+        """Values by constant, in the order of the family."""
+        found = []
+        for name in fit.family.names:
+            key, _, index = name.partition(".")
+            found.append(tree[key][int(index)] if index else tree[key])
+        return found
+
+    rows = []
+    columns = (posterior["parameters"], *posterior["intervals"].values())
+    values = zip(fit.family.names, fit.family.units, *map(flat, columns), strict=True)
+    for name, unit, middle, *ends in values:
+        shown = [
+            f"{quantity_text(low, unit)} to {quantity_text(high, unit)}" for low, high in ends
+        ]
+        rows.append((name, quantity_text(middle, unit), *shown))
+    moduli = {
+        key: quantity_text(value, "Pa") for key, value in posterior["shear_modulus_Pa"].items()
+    }
+    shown = [f"{moduli[f'low{level}']} to {moduli[f'high{level}']}" for level in ("68", "95")]
+    rows.append(("shear modulus", moduli["median"], *shown))
+    if "noise" in posterior:
+        noise = posterior["noise"]
+        shown = [f"{low:.3g} to {high:.3g}" for low, high in (noise["68"], noise["95"])]
+        rows.append(("noise (of residuals)", f"{noise['median']:.3g}", *shown))
+    yield ReportTable(
+        "Posterior", ("constant", "median", "68 % interval", "95 % interval"), rows
+    )
+    for name, prior in posterior["priors"].items():
+        yield Remark(f"prior of {name}: {prior}")
+    for text in posterior["warnings"]:
+        yield Remark(text, "warning")
+    for text in posterior["prior_dominated"]:
+        yield Remark(text, "prior, not data")
+    yield Remark(posterior["agreement"]["message"])
+
+
+def _window(ends: list[float], is_open: list[bool]) -> str:
+    """Stretches between which a law is stable."""
+    if all(is_open):
+        return "all"
+    low, high = (f"{end:.3f}" for end in ends)
+    return (
+        f"above {low}" if is_open[1] else f"below {high}" if is_open[0] else f"{low} to {high}"
+    )

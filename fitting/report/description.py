@@ -1,0 +1,86 @@
+"""A report described once: headline, tables and remarks, for a terminal or a page."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as TerminalTable
+
+from suas_jax.config.quantities import format_quantity
+
+_DIMENSIONS = {"m": "length", "F": "capacitance", "Pa": "stress"}
+
+
+class Headline(NamedTuple):
+    """How something ended.
+
+    Attributes:
+        status: in a word.
+        text: the rest of the line.
+        good: whether it ended well.
+    """
+
+    status: str
+    text: str
+    good: bool
+
+
+class ReportTable(NamedTuple):
+    """Rows of cells.
+
+    Attributes:
+        title: of the table on a page.
+        names: of its columns.
+        rows: as many cells each.
+        chosen: the row that stands out, if one does.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    rows: Sequence[Sequence[str]]
+    chosen: int | None = None
+
+
+class Remark(NamedTuple):
+    """A sentence.
+
+    Attributes:
+        text: what it says.
+        label: what kind of doubt it is, such as "warning"; empty for none.
+    """
+
+    text: str
+    label: str = ""
+
+
+Part = Headline | ReportTable | Remark
+
+
+def print_parts(console: Console, parts: Sequence[Part]) -> None:
+    """Print a report."""
+    for part in parts:
+        if isinstance(part, Headline):
+            colour = "green" if part.good else "yellow"
+            console.print(f"[{colour}]{part.status}[/] {escape(part.text)}")
+        elif isinstance(part, Remark):
+            label = f"[yellow]{part.label}:[/] " if part.label else ""
+            console.print(label + escape(part.text))
+        else:
+            table = TerminalTable()
+            for i, name in enumerate(part.names):
+                table.add_column(name, no_wrap=i == 0, overflow="fold")
+            for i, (first, *rest) in enumerate(part.rows):
+                mark = "[bold]" if i == part.chosen else ""
+                table.add_row(mark + escape(first), *map(escape, rest))
+            console.print(table)
+
+
+def quantity_text(value: float, unit: str, digits: int = 5) -> str:
+    """A number in SI units with the unit that suits its size; an infinite one has no limit."""
+    if np.isinf(value):
+        return "no limit"
+    if unit in _DIMENSIONS and value:
+        return format_quantity(float(value), _DIMENSIONS[unit])  # type: ignore[arg-type]
+    return f"{value:.{digits}g}"
