@@ -46,7 +46,7 @@ def samples(geometry: SkinGeometry) -> Samples:
     angle = jnp.linspace(-1.0, 1.0, _POINTS)[:, None] * section.half_angle
     thick, gap = section.thickness(angle), geometry.gap(angle)
     middle, inner, normal = (
-        f(angle) for f in (section.curvature, section.inner_face, section.normal)
+        f(angle) for f in (section.curvature, section.inner_face, section.inner_normal)
     )
     rows = (section.arc(angle), thick, gap, middle / (1 - middle * thick / 2))
     arc, thick, gap, curvature = (jnp.broadcast_to(x, angle.shape)[:, 0] for x in rows)
