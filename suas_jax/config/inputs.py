@@ -8,7 +8,7 @@ from typing import Any
 from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Mistake, nearest, show
 from suas_jax.config.fields import Spec
-from suas_jax.config.schema_scene import SceneSpec, SkinSpec
+from suas_jax.config.schema_scene import SceneSpec
 from suas_jax.config.schema_solve import SolveSpec
 from suas_jax.config.validation import validate_table
 
@@ -20,11 +20,11 @@ _DISCRETE = ("solve.rtol", "geometry.thickness.arc.", "geometry.oil_gap.arc.")
 _RECORDS = frozenset({"calibration"})
 
 
-def continuous_inputs(scene: SkinSpec) -> dict[str, float]:
+def continuous_inputs(scene: Spec) -> dict[str, float]:
     """List every continuous input that is present in a scene.
 
     Args:
-        scene: the scene, its skin and preset filled in.
+        scene: the scene, its skin and preset filled in; or one of its tables.
 
     Returns:
         SI values (angles in radians) by TOML path with indices, such as ``material.C1``,
@@ -34,7 +34,7 @@ def continuous_inputs(scene: SkinSpec) -> dict[str, float]:
     return {path: float(value) for path, value in given_inputs(scene).items()}
 
 
-def given_inputs(scene: SkinSpec) -> dict[str, float]:
+def given_inputs(scene: Spec) -> dict[str, float]:
     """The same, each with the standard deviation that the files state.
 
     Returns:
@@ -47,7 +47,7 @@ def given_inputs(scene: SkinSpec) -> dict[str, float]:
     }
 
 
-def structure(scene: SkinSpec) -> tuple[tuple[str, Leaf], ...]:
+def structure(scene: Spec) -> tuple[tuple[str, Leaf], ...]:
     """Describe all of a scene but its continuous inputs.
 
     Args:
@@ -114,7 +114,7 @@ def with_solve(scene: SceneSpec, *, source: str = "command line", **changes: Any
     return SceneSpec(**fields)
 
 
-def _leaves(scene: SkinSpec) -> Iterator[tuple[str, Leaf, bool]]:
+def _leaves(scene: Spec) -> Iterator[tuple[str, Leaf, bool]]:
     """Walk over path, value and presence of everything in a scene."""
 
     def walk(path: str, value: Any, given: bool) -> Iterator[tuple[str, Leaf, bool]]:

@@ -15,6 +15,7 @@ from suas_jax.config.consistency import contradictions
 from suas_jax.config.errors import ConfigError, Mistake, show, show_key
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.oil import OilSpec
+from suas_jax.config.points_table import read_points
 from suas_jax.config.presets import expand_preset
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.toml_file import missing_file, read_toml
@@ -191,9 +192,26 @@ class _Draft:
             if findings:
                 self._note(*findings)
                 return None
+        if name == "geometry" and isinstance(table, Mapping):
+            table, findings = self._with_points(table)
+            if findings:
+                self._note(*findings)
+                return None
         part, findings = validate_table(specification, table, name)
         self._note(*findings)
         return part
+
+    def _with_points(self, table: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Finding]]:
+        """Replace the name of a table of points by the points in it."""
+        points = table.get("points")
+        if not isinstance(points, str):
+            return table, []
+        folder = Path(self._file_of("geometry.points")).parent
+        try:
+            return {**table, "points": read_points(folder / points)}, []
+        except (OSError, ValueError) as error:
+            advice = f"{error}; a table with the columns x and y and their units is expected"
+            return table, [Finding("geometry.points", advice, show(points))]
 
     def _expanded(self, material: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Finding]]:
         if "preset" not in material:

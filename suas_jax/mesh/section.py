@@ -4,13 +4,14 @@ import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
+import equinox as eqx
 import numpy as np
 
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs, structure
+from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs
 from suas_jax.mesh.plan import MeshPlan, breakpoints, plan_mesh
 from suas_jax.skin.loads import LineLoad, angle_of
-from suas_jax.skin.registry import build_geometry
+from suas_jax.skin.plain import check_places, plain_geometry
+from suas_jax.skin.section import AbstractSection
 
 
 def plan_section(
@@ -54,32 +55,30 @@ class Measures(NamedTuple):
 @functools.lru_cache(maxsize=64)
 def measures(scene: SceneSpec) -> Measures:
     """Plain numbers of a scene's section and of the places of its loads."""
-    known = {**dict(structure(scene)), **continuous_inputs(scene)}
-    numbers = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
-    symmetric = False
+    geometry = plain_geometry(scene.geometry)
+    section = geometry.section
+    loads = {f"load.{i}": spec for i, spec in enumerate(scene.loads) if spec.kind != "pressure"}
+    check_places(scene.geometry, loads)
+    known = continuous_inputs(scene)
+    numbers = {k: np.array([v]) for k, v in known.items() if k.startswith("load.")}
 
-    def found(numbers: dict[str, Any]) -> tuple[list[Any], list[Any], Any, Any]:
-        nonlocal symmetric
-        geometry = build_geometry(scene.geometry, lambda k: numbers[f"geometry.{k}"])
-        section, symmetric = geometry.section, geometry.symmetric
-        loads, places = [], []
-        for i, spec in enumerate(scene.loads):
-            value = functools.partial(_numbered, numbers, i)
-            if spec.kind == "line":
-                loads.append(LineLoad.of(spec, section, value))
-            if spec.kind != "pressure":
-                places.append(angle_of(spec, section, value))
-        return breakpoints(section, loads), places, section.half_angle, section.size
+    def found(section: AbstractSection) -> tuple[list[Any], list[Any]]:
+        lines, places = [], []
+        for key, spec in loads.items():
+            value = functools.partial(_numbered, numbers, key)
+            if isinstance(spec, LineLoadSpec):
+                lines.append(LineLoad.of(spec, section, value))
+            places.append(angle_of(spec, section, value))
+        return breakpoints(section, lines), places
 
-    # Closed forms are a few sums of NumPy's.
-    run = found if scene.geometry.is_circle else jax.jit(found)
-    angles, places, half, size = run(numbers)
-    ends, middles = (tuple(float(x[0]) for x in group) for group in (angles, places))
-    return Measures(ends, middles, float(half[0]), float(size[0]), symmetric)
+    run = found if scene.geometry.is_circle else eqx.filter_jit(found)
+    ends, middles = (tuple(float(x[0]) for x in group) for group in run(section))
+    half, size = (float(x[0]) for x in (section.half_angle, section.size))
+    return Measures(ends, middles, half, size, geometry.symmetric)
 
 
-def _numbered(numbers: dict[str, Any], load: int, key: str) -> Any:
-    return numbers[f"load.{load}.{key}"]
+def _numbered(numbers: dict[str, Any], load: str, key: str) -> Any:
+    return numbers.get(f"{load}.{key}", np.zeros(1))
 
 
 def size_of(scene: SceneSpec) -> float:

@@ -36,6 +36,7 @@ from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.plain import plain_geometry
 from suas_jax.skin.wall import Wall
 
 ELEMENTS = 32
@@ -251,6 +252,7 @@ def skin_of(
     for path in inputs or ():
         if path not in known:
             raise ValueError(f'"{path}" is no continuous input of this skin')
+    plain_geometry(spec.geometry)  # refuses a section that can't be
     parts = skin_parts(spec, {**known, **(inputs or {})})
     wall = parts.wall if contact else None
     return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)

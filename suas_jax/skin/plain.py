@@ -1,0 +1,66 @@
+"""The dimensions of a skin with the numbers of its table, for meshes, figures and checks."""
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from suas_jax.config import continuous_inputs, structure
+from suas_jax.config.errors import ConfigError, Mistake
+from suas_jax.config.geometry import GeometrySpec
+from suas_jax.config.quantities import format_quantity
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.registry import build_geometry
+from suas_jax.skin.section_checks import check_section
+
+
+@functools.lru_cache(maxsize=64)
+def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
+    """The dimensions, in one lane: a circle's are NumPy arrays, which need no program.
+
+    Args:
+        spec: the [geometry] table.
+
+    Raises:
+        ConfigError: the section can't be; the message says where and why.
+    """
+    known = {**dict(structure(spec)), **continuous_inputs(spec)}
+    numbers = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
+
+    def build(numbers: dict[str, Any]) -> SkinGeometry:
+        return build_geometry(spec, numbers.__getitem__)
+
+    if spec.is_circle:
+        return build(numbers)
+    with jax.ensure_compile_time_eval():  # also while a caller is traced
+        geometry: SkinGeometry = eqx.filter_jit(build)(numbers)
+        check_section(geometry)
+    return geometry
+
+
+def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
+    """Refuse what lies off a section that is no plain circle, whose table is checked alone.
+
+    Args:
+        spec: the [geometry] table.
+        places: loads, taxels and modules by their keys.
+
+    Raises:
+        ConfigError: names what lies off the skin, and how far it may lie.
+    """
+    if spec.is_circle:
+        return
+    section, found = plain_geometry(spec).section, []
+    arc, angle = section.arc(section.half_angle), section.given_angle(section.half_angle)
+    for key, place in places.items():
+        by_arc = place.arc is not None
+        end = float((arc if by_arc else angle)[0])
+        name = "arc" if by_arc else "angle"
+        if abs(getattr(place, name)) > end * (1 + 1e-9):
+            edge = format_quantity(end, "length" if by_arc else "angle")
+            advice = f"lies off the skin, whose clamped edges are at -{edge} and {edge}"
+            found.append(Mistake("skin", f"{key}.{name}", advice))
+    if found:
+        raise ConfigError(found)
