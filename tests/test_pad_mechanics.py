@@ -2,14 +2,16 @@
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import find, half_cylinder, quick
+from skins import find, half_cylinder, quick, shaped
 
+from suas_jax.config import continuous_inputs
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
@@ -23,6 +25,8 @@ from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
+from suas_jax.scene.parts import skin_parts
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
@@ -93,7 +97,7 @@ def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
         jnp.asarray(rng.normal(size=(3, 5, 1))),
     )
     angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
-    net = net_of(NetTopology(arc, axial), angles, positions)
+    net = net_of(NetTopology(arc, axial), THICK.section, angles, positions)
     return Pad(law, THICK.section, net, points, 1e-4 * ONE, None)
 
 
@@ -303,8 +307,26 @@ def test_in_plane_strain_a_fibre_is_the_section_s(law: AbstractLaw) -> None:
 # The pad between sliding ends.
 
 
-def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
+LEANING = {
+    "section": "ellipse",
+    "inner_semi_axes": ["57.5 mm", "45 mm"],
+    "half_angle": "70 deg",
+    "thickness": {"arc": [0, 0.4, 1], "value": ["1.5 mm", "1.2 mm", "1.8 mm"]},
+}
+
+
+def leaning() -> SkinGeometry:
+    """An elliptic skin of uneven thickness whose edges don't point down."""
+    spec = shaped(LEANING)
+    return quick(lambda inputs: skin_parts(spec, inputs).geometry)(continuous_inputs(spec))
+
+
+@pytest.mark.parametrize("skin", [half_cylinder, leaning])
+def test_a_line_load_between_sliding_ends_is_the_section_s_shell(
+    skin: Callable[[], SkinGeometry],
+) -> None:
     """Knots doubled, the splines along the arc are the section's Hermite elements."""
+    geometry = skin()
     elements, gauss, per_width = 12, 5, 100.0
     angles = jnp.linspace(-np.pi / 2, np.pi / 2, elements + 1)[:, None]
     at, turn = 0.35, 0.5
@@ -314,7 +336,7 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
     points = LoadPoints(
         jnp.eye(elements)[:, [element], None], xi * jnp.ones((1, 1)), force[:, None, None]
     )
-    shell = Shell.build(SKIN, EPDM, angles, points, symmetric=False)
+    shell = Shell.build(geometry, EPDM, angles, points, symmetric=False)
     shell = dataclasses.replace(shell, gauss=gauss)
     axial = jnp.linspace(-0.0615, 0.0615, 4)[:, None]
     x, w = np.polynomial.legendre.leggauss(2)
@@ -327,10 +349,10 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
     )
     pad = Pad(
         EPDM,
-        SKIN.section,
-        net_of(topology, angles, axial),
+        geometry.section,
+        net_of(topology, geometry.section, angles, axial),
         PadLoadPoints(at * jnp.ones_like(places), places, forces[..., None]),
-        SKIN.film_area * SKIN.width,
+        geometry.film_area * geometry.width,
         None,
         gauss=gauss,
     )
@@ -340,7 +362,7 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell() -> None:
     np.testing.assert_allclose(whole.state.pressure, pressure, rtol=1e-9)
     np.testing.assert_allclose(
         strain_energy(pad, whole.state.q),
-        strain_energy(shell, section.state.q) * SKIN.width,
+        strain_energy(shell, section.state.q) * geometry.width,
         rtol=1e-9,
     )
 

@@ -133,11 +133,15 @@ class SplineAxis:
             inner = tuple(k for m in (*inner, 0) for k in (1, m) if k)
         return SplineAxis(2 * self.elements, self.left, self.right, inner)
 
-    def knots(self, breakpoints: Float[Array, " breakpoint"]) -> Float[Array, " knot"]:
+    def knots(
+        self, breakpoints: Float[Array, "breakpoint *lane"]
+    ) -> Float[Array, "knot *lane"]:
         """All knots, those beyond the ends included."""
         return jnp.asarray(self._weights) @ breakpoints
 
-    def abscissae(self, breakpoints: Float[Array, " breakpoint"]) -> Float[Array, " station"]:
+    def abscissae(
+        self, breakpoints: Float[Array, "breakpoint *lane"]
+    ) -> Float[Array, "station *lane"]:
         """Greville abscissae of the stations, those next to open ends moved to the ends.
 
         A clamp at an open end says something about the directions there.

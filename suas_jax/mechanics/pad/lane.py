@@ -192,7 +192,7 @@ class PadLane:
 
     def refined(self, q: Array) -> Array:
         """See `Pad.to_comparison_mesh`."""
-        return refined(self.net, q)
+        return refined(self.net, self.section, q)
 
     def assemble(
         self, q: Array, pressure: Array, factor: Array, wall: Wall | None

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.numerics.bspline import SplineAxis, bernstein
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.section import AbstractSection, outward
 
 # Signs of Cartesian components in the crown's mirror, and in a plane across the axis.
 ODD_ARC, ODD_AXIAL = (-1, 1, 1), (1, 1, -1)
@@ -160,6 +161,7 @@ class Net(eqx.Module):
     def of(
         cls,
         topology: NetTopology,
+        section: AbstractSection,
         angles: Float[Array, "breakpoint #lane"],
         axial: Float[Array, "breakpoint #lane"],
     ) -> "Net":
@@ -167,21 +169,24 @@ class Net(eqx.Module):
 
         Args:
             topology: what is static.
+            section: says which way columns of control values face.
             angles: breakpoints along the arc [rad].
             axial: breakpoints along the axis [m].
         """
-        lanes = jnp.broadcast_shapes(angles.shape[-1:], axial.shape[-1:])
-        wide = [jnp.broadcast_to(x, (*x.shape[:-1], *lanes)) for x in (angles, axial)]
+        rows = angles, axial, section.direction(topology.arc.abscissae(angles))
+        lanes = jnp.broadcast_shapes(*(x.shape[-1:] for x in rows))
+        wide = [jnp.broadcast_to(x, (*x.shape[:-1], *lanes)) for x in rows]
         make = functools.partial(cls._of_one_lane, topology)
         if lanes == (1,):
             return jax.tree.map(lambda x: x[..., None], make(*(x[:, 0] for x in wide)))
         return jax.vmap(make, -1, -1)(*wide)
 
     @classmethod
-    def _of_one_lane(cls, topology: NetTopology, angles: Array, axial: Array) -> "Net":
-        at = topology.arc.abscissae(angles)
-        sine, cosine, zero = jnp.sin(at), jnp.cos(at), jnp.zeros_like(at)
-        rows = [[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, zero + 1]]
+    def _of_one_lane(
+        cls, topology: NetTopology, angles: Array, axial: Array, direction: Array
+    ) -> "Net":
+        (x, y), zero = outward(direction), jnp.zeros_like(direction)
+        rows = [[y, -x, zero], [x, y, zero], [zero, zero, zero + 1]]
         long, across = topology.ordered(angles, axial)
         parities = topology.ordered(ODD_ARC, ODD_AXIAL)
         all_along = topology.long.extraction(long, None)

@@ -175,7 +175,7 @@ class Pad(AbstractMechanics):
         return cls(
             law=law,
             section=geometry.section,
-            net=Net.of(NetTopology(*plan.axes), angles, axial),
+            net=Net.of(NetTopology(*plan.axes), geometry.section, angles, axial),
             points=pad_load_points(plan, geometry, loads),
             film_volume=geometry.film_area * geometry.width / parts,
             wall=None,
@@ -211,7 +211,7 @@ class Pad(AbstractMechanics):
             self,
             points=points,
             film_volume=self.film_volume * self.parts,
-            net=Net.of(NetTopology(arc, axial), *breaks),
+            net=Net.of(NetTopology(arc, axial), self.section, *breaks),
             mirrored_planes=(False, False),
         )
 

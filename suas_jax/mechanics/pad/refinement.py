@@ -7,22 +7,26 @@ from jaxtyping import Array, Float, Int
 
 from suas_jax.mechanics.pad.net import ODD_ARC, ODD_AXIAL, Net, NetTopology
 from suas_jax.numerics.bspline import SplineAxis
+from suas_jax.skin.section import AbstractSection
 
 # Bernstein coefficients on the left half of an element from those on the whole.
 _SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 
 
-def refined(net: Net, q: Float[Array, "dof station"]) -> Float[Array, "dof station"]:
+def refined(
+    net: Net, section: AbstractSection, q: Float[Array, "dof station"]
+) -> Float[Array, "dof station"]:
     """The same deformation on elements half as long in both directions.
 
     Args:
         net: one lane's control net.
+        section: the undeformed membrane across the axis.
         q: unknowns.
     """
     old = net.topology
     new = NetTopology(old.arc.halved(), old.axial.halved())
     finer = [_halved(x) for x in (net.angles, net.axial)]
-    fine = Net.of(new, *(x[:, None] for x in finer)).lane(0)
+    fine = Net.of(new, section, *(x[:, None] for x in finer)).lane(0)
     # The two directions may change places in the order of elimination.
     coarse, finest = old.ordered(*net.matrices), new.ordered(*fine.matrices)
     arc = _prolongation(coarse[0], finest[0], new.arc, ODD_ARC)
