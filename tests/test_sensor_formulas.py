@@ -542,7 +542,8 @@ def test_fluids_are_oil_air_or_a_permittivity() -> None:
 def test_known_inputs_beyond_the_skin_are_refused(
     quantity: str, value: float, refused: bool
 ) -> None:
-    spec: Any = SimpleNamespace(geometry=SimpleNamespace(half_angle=1.5, oil_gap=5e-3))
+    circle = SimpleNamespace(half_angle=1.5, mean_gap=5e-3)
+    spec: Any = SimpleNamespace(geometry=SimpleNamespace(circle=lambda what: circle))
     values = {(0, "angle"): np.zeros(2), (0, "force"): np.ones(2)}
     values |= {(0, quantity): np.array([np.nan, value])}
     known: Any = SimpleNamespace(values=values, names=dict.fromkeys(values, "column"))
