@@ -45,7 +45,7 @@ def test_every_key_of_a_file_is_described(specification: type[Any]) -> None:
     for spec in with_nested(specification):
         meanings = specification_page.described_keys(spec)
         for key, field in spec.model_fields.items():
-            if key in ("law", "model", "kind"):
+            if key in ("law", "model", "kind", "section"):
                 continue  # they choose the specification
             assert meanings.get(key), f"{spec.__name__}.{key}: the docstring says nothing"
             assert field.examples, f"{spec.__name__}.{key}: no example"
@@ -56,8 +56,9 @@ def test_every_key_of_a_file_is_described(specification: type[Any]) -> None:
 
 def test_pages_of_the_code_state_what_the_code_has() -> None:
     geometry = specification_page.page().split("## `[material]`")[0]
-    row = "| `thickness` | a length; greater than zero | required | thickness of the membrane |"
+    row = "| `width` | a length; greater than zero | required | extent along the axis |"
     assert row in geometry
+    assert '`section = "ellipse"`' in geometry
     assert "| `oil_pressure_Pa` | pressure of the oil above ambient |" in report_page.page()
     assert ".. autofunction:: suas_jax.solve\n" in names_page.page("suas_jax")
     assert ".. autoclass:: fitting.LoadEstimator\n" in names_page.page("fitting")

@@ -17,6 +17,7 @@ from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, m
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, is_material
 from fitting.sensor.report.skin_file import _layers, _text
 from suas_jax.config import UncertainQuantity
+from suas_jax.config.sections.circle import CircleSpec
 
 RNG = np.random.default_rng(0)
 PERMITTIVITY = SensorConstant("relative_permittivity", "1", 2.0)
@@ -542,8 +543,8 @@ def test_fluids_are_oil_air_or_a_permittivity() -> None:
 def test_known_inputs_beyond_the_skin_are_refused(
     quantity: str, value: float, refused: bool
 ) -> None:
-    circle = SimpleNamespace(half_angle=1.5, mean_gap=5e-3)
-    spec: Any = SimpleNamespace(geometry=SimpleNamespace(circle=lambda what: circle))
+    sizes = {"inner_radius": 57.5e-3, "thickness": 1.5e-3, "width": 0.123, "oil_gap": 5e-3}
+    spec: Any = SimpleNamespace(geometry=CircleSpec(half_angle=1.5, **sizes))
     values = {(0, "angle"): np.zeros(2), (0, "force"): np.ones(2)}
     values |= {(0, quantity): np.array([np.nan, value])}
     known: Any = SimpleNamespace(values=values, names=dict.fromkeys(values, "column"))

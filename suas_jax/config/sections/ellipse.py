@@ -19,7 +19,7 @@ class EllipseSpec(GeometrySpec):
         half_angle: t at a clamped edge [rad].
     """
 
-    section: Literal["ellipse"] = Field(examples=['"ellipse"'])
+    section: Literal["ellipse"] = Field(default="ellipse", examples=['"ellipse"'])
     inner_semi_axes: Annotated[tuple[PositiveLength, PositiveLength], AsList] = Field(
         examples=['["57.5 mm", "40 mm"]']
     )

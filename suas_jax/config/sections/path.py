@@ -46,7 +46,7 @@ class PathSpec(GeometrySpec):
         start: direction of the first piece from +x, counter-clockwise [rad].
     """
 
-    section: Literal["path"] = Field(examples=['"path"'])
+    section: Literal["path"] = Field(default="path", examples=['"path"'])
     path: Annotated[tuple[PieceSpec, ...], at_most(100)] = Field(
         examples=['[{ line = "20 mm" }, { radius = "30 mm", angle = "90 deg" }]'], min_length=1
     )

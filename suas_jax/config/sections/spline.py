@@ -23,7 +23,7 @@ class SplineSpec(GeometrySpec):
             a table with the columns x and y and their units.
     """
 
-    section: Literal["spline"] = Field(examples=['"spline"'])
+    section: Literal["spline"] = Field(default="spline", examples=['"spline"'])
     points: Annotated[tuple[_Point, ...], at_most(MOST_POINTS)] = Field(
         examples=['"section.csv"'], min_length=4
     )
