@@ -58,6 +58,7 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
+        spec.geometry.circle("`suas range`")
         check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
         settings = pad_settings(diameter, None)
