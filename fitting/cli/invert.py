@@ -122,7 +122,6 @@ def invert(
         from suas_jax.runtime.settings import configure
 
         spec = load_skin(skin)
-        spec.geometry.circle("`suas invert`")
         configure()
 
         def prepare() -> "LoadEstimator":
