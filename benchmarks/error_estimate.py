@@ -231,7 +231,7 @@ def cases_of(scene: SceneSpec) -> list[Case]:
     truth: np.ndarray | None = None
     law, oil = scene.material.law, scene.oil.model
     loads = ", ".join(load.kind for load in scene.loads)
-    label = f"{law}, {oil}, {1e3 * scene.geometry.thickness:.2f} mm, {loads}"
+    label = f"{law}, {oil}, {1e3 * scene.geometry.mean_thickness:.2f} mm, {loads}"
     found = []
     for rtol in TOLERANCES:
         solution = solve(with_solve(scene, model="auto", rtol=rtol))

@@ -133,7 +133,7 @@ def log_of(kind: Kind, random: np.random.Generator) -> Log:
     shift = int(random.choice([-2, -1, 1, 2])) if kind.wrong == "shift" else 0
     width = random.uniform(15e-3, 25e-3) if kind.wrong == WIDTH else 0.0
     loads = drawn(int(random.integers(30, 100)), random)
-    loads[:, 1] *= spec.geometry.thickness / 1.5e-3
+    loads[:, 1] *= spec.geometry.mean_thickness / 1.5e-3
     case = Case("", changes, kind.baseline, width, shift, wall=True)
     estimator, so = estimated(spec, case, loads, random)
     found = estimator.estimate(so)

@@ -69,7 +69,7 @@ def with_thickness(spec: SkinSpec, deviation: float | None) -> SkinSpec:
 
     A skin whose file states one deviation, be it zero, has no default tolerances.
     """
-    own = float(spec.geometry.thickness)
+    own = float(spec.geometry.mean_thickness)
     thickness = own if deviation is None else UncertainQuantity(own, deviation)
     geometry = spec.geometry.model_copy(update={"thickness": thickness})
     return spec.model_copy(update={"geometry": geometry})

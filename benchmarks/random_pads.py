@@ -70,7 +70,7 @@ def random_contacts(
     random: np.random.Generator, spec: SkinSpec, force: float
 ) -> list[np.ndarray]:
     """Angle, axial position and force [frame] [contact, 3]."""
-    g = spec.geometry
+    g = spec.geometry.circle("this benchmark")
     most = np.array([0.6 * g.half_angle, 0.3 * g.width])
     frames = [
         np.array([[*random.uniform(-most, most), np.exp(random.uniform(*np.log([0.03, 0.7])))]])
@@ -117,10 +117,10 @@ def study(spec: SkinSpec, random: np.random.Generator) -> None:
         if len(estimate.contacts) != len(truth):
             other[len(truth), len(estimate.contacts), estimate.status] += 1
         elif estimate.status == "ok":
-            own = errors(estimate, truth, spec.geometry.inner_radius)
+            own = errors(estimate, truth, spec.geometry.circle("this benchmark").inner_radius)
             pulls += [] if own is None else list(own)
-    g = spec.geometry
-    size = f"radius {1e3 * g.inner_radius:.0f} mm, {1e3 * g.thickness:.1f} mm thick"
+    g = spec.geometry.circle("this benchmark")
+    size = f"radius {1e3 * g.inner_radius:.0f} mm, {1e3 * g.mean_thickness:.1f} mm thick"
     print(f"{size}, first contact at {touch:.2f} N: {len(found)} frames, {dict(statuses)}")
     print(f"  another number of contacts (true, found, status): {dict(other)}")
     rms, largest = np.sqrt(np.square(pulls).mean(0)), np.abs(pulls).max(0)

@@ -115,7 +115,7 @@ def case_of(scene: SceneSpec) -> Case | None:
         load.kind if load.kind == "pressure" else f"{np.rad2deg(load.angle):.0f} deg"
         for load in scene.loads
     )
-    thickness = f"{1e3 * scene.geometry.thickness:.2f} mm"
+    thickness = f"{1e3 * scene.geometry.mean_thickness:.2f} mm"
     return Case(
         f"{scene.material.law}, {scene.oil.model}, {thickness}, {loads}",
         errors(plain(lumped), exact),

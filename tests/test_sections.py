@@ -20,8 +20,11 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.registry import CURVES, build_geometry
 from suas_jax.skin.section import AbstractSection, outward
 
-THICKNESS = {"arc": [0, 0.3, 0.6, 1], "value": ["1.5 mm", "1.1 mm", "1.7 mm", "1.4 mm"]}
-GAP = {"arc": [0, 0.4, 1], "value": ["5 mm", "4 mm", "4.5 mm"]}
+THICKNESS: dict[str, Any] = {
+    "arc": [0, 0.3, 0.6, 1],
+    "value": ["1.5 mm", "1.1 mm", "1.7 mm", "1.4 mm"],
+}
+GAP: dict[str, Any] = {"arc": [0, 0.4, 1], "value": ["5 mm", "4 mm", "4.5 mm"]}
 WAVE = [(-62, 0), (-57, 25), (-36, 44), (-4, 52), (29, 45), (53, 24), (60, 1)]
 
 
@@ -104,7 +107,8 @@ class NoCurve(eqx.Module):
 def shared(geometry: SkinGeometry) -> SkinGeometry:
     """The same dimensions in a form that all kinds of section have."""
     if isinstance(geometry.section, ChartedSection):
-        section = dataclasses.replace(geometry.section, curve=NoCurve(), mirrored=False)
+        none: Any = NoCurve()
+        section = dataclasses.replace(geometry.section, curve=none, mirrored=False)
         geometry = dataclasses.replace(geometry, section=section)
     return geometry
 
@@ -312,8 +316,8 @@ def arcs_of(count: int) -> Any:
     return 57.5 * np.stack([np.sin(turn), np.cos(turn)], 1)
 
 
-EVEN = {"arc": [0, 0.2, 1], "value": ["1.5 mm"] * 3}
-LIMITS = {
+EVEN: dict[str, Any] = {"arc": [0, 0.2, 1], "value": ["1.5 mm"] * 3}
+LIMITS: dict[str, dict[str, Any]] = {
     "ellipse": {
         "section": "ellipse",
         "inner_semi_axes": ["57.5 mm", "57.5 mm"],
@@ -362,7 +366,10 @@ def test_a_table_is_the_smooth_curve_through_its_values() -> None:
     np.testing.assert_allclose(by_fraction, want(fraction, 1), rtol=0, atol=1e-8)
 
 
-HUMP = {"arc": [0, 0.25, 0.5, 0.75, 1], "value": [f"{x} mm" for x in (1.5, 1.2, 1, 1.2, 1.5)]}
+HUMP: dict[str, Any] = {
+    "arc": [0, 0.25, 0.5, 0.75, 1],
+    "value": [f"{x} mm" for x in (1.5, 1.2, 1, 1.2, 1.5)],
+}
 LEANING = HUMP | {"value": [*HUMP["value"][:-1], "1.4 mm"]}
 MIRRORED_PATH = {
     "section": "path",
