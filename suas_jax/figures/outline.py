@@ -44,7 +44,9 @@ def outline(scene: SceneSpec) -> Outline:
     if scene.geometry.is_circle:
         found = _outline(Structure(scene), continuous_inputs(scene))
     else:
-        found = COMPILED.run(_COMPILED, structure_of(scene, wall=False), inputs_of(scene), once=True)
+        found = COMPILED.run(
+            _COMPILED, structure_of(scene, wall=False), inputs_of(scene), once=True
+        )
     return Outline(*(np.asarray(x) for x in found))
 
 
