@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.solve import Solution
 from suas_jax.skin.geometry import SkinGeometry
@@ -30,7 +31,7 @@ class _Grid(NamedTuple):
         inner: positions of the inner face [m], components leading.
         outer: positions of the outer face.
         height: of the inner face over the undeformed one [m].
-        angle: of the normal through it, as scenes tell it [rad].
+        angle: of the normal through it [rad].
     """
 
     inner: Array
@@ -51,8 +52,8 @@ def _grid(problem: Problem, state: State, shown: State) -> _Grid:
         jnp.concatenate([x, faces.axial[None]]) + moved
         for x, moved in ((rest, faces.inner_displacement), (above, faces.outer_displacement))
     )
-    angle, height = section.foot(inner, faces.angle)
-    return _Grid(inner, outer, height, section.given_angle(angle))
+    height, angle, _ = PadShape(faces).inner_face(section)
+    return _Grid(inner, outer, height, angle)
 
 
 def plot_pad_surface(solution: Solution) -> Figure:
@@ -62,22 +63,23 @@ def plot_pad_surface(solution: Solution) -> Figure:
         solution: a solution in three dimensions.
     """
     face, outer, height, angle = (np.asarray(x)[..., 0] for x in solution.read(_grid))
-    geometry = solution.scene.geometry
-    gap = 1e3 * (height + geometry.mean_gap)
-    place = np.rad2deg(angle), 1e3 * face[2]
+    parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
+    geometry = parts.skin.geometry
+    at = jnp.asarray(angle)[..., None]
+    gap = 1e3 * (height + np.asarray(geometry.gap(at))[..., 0])
+    place = np.rad2deg(np.asarray(geometry.section.given_angle(at))[..., 0]), 1e3 * face[2]
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     panels = figure.add_gridspec(1, 2, width_ratios=(1, 1.1))
     flat = figure.add_subplot(panels[0])
-    gap_scale = _around(gap, 1e3 * geometry.mean_gap)
+    gap_scale = _around(gap, 1e3 * float(geometry.oil_gap[0]))
     mesh = flat.pcolormesh(*place, gap, cmap="RdBu", norm=gap_scale, shading="gouraud")
     flat.contour(*place, gap, levels=11, colors="0.3", linewidths=0.4)
     figure.colorbar(mesh, ax=flat, label="gap to the wall [mm]", shrink=0.9)
-    parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
     _draw_taxels(flat, parts)
     for load in parts.forces:
         assert isinstance(load, PadLoad)
-        _draw_load(flat, load, parts.skin.geometry)
+        _draw_load(flat, load, geometry)
     flat.set(xlabel="angle [deg]", ylabel="position along the axis [mm]")
 
     space = figure.add_subplot(panels[1], projection="3d")

@@ -11,9 +11,11 @@ from suas_jax.figures.solid_fields import solid_fields
 from suas_jax.files.writing import written
 from suas_jax.mechanics.pad.faces import Faces, principal_stretches
 from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.mechanics.solid.fields import Fields
 from suas_jax.scene.solve import Solution
+from suas_jax.skin.plain import plain_geometry
 
 # A biquadratic quadrilateral of VTK: corners, middles of the edges, centre.
 _VTK_NODES = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1))
@@ -72,26 +74,29 @@ def _section_mesh(fields: Fields) -> meshio.Mesh:
 
 def _pad_grid(
     problem: Problem, state: State, shown: State
-) -> tuple[Faces, Array, Array, Array]:
-    """The faces on a grid; of the inner one principal stretches, place and height over it."""
+) -> tuple[Faces, Array, Array, Array, Array]:
+    """The faces on a grid; of the inner one principal stretches, place, and where it is now.
+
+    That is the height over the undeformed face, and the angle of the normal there.
+    """
     del state
     pad = problem.mechanics
     assert isinstance(pad, Pad)
     grid = pad.sampled(shown.q, _PAD_SAMPLES)
     rest = pad.section.inner_face(grid.angle)
-    _, height = pad.section.foot(rest + grid.inner_displacement[:2], grid.angle)
-    return grid, principal_stretches(grid.inner_strain), rest, height
+    height, angle, _ = PadShape(grid).inner_face(pad.section)
+    return grid, principal_stretches(grid.inner_strain), rest, height, angle
 
 
 def _pad_mesh(solution: Solution) -> meshio.Mesh:
     """The inner face as quadrilaterals."""
-    geometry = solution.scene.geometry
-    grid, stretches, place, height = solution.read(_pad_grid)
+    geometry = plain_geometry(solution.scene.geometry)
+    grid, stretches, place, height, angle = solution.read(_pad_grid)
     axial, energy = (np.asarray(x)[..., 0] for x in (grid.axial, grid.energy_density))
     moved = np.moveaxis(np.asarray(grid.inner_displacement)[..., 0], 0, -1)
     arc, along = axial.shape
     rest = np.stack([*place[..., 0], axial], -1)
-    gap = height[..., 0] + geometry.mean_gap
+    gap = np.asarray(height + geometry.gap(angle))[..., 0]
     index = np.arange(arc * along).reshape(arc, along)
     corners = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
     data = {

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.numerics.newton_polynomial import power_coefficients
+from suas_jax.numerics.newton_polynomial import polynomial, power_coefficients
 from suas_jax.skin.section import AbstractSection
 
 # Intervals an element is sampled in, the degree of its polynomial.
@@ -77,8 +77,4 @@ def height_at(face: NormalFace, angle: Float[Array, "ray #lane"]) -> Float[Array
     rows = jnp.moveaxis(table, 0, 1).reshape(-1, table.shape[-1])
     picked = rows[lanes * table.shape[0] + element]
     middle, scale, *powers = jnp.moveaxis(picked, -1, 0)
-    t = (angle - middle) * scale
-    height = powers[-1]
-    for power in powers[-2::-1]:
-        height = height * t + power
-    return height
+    return polynomial(powers, (angle - middle) * scale)

@@ -81,11 +81,6 @@ def _numbered(numbers: dict[str, Any], load: str, key: str) -> Any:
     return numbers.get(f"{load}.{key}", np.zeros(1))
 
 
-def size_of(scene: SceneSpec) -> float:
-    """Length of the mid-line per angle [m]; of a circle its radius."""
-    return measures(scene).size
-
-
 def _mirror_image(scene: SceneSpec, numbers: Sequence[float]) -> bool:
     """Whether the loads are their own mirror image."""
 

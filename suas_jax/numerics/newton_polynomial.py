@@ -1,5 +1,7 @@
 """Polynomials through samples at any places, in powers of the coordinate."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -26,3 +28,16 @@ def power_coefficients(
         shifted += [powers[k - 1] - t[i] * powers[k] for k in range(1, len(powers))]
         powers = [*shifted, powers[-1]]
     return jnp.stack(powers)
+
+
+def polynomial(powers: Sequence[Array], t: Array) -> Array:
+    """Value of a polynomial by Horner's scheme.
+
+    Args:
+        powers: coefficients in ascending powers.
+        t: where.
+    """
+    value = powers[-1]
+    for power in powers[-2::-1]:
+        value = value * t + power
+    return value

@@ -11,7 +11,7 @@ from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.equilibrium.balance import Problem
 from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
-from suas_jax.mesh.section import size_of
+from suas_jax.mesh.section import measures
 from suas_jax.scene.parts import SceneParts, law_of, scene_parts
 
 
@@ -71,7 +71,7 @@ def decay_angle(scene: SceneSpec) -> float:
     force per width; the mesh needs the order of magnitude only.
     """
     g = scene.geometry
-    radius = size_of(scene)
+    radius = measures(scene).size
     stiffness = float(_shear_modulus(scene)) * g.mean_thickness**3 / 3
     if scene.solve.oil_pressure is not None:
         tension = abs(scene.solve.oil_pressure) * radius

@@ -70,15 +70,8 @@ class Electrodes(eqx.Module):
     @property
     def between(self) -> Dielectric:
         """What lies between electrodes and membrane."""
-        return Dielectric(self.permittivity, self.layers, self._wall_curvature)
-
-    @property
-    def _wall_curvature(self) -> Float[Array, "taxel #lane"]:
-        """Of the wall under every taxel [1/m]."""
-        angle, section = self.taxels.angle, self.geometry.section
-        below = section.thickness(angle) / 2 + self.geometry.gap(angle)
-        curvature = section.curvature(angle)
-        return curvature / (1 - curvature * below)
+        curvature = self.geometry.wall_curvature(self.taxels.angle)
+        return Dielectric(self.permittivity, self.layers, curvature)
 
     def read(self, mechanics: AbstractMechanics, q: StationVector) -> Readings:
         """Readings of a deformed membrane.

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
+from suas_jax.numerics.newton_polynomial import polynomial
+
 
 class Along(eqx.Module):
     """The cubic spline through values at fractions of the inner face's arc.
@@ -26,16 +28,13 @@ class Along(eqx.Module):
     def __call__(self, fraction: Float[Array, "*shape #lane"]) -> Float[Array, "*shape lane"]:
         """The number at fractions of the arc."""
         knots = np.array(self.at)
-        # [power, interval, place], highest power first, in distances from the knots.
-        powers = np.asarray(CubicSpline(knots, np.eye(len(knots))).c)
+        # [power, interval, place], in distances from the knots.
+        powers = np.asarray(CubicSpline(knots, np.eye(len(knots))).c)[::-1]
         table = jnp.einsum("pik,kl->pil", powers, self.values)
         inside = jnp.sum(fraction[..., None] >= knots[1:-1], -1)
         x = fraction - jnp.asarray(knots)[inside]
         lane = jnp.arange(table.shape[-1])
-        found = jnp.zeros(())
-        for row in table:
-            found = found * x + row[inside, lane]
-        return found
+        return polynomial([row[inside, lane] for row in table], x)
 
     def mean(self) -> Float[Array, " #lane"]:
         """Over the arc."""

@@ -18,16 +18,19 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
-from suas_jax.numerics.newton_polynomial import power_coefficients
+from suas_jax.numerics.newton_polynomial import polynomial, power_coefficients
 from suas_jax.skin.along import Along
 from suas_jax.skin.section import (
-    FOOT_STEPS,
     INVERSE_STEPS,
     AbstractSection,
     Frame,
     outward,
     tangent,
 )
+
+# Newton steps from a material point to the foot of a place near it: its angle changes by
+# little, and the derivatives of the last steps are exact to second order.
+_FOOT_STEPS = 6
 
 # Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
 _NODES, _PIECES = 7, 48
@@ -86,7 +89,6 @@ class ChartedSection(AbstractSection):
         ends: angles of the ends of the pieces.
         table: of every piece, `_FIELDS` by ascending powers of a coordinate that runs from
             -1 to 1 on it.
-        length: of the inner face [m].
         kinks: which ends of pieces the curvature jumps at.
         mirrored: whether the right half is the mirror image of the left one.
     """
@@ -97,7 +99,6 @@ class ChartedSection(AbstractSection):
     mid_length: Lanes
     ends: Float[Array, "edge lane"]
     table: Float[Array, "piece field power lane"]
-    length: Lanes
     kinks: tuple[int, ...] = eqx.field(static=True)
     mirrored: bool = eqx.field(static=True)
 
@@ -160,7 +161,6 @@ class ChartedSection(AbstractSection):
             mid_length=total,
             ends=ends,
             table=jnp.moveaxis(powers, 2, 0),
-            length=length,
             kinks=tuple(each * k for k in curve.kinks),
             mirrored=mirrored,
         )
@@ -201,10 +201,10 @@ class ChartedSection(AbstractSection):
             v = (x - low) * scale - 1
             found = []
             for name in values:
-                found.append(_horner(list(row[:, _FIELDS.index(name)].T), v))
+                found.append(polynomial(list(row[:, _FIELDS.index(name)].T), v))
             for name in slopes:
                 powers = row[:, _FIELDS.index(name)].T
-                found.append(_horner([k * powers[k] for k in range(1, _NODES)], v) * scale)
+                found.append(polynomial([k * powers[k] for k in range(1, _NODES)], v) * scale)
             return found
 
         axes = (None, None, -1) if lanes == 1 else (-1, -1, -1)
@@ -236,7 +236,7 @@ class ChartedSection(AbstractSection):
             return angle + along / (length + height * bend), None
 
         start = jnp.broadcast_to(jax.lax.stop_gradient(near), place.shape[1:])
-        angle, _ = jax.lax.scan(step, start, None, length=FOOT_STEPS)
+        angle, _ = jax.lax.scan(step, start, None, length=_FOOT_STEPS)
         return angle, off(angle)[1]
 
     def thickness(self, angle: Array) -> Array:
@@ -280,10 +280,6 @@ class ChartedSection(AbstractSection):
         """See the base class."""
         return self._inverse(arc, "arc")
 
-    def fraction(self, angle: Array) -> Array:
-        """Of the inner face's arc, from the left clamp."""
-        return 0.5 + self.arc(angle) / self.length
-
     def _inverse(self, value: Array, name: str) -> Array:
         """The angle where a growing field has a value."""
         value = jnp.asarray(value)
@@ -295,13 +291,6 @@ class ChartedSection(AbstractSection):
             return angle + (value - here) / rate, None
 
         return jax.lax.scan(step, start, None, length=INVERSE_STEPS)[0]
-
-
-def _horner(powers: list[Array], x: Array) -> Array:
-    found = powers[-1]
-    for power in powers[-2::-1]:
-        found = found * x + power
-    return found
 
 
 def _tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

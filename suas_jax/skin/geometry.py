@@ -84,8 +84,16 @@ class SkinGeometry(eqx.Module):
 
     def along_wall(self, angle: Array, length: Array) -> Array:
         """The angle a length further along the wall [rad]."""
-        below = self.section.thickness(angle) / 2 + self.gap(angle)
-        return self.section.moved(angle, length, -below)
+        return self.section.moved(angle, length, -self._wall_depth(angle))
+
+    def wall_curvature(self, angle: Array) -> Array:
+        """Curvature of the wall [1/m]."""
+        curvature = self.section.curvature(angle)
+        return curvature / (1 - curvature * self._wall_depth(angle))
+
+    def _wall_depth(self, angle: Array) -> Array:
+        """From the mid-line to the wall along the normal [m]."""
+        return self.section.thickness(angle) / 2 + self.gap(angle)
 
     @property
     def film_area(self) -> Lanes:

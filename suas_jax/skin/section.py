@@ -23,10 +23,6 @@ from jaxtyping import Array, Float
 
 from suas_jax.numerics.array_types import Lanes
 
-FOOT_STEPS = 6
-"""Newton steps from a material point to the foot of a place near it: its angle changes by
-little, and the derivatives of the last steps are exact to second order."""
-
 INVERSE_STEPS = 5
 """Newton steps of an inverse: smooth functions, from a start good to a per cent."""
 
@@ -124,10 +120,7 @@ class AbstractSection(eqx.Module):
 
     def fraction(self, angle: Array) -> Array:
         """Share of the inner face's arc that lies left of an angle."""
-        half = self.arc(self.half_angle)
-        return (self.arc(angle) - self.arc(-self.half_angle)) / (
-            half - self.arc(-self.half_angle)
-        )
+        return 0.5 + self.arc(angle) / (2 * self.arc(self.half_angle))
 
     @property
     def breakpoints(self) -> list[Lanes]:

@@ -1,4 +1,4 @@
-"""What makes a section impossible: folds, crossings, places off it. Each finding names where.
+"""What makes a section impossible: folds and crossings. Each finding names where.
 
 A circle's sizes are compared when its table is read; other sections are sampled here.
 """

@@ -16,6 +16,7 @@ from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.mechanics.shell.shape import CRUSHED
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.section import AbstractSection
 
 SAMPLES = 4
 """Intervals along either side of an element in which extremes are sought."""
@@ -79,16 +80,16 @@ class PadShape(AbstractShape):
 
     grid: Faces
 
-    def inner_face(self, geometry: SkinGeometry) -> tuple[Grid, Grid, Grid]:
+    def inner_face(self, section: AbstractSection) -> tuple[Grid, Grid, Grid]:
         """Height over rest [m], angle [rad] and axial position [m] of the inner face now."""
-        grid, section = self.grid, geometry.section
+        grid = self.grid
         place = section.inner_face(grid.angle) + grid.inner_displacement[:2]
         angle, height = section.foot(place, grid.angle)
         return height, angle, grid.axial + grid.inner_displacement[2]
 
     def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
-        height, angle, axial = self.inner_face(geometry)
+        height, angle, axial = self.inner_face(geometry.section)
         negative, *at = peak(-height - geometry.gap(angle), angle, axial)
         return Extreme(-negative, *at)
 
@@ -103,7 +104,7 @@ class PadShape(AbstractShape):
 
     def bulge(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
-        return Extreme(*peak(*self.inner_face(geometry)))
+        return Extreme(*peak(*self.inner_face(geometry.section)))
 
     def stretch_range(self) -> tuple[Lanes, Lanes]:
         """See the base class."""

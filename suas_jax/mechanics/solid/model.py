@@ -13,7 +13,7 @@ from suas_jax.mechanics.solid.carry import carried
 from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.mesh.plan import MeshPlan, load_points
-from suas_jax.mesh.section import plan_section, size_of
+from suas_jax.mesh.section import measures, plan_section
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
@@ -97,7 +97,7 @@ class SolidModel(AbstractModel):
         if scene.rtol > _LOOSE:
             return (max(64, least), 2)
         thick = scene.geometry.mean_thickness > _THIN * (
-            size_of(scene) - scene.geometry.mean_thickness / 2
+            measures(scene).size - scene.geometry.mean_thickness / 2
         )
         if scene.rtol > _STRICT:
             return (max(128, least), 4 if thick else 2)
@@ -140,7 +140,7 @@ class SolidModel(AbstractModel):
         """Pairs of elements that a comparison mesh joins; see the base class."""
         elements, layers = counts
         thick = scene.geometry.mean_thickness
-        thickness = thick / (size_of(scene) + thick / 2)
+        thickness = thick / (measures(scene).size + thick / 2)
         thinnest = Layout(elements, layers).layer_ends[1]
         local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness * thinnest)
         pairs = plan_section(scene, (elements + 1) // 2, decay, local)
