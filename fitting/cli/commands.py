@@ -16,6 +16,7 @@ from fitting.cli import (
     health,
     invert,
     log,
+    modes,
     new,
     simulate,
     solve,
@@ -38,6 +39,7 @@ app.add_typer(new_files, name="new")
 app.command("examples")(new.examples)
 app.command("solve")(solve.solve)
 app.command("sweep")(sweep.sweep)
+app.command("modes")(modes.modes)
 app.command("simulate")(simulate.simulate)
 app.command("convert")(simulate.convert)
 app.command("log")(log.log)

@@ -14,6 +14,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "suas solve configs/scenes/press.toml --gradient min_gap_m",
     ),
     "sweep": ("suas sweep configs/scenes/case_b.toml --force 0:40:21 --plot curve.png",),
+    "modes": ("suas modes configs/scenes/film.toml --plot modes.png",),
     "range": ("suas range configs/skins/suas.toml --plot range.png",),
     "simulate": (
         "suas simulate configs/scenes/press_path.csv -o press.csv",
@@ -57,7 +58,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 PANELS = {
     "Start": ("examples", "new"),
-    "The model": ("solve", "sweep", "range", "simulate", "view"),
+    "The model": ("solve", "sweep", "modes", "range", "simulate", "view"),
     "Measurements": ("log", "health", "baseline", "data", "convert", "export"),
     "Fits": ("calibrate", "fit", "invert"),
 }

@@ -9,7 +9,7 @@ derived from that declaration; its energy is a file of `suas_jax.constitutive.la
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema
@@ -67,6 +67,7 @@ class LawSpec(Spec):
             larger by one over the long-term share of `relaxation`.
         relaxation: of the stress; None where it is not known.
         softening: of the stress below the largest load before; None where it is not known.
+        density: of the material; None where nothing moves fast [kg/m^3].
         half_modulus: keys whose sum is half the shear modulus of small strain, which must be
             positive; empty where the signs of the constants alone see to that.
         usual_terms: number of terms (or degree) of a fit that asks for none; 0 for all.
@@ -84,6 +85,9 @@ class LawSpec(Spec):
     )
     softening: SofteningSpec | None = Field(
         default=None, examples=['{ r = 1.9, m = "50 kPa", beta = 0.1 }']
+    )
+    density: Annotated[float, quantity("density", above=0.0)] | None = Field(
+        default=None, examples=['"1100 kg/m^3"']
     )
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
@@ -140,6 +144,8 @@ class LawSpec(Spec):
         own = [key for key in type(self).model_fields if key not in LawSpec.model_fields]
         keys = [key for key in (*own, "response") if key in self.model_fields_set]
         table = {"law": self.law} | {key: shown(key, getattr(self, key)) for key in keys}
+        if self.density is not None:
+            table["density"] = f"{self.density:.12g} kg/m^3"
         return table | {
             key: part.table() for key, part in inelastic.items() if part is not None
         }

@@ -6,11 +6,13 @@ The equation between pressure and volume is the file of the same name in
 
 from __future__ import annotations
 
+import contextlib
 from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, PlainValidator, ValidationInfo
 
-from suas_jax.config.fields import Spec, quantity
+from suas_jax.config.fields import Quantity, Spec, quantity, quantity_of
+from suas_jax.config.tolerance import UncertainQuantity
 
 FLUIDS = {
     "air": 1.0006,
@@ -39,6 +41,29 @@ def _fluid(value: object, info: ValidationInfo) -> float:
     return number
 
 
+def _viscosity(value: object, info: ValidationInfo) -> float:
+    """A dynamic viscosity, or a kinematic one times the density [Pa s]."""
+    strict = bool(info.context and info.context.get("units_required"))
+    found, density = None, info.data.get("density")
+    if isinstance(value, str):
+        with contextlib.suppress(ValueError):
+            found = quantity_of(value, "kinematic viscosity")
+    if found is None:
+        found = quantity_of(value, "viscosity", bare_numbers=not strict)
+    elif density is None:
+        raise ValueError(
+            "a kinematic viscosity needs the oil's density; add it, for example density = "
+            '"960 kg/m^3", or give the dynamic one, for example "48 mPa s"'
+        )
+    elif isinstance(found, UncertainQuantity):
+        found = UncertainQuantity(found * density, found.deviation * density)
+    else:
+        found *= density
+    if found < 0.0:
+        raise ValueError("must not be less than zero")
+    return found
+
+
 class OilSpec(Spec):
     """The oil between the wall and the membrane: base of the models in `suas_jax.config.oils`.
 
@@ -46,6 +71,8 @@ class OilSpec(Spec):
         model: name of the model.
         relative_permittivity: of the oil, or the name of a fluid; None where
             nothing is sensed.
+        density: of the oil; None where nothing moves fast [kg/m^3].
+        viscosity: dynamic [Pa s]; a file may give the kinematic one, as its unit tells.
         trapped: whether the oil's pressure is unknown (else it is zero).
         yields: whether its volume changes with the pressure.
     """
@@ -53,6 +80,12 @@ class OilSpec(Spec):
     model: str
     relative_permittivity: Annotated[float, PlainValidator(_fluid)] | None = Field(
         default=None, examples=["2.2"]
+    )
+    density: Annotated[float, quantity("density", above=0.0)] | None = Field(
+        default=None, examples=['"960 kg/m^3"']
+    )
+    viscosity: Annotated[float, Quantity(_viscosity, dimension="viscosity")] | None = Field(
+        default=None, examples=['"50 cSt"']
     )
 
     trapped: ClassVar[bool] = True

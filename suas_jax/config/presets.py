@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from suas_jax.config.errors import ConfigError, Mistake, show, unknown
+from suas_jax.config.law import LawSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.toml_file import read_toml
 
@@ -74,7 +75,7 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
     table = load_preset(name)
     law = table["law"]
     constants = list(LAWS[law].declared())
-    free = [*constants, "response"]
+    free = [*constants, *LawSpec.model_fields.keys() - {"law"}]
     fixed = LAWS[law].model_fields.keys() - set(free)
     wrong: list[tuple[str, str]] = []
     for key, value in material.items():

@@ -25,6 +25,8 @@ DimensionName = Literal[
     "density",
     "specific weight",
     "time",
+    "viscosity",
+    "kinematic viscosity",
     "number",
 ]
 
@@ -63,6 +65,12 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
         ),
         "time": Dimension(
             "a time", "s", (("ms", 1e-3), ("s", 1.0), ("min", 60.0), ("h", 3600.0)), "s"
+        ),
+        "viscosity": Dimension(
+            "a viscosity", "Pa s", (("mPa s", 1e-3), ("Pa s", 1.0)), "mPa s"
+        ),
+        "kinematic viscosity": Dimension(
+            "a kinematic viscosity", "m^2/s", (("cSt", 1e-6), ("m^2/s", 1.0)), "cSt"
         ),
         "number": Dimension("a number", "", (("", 1.0),), ""),
     }

@@ -161,11 +161,13 @@ class EnvironmentSpec(Spec):
     """The surroundings, whose pressure acts on both sides and drops out of the deformation.
 
     Attributes:
+        medium: what moves with the outer face: water, or nothing.
         depth: below the surface of the water [m]; None leaves ambient pressure out.
         specific_weight: of the water [N/m^3]; by default the paper's 10.051 kN/m^3.
         atmospheric_pressure: at the water's surface [Pa]; by default the paper's 101.3 kPa.
     """
 
+    medium: Literal["water", "air"] = Field(default="water", examples=['"water"'])
     depth: Annotated[float, quantity("length", at_least=0.0)] | None = Field(
         default=None, examples=['"20 m"']
     )

@@ -61,6 +61,8 @@ torr = 133.32236842105263 pascal
 mmHg = 133.322387415 pascal
 pound_force_per_square_inch = 6894.757293168361 pascal = psi
 kilopound_force_per_square_inch = 6894757.293168361 pascal = ksi
+poise = 0.1 pascal * second = P
+stokes = 1e-4 meter ** 2 / second = St
 joule = newton * meter = J
 watt = joule / second = W
 volt = watt / ampere = V

@@ -1,0 +1,248 @@
+"""Natural modes of a skin about a state, and up to which frequency statics is right.
+
+With stiffness K, mass M and damping C of the unknowns u, on the motions that the oil's volume
+allows::
+
+    K phi = w^2 M phi,    zeta = phi' C phi / (2 w phi' M phi)
+
+gives undamped frequencies and damping ratios; roots s of (s^2 M + s C + K) x = 0 how a free
+motion swings and fades. The bandwidth is the frequency up to which, for any load, the error of
+the static answer K^-1 f stays below 1 % in the energy norm::
+
+    || K^1/2 (K + i w C - w^2 M)^-1 K^1/2 - 1 ||_2 <= 0.01
+
+which counts the lag of an answer like an error of its size.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from jaxtyping import Complex, Float
+
+from suas_jax.config import ConfigError, SceneSpec, with_solve
+from suas_jax.config.errors import Mistake
+from suas_jax.dynamics.inertia import Densities, Inertia, inertia_of
+from suas_jax.dynamics.motion import Motion, motion_of
+from suas_jax.scene.solve import Solution, solve
+
+STATIC_ERROR = 0.01
+"""Error of the static answer at the bandwidth."""
+WATER_DENSITY = 1000.0
+"""Of the water outside [kg/m^3]."""
+MOST_MODES = 50
+# Elements that leave errors of 1e-4: a wave of the highest mode takes about sixteen.
+_FIRST_ELEMENTS, _ELEMENTS_A_MODE = 24, 8
+# Modes that damped ones and the bandwidth are made of, beyond those wanted.
+_MORE_MODES = 24
+
+
+@dataclasses.dataclass(frozen=True)
+class Modes:
+    """Natural modes of a skin.
+
+    Attributes:
+        modes: one row each, SI units in the key names.
+        bandwidth: below it the static answer is right to `STATIC_ERROR` [Hz]; None where no
+            state was found, or an unstable one.
+        shapes: displacement of the inner and the outer face, the largest component being one.
+        motion: what they are modes of; None where no state was found.
+        solution: the state.
+        status: as of a solve, or "unstable".
+        message: what it means.
+    """
+
+    modes: list[dict[str, float | None]]
+    bandwidth: float | None
+    shapes: Float[np.ndarray, "mode face 2 point"]
+    motion: Motion | None
+    solution: Solution
+    status: str
+    message: str
+
+    def report(self) -> dict[str, Any]:
+        """What `suas modes --json` prints."""
+        return {
+            "status": self.status,
+            "message": self.message,
+            "modes": self.modes,
+            "bandwidth_Hz": self.bandwidth,
+            "oil_pressure_Pa": self.solution.report["oil_pressure_Pa"],
+            "min_gap_m": self.solution.report["min_gap_m"],
+        }
+
+
+def modes(scene: SceneSpec, count: int = 6) -> Modes:
+    """Natural modes about the state that a scene's loads hold, or about rest.
+
+    They are those of the shell, to first order with the transverse shear that it leaves out.
+
+    Args:
+        scene: in plane strain, with trapped oil, and with the densities and the viscosity.
+        count: how many, the lowest first.
+
+    Raises:
+        ConfigError: the scene lacks a density or the viscosity.
+        ValueError: it is three-dimensional, its oil is vented, or the count is out of range.
+        Float64Error: float64 is off.
+    """
+    if not 1 <= count <= MOST_MODES:
+        raise ValueError(f"{count} modes; 1 to {MOST_MODES} can be asked for")
+    scene.require_plane_strain("`modes`")
+    if not scene.oil.trapped:
+        raise ValueError(
+            "vented oil flows through an outlet that no file describes; modes need trapped "
+            'oil: set oil.model = "incompressible"'
+        )
+    densities = densities_of(scene)
+    elements = scene.solve.elements or _FIRST_ELEMENTS + _ELEMENTS_A_MODE * count
+    solution = solve(with_solve(scene, model="shell", mesh=None, elements=elements))
+    none = np.zeros((0, 2, 2, 0))
+    if not solution.converged:
+        report = solution.report
+        return Modes([], None, none, None, solution, report["status"], report["message"])
+    motion = motion_of(solution)
+    inertia = inertia_of(motion, densities)
+    stiffness, basis = _allowed(motion)
+    size = min(len(stiffness), count + _MORE_MODES)
+    squares, vectors = scipy.linalg.eigh(
+        stiffness, basis.T @ inertia.mass @ basis, subset_by_index=[0, size - 1]
+    )
+    if squares[0] <= 0:
+        message = "The state is unstable: a motion grows by itself, and has no frequency."
+        return Modes([], None, none, motion, solution, "unstable", message)
+    vectors = basis @ vectors
+    # What the shell leaves out is a compliance, this share of a mode's own.
+    softer = np.einsum("ki,kl,li->i", vectors, motion.omitted, vectors) / squares
+    squares = squares / (1 + softer)
+    damping = vectors.T @ inertia.damping @ vectors
+    rows = _rows(squares, damping, vectors, inertia)[:count]
+    shapes = np.stack([motion.inner.moved, motion.outer.moved]) @ vectors[:, :count]
+    shapes = np.moveaxis(shapes, -1, 0)
+    shapes /= np.max(np.abs(shapes), (1, 2, 3), keepdims=True)
+    bandwidth = bandwidth_of(squares, damping)
+    return Modes(rows, bandwidth, shapes, motion, solution, "converged", "")
+
+
+def densities_of(scene: SceneSpec) -> Densities:
+    """Densities and viscosity of a scene.
+
+    Raises:
+        ConfigError: names what is missing.
+    """
+    needed = {
+        "oil.density": scene.oil.density,
+        "oil.viscosity": scene.oil.viscosity,
+        "material.density": scene.material.density,
+    }
+    examples = ('"960 kg/m^3"', '"50 cSt"', '"1100 kg/m^3"')
+    missing = [
+        Mistake(
+            "scene", key, f"missing; motion needs it, for example {key.split('.')[1]} = {text}"
+        )
+        for (key, value), text in zip(needed.items(), examples, strict=True)
+        if value is None
+    ]
+    if missing:
+        raise ConfigError(missing)
+    environment = scene.environment
+    in_water = environment is None or environment.medium == "water"
+    oil, viscosity, membrane = (float(x) for x in needed.values() if x is not None)
+    return Densities(oil, viscosity, membrane, WATER_DENSITY if in_water else 0.0)
+
+
+class _Stiffness(NamedTuple):
+    """Stiffness of the motions that the oil allows, and what they are made of."""
+
+    stiffness: Float[np.ndarray, "motion motion"]
+    basis: Float[np.ndarray, "unknown motion"]
+
+
+def _allowed(motion: Motion) -> _Stiffness:
+    """Motions that keep the oil's volume, or all of them with the stiffness of its oil."""
+    stiffness, volume = motion.stiffness, motion.volume
+    if motion.compliance < 0:
+        return _Stiffness(
+            stiffness - np.outer(volume, volume) / motion.compliance, np.eye(len(volume))
+        )
+    basis = scipy.linalg.null_space(volume[None])
+    return _Stiffness(basis.T @ stiffness @ basis, basis)
+
+
+def _rows(
+    squares: np.ndarray, damping: np.ndarray, vectors: np.ndarray, inertia: Inertia
+) -> list[dict[str, float | None]]:
+    """The modes as a table.
+
+    Args:
+        squares: w^2 of the undamped modes.
+        damping: in their coordinates.
+        vectors: of unit mass.
+        inertia: whose modes they are.
+    """
+    omega = np.sqrt(squares)
+    film = np.einsum("ki,kl,li->i", vectors, inertia.film, vectors)
+    rows: list[dict[str, float | None]] = []
+    for i, root in enumerate(damped_roots(squares, damping)):
+        rows.append(
+            {
+                "undamped_Hz": float(omega[i] / (2 * np.pi)),
+                "damping_ratio": float(damping[i, i] / (2 * omega[i])),
+                "frequency_Hz": float(root.imag / (2 * np.pi)) if root.imag > 0 else None,
+                "time_s": float(-1 / root.real) if root.real < 0 else None,
+                "film_share": float(film[i]),
+            }
+        )
+    return rows
+
+
+def damped_roots(
+    squares: Float[np.ndarray, " mode"], damping: Float[np.ndarray, "mode mode"]
+) -> Complex[np.ndarray, " mode"]:
+    """For each undamped mode the root of the damped motion that is most like it.
+
+    Of overdamped motions, which have two real roots each, the slower halves count.
+
+    Args:
+        squares: w^2 of the modes.
+        damping: in their coordinates.
+    """
+    n = len(squares)
+    omega = np.sqrt(squares)
+    # Unknowns w u and du/dt, so that both have one unit.
+    first_order = np.block([[np.zeros((n, n)), np.diag(omega)], [-np.diag(omega), -damping]])
+    roots, states = scipy.linalg.eig(first_order)
+    swinging, real = roots.imag > 0, np.flatnonzero(roots.imag == 0)
+    slower = real[np.argsort(-roots[real].real)[: len(real) // 2]]
+    kept = np.concatenate([np.flatnonzero(swinging), slower])  # one a mode
+    shapes = np.abs(states[:n, kept])
+    likeness = shapes / np.linalg.norm(shapes, axis=0)
+    _, own = scipy.optimize.linear_sum_assignment(-likeness)
+    found: np.ndarray = roots[kept[own]]
+    return found
+
+
+def bandwidth_of(
+    squares: Float[np.ndarray, " mode"], damping: Float[np.ndarray, "mode mode"]
+) -> float:
+    """Frequency up to which the static answer to any load is right to `STATIC_ERROR` [Hz].
+
+    Args:
+        squares: w^2 of the modes.
+        damping: in their coordinates.
+    """
+    omega = np.sqrt(squares)
+    viscous = damping / np.outer(omega, omega)
+
+    def excess(frequency: float) -> float:
+        inverse = np.diag(1 - frequency**2 / squares) + 1j * frequency * viscous
+        error = np.linalg.inv(inverse) - np.eye(len(squares))
+        return float(np.linalg.norm(error, 2)) - STATIC_ERROR
+
+    # At half of the lowest frequency inertia alone is an error of a third.
+    found: float = scipy.optimize.brentq(
+        excess, 0.0, omega[0] / 2, xtol=1e-12 * omega[0], rtol=1e-9
+    )
+    return found / (2 * np.pi)

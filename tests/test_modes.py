@@ -1,0 +1,179 @@
+"""Natural modes: an independent program's, closed forms of film and water, the command."""
+
+import csv
+import dataclasses
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_cli import SCENES, suas
+
+from suas_jax import ConfigError, load_scene, scene_from_dict
+from suas_jax.config.oil import OilSpec
+from suas_jax.dynamics.inertia import Densities, inertia_of
+from suas_jax.dynamics.modes import Modes, bandwidth_of, damped_roots, modes
+from suas_jax.dynamics.motion import Face, Motion
+
+FILM = SCENES / "film.toml"
+DATA = Path(__file__).parent / "data" / "film2d.csv"
+GIVEN = Densities(oil=960.0, viscosity=0.048, membrane=1150.0, water=1000.0)
+LENGTH, GAP, THICKNESS = 0.18, 4e-3, 1.5e-3
+
+
+def strip(segments: int, motion: str) -> Motion:
+    """A straight membrane from clamp to clamp whose one unknown is a normal displacement."""
+    s = np.linspace(0.0, LENGTH, segments + 1)
+    up = {"cos": np.cos, "sin": np.sin}[motion](np.pi * s / LENGTH)
+    moved = np.stack([0 * s, up])[..., None]
+    faces = [Face(np.stack([s, 0 * s + y]), moved) for y in (0.0, THICKNESS / 2, THICKNESS)]
+    none, gap = np.zeros((1, 1)), np.full_like(s, GAP)
+    wall, mass = np.stack([s, -gap]), THICKNESS * np.diff(s)
+    return Motion(none, none, np.zeros(1), 0.0, *faces, wall, gap, mass)
+
+
+def test_film_membrane_and_water_have_the_energies_of_closed_forms() -> None:
+    # w = cos(pi s / L) makes the flux (L / pi) sin(pi s / L).
+    flux = (LENGTH / np.pi) ** 2 * LENGTH / 2
+    wanted = np.array(
+        [
+            GIVEN.oil / GAP * flux,
+            GIVEN.membrane * THICKNESS * LENGTH / 2,
+            GIVEN.water * LENGTH / np.pi * LENGTH / 2,
+            12 * GIVEN.viscosity / GAP**3 * flux,
+        ]
+    )
+
+    def error(segments: int) -> np.ndarray:
+        found = inertia_of(strip(segments, "cos"), GIVEN)
+        return np.abs(np.array([x[0, 0] for x in found]) / wanted - 1)
+
+    assert np.all(error(400) < 3e-5)
+    assert np.all(error(400) < 0.27 * error(200))  # of second order
+
+
+def test_oil_that_yields_makes_room_evenly() -> None:
+    # What sin(pi s / L) displaces leaves with the flux of its difference to its mean.
+    s = np.linspace(0.0, LENGTH, 4001)
+    flux = LENGTH / np.pi * (1 - np.cos(np.pi * s / LENGTH) - 2 * s / LENGTH)
+    wanted = GIVEN.oil / GAP * np.trapezoid(flux**2, s)
+    assert inertia_of(strip(400, "sin"), GIVEN).film[0, 0] == pytest.approx(wanted, rel=1e-4)
+
+
+def test_a_closed_film_is_one_that_no_longer_drains() -> None:
+    shut = strip(50, "cos")._replace(gap=np.full(51, -1e-6))
+    assert np.isfinite(inertia_of(shut, GIVEN).damping).all()
+    assert (
+        inertia_of(shut, GIVEN).damping[0, 0]
+        > 1e9 * inertia_of(strip(50, "cos"), GIVEN).damping
+    )
+
+
+def test_damped_roots_are_those_of_oscillators_in_the_order_of_their_modes() -> None:
+    omega, zeta = np.array([3.0, 7.0, 11.0]), np.array([5.0, 0.2, 1.5])
+    roots = damped_roots(omega**2, np.diag(2 * zeta * omega))
+    slow = -omega * (zeta - np.sqrt(zeta**2 - 1 + 0j))
+    wanted = np.where(zeta > 1, slow, omega * (-zeta + 1j * np.sqrt(1 - zeta**2 + 0j)))
+    np.testing.assert_allclose(roots, wanted, rtol=1e-12)
+
+
+def test_bandwidth_of_one_mode() -> None:
+    tau = 0.3  # |1 / (1 + i w tau) - 1| = 0.01
+    viscous = bandwidth_of(np.array([1e10]), np.array([[tau * 1e10]]))
+    assert 2 * np.pi * viscous == pytest.approx(0.01 / tau / np.sqrt(1 - 1e-4), rel=1e-6)
+    free = bandwidth_of(np.array([25.0]), np.zeros((1, 1)))
+    assert 2 * np.pi * free == pytest.approx(5.0 * np.sqrt(0.01 / 1.01), rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def at_rest() -> Modes:
+    return modes(load_scene(FILM))
+
+
+def test_modes_are_those_of_an_independent_program(at_rest: Modes) -> None:
+    text = [line for line in DATA.read_text().splitlines() if not line.startswith("#")]
+    rows = [row for row in csv.DictReader(text) if row["viscosity_cSt"] == "50"]
+    assert len(rows) == len(at_rest.modes)
+    for row, mode in zip(rows, at_rest.modes, strict=True):
+        damping = float(row["modal_damping_ratio_uncoupled"])
+        share = float(row["film_share_of_modal_mass"])
+        assert mode["undamped_Hz"] == pytest.approx(float(row["undamped_Hz"]), rel=2e-3)
+        assert mode["frequency_Hz"] == pytest.approx(float(row["damped_Hz"]), rel=4e-3)
+        assert mode["damping_ratio"] == pytest.approx(damping, rel=3e-3)
+        assert mode["time_s"] == pytest.approx(float(row["decay_time_s"]), rel=3e-3)
+        assert mode["film_share"] == pytest.approx(share, rel=3e-3)
+
+
+def with_tables(**tables: dict[str, Any]) -> Any:
+    """The example's skin with other tables."""
+    data = tomllib.loads(FILM.read_text(encoding="utf-8"))
+    for name, table in tables.items():
+        data[name] = {**data[name], **table}
+    return scene_from_dict(data, base=SCENES)
+
+
+def test_air_outside_a_thinner_oil_and_one_that_yields_a_little(at_rest: Modes) -> None:
+    water = at_rest.modes[0]["undamped_Hz"]
+    air = modes(with_tables(environment={"medium": "air"})).modes[0]["undamped_Hz"]
+    assert water is not None
+    assert air is not None
+    assert air == pytest.approx(2.56, rel=3e-3)  # the independent program's
+    thin = modes(with_tables(oil={"viscosity": "0 cSt"}))
+    assert thin.modes[0]["damping_ratio"] == 0.0
+    assert thin.modes[0]["time_s"] is None
+    assert thin.modes[0]["frequency_Hz"] == pytest.approx(water, rel=1e-9)
+    # Inertia alone: (w / w1)^2 is the error of statics.
+    assert thin.bandwidth == pytest.approx(water * np.sqrt(0.01 / 1.01), rel=1e-6)
+
+
+def test_a_thick_oil_swings_no_more(at_rest: Modes) -> None:
+    thick = modes(with_tables(oil={"viscosity": "1000 cSt"}))
+    for mode, thin in zip(thick.modes, at_rest.modes, strict=True):
+        assert mode["damping_ratio"] == pytest.approx(20 * (thin["damping_ratio"] or 0.0))
+        assert (mode["frequency_Hz"] is None) == ((mode["damping_ratio"] or 0.0) > 1)
+    # Viscosity alone is the error of statics there: the slowest motion's time.
+    slowest = thick.modes[0]["time_s"]
+    assert slowest is not None
+    assert thick.bandwidth is not None
+    assert 2 * np.pi * thick.bandwidth * slowest == pytest.approx(0.01, rel=0.02)
+
+
+def test_units_tell_kinematic_from_dynamic_viscosity() -> None:
+    kinematic = OilSpec(model="x", density="960 kg/m^3", viscosity="50 cSt +- 10 %")
+    assert kinematic.viscosity == pytest.approx(0.048)
+    assert kinematic.viscosity.deviation == pytest.approx(0.0048)
+    again = OilSpec(**kinematic.model_dump())  # as specifications are changed
+    assert again.viscosity == kinematic.viscosity
+    assert OilSpec(model="x", viscosity="48 mPa s").viscosity == pytest.approx(0.048)
+    with pytest.raises(ValueError, match="needs the oil's density"):
+        OilSpec(model="x", viscosity="50 cSt")
+    with pytest.raises(ValueError, match="a viscosity with its unit is expected"):
+        OilSpec(model="x", density="960 kg/m^3", viscosity="50 mm")
+
+
+def test_what_is_missing_is_named() -> None:
+    with pytest.raises(ConfigError, match=r"oil\.viscosity: missing"):
+        modes(load_scene(SCENES / "press.toml"))
+    with pytest.raises(ValueError, match="outlet"):
+        modes(with_tables(oil={"model": "vented"}))
+
+
+def test_the_command_prints_the_contract_and_draws(tmp_path: Path) -> None:
+    picture = tmp_path / "modes.png"
+    command = ("modes", str(FILM), "--count", "6", "--plot", str(picture))
+    found = json.loads(suas(*command, "--json").stdout)
+    assert found["status"] == "converged"
+    assert set(found["modes"][0]) >= {"undamped_Hz", "damping_ratio", "frequency_Hz", "time_s"}
+    assert found["bandwidth_Hz"] == pytest.approx(0.0172, rel=1e-2)
+    assert picture.stat().st_size > 10_000
+    assert "Statics is right to 1 % below 0.0172 Hz" in suas("modes", str(FILM)).stdout
+
+
+def test_an_unstable_state_has_no_modes(at_rest: Modes) -> None:
+    lost = dataclasses.replace(at_rest, modes=[], bandwidth=None, status="unstable")
+    from suas_jax.figures.modes import plot_modes
+
+    with pytest.raises(ValueError, match="no modes to draw"):
+        plot_modes(lost)
