@@ -19,6 +19,7 @@ LAYERS = {
         ["mechanics"],
         ["equilibrium", "sensing"],
         ["scene"],
+        ["dynamics"],
         ["simulation", "figures"],
     ],
     "fitting": [

@@ -163,7 +163,7 @@ VALUES = [
     (
         "material.C4",
         '"1 kPa"',
-        "unknown key|allowed: law, response, relaxation, softening, C1, C2 or C3",
+        "unknown key|allowed: law, response, relaxation, softening, density, C1, C2 or C3",
     ),
     ("solve.skin", '"a.toml"', "belongs at the top level of the file, before the first"),
     ("solve.oil_gap", '"5 mm"', "belongs in [geometry]"),
@@ -236,7 +236,8 @@ TABLES = [
     (
         {"material": {"preset": '"epdm-paper"', "mu": '"1 Pa"'}},
         'material.mu = "1 Pa"',
-        'unknown key|allowed: C1, C2, C3 or response|preset = "epdm-paper"',
+        "unknown key|allowed: C1, C2, C3, response, relaxation, softening or density|"
+        'preset = "epdm-paper"',
     ),
     (
         {"material": {"preset": '"epdm-paper"', "C2": '"-30 MPa"'}},

@@ -75,7 +75,7 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
     table = load_preset(name)
     law = table["law"]
     constants = list(LAWS[law].declared())
-    free = [*constants, *LawSpec.model_fields.keys() - {"law"}]
+    free = [*constants, *(key for key in LawSpec.model_fields if key != "law")]
     fixed = LAWS[law].model_fields.keys() - set(free)
     wrong: list[tuple[str, str]] = []
     for key, value in material.items():

@@ -181,6 +181,7 @@ class EnvironmentSpec(Spec):
     @field_validator("specific_weight", "atmospheric_pressure")
     @classmethod
     def _only_with_depth(cls, value: float, info: ValidationInfo) -> float:
-        if "depth" in info.data and info.data["depth"] is None:
+        default = cls.model_fields[info.field_name or ""].default
+        if "depth" in info.data and info.data["depth"] is None and value != default:
             raise ValueError('has no effect without a depth; add depth, such as depth = "20 m"')
         return value
