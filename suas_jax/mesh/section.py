@@ -30,7 +30,8 @@ def plan_section(
     """
     spread = [load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)]
     found = measures(scene)
-    numbers, symmetric = found.angles, found.symmetric and _mirror_image(scene, found.angles)
+    numbers = found.angles
+    symmetric = scene.solve.symmetry and found.symmetric and _mirror_image(scene, numbers)
     return plan_mesh(numbers, spread, elements, decay, symmetric=symmetric, local=local)
 
 

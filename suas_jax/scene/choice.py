@@ -5,12 +5,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from suas_jax.config import SceneSpec
+from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.scene.program import number, prepared, run_program, structure_of
+from suas_jax.scene.sway import can_sway, shifted, stable_factor
 
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
@@ -35,6 +36,7 @@ class Attempt(NamedTuple):
         wall: whether the wall was there.
         part: the equilibrium on the part of the mesh that is solved.
         coarsest: the smallest mesh tried, with or without the wall as this one.
+        scene: what was solved: on the whole mesh where the skin sways.
     """
 
     report: dict[str, Any]
@@ -45,6 +47,12 @@ class Attempt(NamedTuple):
     wall: bool
     part: State
     coarsest: Tried
+    scene: SceneSpec
+
+    @property
+    def stable(self) -> bool:
+        """Whether it is."""
+        return bool(number(self.report["stable"]))
 
     @property
     def converged(self) -> bool:
@@ -90,7 +98,31 @@ class Attempt(NamedTuple):
 
 
 def choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
-    """Solve with the model that the scene asks for, and say why it is that one."""
+    """Solve with the model that the scene asks for, and say why it is that one.
+
+    Where the symmetric equilibrium is unstable, the one to which the skin sways is returned if
+    there is one, on the whole mesh.
+    """
+    found, reason = _choose(scene, once=once)
+    if found.stable or not found.converged or scene.solve.oil_pressure is not None:
+        return found, reason
+    name, counts = found.plan.model, found.plan.counts
+    factor = stable_factor(scene, name, counts, wall=found.wall, once=once)
+    if can_sway(scene, found.plan.meshes()):
+        aside = with_solve(scene, symmetry=False, model=name)
+        swayed = _attempt(
+            aside,
+            name,
+            MODELS[scene.geometry.dimension][name].given(scene),
+            once=once,
+            aside=True,
+        )
+        if swayed.converged and swayed.stable:
+            found = swayed
+    return found._replace(outcome=found.outcome | {"stable_factor": factor}), reason
+
+
+def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     model, rtol = scene.solve.model, scene.rtol
     models = MODELS[scene.geometry.dimension]
     if model != "auto":
@@ -143,12 +175,19 @@ def _shell_chosen(shell: Attempt, rtol: float) -> str:
 
 
 def _attempt(
-    scene: SceneSpec, name: str, given: Counts | None, *, once: bool, wall: bool = False
+    scene: SceneSpec,
+    name: str,
+    given: Counts | None,
+    *,
+    once: bool,
+    wall: bool = False,
+    aside: bool = False,
 ) -> Attempt:
     """Solve with one model, on the mesh given or on finer ones until `rtol` is met.
 
     The wall is left out until the membrane reaches it: a state without it whose gap is open
-    is one with it, and most scenes need no program that knows contact.
+    is one with it, and most scenes need no program that knows contact. `aside` seeks the
+    branch to which a symmetric skin sways.
     """
     model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     counts = given or model.first(scene)
@@ -158,10 +197,13 @@ def _attempt(
         plan, meshes, inputs, rest = prepared(scene, name, counts)
         static = structure_of(scene, wall=wall)
         start = None if coarser is None else _carried(model, coarser, meshes.solved)
+        if aside and start is None:
+            known = shifted(scene, inputs)
+            start = run_program(static, meshes, known, rest, once=once, judged=False)[3]
         solved = run_program(static, meshes, inputs, start or rest, once=once)
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
-        found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest)
+        found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)
         if coarser is not None and not found.better_than(coarser):
             return coarser
         # Where another model is tried next, a finer mesh of this one is wasted.

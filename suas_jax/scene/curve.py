@@ -20,6 +20,7 @@ from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import at_rest, inputs_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.sway import shifted
 
 # Width of the bracket of the first wall contact, relative to the load there.
 _CONTACT_TOLERANCE = 1e-7
@@ -132,6 +133,11 @@ class Curve:
         curve = Curve(loads_off, self.plan.model, self.plan.counts)
         return curve.points(np.zeros(1))[0]
 
+    def _before(self, point: int) -> State | None:
+        """What a search between a point and the one before starts from; None at rest."""
+        del point
+        return None
+
     def first_contact(
         self, levels: np.ndarray, points: list[dict[str, Any]]
     ) -> dict[str, float] | None:
@@ -149,7 +155,7 @@ class Curve:
         low, high = float(levels[after - 1]), float(levels[after])
         gaps = points[after - 1]["min_gap_m"], None
         best = points[after]
-        start = None
+        start = self._before(after)
         while abs(high - low) > _CONTACT_TOLERANCE * abs(high):
             inner = _around_zero(low, high, gaps, _BLOCK)
             rows, states = self.follow(inner, start, wall=False)
@@ -163,6 +169,30 @@ class Curve:
                 start = jax.tree.map(lambda x, k=k: x[k - 1], states)
             gaps = above, below
         return _contact_of(best)
+
+
+class SwayedCurve(Curve):
+    """The states to which a symmetric skin sways: scenes are solved on the whole mesh."""
+
+    def __init__(self, scene: SceneSpec, model: str, counts: Counts) -> None:
+        super().__init__(with_solve(scene, symmetry=False), model, counts)
+        self._states: list[State] = []
+
+    def points(self, levels: np.ndarray) -> list[dict[str, Any]]:
+        """Reports, each from the state under loads a little aside."""
+        wall, exact = self.scene.wall.contact, self.inputs
+        self.inputs = shifted(self.scene, exact)
+        _, aside = self.follow(levels, None, wall=wall)
+        self.inputs, rows = exact, []
+        for k, level in enumerate(levels):
+            start = jax.tree.map(lambda x, k=k: x[k], aside)
+            report, states = self.follow(np.array([level]), start, wall=wall)
+            self._states.append(jax.tree.map(lambda x: x[0], states))
+            rows += report
+        return rows
+
+    def _before(self, point: int) -> State | None:
+        return self._states[point - 1]
 
 
 def _around_zero(

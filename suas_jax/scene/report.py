@@ -70,6 +70,7 @@ def _header(
     if status == "converged":
         message.append(outcome["reason"])
         message += _remarks(scene, report, error if known else None)
+        message += _sway(report["stable"], outcome.get("stable_factor"))
         message += _blind(taxels)
     return {
         "model": outcome["model"],
@@ -78,6 +79,7 @@ def _header(
         "message": " ".join(filter(None, message)),
         "rtol_met": known and error <= scene.rtol,
         **report,
+        "stable_factor": outcome.get("stable_factor"),
         "error_estimate": error if known else None,
         "discretisation_error": mesh_error if known else None,
         "model_error": model_error if known else None,
@@ -101,11 +103,27 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
             "The inner face has passed the wall, which does not hold it (contact = false): "
             "the state is not valid."
         )
-    if not report["stable"]:
-        remarks.append("The equilibrium is unstable: a real membrane leaves it.")
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")
     return remarks
+
+
+def _sway(stable: bool, factor: float | None) -> list[str]:
+    """What became of a state that is not stable, or was not.
+
+    Args:
+        stable: whether the state that is reported is.
+        factor: on the loads, at which the path from rest stops being stable.
+    """
+    share = "" if factor is None else f" from {100 * factor:.3g} % of the load on"
+    if not stable:
+        return [f"The equilibrium is unstable{share}: a real membrane leaves it."]
+    if factor is None:
+        return []
+    return [
+        f"The symmetric equilibrium is unstable{share}: this is one of the two mirror images "
+        "to which the skin sways."
+    ]
 
 
 def _short_circuited(taxel: dict[str, Any]) -> dict[str, Any]:

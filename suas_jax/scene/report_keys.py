@@ -31,6 +31,8 @@ REPORT_KEYS = {
     "stretch_min": "smallest hoop stretch of the inner face",
     "stretch_max": "largest hoop stretch of the inner face",
     "stable": "whether the equilibrium is stable on the whole skin with its oil",
+    "stable_factor": "factor on the loads from which the path from rest is unstable; `null` "
+    "where it is not. A state that is stable all the same has swayed",
     "material_stable": "whether every stretch lies in the law's window of stability",
     "volume_residual": "error of the oil's volume, relative to the film",
     "error_estimate": "sum of the two that follow; `null` where unknown",

@@ -122,7 +122,7 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         "solve": statistics.median(seconds),
     }
     states = found.state, found.shown, found.plan
-    return Solution(report, *states, scene, found.wall, found.part, found.coarsest, once)
+    return Solution(report, *states, found.scene, found.wall, found.part, found.coarsest, once)
 
 
 def report_with(

@@ -14,7 +14,8 @@ from suas_jax.files.writing import write_text
 from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.precision import require_float64
-from suas_jax.scene.curve import Curve, total_force
+from suas_jax.scene.curve import Curve, SwayedCurve, total_force
+from suas_jax.scene.sway import can_sway
 
 # Observables of a point that go into the table.
 _COLUMNS = (
@@ -191,9 +192,16 @@ class _Attempt(NamedTuple):
 
     @classmethod
     def of(cls, scene: SceneSpec, model: str, counts: Counts, levels: np.ndarray) -> Self:
-        """Follow the curve."""
+        """Follow the curve, and the skin where it sways."""
         curve = Curve(scene, model, counts)
-        return cls(curve, curve.points(levels))
+        points = curve.points(levels)
+        lost = any(p["status"] == "converged" and not p["stable"] for p in points)
+        if lost and can_sway(scene, curve.meshes):
+            swayed = SwayedCurve(scene, model, counts)
+            found = swayed.points(levels)
+            if all(p["status"] == "converged" for p in found):
+                return cls(swayed, found)
+        return cls(curve, points)
 
     @property
     def error(self) -> float:

@@ -1,0 +1,73 @@
+"""Skins that sway: where a symmetric equilibrium is unstable, the branch that a membrane takes.
+
+A symmetric skin under symmetric loads has a symmetric equilibrium, which half a mesh finds. It
+can be unstable: a tall arch leaves it sideways, one way or the other. The branch is reached as
+a real skin reaches it, by loads a little off their places, and followed to where they belong.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from suas_jax.config import SceneSpec, continuous_inputs
+from suas_jax.mechanics.model import Counts, Meshes
+from suas_jax.mesh.section import measures
+from suas_jax.scene.program import number, prepared, run_program, structure_of
+
+# By which loads are moved along the arc, as a share of half of it: the branch that is found
+# does not depend on it, from 0.1 to 3 %.
+_SHIFT = 0.01
+_STEPS = 7  # bisections of the load at which stability ends: to a per cent
+
+Inputs = Mapping[str, np.ndarray]
+
+
+def can_sway(scene: SceneSpec, meshes: Meshes) -> bool:
+    """Whether symmetry was taken for granted, and loads can be moved off it.
+
+    Args:
+        scene: what was solved.
+        meshes: of the solve.
+    """
+    placed = any(load.kind != "pressure" for load in scene.loads)
+    return meshes.solved.symmetric and placed and scene.solve.oil_pressure is None
+
+
+def shifted(scene: SceneSpec, inputs: Inputs) -> dict[str, np.ndarray]:
+    """A scene's inputs with its loads a little further along the arc."""
+    found = measures(scene)
+    moved = {}
+    for i, load in enumerate(scene.loads):
+        if load.kind != "pressure":
+            by_arc = load.arc is not None
+            key = f"load.{i}.{'arc' if by_arc else 'angle'}"
+            size = found.size if by_arc else 1.0
+            moved[key] = inputs[key] + _SHIFT * found.half_angle * size
+    return {**inputs, **moved}
+
+
+def stable_factor(
+    scene: SceneSpec, model: str, counts: Counts, *, wall: bool, once: bool
+) -> float:
+    """The factor on all loads at which the equilibrium stops being stable, to a per cent.
+
+    Args:
+        scene: whose equilibrium is unstable under its loads.
+        model: name of the model.
+        counts: size of its mesh.
+        wall: whether the wall is there.
+        once: whether programs are compiled to run once.
+    """
+    _, meshes, inputs, rest = prepared(scene, model, counts)
+    static, known = structure_of(scene, wall=wall), continuous_inputs(scene)
+    sizes = [k for k in known if k.startswith("load.") and k.endswith((".force", ".pressure"))]
+    low, high = 0.0, 1.0
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        scaled = {**inputs, **{key: middle * inputs[key] for key in sizes}}
+        report, *_, outcome = run_program(static, meshes, scaled, rest, once=once)
+        if number(outcome["result"]) == 0 and bool(number(report["stable"])):
+            low = middle
+        else:
+            high = middle
+    return (low + high) / 2
