@@ -13,7 +13,10 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "suas solve configs/scenes/case_b.toml --plot section.png",
         "suas solve configs/scenes/press.toml --gradient min_gap_m",
     ),
-    "sweep": ("suas sweep configs/scenes/case_b.toml --force 0:40:21 --plot curve.png",),
+    "sweep": (
+        "suas sweep configs/scenes/case_b.toml --force 0:40:21 --plot curve.png",
+        "suas sweep configs/scenes/hold.toml --history configs/scenes/hold.csv --plot hold.png",
+    ),
     "modes": ("suas modes configs/scenes/film.toml --plot modes.png",),
     "range": ("suas range configs/skins/suas.toml --plot range.png",),
     "simulate": (

@@ -33,6 +33,14 @@ def sweep(
             metavar="FROM:TO:COUNT", help="Oil pressure [Pa], all loads scaled to reach it."
         ),
     ] = None,
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Loads over time: CSV with t_s and force_N or factor; stress relaxes as "
+            "[material] says.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     model: Model = None,
     rtol: Rtol = None,
@@ -42,24 +50,33 @@ def sweep(
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Trace a load-displacement curve in one continuation, up to first wall contact and on.
+    """Trace a load-displacement curve in one continuation, or a history of loads in time.
 
     Exit status: 0 all points converged, 2 bad input, 3 some did not.
     """
     with bad_input():
-        if (force is None) == (oil_pressure is None):
-            raise ValueError("--force, --oil-pressure: give one of them, as FROM:TO:COUNT")
+        if sum(x is not None for x in (force, oil_pressure, history)) != 1:
+            raise ValueError(
+                "--force, --oil-pressure, --history: give one of them, the first two as "
+                "FROM:TO:COUNT"
+            )
         spec = scene_of(scene, model, rtol)
         check_figures(plot)
         check_outputs([csv_file, plot], overwrite=overwrite)
-        values = _range(*(("--force", force) if force else ("--oil-pressure", oil_pressure)))
+        forces = None if force is None else _range("--force", force)
+        pressures = None if oil_pressure is None else _range("--oil-pressure", oil_pressure)
         with spinner("sweeping"):
             from suas_jax.runtime.settings import configure
 
             configure()
-            from suas_jax.scene.sweep import sweep as run
+            if history is not None:
+                from suas_jax.dynamics.history import history_sweep, read_history
 
-            curve = run(spec, **{"forces" if force else "oil_pressures": values})
+                curve = history_sweep(spec, read_history(history))
+            else:
+                from suas_jax.scene.sweep import sweep as run
+
+                curve = run(spec, forces=forces, oil_pressures=pressures)
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
@@ -75,16 +92,16 @@ def sweep(
         raise typer.Exit(NO_SOLUTION)
 
 
-def _range(option: str, text: str | None) -> list[float]:
+def _range(option: str, text: str) -> list[float]:
     """Parse FROM:TO:COUNT."""
     try:
-        first, last, count = (text or "").split(":")
+        first, last, count = text.split(":")
         start, stop, n = float(first), float(last), int(count)
         if not 1 <= n <= _MOST_POINTS:
             raise ValueError
     except ValueError:
         raise ValueError(
-            f'{option} = "{(text or "")[:80]}": expected FROM:TO:COUNT in SI units, for '
+            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in SI units, for '
             f"example 0:30:31; COUNT is at most {_MOST_POINTS}"
         ) from None
     if n == 1:
@@ -103,9 +120,11 @@ def _print_curve(curve: "Sweep") -> None:
         "gap [mm]",
         "wall [N]",
     )
-    table = Table(*names, "status")
+    timed = "t_s" in curve.points[0]
+    table = Table(*(("time [s]",) if timed else ()), *names, "status")
     for row in curve.rows():
         table.add_row(
+            *((f"{row['t_s']:.6g}",) if timed else ()),
             f"{row['force_N']:.4g}",
             f"{1e-3 * row['oil_pressure_Pa']:.4g}",
             f"{round(1e3 * row['max_displacement_m'], 6):.4g}",  # to the nanometre

@@ -12,6 +12,8 @@ J. C. Simo, On a fully three-dimensional finite-strain viscoelastic damage model
 Methods in Applied Mechanics and Engineering 60 (1987), 153-173.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -41,6 +43,20 @@ class PronySeries(eqx.Module):
         faded = -jnp.expm1(-time[..., None] / self.tau)
         return 1.0 - jnp.sum(self.g * faded, axis=-1)
 
+    def over(self, elapsed: Array) -> tuple[Float[Array, " terms"], Float[Array, " terms"]]:
+        """What is left of a stress after a time, and of one that has grown evenly during it.
+
+        Args:
+            elapsed: the time [s]; zero leaves all of either.
+
+        Returns:
+            exp(−x) and (1 − exp(−x))/x with x = t/τ.
+        """
+        x = elapsed / self.tau
+        short = x < _SHORT
+        safe = jnp.where(short, 1.0, x)
+        return jnp.exp(-x), jnp.where(short, 1.0 - 0.5 * x, -jnp.expm1(-safe) / safe)
+
     def relaxed(
         self,
         elapsed: Float[Array, " n"],
@@ -65,16 +81,74 @@ class PronySeries(eqx.Module):
             dt, begin, now = row
             parts = jnp.where(begin, 0.0, parts)
             change = now - jnp.where(begin, 0.0, before)
-            x = dt / self.tau
-            short = x < _SHORT
-            safe = jnp.where(short, 1.0, x)
-            slope = jnp.where(short, 1.0 - 0.5 * x, -jnp.expm1(-safe) / safe)
+            fade, mean = self.over(dt)
             # A first row is reached by a step, and then held.
-            share = jnp.where(begin, jnp.exp(-x), slope)
-            parts = jnp.exp(-x)[:, None] * parts + (self.g * share)[:, None] * change
+            share = jnp.where(begin, fade, mean)
+            parts = fade[:, None] * parts + (self.g * share)[:, None] * change
             return (parts, now), self.long_term_share * now + jnp.sum(parts, axis=0)
 
         columns = history.shape[1]
         start = (jnp.zeros((len(self.g), columns)), jnp.zeros(columns))
         _, found = jax.lax.scan(advance, start, (elapsed, begins, history))
         return found
+
+
+class Past(NamedTuple):
+    """What a material remembers: stresses at the end of a step.
+
+    Attributes:
+        stress: S₀ of the instantaneous law, its deviator pulled back [Pa].
+        parts: what is left of it, a term each: the Q_i of Simo [Pa].
+    """
+
+    stress: Float[Array, " *shape"]
+    parts: Float[Array, "terms *shape"]
+
+    @classmethod
+    def none(cls, series: PronySeries, shape: tuple[int, ...]) -> "Past":
+        """Of a material that has always been at rest."""
+        return cls(jnp.zeros(shape), jnp.zeros((*series.g.shape, *shape)))
+
+    def after(self, series: PronySeries, elapsed: Array, stress: Array) -> "Past":
+        """The past at the end of a step over which S₀ has changed linearly."""
+        fade, mean = (_over(x, self.parts) for x in series.over(elapsed))
+        growth = _over(series.g, self.parts) * mean * (stress - self.stress)
+        return Past(stress, fade * self.parts + growth)
+
+    def seen(self, series: PronySeries, elapsed: Array) -> "Response":
+        """How the material answers at the end of a step."""
+        fade, mean = series.over(elapsed)
+        lost = jnp.sum(series.g * mean)
+        return Response(
+            series.long_term_share + lost,
+            jnp.sum(_over(fade, self.parts) * self.parts, 0) - lost * self.stress,
+        )
+
+    def relaxed(self, series: PronySeries) -> "Response":
+        """The stress of now, with the stiffness that has relaxed as far as the stress has.
+
+        It is the instantaneous one in a material that has just been loaded, and the long-term
+        one where the strain has been held for long.
+        """
+        now = series.long_term_share * self.stress + jnp.sum(self.parts, 0)
+        size = jnp.sum(self.stress**2)
+        ratio = jnp.sum(now * self.stress) / jnp.where(size > 0, size, 1.0)
+        share = jnp.clip(jnp.where(size > 0, ratio, 1.0), series.long_term_share, 1.0)
+        return Response(share, now - share * self.stress)
+
+
+class Response(NamedTuple):
+    """Stress S = share S₀ + rest: what a step makes of an instantaneous law.
+
+    Attributes:
+        share: of the instantaneous stress.
+        rest: what the past adds, whatever the strain [Pa].
+    """
+
+    share: Float[Array, ""]
+    rest: Float[Array, " *shape"]
+
+
+def _over(terms: Array, parts: Array) -> Array:
+    """A number a term, to multiply stresses with."""
+    return terms.reshape(-1, *(1,) * (parts.ndim - 1))

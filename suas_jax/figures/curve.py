@@ -1,10 +1,12 @@
 """Figure of a load-displacement curve."""
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from suas_jax.figures.style import CONTACT, written
+from suas_jax.scene.curve import total_force
 from suas_jax.scene.sweep import Sweep
 
 
@@ -18,6 +20,8 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
         file: where to write the figure; its ending chooses the format.
     """
     points = [p for p in sweep.points if p["status"] == "converged"]
+    if points and "t_s" in points[0]:
+        return written(_over_time(points), file)
     lines = [i for i, load in enumerate(sweep.scene.loads) if load.kind != "pressure"]
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -46,3 +50,24 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return written(figure, file)
+
+
+def _over_time(points: list[dict[str, Any]]) -> Figure:
+    """Displacement under the loads, oil pressure and force over time."""
+    time = [p["t_s"] for p in points]
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for i, load in enumerate(points[0]["loads"]):
+        if load["kind"] != "pressure":
+            moved = [1e3 * p["loads"][i]["displacement_m"] for p in points]
+            left.plot(time, moved, "o-", ms=3, label=f"load at {load['angle_deg']:.4g}°")
+    left.set(xlabel="time [s]", ylabel="displacement of the mid-surface along the load [mm]")
+    left.legend()
+    right.plot(time, [1e-3 * p["oil_pressure_Pa"] for p in points], "o-", ms=3)
+    right.set(xlabel="time [s]", ylabel="oil pressure [kPa]")
+    force = right.twinx()
+    force.plot(time, [total_force(p) for p in points], "s--", ms=3, color="0.5")
+    force.set(ylabel="total force [N]")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    return figure

@@ -54,7 +54,8 @@ class Sweep:
         """The curve as a table: total force, each load's entries, the main observables."""
         rows = []
         for point in self.points:
-            row = {"force_N": total_force(point)}
+            row = {"t_s": point["t_s"]} if "t_s" in point else {}
+            row["force_N"] = total_force(point)
             for i, load in enumerate(point["loads"]):
                 row |= {f"loads.{i}.{key}": load[key] for key in load if key != "kind"}
             wall = point["wall"]

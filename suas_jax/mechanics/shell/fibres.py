@@ -4,15 +4,20 @@ With A = |r'|^2 - 1 the stretch and b = c/a - 1/R the bending of the mid-line, t
 reference offset Z has ::
 
     lambda^2 - 1 = (A + m b) / (1 + Z/R)^2,     m = 2 Z + Z^2 / R
+
+In a material with a past (`suas_jax.constitutive.relaxation`) the stress of a step is a share
+of the instantaneous one and a rest H that is known, whose energy is H : C / 2. In plane strain
+C is the square of the fibre's stretch along it and its inverse across.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation import FibreStretch
+from suas_jax.constitutive.deformation import FibreStretch, InPlaneStrain
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.shell.points import Moments
 from suas_jax.numerics.quadrature import gauss_legendre
 
@@ -25,12 +30,15 @@ class Fibres(eqx.Module):
         mid_curvature: of the undeformed mid-line, which broadcasts against the strains [1/m].
         thickness: likewise [m].
         layers: quadrature points through the thickness.
+        response: of a material with a past, its rest [2, layer, ...] along and across fibres;
+            None of an elastic one.
     """
 
     law: AbstractLaw
     mid_curvature: Array
     thickness: Array
     layers: int = eqx.field(static=True)
+    response: Response | None = None
 
     def energy(self, stretch: Array, curvature: Array) -> Array:
         """Strain energy per area of the mid-surface [J/m^2].
@@ -40,8 +48,40 @@ class Fibres(eqx.Module):
             curvature: b = c / |r'|^2 - 1/R [1/m].
         """
         weight, lever, square = self._layers()
-        energy = self.law.energy(FibreStretch((stretch + lever * curvature) / square))
-        return jnp.sum(weight * energy, 0)
+        return jnp.sum(weight * self._density((stretch + lever * curvature) / square), 0)
+
+    def _density(self, green: Array) -> Array:
+        """Energy per volume of the fibres [J/m^3]."""
+        energy = self.law.energy(FibreStretch(green))
+        if self.response is None:
+            return energy
+        share, (along, across) = self.response
+        return share * energy + (along * green - across * green / (1 + green)) / 2
+
+    def deviator(self, stretch: Array, curvature: Array) -> Float[Array, "2 layer *shape"]:
+        """Deviator of the law's stress, pulled back: along and across the fibres [Pa].
+
+        Args:
+            stretch: A = |r'|^2 - 1.
+            curvature: b = c / |r'|^2 - 1/R [1/m].
+        """
+        _, lever, square = self._layers()
+        green = (stretch + lever * curvature) / square
+
+        def kirchhoff(axis: str) -> Array:
+            """Of a membrane: stress along a direction, none across the thickness."""
+
+            def energy(e: Array) -> Array:
+                along, aside = (green + e, 0 * e) if axis == "along" else (green, e)
+                return self.law.energy(InPlaneStrain(along + aside, along * aside))
+
+            none = jnp.zeros_like(green)
+            return 2 * jax.jvp(energy, (none,), (jnp.ones_like(green),))[1]
+
+        length = 1 + green
+        along, aside = length * kirchhoff("along"), kirchhoff("aside")
+        mean = (along + aside) / 3
+        return jnp.stack([(along - mean) / length, -mean * length])
 
     def moments(self, stretch: Array, curvature: Array) -> Moments:
         """Derivatives of the energy per area by A and b.
@@ -52,11 +92,8 @@ class Fibres(eqx.Module):
         """
         weight, lever, square = self._layers()
 
-        def energy(green: Array) -> Array:
-            return self.law.energy(FibreStretch(green))
-
         def slope(green: Array) -> Array:
-            return jax.jvp(energy, (green,), (jnp.ones_like(green),))[1]
+            return jax.jvp(self._density, (green,), (jnp.ones_like(green),))[1]
 
         green = (stretch + lever * curvature) / square
         first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import (
     Assembly,
     ContactState,
@@ -88,6 +89,8 @@ class Shell(AbstractPlaneStrain):
         gauss: quadrature points along an element.
         layers: quadrature points through the thickness.
         equilibrium: see `around`; None for faces of the unknowns' own.
+        response: of a material with a past at the Gauss points, see `Fibres`; None of an
+            elastic one.
     """
 
     corrected: ClassVar[bool] = True
@@ -101,6 +104,7 @@ class Shell(AbstractPlaneStrain):
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
     equilibrium: StationVector | None = None
+    response: Response | None = None
 
     @classmethod
     def build(
@@ -168,6 +172,22 @@ class Shell(AbstractPlaneStrain):
         return Fibres(self.law, at.curvature, at.thickness, self.layers)
 
     @property
+    def _material(self) -> Fibres:
+        """At the Gauss points."""
+        return dataclasses.replace(self.fibres(self._at_gauss), response=self.response)
+
+    @property
+    def _shear_modulus(self) -> Lanes:
+        modulus = self.law.shear_modulus
+        return modulus if self.response is None else self.response.share * modulus
+
+    def deviator(self, q: StationVector) -> Float[Array, "2 layer gauss element lane"]:
+        """Instantaneous stress that the material remembers; see `Fibres.deviator`."""
+        tables = element_tables(self.gauss)
+        points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
+        return self._material.deviator(points.stretch, points.curvature)
+
+    @property
     def _at_gauss(self) -> Frame:
         return self.elements.reference(element_tables(self.gauss).xi)
 
@@ -175,12 +195,12 @@ class Shell(AbstractPlaneStrain):
         """Strain energy per width [J/m]."""
         tables = element_tables(self.gauss)
         points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
-        density = self.fibres(self._at_gauss).energy(points.stretch, points.curvature)
+        density = self._material.energy(points.stretch, points.curvature)
         weights = tables.weights[:, None, None] * self.elements.lengths
         return jnp.sum(weights * density, (0, 1))
 
     def _relaxed_energy(self, at: Resultants) -> Lanes:
-        tables, modulus = element_tables(self.gauss), self.law.shear_modulus
+        tables, modulus = element_tables(self.gauss), self._shear_modulus
         gauss = tables.xi, tables.weights
         clamped = True, not self.symmetric
         return relaxed_energy(
@@ -188,7 +208,7 @@ class Shell(AbstractPlaneStrain):
         )
 
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
-        tables, modulus = element_tables(self.gauss), self.law.shear_modulus
+        tables, modulus = element_tables(self.gauss), self._shear_modulus
         loaded = self.section.frame(places(self.points, self.angles))
         inward = -factor * jnp.sum(self.points.force * loaded.normal, 0)
         gauss = tables.xi, tables.weights
@@ -198,7 +218,7 @@ class Shell(AbstractPlaneStrain):
     def _at_gauss_points(self, q: StationVector) -> tuple[Points, Moments]:
         tables = element_tables(self.gauss)
         points = self._points(tables.xi, mix(tables.derivatives, self.elements.gather(q)))
-        return points, self.fibres(self._at_gauss).moments(points.stretch, points.curvature)
+        return points, self._material.moments(points.stretch, points.curvature)
 
     def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
         """Energy of shear, of loads where the membrane thins, and of clamped faces [J/m].
@@ -287,7 +307,7 @@ class Shell(AbstractPlaneStrain):
         rows = mix(np.concatenate([tables.derivatives, tables.area]), qe)
         points = self._points(tables.xi, rows[:-4])
         at = self._at_gauss
-        moments = self.fibres(at).moments(points.stretch, points.curvature)
+        moments = self._material.moments(points.stretch, points.curvature)
         stress, tangents = point_terms(points, moments, at.curvature, self.elements.lengths)
         internal = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))

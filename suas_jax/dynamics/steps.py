@@ -1,0 +1,259 @@
+"""Equilibria of a membrane that remembers, step by step through time.
+
+At the end of a step the stress is a share of the instantaneous one and a rest that the past
+leaves (`suas_jax.constitutive.relaxation`), so that each step is an equilibrium like any other,
+continued from the one before. The update is exact where the instantaneous stress S0 changes
+linearly over the step. Where it bends, as its rates in one step and the next tell, the stress
+is wrong by, to leading order ::
+
+    dS = sum g_i psi(dt / tau_i) S0'' dt^2,
+    psi(x) = integral_0^1 exp(-x (1 - v)) (v - 1/2) dv
+
+Steps are as long as that allows, and end at every row of the history. One program serves all
+histories of a scene.
+"""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from suas_jax.constitutive.relaxation import Past, PronySeries
+from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
+from suas_jax.equilibrium.continuation import LoadStepping
+from suas_jax.equilibrium.equilibrium import Equilibrium
+from suas_jax.equilibrium.load_path import follow
+from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.numerics.bordered_solve import BorderedVector
+from suas_jax.scene.build import problem_of
+from suas_jax.scene.observables import observe
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.structure import Inputs, Structure
+
+MOST_STEPS = 20_000
+"""Steps between two rows before the history is given up."""
+_FIRST_STEP = 0.02  # after a jump, over the shortest relaxation time
+_LONGER, _SHORTER = 2.0, 0.2  # of the next step, at most
+
+
+class Moment(NamedTuple):
+    """Where a history has come to.
+
+    Attributes:
+        time: [s].
+        step: that is tried next [s].
+        state: the equilibrium.
+        past: what the material remembers.
+        rate: of the instantaneous stress over the last step [Pa/s].
+        last: length of that step [s]; zero where a jump makes the rate unknown.
+        error: sum of the errors of the stress, relative to its largest so far.
+        largest: instantaneous stress so far [Pa].
+        iterations: Newton corrections since the last row.
+        steps: the same of steps, those included that were too long.
+        result: index of the outcome.
+    """
+
+    time: Float[Array, ""]
+    step: Float[Array, ""]
+    state: State
+    past: Past
+    rate: Array
+    last: Float[Array, ""]
+    error: Float[Array, ""]
+    largest: Float[Array, ""]
+    iterations: Int[Array, " lane"]
+    steps: Int[Array, ""]
+    result: Int[Array, " lane"]
+
+
+class Rows(NamedTuple):
+    """Rows of a history: where each one begins and ends.
+
+    Attributes:
+        begin: time of the row before [s].
+        end: time of the row [s].
+        first: factor on the loads at its begin.
+        final: the same at its end.
+    """
+
+    begin: Float[Array, " row"]
+    end: Float[Array, " row"]
+    first: Float[Array, " row"]
+    final: Float[Array, " row"]
+
+
+@eqx.filter_jit
+def at_rest(scene: Structure, plan: AbstractPlan, inputs: Inputs, time: Array) -> Moment:
+    """A skin that has always been at rest."""
+    problem, series = _problem(scene, plan, inputs)
+    shell = _shell(problem)
+    zero, rest = jnp.zeros(1), shell.rest()
+    past = Past.none(series, shell.deviator(rest).shape)
+    none, count = jnp.zeros(()), jnp.zeros(1, jnp.int32)
+    return Moment(
+        jnp.asarray(time, float),
+        none + jnp.inf,
+        State(rest, zero, zero),
+        past,
+        jnp.zeros_like(past.stress),
+        *(none, none, none),
+        count,
+        jnp.zeros((), jnp.int32),
+        count,
+    )
+
+
+def _problem(
+    scene: Structure, plan: AbstractPlan, inputs: Inputs
+) -> tuple[Problem, PronySeries]:
+    parts = scene_parts(scene.scene, inputs)
+    given = scene.scene.material.relaxation
+    count = 0 if given is None else len(given.g)
+
+    def terms(key: str) -> Array:
+        values = [inputs[f"material.relaxation.{key}.{i}"] for i in range(count)]
+        return jnp.stack([jnp.asarray(x, float) for x in values]) if values else jnp.zeros(0)
+
+    series = PronySeries(terms("g"), terms("tau"))
+    return problem_of(parts, plan, wall=scene.wall), series
+
+
+def _shell(problem: Problem) -> Shell:
+    assert isinstance(problem.mechanics, Shell)
+    return problem.mechanics
+
+
+@eqx.filter_jit
+def through(
+    scene: Structure,
+    plan: AbstractPlan,
+    inputs: Inputs,
+    rows: Rows,
+    start: Moment,
+    tolerance: Float[Array, ""],
+) -> tuple[dict[str, Any], dict[str, Array], Moment]:
+    """Follow a history through some rows.
+
+    Args:
+        scene: with the instantaneous response of its material.
+        plan: mesh of the whole section.
+        inputs: the scene's numbers.
+        rows: in the order of time.
+        start: at the begin of the first one.
+        tolerance: error of the stress that a step may make, relative to the largest so far.
+
+    Returns:
+        What is observed at the end of every row, how it was found, and the end of the last one.
+    """
+    parts = scene_parts(scene.scene, inputs)
+    problem, series = _problem(scene, plan, inputs)
+
+    def visit(now: Moment, row: Rows) -> tuple[Moment, tuple[Any, Any]]:
+        now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
+        jumps = row.end <= row.begin
+        now = now._replace(last=jnp.where(jumps, 0.0, now.last))
+
+        def going(now: Moment) -> Bool[Array, ""]:
+            left = jumps & (now.steps == 0) | (now.time < row.end)
+            return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
+
+        now = jax.lax.while_loop(
+            going, lambda now: _step(problem, series, now, row, tolerance), now
+        )
+        late = (now.time < row.end) & (now.steps >= MOST_STEPS)
+        result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
+        now = now._replace(result=result.astype(now.result.dtype))
+        relaxed = dataclasses.replace(_shell(problem), response=now.past.relaxed(series))
+        settled = dataclasses.replace(problem, mechanics=relaxed)
+        check, change = verify(settled, now.state)
+        assert change is not None  # the shell's
+        shown = jax.tree.map(lambda a, b: a + b, now.state, change)
+        report = observe(parts, settled, shown, now.state)
+        report["volume_residual"] = volume_residual(settled, now.state)
+        report["stable"] = check.stable
+        del report["in_domain"]
+        outcome = {
+            "result": now.result,
+            "level": now.state.factor,
+            "iterations": now.iterations,
+            "time_error": now.error[None],
+            "steps": now.steps[None],
+            "t_s": now.time[None],
+        }
+        return now, (report, outcome)
+
+    end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
+    return reports, outcomes, end
+
+
+def _step(
+    problem: Problem, series: PronySeries, now: Moment, row: Rows, tolerance: Array
+) -> Moment:
+    """Try a step towards the end of a row, and take it where it is short enough."""
+    left = row.end - now.time
+    fresh = now.last == 0
+    shortest = _FIRST_STEP * jnp.min(series.tau, initial=jnp.inf)
+    wanted = jnp.where(fresh, jnp.minimum(now.step, shortest), now.step)
+    # Rather two even steps than one that leaves next to nothing.
+    step = jnp.where(left <= wanted, left, jnp.where(left < 2 * wanted, left / 2, wanted))
+    arrived = left <= wanted
+    time = jnp.where(arrived, row.end, now.time + step)
+    share = (time - row.begin) / jnp.where(row.end > row.begin, row.end - row.begin, 1.0)
+    level = row.first + jnp.where(row.end > row.begin, share, 1.0) * (row.final - row.first)
+    shell = dataclasses.replace(_shell(problem), response=now.past.seen(series, step))
+    trapped = problem.oil.trapped
+    y = BorderedVector(now.state.q, now.state.pressure if trapped else None)
+    root = follow(
+        dataclasses.replace(problem, mechanics=shell),
+        y,
+        now.state.factor,
+        jnp.broadcast_to(level, now.state.factor.shape),
+        LoadStepping(),
+        near=True,
+    )
+    found = Equilibrium.of(problem, root)
+    stress = shell.deviator(found.state.q)
+    largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
+    rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
+    bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))
+    error = jnp.sum(series.g * _psi(step / series.tau)) * bend
+    error = jnp.where(fresh | (largest == 0), 0.0, error / jnp.where(largest > 0, largest, 1.0))
+    good = error <= tolerance
+    ratio = jnp.sqrt(tolerance / jnp.maximum(error, 1e-300))
+    following = step * jnp.clip(0.9 * ratio, _SHORTER, _LONGER)
+    following = jnp.where(fresh, _LONGER * wanted, following)
+    # A step that a row cut short says little of the next one.
+    following = jnp.where(good & arrived, jnp.maximum(following, now.step), following)
+    following = jnp.where(jnp.isnan(following) | (step == 0), now.step, following)
+    tried = now._replace(
+        step=jnp.where(good, now.step, following),
+        iterations=now.iterations + found.iterations,
+        steps=now.steps + 1,
+    )
+    taken = Moment(
+        time,
+        following,
+        found.state,
+        now.past.after(series, step, stress),
+        rate,
+        step,
+        now.error + error,
+        largest,
+        tried.iterations,
+        tried.steps,
+        jnp.where(found.result == 0, 0, found.result).astype(now.result.dtype),
+    )
+    return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, tried)
+
+
+def _psi(x: Array) -> Array:
+    """Weight of a bend of the stress in the middle of a step; see the module."""
+    short = x < 0.03
+    safe = jnp.where(short, 1.0, x)
+    lost = -jnp.expm1(-safe) / safe
+    return jnp.where(short, x / 12 * (1 - x / 2), (1 - lost) / safe - lost / 2)

@@ -1,0 +1,206 @@
+"""Loads over time: the update in closed form, an independent program's creep, limits, files."""
+
+import csv
+import itertools
+import json
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from test_cli import SCENES, suas
+
+from suas_jax import load_scene, solve, with_inputs, with_solve
+from suas_jax.constitutive.relaxation import Past, PronySeries
+from suas_jax.dynamics import history, steps
+from suas_jax.dynamics.history import History, history_sweep, read_history
+from suas_jax.scene.sweep import SweepError
+
+HOLD = SCENES / "hold.toml"
+DATA = Path(__file__).parent / "data" / "creep2d.csv"
+SERIES = PronySeries(jnp.array([0.15, 0.10]), jnp.array([0.5, 10.0]))
+
+
+def total(past: Past) -> float:
+    """Stress of a past of one number."""
+    return float(SERIES.long_term_share * past.stress[0] + jnp.sum(past.parts))
+
+
+def stepped(times: np.ndarray, stress: Any) -> Past:
+    past = Past.none(SERIES, (1,))
+    for begin, end in itertools.pairwise(times):
+        past = past.after(SERIES, jnp.asarray(end - begin), jnp.array([stress(end)]))
+    return past
+
+
+def test_a_stress_that_grows_evenly_needs_one_step() -> None:
+    one = total(stepped(np.array([0.0, 3.0]), lambda t: 2 * t))
+    closed = sum(g * tau * -np.expm1(-3 / tau) for g, tau in zip(*SERIES_NUMBERS, strict=True))
+    assert one == pytest.approx(2 * (0.75 * 3 + closed), rel=1e-12)
+    assert total(stepped(np.linspace(0, 3, 8), lambda t: 2 * t)) == pytest.approx(
+        one, rel=1e-12
+    )
+
+
+SERIES_NUMBERS = ((0.15, 0.10), (0.5, 10.0))
+
+
+def test_the_update_is_of_order_two() -> None:
+    exact = 0.75 * 4.0 + sum(
+        quad(lambda s, g=g, tau=tau: g * 2 * s * np.exp(-(2 - s) / tau), 0, 2)[0]
+        for g, tau in zip(*SERIES_NUMBERS, strict=True)
+    )
+
+    def error(count: int) -> float:
+        return abs(total(stepped(np.linspace(0, 2, count + 1), lambda t: t**2)) - exact)
+
+    assert error(16) < 1e-3
+    assert error(16) / error(32) == pytest.approx(4.0, rel=0.02)
+
+
+def test_what_a_step_says_of_the_stress_is_what_the_past_then_has() -> None:
+    past = stepped(np.array([0.0, 0.2, 0.5]), lambda t: np.sin(3 * t))
+    response = past.seen(SERIES, jnp.asarray(0.3))
+    after = past.after(SERIES, jnp.asarray(0.3), jnp.array([0.7]))
+    assert float(response.share * 0.7 + response.rest[0]) == pytest.approx(total(after))
+    relaxed = after.relaxed(SERIES)
+    assert float(relaxed.share * 0.7 + relaxed.rest[0]) == pytest.approx(total(after))
+    at_once = past.after(SERIES, jnp.asarray(0.0), past.stress)
+    np.testing.assert_allclose(at_once.parts, past.parts)
+
+
+@pytest.mark.parametrize("x", [1e-4, 0.02, 0.04, 1.0, 50.0])
+def test_weight_of_a_bend(x: float) -> None:
+    wanted = quad(lambda v: np.exp(-x * (1 - v)) * (v - 0.5), 0, 1)[0]
+    assert float(steps._psi(jnp.asarray(x))) == pytest.approx(wanted, rel=2e-3)
+
+
+def table(file: Path) -> list[dict[str, float]]:
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
+    return [{k: float(v) for k, v in row.items()} for row in csv.DictReader(lines)]
+
+
+@pytest.fixture(scope="module")
+def reference() -> list[dict[str, float]]:
+    return table(DATA)
+
+
+@pytest.fixture(scope="module")
+def held(reference: list[dict[str, float]], tmp_path_factory: Any) -> list[dict[str, Any]]:
+    file = tmp_path_factory.mktemp("history") / "hold.csv"
+    rows = [f"{row['t_s']},{row['force_N']}" for row in reference]
+    file.write_text("\n".join(["t_s,force_N", "0,0", *rows]))
+    found = json.loads(suas("sweep", str(HOLD), "--history", str(file), "--json").stdout)
+    points: list[dict[str, Any]] = found["points"]
+    return points
+
+
+def test_creep_is_that_of_an_independent_program(
+    held: list[dict[str, Any]], reference: list[dict[str, float]]
+) -> None:
+    assert held[0]["t_s"] == 0.0
+    assert held[0]["max_displacement_m"] < 1e-15
+    for point, row in zip(held[1:], reference, strict=True):
+        assert point["status"] == "converged"
+        assert point["t_s"] == row["t_s"]
+        assert point["loads"][0]["force_N"] == pytest.approx(row["force_N"])
+        moved = point["loads"][0]["inner_displacement_m"]
+        assert moved == pytest.approx(row["inner_displacement_m"], rel=1.2e-3)
+        assert point["oil_pressure_Pa"] == pytest.approx(row["oil_pressure_Pa"], rel=5e-4)
+        assert point["bulge_m"] == pytest.approx(row["max_bulge_m"], rel=1.2e-3)
+        assert point["min_gap_m"] == pytest.approx(row["min_gap_m"], rel=6e-4)
+        assert abs(point["volume_residual"]) < 1e-12
+        assert point["stable"]
+
+
+def follow(time: list[float], force: list[float]) -> list[dict[str, Any]]:
+    given = History(np.array(time), "force_N", np.array(force))
+    return history_sweep(load_scene(HOLD), given).points
+
+
+QUANTITIES = ("oil_pressure_Pa", "max_displacement_m", "min_gap_m", "bulge_m", "stretch_max")
+
+
+def test_a_jump_is_instantaneous_and_a_long_hold_the_long_term_law() -> None:
+    long_term = with_solve(load_scene(HOLD), model="shell", elements=64)
+    constants = {"material.C1": 20.7e6, "material.C2": -4.4e6, "material.C3": 77e3}
+    rows = np.array([0.0, 0.0, 1e4]), np.array([0.0, 1.0, 1.0])
+    for place, scene in ((1, with_inputs(long_term, constants)), (2, long_term)):
+        solution = solve(scene)
+        # Meshes are graded by the law: on that of the solution.
+        errors = history._Errors(solution.plan, 0.0, 0.0)
+        point = history._Follower(long_term, errors).points(*rows)[place]
+        for key in QUANTITIES:
+            assert point[key] == pytest.approx(solution.report[key], rel=1e-8), key
+
+
+def test_longer_steps_differ_by_no_more_than_they_say(
+    held: list[dict[str, Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(history, "_STEP_SHARE", 3.0)
+    rows = [(p["t_s"], p["loads"][0]["force_N"]) for p in held]
+    coarse = follow(*(list(x) for x in zip(*rows, strict=True)))
+    largest = max(p["max_displacement_m"] for p in held)
+    assert sum(p["time_steps"] for p in coarse) < 0.6 * sum(p["time_steps"] for p in held)
+    for point, fine in zip(coarse, held, strict=True):
+        change = abs(point["max_displacement_m"] - fine["max_displacement_m"]) / largest
+        # To leading order, and steps after a jump are too short to count.
+        assert change <= 2 * (point["time_error"] + fine["time_error"])
+
+
+def test_cycles_dissipate() -> None:
+    time = np.linspace(0.0, 6.0, 49)
+    points = follow(list(time), list(5 - 5 * np.cos(np.pi * time)))
+    force = np.array([p["loads"][0]["force_N"] for p in points])
+    moved = np.array([p["loads"][0]["displacement_m"] for p in points])
+    work = np.cumsum((force[1:] + force[:-1]) / 2 * np.diff(moved))
+    cycles = work[15::16]
+    assert np.all(np.diff(np.append(0.0, cycles)) > 0.01 * np.max(work))
+
+
+def test_the_wall_holds_what_creeps_onto_it() -> None:
+    points = follow([0, 0, 1e4], [0, 80, 80])
+    assert not points[1]["wall_contact"]
+    assert points[2]["wall_contact"]
+    held = with_inputs(load_scene(HOLD), {"load.0.force": 80.0})
+    report = solve(with_solve(held, model="shell", elements=64)).report
+    # The wall's own small yield goes with the law's modulus, which is the instantaneous one.
+    assert points[2]["wall"]["force_N"] == pytest.approx(report["wall"]["force_N"], rel=5e-4)
+    assert points[2]["oil_pressure_Pa"] == pytest.approx(report["oil_pressure_Pa"], rel=1e-4)
+
+
+def test_without_relaxation_a_history_is_a_curve() -> None:
+    scene = load_scene(SCENES / "press.toml")
+    (point,) = history_sweep(scene, History(np.array([5.0]), "factor", np.array([1.0]))).points
+    report = solve(with_solve(scene, model="shell", elements=64)).report
+    assert point["t_s"] == 5.0
+    assert point["oil_pressure_Pa"] == pytest.approx(report["oil_pressure_Pa"], rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t_s,depth\n0,1\n", "columns are t_s, depth"),
+        ("t_s\n0\n", "one of force_N and factor"),
+        ("t_s,force_N,factor\n0,1,1\n", "one of force_N and factor"),
+        ("t_s,force_N\n", "at least one row"),
+        ("t_s,force_N\n0,x\n", "line 2: 0,x: numbers are needed"),
+        ("t_s,force_N\n1,0\n0,1\n", "line 3: t_s is less"),
+    ],
+)
+def test_a_wrong_file_is_told_with_its_place(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "history.csv"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=message):
+        read_history(file)
+
+
+def test_what_a_history_cannot_move() -> None:
+    given = History(np.array([0.0]), "force_N", np.array([1.0]))
+    with pytest.raises(SweepError, match="no load with a force"):
+        history_sweep(load_scene(SCENES / "film.toml"), given)
+    with pytest.raises(SweepError, match="works with the shell"):
+        history_sweep(with_solve(load_scene(HOLD), model="solid"), given)
+    suas("sweep", str(HOLD), status=2)
