@@ -160,6 +160,8 @@ def test_cycles_dissipate() -> None:
     assert np.all(np.diff(np.append(0.0, cycles)) > 0.01 * np.max(work))
 
 
+# Programs with the wall; its equilibria have tests of their own.
+@pytest.mark.long
 def test_the_wall_holds_what_creeps_onto_it() -> None:
     points = follow([0, 0, 1e4], [0, 80, 80])
     assert not points[1]["wall_contact"]

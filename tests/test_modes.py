@@ -9,13 +9,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import special
 from test_cli import SCENES, suas
 
 from suas_jax import ConfigError, load_scene, scene_from_dict
 from suas_jax.config.oil import OilSpec
 from suas_jax.dynamics.inertia import Densities, inertia_of
-from suas_jax.dynamics.modes import Modes, bandwidth_of, damped_roots, modes
+from suas_jax.dynamics.modes import (
+    Modes,
+    Spectrum,
+    bandwidth_of,
+    damped_roots,
+    densities_of,
+    modes,
+    spectrum_of,
+)
 from suas_jax.dynamics.motion import Face, Motion
+from suas_jax.dynamics.pad import PadMotion, Sheet, pad_inertia
+from suas_jax.figures.modes import plot_modes
 
 FILM = SCENES / "film.toml"
 DATA = Path(__file__).parent / "data" / "film2d.csv"
@@ -110,33 +121,44 @@ def with_tables(**tables: dict[str, Any]) -> Any:
     """The example's skin with other tables."""
     data = tomllib.loads(FILM.read_text(encoding="utf-8"))
     for name, table in tables.items():
-        data[name] = {**data[name], **table}
+        data[name] = {**data.get(name, {}), **table}
     return scene_from_dict(data, base=SCENES)
 
 
-def test_air_outside_a_thinner_oil_and_one_that_yields_a_little(at_rest: Modes) -> None:
-    water = at_rest.modes[0]["undamped_Hz"]
-    air = modes(with_tables(environment={"medium": "air"})).modes[0]["undamped_Hz"]
-    assert water is not None
-    assert air is not None
-    assert air == pytest.approx(2.56, rel=3e-3)  # the independent program's
-    thin = modes(with_tables(oil={"viscosity": "0 cSt"}))
+def in_fluids(at_rest: Modes, **others: float) -> Spectrum:
+    """The same motion with other fluids."""
+    assert at_rest.motion is not None
+    found = spectrum_of(at_rest.motion, GIVEN._replace(**others), 6)
+    assert found is not None
+    return found
+
+
+def frequencies(found: Spectrum | Modes) -> np.ndarray:
+    return np.array([mode["undamped_Hz"] for mode in found.modes], float)
+
+
+def test_air_outside_and_an_oil_without_viscosity(at_rest: Modes) -> None:
+    air = in_fluids(at_rest, water=0.0)
+    assert frequencies(air)[0] == pytest.approx(2.56, rel=3e-3)  # the independent program's
+    assert densities_of(with_tables(environment={"medium": "air"})).water == 0.0
+    thin = in_fluids(at_rest, viscosity=0.0)
+    np.testing.assert_allclose(frequencies(thin), frequencies(at_rest), rtol=1e-12)
     assert thin.modes[0]["damping_ratio"] == 0.0
     assert thin.modes[0]["time_s"] is None
-    assert thin.modes[0]["frequency_Hz"] == pytest.approx(water, rel=1e-9)
+    assert thin.modes[0]["frequency_Hz"] == pytest.approx(frequencies(thin)[0], rel=1e-9)
     # Inertia alone: (w / w1)^2 is the error of statics.
-    assert thin.bandwidth == pytest.approx(water * np.sqrt(0.01 / 1.01), rel=1e-6)
+    first = frequencies(thin)[0]
+    assert thin.bandwidth == pytest.approx(first * np.sqrt(0.01 / 1.01), rel=1e-6)
 
 
 def test_a_thick_oil_swings_no_more(at_rest: Modes) -> None:
-    thick = modes(with_tables(oil={"viscosity": "1000 cSt"}))
+    thick = in_fluids(at_rest, viscosity=20 * GIVEN.viscosity)
     for mode, thin in zip(thick.modes, at_rest.modes, strict=True):
         assert mode["damping_ratio"] == pytest.approx(20 * (thin["damping_ratio"] or 0.0))
         assert (mode["frequency_Hz"] is None) == ((mode["damping_ratio"] or 0.0) > 1)
     # Viscosity alone is the error of statics there: the slowest motion's time.
     slowest = thick.modes[0]["time_s"]
     assert slowest is not None
-    assert thick.bandwidth is not None
     assert 2 * np.pi * thick.bandwidth * slowest == pytest.approx(0.01, rel=0.02)
 
 
@@ -173,7 +195,62 @@ def test_the_command_prints_the_contract_and_draws(tmp_path: Path) -> None:
 
 def test_an_unstable_state_has_no_modes(at_rest: Modes) -> None:
     lost = dataclasses.replace(at_rest, modes=[], bandwidth=None, status="unstable")
-    from suas_jax.figures.modes import plot_modes
-
     with pytest.raises(ValueError, match="no modes to draw"):
         plot_modes(lost)
+
+
+ARC, AXIAL = 0.18, 0.12
+
+
+def plate(rows: int, columns: int, n: int, m: int) -> PadMotion:
+    """A flat pad whose one unknown is the normal displacement cos(n pi x/L) cos(m pi z/W)."""
+    x, z = np.linspace(0, ARC, rows + 1), np.linspace(0, AXIAL, columns + 1)
+    up = np.outer(np.cos(n * np.pi * x / ARC), np.cos(m * np.pi * z / AXIAL))
+    grid = np.meshgrid(x, z, indexing="ij")
+    moved = np.stack([0 * up, up, 0 * up])[None]
+    sheet = Sheet(np.stack([grid[0], 0 * up, grid[1]]), moved)
+    even = np.full_like(up, 1.0)
+    none = np.zeros((1, 1))
+    return PadMotion(
+        none, none[0], 0.0, sheet, sheet, sheet, GAP * even, THICKNESS * even, x, z
+    )
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 0), (0, 1), (2, 1)])
+def test_film_and_water_of_a_pad_have_the_energies_of_closed_forms(n: int, m: int) -> None:
+    k = np.array([n * np.pi / ARC, m * np.pi / AXIAL])
+    area = ARC * AXIAL / (4 if n * m else 2)
+    radius = ARC / np.pi
+    beyond = special.kv(n, k[1] * radius) / -special.kvp(n, k[1] * radius) if m else None
+    water = radius / n if beyond is None else beyond / k[1]
+    wanted = [
+        GIVEN.oil / GAP / (k @ k) * area,
+        GIVEN.membrane * THICKNESS * area,
+        GIVEN.water * water * area,
+        12 * GIVEN.viscosity / GAP**3 / (k @ k) * area,
+    ]
+
+    def error(count: int) -> np.ndarray:
+        found = pad_inertia(plate(3 * count, 2 * count, n, m), GIVEN)
+        return np.abs(np.array([form[0, 0] for form in found]) / wanted - 1)
+
+    assert np.all(error(20) < 3e-3)
+    assert np.all(error(20) < 0.3 * error(10) + 1e-12)
+
+
+# Programs of a pad; the forms that it adds have a test above.
+@pytest.mark.long
+def test_modes_of_a_pad(tmp_path: Path) -> None:
+    """The film of a pad that is no longer than wide lets its oil flow along the axis, too."""
+    scene = with_tables(geometry={"ends": "clamped"}, solve={"elements": [8, 8]})
+    found = modes(scene, 2)
+    first, second = found.modes
+    assert first["undamped_Hz"] == pytest.approx(30.26, rel=0.02)  # of meshes of 20 by 16
+    assert second["undamped_Hz"] == pytest.approx(33.54, rel=0.04)
+    # An even film damps its own mass by 12 nu / h^2.
+    for mode in found.modes:
+        rate = 12 * 50e-6 / 5e-3**2 * (mode["film_share"] or 0.0)
+        ratio = rate / (4 * np.pi * (mode["undamped_Hz"] or 0.0))
+        assert mode["damping_ratio"] == pytest.approx(ratio, rel=1e-3)
+    assert np.abs(found.shapes).max() == pytest.approx(1.0)
+    plot_modes(found, tmp_path / "pad.png")

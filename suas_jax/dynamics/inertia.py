@@ -25,8 +25,8 @@ from suas_jax.dynamics.motion import Motion
 
 Matrix = Float[np.ndarray, "unknown unknown"]
 
-# A film thinner than this no longer drains: its asperities bear on one another [m].
-_THINNEST_FILM = 1e-6
+THINNEST_FILM = 1e-6
+"""A thinner one no longer drains: its asperities bear on one another [m]."""
 _HARMONICS = 64
 
 
@@ -75,7 +75,7 @@ def inertia_of(motion: Motion, given: Densities) -> Inertia:
         motion: about a state.
         given: densities and viscosity.
     """
-    gap = np.maximum(motion.gap, _THINNEST_FILM)
+    gap = np.maximum(motion.gap, THINNEST_FILM)
     gap = (gap[1:] + gap[:-1]) / 2
     length = motion.inner.lengths()
     flux = _film_flux(motion, gap * length)

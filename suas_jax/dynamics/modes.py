@@ -15,6 +15,7 @@ which counts the lag of an answer like an error of its size.
 """
 
 import dataclasses
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from suas_jax.config import ConfigError, SceneSpec, with_solve
 from suas_jax.config.errors import Mistake
 from suas_jax.dynamics.inertia import Densities, Inertia, inertia_of
 from suas_jax.dynamics.motion import Motion, motion_of
+from suas_jax.dynamics.pad import PadMotion, pad_inertia, pad_motion
 from suas_jax.scene.solve import Solution, solve
 
 STATIC_ERROR = 0.01
@@ -35,6 +37,7 @@ WATER_DENSITY = 1000.0
 MOST_MODES = 50
 # Elements that leave errors of 1e-4: a wave of the highest mode takes about sixteen.
 _FIRST_ELEMENTS, _ELEMENTS_A_MODE = 24, 8
+_PAD_ELEMENTS = (20, 16)
 # Modes that damped ones and the bandwidth are made of, beyond those wanted.
 _MORE_MODES = 24
 
@@ -47,7 +50,7 @@ class Modes:
         modes: one row each, SI units in the key names.
         bandwidth: below it the static answer is right to `STATIC_ERROR` [Hz]; None where no
             state was found, or an unstable one.
-        shapes: displacement of the inner and the outer face, the largest component being one.
+        shapes: of each mode, as `motion.shapes` has them.
         motion: what they are modes of; None where no state was found.
         solution: the state.
         status: as of a solve, or "unstable".
@@ -56,8 +59,8 @@ class Modes:
 
     modes: list[dict[str, float | None]]
     bandwidth: float | None
-    shapes: Float[np.ndarray, "mode face 2 point"]
-    motion: Motion | None
+    shapes: Float[np.ndarray, "mode *shape"]
+    motion: Motion | PadMotion | None
     solution: Solution
     status: str
     message: str
@@ -77,53 +80,88 @@ class Modes:
 def modes(scene: SceneSpec, count: int = 6) -> Modes:
     """Natural modes about the state that a scene's loads hold, or about rest.
 
-    They are those of the shell, to first order with the transverse shear that it leaves out.
+    They are those of the shell; in plane strain to first order with the transverse shear that
+    it leaves out.
 
     Args:
-        scene: in plane strain, with trapped oil, and with the densities and the viscosity.
+        scene: with trapped oil, and with the densities and the viscosity.
         count: how many, the lowest first.
 
     Raises:
         ConfigError: the scene lacks a density or the viscosity.
-        ValueError: it is three-dimensional, its oil is vented, or the count is out of range.
+        ValueError: its oil is vented, or the count is out of range.
         Float64Error: float64 is off.
     """
     if not 1 <= count <= MOST_MODES:
         raise ValueError(f"{count} modes; 1 to {MOST_MODES} can be asked for")
-    scene.require_plane_strain("`modes`")
     if not scene.oil.trapped:
         raise ValueError(
             "vented oil flows through an outlet that no file describes; modes need trapped "
             'oil: set oil.model = "incompressible"'
         )
     densities = densities_of(scene)
-    elements = scene.solve.elements or _FIRST_ELEMENTS + _ELEMENTS_A_MODE * count
+    elements = scene.solve.elements or (
+        _FIRST_ELEMENTS + _ELEMENTS_A_MODE * count
+        if scene.geometry.dimension == 2
+        else _PAD_ELEMENTS
+    )
     solution = solve(with_solve(scene, model="shell", mesh=None, elements=elements))
-    none = np.zeros((0, 2, 2, 0))
+    lost = functools.partial(Modes, [], None, np.zeros(0), None, solution)
     if not solution.converged:
-        report = solution.report
-        return Modes([], None, none, None, solution, report["status"], report["message"])
-    motion = motion_of(solution)
-    inertia = inertia_of(motion, densities)
+        return lost(solution.report["status"], solution.report["message"])
+    flat = scene.geometry.dimension == 2
+    motion = motion_of(solution) if flat else pad_motion(solution)
+    found = spectrum_of(motion, densities, count)
+    if found is None:
+        message = "The state is unstable: a motion grows by itself, and has no frequency."
+        return lost("unstable", message)
+    shapes = motion.shapes(found.vectors)
+    return Modes(found.modes, found.bandwidth, shapes, motion, solution, "converged", "")
+
+
+class Spectrum(NamedTuple):
+    """Natural modes of a motion.
+
+    Attributes:
+        modes: one row each, SI units in the key names.
+        vectors: their displacements, by the free unknowns.
+        bandwidth: see `Modes` [Hz].
+    """
+
+    modes: list[dict[str, float | None]]
+    vectors: Float[np.ndarray, "unknown mode"]
+    bandwidth: float
+
+
+def spectrum_of(
+    motion: Motion | PadMotion, densities: Densities, count: int
+) -> Spectrum | None:
+    """Natural modes of a motion in a fluid; None where a motion grows by itself.
+
+    Args:
+        motion: about a state.
+        densities: what moves.
+        count: how many modes.
+    """
+    if isinstance(motion, Motion):
+        inertia, omitted = inertia_of(motion, densities), motion.omitted
+    else:
+        inertia, omitted = pad_inertia(motion, densities), None
     stiffness, basis = _allowed(motion)
     size = min(len(stiffness), count + _MORE_MODES)
     squares, vectors = scipy.linalg.eigh(
         stiffness, basis.T @ inertia.mass @ basis, subset_by_index=[0, size - 1]
     )
     if squares[0] <= 0:
-        message = "The state is unstable: a motion grows by itself, and has no frequency."
-        return Modes([], None, none, motion, solution, "unstable", message)
+        return None
     vectors = basis @ vectors
-    # What the shell leaves out is a compliance, this share of a mode's own.
-    softer = np.einsum("ki,kl,li->i", vectors, motion.omitted, vectors) / squares
-    squares = squares / (1 + softer)
+    if omitted is not None:
+        # What the shell leaves out is a compliance, this share of a mode's own.
+        softer = np.einsum("ki,kl,li->i", vectors, omitted, vectors) / squares
+        squares = squares / (1 + softer)
     damping = vectors.T @ inertia.damping @ vectors
     rows = _rows(squares, damping, vectors, inertia)[:count]
-    shapes = np.stack([motion.inner.moved, motion.outer.moved]) @ vectors[:, :count]
-    shapes = np.moveaxis(shapes, -1, 0)
-    shapes /= np.max(np.abs(shapes), (1, 2, 3), keepdims=True)
-    bandwidth = bandwidth_of(squares, damping)
-    return Modes(rows, bandwidth, shapes, motion, solution, "converged", "")
+    return Spectrum(rows, vectors[:, :count], bandwidth_of(squares, damping))
 
 
 def densities_of(scene: SceneSpec) -> Densities:
@@ -160,7 +198,7 @@ class _Stiffness(NamedTuple):
     basis: Float[np.ndarray, "unknown motion"]
 
 
-def _allowed(motion: Motion) -> _Stiffness:
+def _allowed(motion: Motion | PadMotion) -> _Stiffness:
     """Motions that keep the oil's volume, or all of them with the stiffness of its oil."""
     stiffness, volume = motion.stiffness, motion.volume
     if motion.compliance < 0:

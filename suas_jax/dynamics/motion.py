@@ -77,6 +77,15 @@ class Motion(NamedTuple):
     gap: Float[np.ndarray, " point"]
     mass: Float[np.ndarray, " segment"]
 
+    def shapes(
+        self, vectors: Float[np.ndarray, "unknown mode"]
+    ) -> Float[np.ndarray, "mode face 2 point"]:
+        """Displacement of the inner and the outer face, the largest component being one."""
+        moved = np.stack([self.inner.moved, self.outer.moved]) @ vectors
+        shapes = np.moveaxis(moved, -1, 0)
+        scaled: np.ndarray = shapes / np.max(np.abs(shapes), (1, 2, 3), keepdims=True)
+        return scaled
+
 
 @eqx.filter_jit
 def _program(scene: Structure, plan: AbstractPlan, inputs: Inputs, state: State) -> Motion:

@@ -1,0 +1,284 @@
+"""Small motions of a pad about a state, and what moves with it.
+
+As on a section (`suas_jax.dynamics.inertia`), but the film's flux q is a field over the pad::
+
+    rho dv/dt = -grad p - 12 mu v / h^2,   v = q / h,   div q + w = 0,   none through the edges
+
+Of all fluxes that make room for the membrane's normal velocity w, inertia takes the one of
+least kinetic energy, viscosity that of least dissipation: one scalar elliptic problem each,
+with the conductances h and h^3, solved by finite volumes on a grid of samples. They are one
+flux where the film is even.
+
+The water outside is that of a potential flow around a cylinder: cos(n psi) cos(k z), with z
+from one end, where it is taken to be mirrored, to the other, carries per area the mass ::
+
+    rho R K_n(x) / (-x K_n'(x)),   x = k R;   rho R / n for k = 0
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+import scipy.special
+from jaxtyping import Array, Float
+
+from suas_jax.dynamics.inertia import THINNEST_FILM, Densities, Inertia, Matrix
+from suas_jax.equilibrium.balance import State
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.pad.pad import Pad
+from suas_jax.numerics.block_banded import REACH, BlockBanded
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import problem_of
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.program import inputs_of, structure_of
+from suas_jax.scene.solve import Solution
+from suas_jax.scene.structure import Inputs, Structure
+
+_SAMPLES = 2  # intervals along either side of an element
+_HARMONICS = 24  # of the water outside, in either direction
+_BATCH = 64  # unknowns whose motion is sampled at once
+
+
+class Sheet(NamedTuple):
+    """A surface of the pad on the grid of samples.
+
+    Attributes:
+        position: in the state [m].
+        moved: displacement by the free unknowns.
+    """
+
+    position: Float[np.ndarray, "3 arc axial"]
+    moved: Float[np.ndarray, "unknown 3 arc axial"]
+
+    def areas(self) -> Float[np.ndarray, "3 arc axial"]:
+        """Vectors of the area that a sample stands for, inwards [m^2]."""
+        along, aside = (np.gradient(self.position, axis=k) for k in (1, 2))
+        count = self.position.shape[1:]
+        found: np.ndarray = (
+            np.cross(along, aside, axis=0) * _ends(count[0])[:, None] * _ends(count[1])
+        )
+        return found
+
+    def swept(self) -> Float[np.ndarray, "sample unknown"]:
+        """Volume that every sample sweeps outwards."""
+        volumes = -np.einsum("cij,ucij->iju", self.areas(), self.moved, optimize=True)
+        return volumes.reshape(-1, volumes.shape[-1])
+
+
+class PadMotion(NamedTuple):
+    """What small motions of a pad are made of, for its free unknowns.
+
+    Attributes:
+        stiffness: tangent of the membrane under pressure and dead loads [N/m].
+        volume: derivative of the enclosed volume.
+        compliance: of the oil, derivative of its volume by its pressure, zero or less [m^3/Pa].
+        inner: the inner face.
+        middle: the mid-surface.
+        outer: the outer face.
+        gap: thickness of the film [m].
+        thickness: of the membrane [m].
+        angle: of the samples' rows, as scenes tell it [deg].
+        axial: of their columns [m].
+    """
+
+    stiffness: Float[np.ndarray, "unknown unknown"]
+    volume: Float[np.ndarray, " unknown"]
+    compliance: float
+    inner: Sheet
+    middle: Sheet
+    outer: Sheet
+    gap: Float[np.ndarray, "arc axial"]
+    thickness: Float[np.ndarray, "arc axial"]
+    angle: Float[np.ndarray, " arc"]
+    axial: Float[np.ndarray, " axial"]
+
+    def shapes(
+        self, vectors: Float[np.ndarray, "unknown mode"]
+    ) -> Float[np.ndarray, "mode arc axial"]:
+        """Outward displacement of the inner face, the largest one being one."""
+        inward = self.inner.areas()
+        inward /= np.linalg.norm(inward, axis=0)
+        moved = -np.einsum("cij,ucij->uij", inward, self.inner.moved, optimize=True)
+        shapes = np.einsum("uij,um->mij", moved, vectors, optimize=True)
+        peak = np.argmax(np.abs(shapes).reshape(len(shapes), -1), 1)
+        scaled: np.ndarray = shapes / np.take_along_axis(
+            shapes.reshape(len(shapes), -1), peak[:, None], 1
+        ).reshape(-1, 1, 1)
+        return scaled
+
+
+@eqx.filter_jit
+def _program(
+    scene: Structure, plan: AbstractPlan, inputs: Inputs, state: State
+) -> dict[str, Array]:
+    parts = scene_parts(scene.scene, inputs)
+    problem = problem_of(parts, plan, wall=scene.wall)
+    pad, geometry, q = problem.mechanics, parts.skin.geometry, state.q
+    assert isinstance(pad, Pad)
+    net = state.pressure - state.factor * problem.external_pressure
+    a = pad.assemble(q, net, state.factor)
+    assert isinstance(a.tangent, BlockBanded)
+    free = np.flatnonzero(pad.topology.free)
+
+    def sheets(q: Array) -> Array:
+        found = pad.sampled(q, _SAMPLES)
+        rows = found.inner_displacement, found.mid_displacement, found.outer_displacement
+        return jnp.stack(rows)[..., 0]
+
+    def moved_by(index: Array) -> Array:
+        return move(jnp.zeros(q.size).at[index].set(1.0).reshape(q.shape))
+
+    moved, move = jax.linearize(sheets, q)
+    grid = pad.sampled(q, _SAMPLES)
+    angle, axial, section = grid.angle, grid.axial[..., 0], geometry.section
+    foot, height = section.foot(section.inner_face(angle) + grid.inner_displacement[:2], angle)
+    return {
+        "bands": a.tangent.bands[0],
+        "volume": a.volume_gradient.reshape(-1)[free],
+        "compliance": problem.oil.compliance(state.pressure, pad.film_volume)[0],
+        "inner": section.inner_face(angle)[..., 0],
+        "middle": section.mid_line(angle)[..., 0],
+        "normal": section.frame(angle).normal[..., 0],
+        "displaced": moved,
+        "moved": jax.lax.map(moved_by, jnp.asarray(free), batch_size=_BATCH),
+        "gap": (height + geometry.gap(foot))[..., 0],
+        "thickness": jnp.broadcast_to(section.thickness(angle), angle.shape)[..., 0],
+        "axial": axial,
+        "angle": jnp.rad2deg(section.given_angle(angle[:, 0, 0])),
+    }
+
+
+def pad_motion(solution: Solution) -> PadMotion:
+    """Small motions about a solved pad.
+
+    Args:
+        solution: of a scene in three dimensions, with trapped oil.
+    """
+    scene = structure_of(solution.scene, wall=solution.wall)
+    inputs = inputs_of(solution.scene)
+    found = COMPILED.run(
+        _program, scene, solution.plan, inputs, solution.state, once=True, long=True
+    )
+    x = {key: np.asarray(value) for key, value in found.items()}
+    problem = solution.problem()
+    assert isinstance(problem.mechanics, Pad)
+    free = np.flatnonzero(problem.mechanics.topology.free)
+    outer = x["middle"] + x["thickness"] / 2 * x["normal"]
+    sheets = []
+    for k, rest in enumerate((x["inner"], x["middle"], outer)):
+        position = np.concatenate([rest, x["axial"][None]]) + x["displaced"][k]
+        sheets.append(Sheet(position, x["moved"][:, k]))
+    stiffness, compliance = _dense(x["bands"])[np.ix_(free, free)], float(x["compliance"])
+    inner, middle, outer = sheets
+    film = x["gap"], x["thickness"], x["angle"], x["axial"][0]
+    return PadMotion(stiffness, x["volume"], compliance, inner, middle, outer, *film)
+
+
+def _dense(bands: Float[np.ndarray, "station 4 dof dof"]) -> np.ndarray:
+    """The whole matrix, unknowns in the order of a station vector."""
+    stations, _, dof, _ = bands.shape
+    full = np.zeros((dof, stations, dof, stations))
+    for o in range(min(REACH + 1, stations)):
+        for s in range(stations - o):
+            full[:, s + o, :, s] = bands[s, o]
+            full[:, s, :, s + o] = bands[s, o].T
+    return full.reshape(dof * stations, -1)
+
+
+def pad_inertia(motion: PadMotion, given: Densities) -> Inertia:
+    """Masses and damping of small motions.
+
+    Args:
+        motion: about a state.
+        given: densities and viscosity.
+    """
+    gap = np.maximum(motion.gap, THINNEST_FILM)
+    swept = motion.inner.swept()
+    area = np.linalg.norm(motion.inner.areas(), axis=0)
+    room = (gap * area).ravel()
+    swept -= room[:, None] / np.sum(room) * np.sum(swept, 0)
+    film, damping = (
+        swept.T @ _potential(motion.inner.position, conductance, swept)
+        for conductance in (gap, gap**3)
+    )
+    mass = motion.thickness * np.linalg.norm(motion.middle.areas(), axis=0)
+    moved = (motion.middle.moved * np.sqrt(mass)).reshape(len(swept.T), -1)
+    membrane = given.membrane * moved @ moved.T
+    water = given.water * _outside(motion)
+    return Inertia(given.oil * film, membrane, water, 12 * given.viscosity * damping)
+
+
+def _potential(
+    position: Float[np.ndarray, "3 arc axial"],
+    conductance: Float[np.ndarray, "arc axial"],
+    source: Float[np.ndarray, "sample right"],
+) -> Float[np.ndarray, "sample right"]:
+    """Potential whose flux leaves every sample with what it has, none through the edges."""
+    arc, axial = conductance.shape
+    index = np.arange(arc * axial).reshape(arc, axial)
+    lengths = [np.linalg.norm(np.diff(position, axis=k), axis=0) for k in (1, 2)]
+    rows, columns, weights = [], [], []
+    for axis in (0, 1):
+        first, second = (
+            np.take(index, range(k, index.shape[axis] - 1 + k), axis) for k in (0, 1)
+        )
+        # Width of the strip that a sample's flux has: half of either length beside it.
+        beside, other = lengths[1 - axis], 1 - axis
+        ends = [[(0, 0)] * other + [pad] + [(0, 0)] * axis for pad in ((1, 0), (0, 1))]
+        width = sum(np.pad(beside, end) for end in ends) / 2
+        through = (conductance * width).ravel()
+        mean = (through[first] + through[second]) / 2 / lengths[axis]
+        rows.append(first.ravel())
+        columns.append(second.ravel())
+        weights.append(mean.ravel())
+    i, j, w = (np.concatenate(x) for x in (rows, columns, weights))
+    size = index.size
+    half = scipy.sparse.coo_matrix((w, (i, j)), (size, size)).tocsr()
+    links = half + half.T
+    laplacian = scipy.sparse.diags(np.asarray(links.sum(1)).ravel()) - links
+    # The potential is known but for a constant: it is zero at the last sample.
+    solver = scipy.sparse.linalg.splu(laplacian[:-1, :-1].tocsc())
+    return np.concatenate([solver.solve(source[:-1]), np.zeros_like(source[:1])])
+
+
+def _outside(motion: PadMotion) -> Matrix:
+    """Added mass of the fluid outside, per density."""
+    position, swept = motion.outer.position, motion.outer.swept()
+    _, arc, axial = position.shape
+    middle = position[:, :, axial // 2]
+    s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(middle, axis=1), axis=0)))
+    z = motion.axial - motion.axial[0]
+    radius, width = s[-1] / np.pi, z[-1]
+    n, m = np.arange(_HARMONICS), np.arange(_HARMONICS)
+    around = np.cos(n[:, None] * np.pi * s / s[-1])
+    along = np.cos(m[:, None] * np.pi * z / width)
+    flux = np.einsum(
+        "ni,mj,iju->nmu", around, along, swept.reshape(arc, axial, -1), optimize=True
+    )
+    norms = np.outer(np.where(n > 0, s[-1] / 2, s[-1]), np.where(m > 0, width / 2, width))
+    x = m * np.pi / width * radius
+    weights = added_mass(n[:, None], x[None]) * radius / norms
+    rows = flux.reshape(-1, flux.shape[-1])
+    form: np.ndarray = rows.T @ (weights.ravel()[:, None] * rows)
+    return form
+
+
+def added_mass(n: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """K_n(x) / (-x K_n'(x)), 1/n for x = 0; zero for n = x = 0, which keeps no volume."""
+    safe = np.where(x > 0, x, 1.0)
+    slope = (scipy.special.kve(n - 1, safe) + scipy.special.kve(n + 1, safe)) / 2
+    far = scipy.special.kve(n, safe) / (safe * slope)
+    plane = np.where(n > 0, 1 / np.maximum(n, 1), 0.0)
+    found: np.ndarray = np.where(x > 0, far, plane)
+    return found
+
+
+def _ends(count: int) -> np.ndarray:
+    """Ones, halves at both ends."""
+    weights = np.ones(count)
+    weights[[0, -1]] = 0.5
+    return weights
