@@ -131,7 +131,7 @@ STILL_ROUND = {
     "fitting/cli/force_range.py",
     "fitting/cli/health.py",
     "fitting/cli/new.py",
-    "fitting/inverse_load/skin_estimator.py",
+    "fitting/inverse_load/estimate/place.py",
     "fitting/robotics/messages.py",
     "fitting/robotics/recording.py",
     "fitting/sensor/logs/known_inputs.py",

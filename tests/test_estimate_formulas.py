@@ -4,9 +4,11 @@ import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
+from skins import shaped
 
 from fitting.force_range.bound import ForceRange, least_errors
 from fitting.inverse_load import frame_posterior
@@ -23,11 +25,14 @@ from fitting.inverse_load.check.verdict import (
 from fitting.inverse_load.drift import Drift, DriftDensities, ReadingWeights, zero_of_readings
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate, load_array
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.model.contact_parameters import SECTION
 from suas_jax.config.input_errors import STIFFNESS
+from suas_jax.config.sections.circle import CircleSpec
+from suas_jax.skin.plain import plain_geometry
 from tests.stand_ins import (
     AT_REST,
     DimpleFitter,
@@ -324,6 +329,33 @@ def test_filter_follows_a_pad_s_axial_position() -> None:
 # --- estimates ----------------------------------------------------------------------------
 
 
+CIRCLE = CircleSpec(
+    inner_radius=58.5e-3, half_angle=1.5, thickness=1.5e-3, width=0.1, oil_gap=5e-3
+)
+ROUND = ContactPlaces(CIRCLE, plain_geometry(CIRCLE))
+"""Places on a skin of 60 mm."""
+
+
+@pytest.mark.parametrize("section", ["ellipse", "path"])
+def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
+    """By the section itself; slopes by differences, which covariances are scaled by."""
+    half = [{"line": "15 mm"}, {"radius": "35 mm", "angle": "80 deg"}, {"line": "9 mm"}]
+    shapes: dict[str, dict[str, Any]] = {
+        "ellipse": {"inner_semi_axes": ["57.5 mm", "40 mm"], "half_angle": "85 deg"},
+        "path": {"path": half, "start": "80 deg", "mirror": True},
+    }
+    spec = shaped({"section": section, **shapes[section]}).geometry
+    geometry = plain_geometry(spec)
+    places, at = ContactPlaces(spec, geometry), np.linspace(-1.4, 1.4, 23)
+    exact, angle = geometry.section, jnp.asarray(at)[:, None]
+    assert places.arc(at) == pytest.approx(np.asarray(exact.arc(angle))[:, 0], abs=1e-9)
+    told = {"ellipse": exact.given_angle, "path": exact.arc}[section](angle)
+    assert places.estimated(at) == pytest.approx(np.asarray(told)[:, 0], abs=1e-9)
+    step = 1e-4
+    slope = (places.estimated(at + step) - places.estimated(at - step)) / (2 * step)
+    assert places.slope(at) == pytest.approx(slope, rel=1e-5)
+
+
 class Assessment(AbstractLoadAssessment):
     """Estimates on a skin whose wall is reached at 20 N (1 + angle)."""
 
@@ -362,7 +394,7 @@ def assessed(
         chi2=chi2,
         **fields,
     )
-    one = Assessment(SECTION, 0.06, 13)
+    one = Assessment(SECTION, ROUND, 13)
     shared = None if systematic is None else np.diag(systematic)[None]
     (found,) = one.estimates(best, [other], np.full((1, 13), full_scale), shared)
     return found
@@ -589,6 +621,7 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         saturated,
         1.0,
         True,
+        ROUND,
     )
     assert found.told[0].tolist() == [False, True, True, False]
     np.testing.assert_array_equal(found.smallest, [2.0, np.nan])

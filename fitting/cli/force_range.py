@@ -58,7 +58,6 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
-        spec.geometry.circle("`suas range`")
         check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
         settings = pad_settings(diameter, None)
@@ -70,6 +69,7 @@ def find_range(
 
             configure()
             if spec.geometry.dimension == 3:
+                spec.geometry.circle("`suas range` on pads")
                 from fitting.force_range.figure import plot_pad_range
                 from fitting.force_range.pad import pad_force_range
 
@@ -111,9 +111,10 @@ def find_range(
 
 def _section_rows(found: "ForceRange") -> list[list[str]]:
     """What a person wants to see of a section: names of the columns, then a row an angle."""
+    places, what = found.along.shown(found.angle)
     rows = [
         [
-            "angle [deg]",
+            what,
             "first contact [N]",
             "oil [kPa]",
             "told from [N]",
@@ -121,7 +122,7 @@ def _section_rows(found: "ForceRange") -> list[list[str]]:
             "a taxel saturates at [N]",
         ]
     ]
-    for i, angle in enumerate(found.angle):
+    for i, place in enumerate(places):
         values = (
             found.first_contact[i],
             1e-3 * found.oil_pressure[i],
@@ -129,7 +130,7 @@ def _section_rows(found: "ForceRange") -> list[list[str]]:
             found.largest[i],
             found.saturation[i],
         )
-        rows.append([f"{np.rad2deg(angle):.1f}", *(_shown(x) for x in values)])
+        rows.append([f"{place:.1f}", *(_shown(x) for x in values)])
     return rows
 
 

@@ -19,6 +19,7 @@ import equinox as eqx
 import numpy as np
 
 from fitting.arrays import Flags, Floats
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
 from suas_jax.config import SkinSpec
@@ -54,6 +55,7 @@ class ForceRange:
         noise: standard deviation of a reading, rounding included [counts].
         modelled: whether the wall holds the membrane, so that anything beyond first
             contact is known.
+        along: what scenes call places.
     """
 
     angle: Floats
@@ -66,6 +68,7 @@ class ForceRange:
     saturated: Flags
     noise: float
     modelled: bool
+    along: ContactPlaces
 
     @property
     def told(self) -> Flags:
@@ -108,20 +111,29 @@ class ForceRange:
                 "wall_contact": bool(self.force[i, k] > self.first_contact[i]),
                 "wall_force_N": float(self.wall_force[i, k]),
                 "force_error_N": float(self.force_error[i, k]),
-                "angle_error_deg": float(np.rad2deg(self.angle_error[i, k])),
+                **self._place_error(i, k),
                 "saturated_taxels": int(self.saturated[i, k].sum()),
             }
             for k in range(self.force.shape[1])
             if np.isfinite(self.force[i, k])
         ]
+        arc = self.along.arc(self.angle[i])
         return {
-            "angle_deg": float(np.rad2deg(self.angle[i])),
+            "angle_deg": float(np.rad2deg(self.along.angle(self.angle[i]))),
+            **({} if arc is None else {"arc_m": float(arc)}),
             "first_contact": at if known else None,
             "smallest_force_told_N": float(self.smallest[i]),
             "largest_force_told_N": float(self.largest[i]),
             "saturation_force_N": float(self.saturation[i]),
             "points": points,
         }
+
+    def _place_error(self, i: int, k: int) -> dict[str, float]:
+        """Least error of the coordinate that is estimated."""
+        error = float(self.angle_error[i, k] * np.abs(self.along.slope(self.angle[i])))
+        if self.along.name == "arc":
+            return {"arc_error_m": error}
+        return {"angle_error_deg": float(np.rad2deg(error))}
 
 
 def force_range(
@@ -180,6 +192,7 @@ def force_range(
         np.moveaxis(saturated, 0, -1),
         float(np.sqrt(reading)),
         held.wall is not None,
+        ContactPlaces(spec.geometry, geometry),
     )
 
 

@@ -23,18 +23,16 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
     """
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
-    degrees = np.rad2deg(found.angle)
-    left.plot(degrees, found.first_contact, "o-", ms=3, color=CONTACT, label="first contact")
-    left.fill_between(
-        degrees, found.smallest, found.largest, alpha=0.2, label=f"told to {TOLD:.0%}"
-    )
-    left.plot(degrees, found.saturation, "x", color="k", label="a taxel saturates")
-    left.set(xlabel="angle of the load [deg]", ylabel="force [N]", yscale="log")
+    at, what = found.along.shown(found.angle)
+    left.plot(at, found.first_contact, "o-", ms=3, color=CONTACT, label="first contact")
+    left.fill_between(at, found.smallest, found.largest, alpha=0.2, label=f"told to {TOLD:.0%}")
+    left.plot(at, found.saturation, "x", color="k", label="a taxel saturates")
+    left.set(xlabel=f"{what} of the load", ylabel="force [N]", yscale="log")
     left.legend()
     known = np.flatnonzero(np.isfinite(found.first_contact))
     for i in known[:: max(1, len(known) // 5)]:
         relative = found.force_error[i] / found.force[i]
-        label = f"{degrees[i]:.3g}°"
+        label = f"{at[i]:.3g}"
         right.plot(found.force[i] / found.first_contact[i], relative, ".-", label=label)
     right.axvline(1.0, color=CONTACT, lw=1)
     right.axhline(TOLD, color="0.5", lw=1, ls="--")
@@ -44,7 +42,7 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
         xscale="log",
         yscale="log",
     )
-    right.legend(title="load at")
+    right.legend(title=what)
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return written(figure, file)

@@ -35,6 +35,7 @@ from fitting.inverse_load.drift import (
 from fitting.inverse_load.estimate.assessment import POOR
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import without_errors
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
@@ -227,7 +228,13 @@ class LoadEstimator:
     @property
     def names(self) -> tuple[str, ...]:
         """What is estimated of a contact, in the order of its covariance."""
-        return tuple(self._parts.fitter.parameters.names)
+        own = self._parts.fitter.parameters.names
+        return tuple(self.along.name if name == "angle" else name for name in own)
+
+    @property
+    def along(self) -> ContactPlaces:
+        """What scenes call places along the skin's arc."""
+        return self._parts.assessment.along
 
     @property
     def posterior(self) -> AbstractLoadPosterior:

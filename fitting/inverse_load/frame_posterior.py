@@ -20,6 +20,7 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats
 from fitting.inverse_load.estimate.estimate import FIELDS
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.fit.covariance import covariance_of
 from fitting.inverse_load.fit.explanation import Explanations
@@ -41,8 +42,8 @@ class LoadMode:
 
     Attributes:
         contacts: their number.
-        names: of a contact's parameters.
-        parameters: of the fit, all of a name together [rad], [m], [N].
+        names: of what is estimated of a contact.
+        parameters: of the fit, all of a name together, by the model's angle [rad], [m], [N].
         covariance: of the fit.
         chi2: of the fit.
         probability: of this mode.
@@ -60,6 +61,11 @@ class LoadMode:
     kind: str
     chain: Posterior | None
     message: str
+    along: ContactPlaces
+
+    def told(self, name: str, values: Floats) -> Floats:
+        """Values of a parameter as scenes state them [rad, m, N]."""
+        return self.along.estimated(values) if name == self.along.name else values
 
 
 def frame_posterior(
@@ -223,4 +229,5 @@ def _sampled(
         kind,
         chain,
         message,
+        estimator.along,
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from fitting.inverse_load.estimate.assessment import SectionAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import ArcDetector
 from fitting.inverse_load.fit.load_posterior import SectionPosterior
 from fitting.inverse_load.fit.section_errors import SectionErrors
@@ -35,7 +36,7 @@ def section_parts(
     )
     assessment = SectionAssessment(
         fitter.parameters,
-        float(skin.geometry.outer_size[0]),
+        ContactPlaces(spec.geometry, skin.geometry),
         np.asarray(skin.electrodes.taxels.angle)[:, 0],
         fitter.edge,
         table,

@@ -30,7 +30,6 @@ def estimator_of(
     spec: SkinSpec, baseline: Path | None = None, **settings: Any
 ) -> LoadEstimator:
     """The same for a skin that has been read."""
-    spec.geometry.circle("`suas invert`")
     rest, variance = rest_of(spec, baseline)
     if rest is not None:
         settings |= {"rest": rest, "rest_variance": variance}

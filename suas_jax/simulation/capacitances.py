@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.config import SceneSpec
+from suas_jax.config import SceneSpec, format_quantity
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.runtime.jit import jit
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.simulation.load_path import LoadPath
 from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances
+from suas_jax.skin.section import AbstractSection
 
 # Frames solved in one call, and the shape that is compiled.
 _BLOCK = 256
@@ -41,10 +42,11 @@ def capacitances(
         return pad_capacitances(path, time, progress)
     free, held = skin_of(path.scene, contact=False), skin_of(path.scene)
     run = jit(forward)
-    loads = _loads(path, time)
+    section = free.geometry.section
+    loads = _loads(path, time, section)
     edge = float(free.geometry.half_angle[0])
     if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:
-        raise ValueError(f"a load leaves the skin, which ends at {np.rad2deg(edge):.4g} deg")
+        raise ValueError(f"a load leaves the skin, which ends at {_edge(path.scene, section)}")
     blocks = []
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
@@ -66,7 +68,15 @@ def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:
     return loads.angle, loads.force, loads.turn, loads.external_pressure
 
 
-def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
+def _edge(scene: SceneSpec, section: AbstractSection) -> str:
+    """Where the skin ends, as its scenes state places."""
+    half = section.half_angle
+    if scene.geometry.has_angle:
+        return format_quantity(float(section.given_angle(half)[0]), "angle")
+    return format_quantity(float(section.arc(half)[0]), "length")
+
+
+def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) -> Loads:
     """The scene's loads with what the path moves, a lane a frame."""
     base, values = loads_of(path.scene), path.at(time)
     frames = len(time)
@@ -82,10 +92,13 @@ def _loads(path: LoadPath, time: NDArray[np.float64]) -> Loads:
         if load.spread is not None:
             row += SPREAD_POINTS
             continue
-        angle[row] = np.deg2rad(values.get(f"loads.{i}.angle_deg", np.rad2deg(angle[row])))
+        if (told := values.get(f"loads.{i}.angle_deg")) is not None:
+            angle[row] = section.from_given_angle(jnp.deg2rad(told))
+        elif (told := values.get(f"loads.{i}.arc_m")) is not None:
+            angle[row] = section.from_arc(jnp.asarray(told))
         force[row] = values.get(f"loads.{i}.force_N", force[row])
         if load.direction == "vertical":
-            turn[row] = angle[row]
+            turn[row] = section.direction(jnp.asarray(angle[row]))
         if f"loads.{i}.direction_deg" in values:
             turn[row] = np.deg2rad(values[f"loads.{i}.direction_deg"])
         row += 1

@@ -8,8 +8,8 @@ A load path is a CSV file beside the scene whose loads it moves::
     2.0,15.0,30
 
 The first column is time, the others are loads of the scene by the names that `suas solve
---json` gives them: `force_N`, `angle_deg`, `direction_deg` (counter-clockwise from the
-inward radial) and `pressure_Pa`; in three dimensions also `axial_m`, `tilt_deg` (towards
+--json` gives them: `force_N`, `angle_deg` or `arc_m`, `direction_deg` (counter-clockwise from
+the inward radial) and `pressure_Pa`; in three dimensions also `axial_m`, `tilt_deg` (towards
 +axial) and the `diameter_m` of a round patch. Between rows everything changes linearly; what
 no column names stays as the scene has it.
 """
@@ -34,7 +34,7 @@ from suas_jax.config import (
 from suas_jax.config.csv_table import number_in, read_csv_table
 
 _COLUMN = re.compile(r"loads\.(\d+)\.([a-z]+_[A-Za-z]+)")
-_LINE = ("force_N", "angle_deg", "direction_deg")
+_LINE = ("force_N", "angle_deg", "arc_m", "direction_deg")
 _ON_PADS = ("axial_m", "tilt_deg")
 
 
@@ -113,7 +113,7 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
         found = _COLUMN.fullmatch(name)
         if found is None or int(found[1]) >= len(scene.loads):
             raise ValueError(
-                f'{where}, column "{name}": expected loads.K.force_N, .angle_deg, '
+                f'{where}, column "{name}": expected loads.K.force_N, .angle_deg, .arc_m, '
                 f".direction_deg or .pressure_Pa with K below {len(scene.loads)}, the number "
                 "of the scene's loads; in three dimensions also .axial_m, .tilt_deg and "
                 ".diameter_m"
@@ -123,6 +123,13 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
         if found[2] not in allowed:
             raise ValueError(
                 f'{where}, column "{name}": a {load.kind} load has {", ".join(allowed)}'
+            )
+        place = getattr(load, "arc", None)
+        other = "angle_deg" if place is not None else "arc_m"
+        if found[2] == other:
+            raise ValueError(
+                f'{where}, column "{name}": the scene places this load by '
+                f"{'arc' if place is not None else 'angle'}, and so does its path"
             )
         flat = scene.geometry.dimension == 2
         if flat and isinstance(load, LineLoadSpec) and load.spread is not None:

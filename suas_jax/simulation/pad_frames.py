@@ -35,6 +35,7 @@ _FEW = 10
 _FIELDS = {
     "force_N": ("force", 1.0),
     "angle_deg": ("angle", math.pi / 180),
+    "arc_m": ("arc", 1.0),
     "direction_deg": ("direction", math.pi / 180),
     "axial_m": ("axial", 1.0),
     "tilt_deg": ("tilt", math.pi / 180),

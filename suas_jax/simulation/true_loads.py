@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suas_jax.config import LoadSpec, SceneSpec
-from suas_jax.config.consistency import angle_on
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -35,13 +34,15 @@ def true_loads(
     columns: Columns = {}
     flat = scene.geometry.dimension == 2
     for i, load in enumerate(scene.loads):
-        _refuse_others(i, load, flat)
+        _refuse_others(i, load, flat, scene.geometry.is_circle)
         assert load.kind != "pressure"
-        circle = scene.geometry.circle("a simulated log with known loads")
-        angle = np.rad2deg(angle_on(circle, load))
-        own: dict[str, float] = {"force_N": forces[i], "angle_deg": angle}
+        own: dict[str, float] = {"force_N": forces[i]}
+        if load.angle is not None:
+            own["angle_deg"] = np.rad2deg(load.angle)
+        elif load.arc is not None:
+            own["arc_m"] = load.arc
         if load.direction == "vertical":
-            own["direction_deg"] = angle
+            own["direction_deg"] = own["angle_deg"]
         elif load.direction != "radial":
             own["direction_deg"] = np.rad2deg(load.direction)
         if not flat:
@@ -62,7 +63,7 @@ def true_loads(
     return columns
 
 
-def _refuse_others(i: int, load: LoadSpec, flat: bool) -> None:
+def _refuse_others(i: int, load: LoadSpec, flat: bool, circle: bool) -> None:
     why = ""
     if load.kind == "pressure":
         why = "a pressure"
@@ -72,5 +73,7 @@ def _refuse_others(i: int, load: LoadSpec, flat: bool) -> None:
         why = "a rectangle"
     elif load.tilt != 0.0:
         why = "tilted"
+    elif load.direction == "vertical" and not (circle and load.angle is not None):
+        why = "vertical, not placed by the angle of a circle"
     if why:
         raise NotKnownInputsError(f"load {i} is {why}, for which there are no such columns")

@@ -9,6 +9,7 @@ import numpy as np
 
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.covariance import covariance_of, inverse
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.selection import Alternative
@@ -31,18 +32,21 @@ class AbstractLoadAssessment(abc.ABC):
 
     Args:
         parameters: of a contact.
-        outer_radius: of the undeformed skin [m].
+        along: what scenes call places.
         taxels: their number; further columns of explanations are no taxels.
 
     Attributes:
         limit_error: of the force at first contact, relative.
+        along: what scenes call places.
     """
 
     limit_error = 0.01  # between the shell and the continuum
 
-    def __init__(self, parameters: ContactParameters, outer_radius: float, taxels: int) -> None:
+    def __init__(
+        self, parameters: ContactParameters, along: ContactPlaces, taxels: int
+    ) -> None:
         self._parameters, self._per_contact = parameters, parameters.per_contact
-        self._outer_radius, self._taxels = outer_radius, taxels
+        self.along, self._taxels = along, taxels
 
     @abc.abstractmethod
     def first_contact(self, place: Floats) -> float:
@@ -218,23 +222,31 @@ class AbstractLoadAssessment(abc.ABC):
             rows = slice(k, self._per_contact * count, count)
             names = self._parameters.names
             values = dict(zip(names, parameters[rows].tolist(), strict=True))
-            own = None if systematic is None else systematic[rows, rows]
-            total = None if covariance is None else covariance[rows, rows]
+            at = np.array(values["angle"])
+            scale = np.ones(len(names))
+            scale[names.index("angle")] = self.along.slope(at)
+            own, total = (
+                None if x is None else x[rows, rows] * np.outer(scale, scale)
+                for x in (systematic, covariance)
+            )
+            arc = self.along.arc(at)
             contacts.append(
                 Contact(
-                    values["angle"],
+                    float(self.along.angle(at)),
                     values["force"],
                     values.get("direction"),
                     total if total is None or own is None else total + own,
-                    values["angle"] * self._outer_radius,
+                    float(self.along.outer_arc(at)),
                     own,
                     values.get("axial"),
                     values.get("diameter"),
                     None if np.isnan(spread[0]) else (float(spread[0]), float(spread[1])),
                     values.get("tilt"),
+                    None if arc is None else float(arc),
+                    self.along.name == "arc",
                 )
             )
-        return tuple(sorted(contacts, key=lambda contact: contact.angle))
+        return tuple(sorted(contacts, key=lambda contact: contact.arc_position or 0.0))
 
 
 def _root(covariance: Floats) -> float:
@@ -248,7 +260,7 @@ class SectionAssessment(AbstractLoadAssessment):
 
     Args:
         parameters: of a contact.
-        outer_radius: of the undeformed skin [m].
+        along: what scenes call places.
         taxel_angle: of the taxels [rad].
         edge: angle beyond which no contact is sought [rad].
         table: of solved states, which knows the forces of first contact.
@@ -257,12 +269,12 @@ class SectionAssessment(AbstractLoadAssessment):
     def __init__(
         self,
         parameters: ContactParameters,
-        outer_radius: float,
+        along: ContactPlaces,
         taxel_angle: Floats,
         edge: float,
         table: LoadTable,
     ) -> None:
-        super().__init__(parameters, outer_radius, len(taxel_angle))
+        super().__init__(parameters, along, len(taxel_angle))
         self._taxel_angle, self._edge, self._table = taxel_angle, edge, table
 
     def first_contact(self, place: Floats) -> float:

@@ -11,6 +11,7 @@ from fitting.arrays import Floats
 # Accuracy beyond which an estimate is called imprecise: standard deviations.
 WANTED = {
     "angle": np.deg2rad(2.0),
+    "arc": 2e-3,
     "axial": 2e-3,
     "force": 0.2,  # of the force
     "direction": np.deg2rad(10.0),
@@ -41,6 +42,7 @@ STATUS = {
 
 FIELDS = {
     "angle": "angle_rad",
+    "arc": "arc_m",
     "axial": "axial_m",
     "force": "force_N",
     "diameter": "diameter_m",
@@ -55,7 +57,8 @@ class Contact:
     """One contact.
 
     Attributes:
-        angle: from the symmetry axis [rad].
+        angle: as scenes state it: of a circle from the symmetry axis, of a path or spline that
+            of the normal [rad].
         force: total, inwards [N]; negative where the skin is pulled.
         direction: counter-clockwise from the inward radial [rad]; None where held radial.
         covariance: of the parameters that are free, in the order of `names`, SI units and
@@ -69,6 +72,8 @@ class Contact:
             [m]; None where a line explains the readings.
         tilt: of the force out of the section's plane towards +axial [rad]; None in plane
             strain, and where held radial.
+        arc: arc length of the inner face from its middle [m]; None on a circle.
+        by_arc: whether the arc is what was estimated, not the angle.
     """
 
     angle: float
@@ -81,11 +86,14 @@ class Contact:
     diameter: float | None = None
     spread: tuple[float, float] | None = None
     tilt: float | None = None
+    arc: float | None = None
+    by_arc: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:
         """What was estimated, in the order of the covariance."""
-        order = ("angle", "axial", "force", "diameter", "direction", "tilt")
+        place = "arc" if self.by_arc else "angle"
+        order = (place, "axial", "force", "diameter", "direction", "tilt")
         return tuple(name for name in order if getattr(self, name) is not None)
 
     @property

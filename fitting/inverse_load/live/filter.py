@@ -19,7 +19,7 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 
 _GATE = 25.0  # squared distance beyond which an estimate is another contact's
 # What is followed, and the variance of its rate before it is known [rad^2/s^2 ...].
-_FOLLOWED = {"angle": 1.0, "axial": 3.5e-3, "force": 400.0}
+_FOLLOWED = {"angle": 1.0, "arc": 3.5e-3, "axial": 3.5e-3, "force": 400.0}
 
 
 @dataclass
@@ -37,11 +37,13 @@ class LoadFilter:
         angle_density: spectral density of the angle's acceleration [rad^2/s^3].
         force_density: of the force's [N^2/s^3].
         axial_density: of the axial position's [m^2/s^3].
+        arc_density: of the arc length's, where that is estimated [m^2/s^3].
     """
 
     angle_density: float = 1.0
     force_density: float = 400.0
     axial_density: float = 3.5e-3
+    arc_density: float = 3.5e-3
 
     def __post_init__(self) -> None:
         self._tracks: list[_Track] = []
@@ -85,7 +87,15 @@ class LoadFilter:
             mean = dict(zip(names, track.mean.tolist(), strict=False))
             covariance = track.covariance[:size, :size] + lasting
             filtered.append(
-                Contact(mean["angle"], mean["force"], None, covariance, axial=mean.get("axial"))
+                Contact(
+                    mean.get("angle", contact.angle),
+                    mean["force"],
+                    None,
+                    covariance,
+                    axial=mean.get("axial"),
+                    arc=mean.get("arc"),
+                    by_arc=contact.by_arc,
+                )
             )
         self._tracks = tracks
         return filtered

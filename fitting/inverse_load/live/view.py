@@ -32,7 +32,9 @@ class LoadView(LiveTerminal, LiveWatcher):
 
     def __init__(self, estimator: LoadEstimator, title: str, *, show: bool) -> None:
         super().__init__(show and sys.stderr.isatty(), _REFRESH)
-        self._edge = float(estimator.skin.geometry.half_angle[0])
+        edge = np.asarray(estimator.skin.geometry.half_angle)[0]
+        self._by_arc = estimator.along.name == "arc"
+        self._edge = float(estimator.along.estimated(edge))
         self._title = title
         self._times: deque[float] = deque()
 
@@ -54,7 +56,12 @@ class LoadView(LiveTerminal, LiveWatcher):
 
         estimate = frame.estimate
         table = Table(show_header=False, box=None, title=self._title, title_justify="left")
-        table.add_row("pad", picture([c.angle for c in estimate.contacts], self._edge))
+        if self._by_arc:
+            arcs = [c.arc for c in estimate.contacts if c.arc is not None]
+            line = picture(arcs, self._edge, unit=" mm", scale=1e3)
+        else:
+            line = picture([c.angle for c in estimate.contacts], self._edge)
+        table.add_row("pad", line)
         for contact in estimate.contacts:
             table.add_row("load", contact_text(contact))
         if not np.isnan(estimate.oil_pressure):

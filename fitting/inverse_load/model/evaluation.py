@@ -57,11 +57,12 @@ def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
     """
     angle, force, square = parameters
     points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
+    section, along = skin.geometry.section, jnp.asarray(points)[:, None] * jnp.sqrt(square) / 2
+    middle = angle + jnp.zeros_like(along)
+    places = section.moved(middle, along, section.thickness(middle) / 2)
     # The force is radial in the middle: elsewhere it is turned back.
-    turn = jnp.asarray(points)[:, None] * jnp.sqrt(square) / (2 * skin.geometry.outer_size)
-    return Loads(
-        angle + turn, force * jnp.asarray(weights)[:, None] / 2, turn, jnp.zeros_like(angle)
-    )
+    turn = section.direction(places) - section.direction(middle)
+    return Loads(places, force * jnp.asarray(weights)[:, None] / 2, turn, jnp.zeros_like(angle))
 
 
 def at_rest(skin: Skin, lanes: int) -> State:

@@ -9,6 +9,7 @@ import numpy as np
 from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.estimate.assessment import AbstractLoadAssessment
 from fitting.inverse_load.estimate.parts import EstimationParts
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
@@ -136,16 +137,16 @@ class PadAssessment(AbstractLoadAssessment):
     Args:
         fitter: which knows edges and forces of first contact.
         nodes: which know distances.
-        radius: of the outer face [m].
+        along: what scenes call places.
         taxels: angle and axial position [taxel, 2].
     """
 
     limit_error = 0.03  # of the table, which knows it at a few places
 
     def __init__(
-        self, fitter: PadFitter, nodes: PadNodeSearch, radius: float, taxels: Floats
+        self, fitter: PadFitter, nodes: PadNodeSearch, along: ContactPlaces, taxels: Floats
     ) -> None:
-        super().__init__(fitter.parameters, radius, len(taxels))
+        super().__init__(fitter.parameters, along, len(taxels))
         self._fitter, self._nodes, self._places = fitter, nodes, taxels
 
     def first_contact(self, place: Floats) -> float:
@@ -190,6 +191,11 @@ def pad_parts(
     """
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
     skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
+    if not skin.geometry.symmetric:
+        raise ValueError(
+            "loads on a pad are estimated from a table of half its arc, which takes a section "
+            "that is its own mirror image, its thickness and oil gap too"
+        )
     tables = tuple(_table(spec, d, progress, workers, resolution) for d in diameters)
     interpolant = PadInterpolant(tables, direction=direction)
     fitter = PadFitter(
@@ -217,7 +223,7 @@ def pad_parts(
         detector,
         nodes,
         fitter,
-        PadAssessment(fitter, nodes, radius, places),
+        PadAssessment(fitter, nodes, ContactPlaces(spec.geometry, skin.geometry), places),
         (single, several),
         PadPosterior(fitter, nodes),
         PadErrors(spec, errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),

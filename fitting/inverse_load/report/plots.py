@@ -15,6 +15,7 @@ _BAND = 1.96  # standard deviations of the 95 % interval
 _LONGEST = 3.0  # intervals shown whole, in terms of their median
 _LABELS = {
     "angle": (180 / np.pi, "angle [°]"),
+    "arc": (1e3, "arc [mm]"),
     "axial": (1e3, "axial [mm]"),
     "force": (1.0, "force [N]"),
     "diameter": (1e3, "diameter [mm]"),
@@ -38,7 +39,7 @@ def plot_loads(
         filtered: loads filtered over time, drawn as a line.
     """
     rows = [(t, c) for t, e in zip(time, estimates, strict=True) for c in e.contacts]
-    estimated = {"angle", "force"}.union(*(c.names for _, c in rows))
+    estimated = {"force"}.union(*(c.names for _, c in rows)) if rows else {"angle", "force"}
     names = [name for name in _LABELS if name in estimated]
     figure = Figure(figsize=(9, 3 + 2 * len(names)), layout="constrained")
     panels = figure.subplots(len(names) + 1, 1, sharex=True)
@@ -58,7 +59,7 @@ def plot_loads(
         _limit(axes, values, errors)
         if name == "force":
             _draw_bounds(axes, time, estimates)
-        if filtered is not None and name in ("angle", "axial", "force"):
+        if filtered is not None and name in ("angle", "arc", "axial", "force"):
             smooth = [(t, c) for t, cs in zip(time, filtered, strict=True) for c in cs]
             axes.plot(
                 [t for t, _ in smooth],

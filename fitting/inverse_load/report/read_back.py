@@ -80,6 +80,8 @@ def _contact(load: dict[str, Any]) -> Contact:
         _optional(load, "axial_m"),
         _optional(load, "diameter_m"),
         tilt=tilt,
+        arc=_optional(load, "arc_m"),
+        by_arc="arc" in load.get("covariance_of", ()),
     )
 
 

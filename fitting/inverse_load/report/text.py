@@ -14,6 +14,7 @@ _DEGREES = 180 / np.pi
 # A quantity's key in JSON and its factor from SI units, then the text's from JSON and unit.
 _SHOWN = {
     "angle": ("angle_deg", _DEGREES, 1.0, "°"),
+    "arc": ("arc_m", 1.0, 1e3, " mm along the arc"),
     "axial": ("axial_m", 1.0, 1e3, " mm"),
     "force": ("force_N", 1.0, 1.0, " N"),
     "diameter": ("diameter_m", 1.0, 1e3, " mm wide"),
@@ -28,6 +29,10 @@ def contact_json(contact: Contact) -> dict[str, Any]:
         "angle_deg": float(np.rad2deg(contact.angle)),
         "force_N": contact.force,
     }
+    if contact.arc is not None:
+        entry["arc_m"] = contact.arc
+    if contact.by_arc:
+        entry["covariance_of"] = list(contact.names)
     if contact.axial is not None:
         entry["axial_m"] = contact.axial
     if contact.diameter is not None:
@@ -85,10 +90,15 @@ def contact_text(contact: Contact) -> str:
     """A contact with its standard deviations."""
     if contact.covariance is None:
         axial = "" if contact.axial is None else f"{1e3 * contact.axial:.1f} mm, "
-        angle = np.rad2deg(contact.angle)
-        return f"{angle:.1f}°, {axial}{contact.force:.2f} N (no error known)"
+        place = f"{np.rad2deg(contact.angle):.1f}°"
+        if contact.by_arc and contact.arc is not None:
+            place = f"{1e3 * contact.arc:.1f} mm along the arc"
+        return f"{place}, {axial}{contact.force:.2f} N (no error known)"
     sigma = dict(zip(contact.names, np.sqrt(np.diag(contact.covariance)), strict=True))
-    parts = [f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma['angle']):.2f}°"]
+    if contact.by_arc and contact.arc is not None:
+        parts = [f"{1e3 * contact.arc:.2f} ± {1e3 * sigma['arc']:.2f} mm along the arc"]
+    else:
+        parts = [f"{np.rad2deg(contact.angle):.2f} ± {np.rad2deg(sigma['angle']):.2f}°"]
     if contact.axial is not None:
         parts.append(f"{1e3 * contact.axial:.2f} ± {1e3 * sigma['axial']:.2f} mm")
     parts.append(f"{contact.force:.3f} ± {sigma['force']:.3f} N")
@@ -151,9 +161,9 @@ def _load(mode: LoadMode, contact: int) -> dict[str, Any]:
     for quantity, row in zip(mode.names, rows, strict=True):
         name, scale, _, _ = _SHOWN[quantity]
         if mode.chain is None:
-            load[name] = {"mean": scale * float(mode.parameters[row])}
+            load[name] = {"mean": scale * float(mode.told(quantity, mode.parameters[row]))}
             continue
-        values = scale * mode.chain.samples[:, row]
+        values = scale * mode.told(quantity, mode.chain.samples[:, row])
         load[name] = {
             "mean": float(values.mean()),
             "standard_deviation": float(values.std()),

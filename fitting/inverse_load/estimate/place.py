@@ -1,0 +1,73 @@
+"""Where a contact is: from the model's angle to the place that a scene states."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from fitting.arrays import Floats
+from suas_jax.config.geometry import GeometrySpec
+from suas_jax.skin.geometry import SkinGeometry
+
+_POINTS = 4001  # of the tables along the arc: good to 1e-9 of it
+
+
+class ContactPlaces:
+    """Places along the arc of one skin, as its scenes state them.
+
+    Attributes:
+        name: of the coordinate that is estimated: "arc", the arc length of the inner face from
+            its middle [m], where the section knows no angle; else "angle" [rad].
+
+    Args:
+        spec: the [geometry] table.
+        geometry: its dimensions.
+    """
+
+    def __init__(self, spec: GeometrySpec, geometry: SkinGeometry) -> None:
+        self.name = "angle" if spec.has_angle else "arc"
+        self._circle = spec.is_circle
+        self._outer_size = float(geometry.outer_size[0])
+        if not spec.is_circle:
+            edge = float(geometry.half_angle[0])
+            angle = np.linspace(-edge, edge, _POINTS)
+            rows = _told(geometry, jnp.asarray(angle)[:, None])
+            self._table = CubicSpline(angle, np.concatenate([np.asarray(x) for x in rows], 1))
+
+    def angle(self, angle: Floats) -> Floats:
+        """The angle that a scene calls so; of a path or spline that of the normal [rad]."""
+        return angle if self._circle else self._table(angle)[..., 0]
+
+    def arc(self, angle: Floats) -> Floats | None:
+        """Arc length of the inner face from its middle [m]; None on a circle."""
+        return None if self._circle else self._table(angle)[..., 1]
+
+    def outer_arc(self, angle: Floats) -> Floats:
+        """The same of the outer face [m]."""
+        return angle * self._outer_size if self._circle else self._table(angle)[..., 2]
+
+    def estimated(self, angle: Floats) -> Floats:
+        """The coordinate that is estimated, see `name`."""
+        found = self.arc(angle) if self.name == "arc" else self.angle(angle)
+        assert found is not None
+        return found
+
+    def shown(self, angle: Floats) -> tuple[Floats, str]:
+        """That coordinate for a person, and what it is with its unit."""
+        if self.name == "arc":
+            return 1e3 * self.estimated(angle), "arc [mm]"
+        return np.rad2deg(self.estimated(angle)), "angle [deg]"
+
+    def slope(self, angle: Floats) -> Floats:
+        """Its derivative by the model's angle."""
+        if self._circle:
+            return np.ones_like(angle)
+        return np.asarray(self._table(angle, 1)[..., int(self.name == "arc")])
+
+
+@eqx.filter_jit
+def _told(geometry: SkinGeometry, angle: jax.Array) -> tuple[jax.Array, ...]:
+    section = geometry.section
+    rows = section.given_angle(angle), section.arc(angle), geometry.outer_arc(angle)
+    return tuple(jnp.broadcast_to(x, angle.shape) for x in rows)
