@@ -163,7 +163,8 @@ VALUES = [
     (
         "material.C4",
         '"1 kPa"',
-        "unknown key|allowed: law, response, relaxation, softening, density, C1, C2 or C3",
+        "unknown key|allowed: law, response, relaxation, softening, density, expansion, "
+        "bulk_modulus, C1, C2 or C3",
     ),
     ("solve.skin", '"a.toml"', "belongs at the top level of the file, before the first"),
     ("solve.oil_gap", '"5 mm"', "belongs in [geometry]"),

@@ -22,6 +22,7 @@ from suas_jax.config.schema_load import (
     LoadSpec,
     PatchLoadSpec,
     PressureLoadSpec,
+    ReferenceSpec,
 )
 from suas_jax.config.schema_material import LAWS, MaterialSpec
 from suas_jax.config.schema_oil import OILS
@@ -56,6 +57,7 @@ __all__ = [
     "OilSpec",
     "PatchLoadSpec",
     "PressureLoadSpec",
+    "ReferenceSpec",
     "SceneSpec",
     "SkinSpec",
     "SoftLayerSpec",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
+_MOST_GROWTH = 0.5
 
 
 class Contradiction(NamedTuple):
@@ -62,7 +63,53 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
             found += _of_another_dimension(geometry, solve)
     if solve is not None and solve.oil_pressure is not None:
         found += _unreachable_pressure(solve, tables)
+    if geometry is not None and geometry.mounting_axial is not None and geometry.dimension == 2:
+        advice = 'belongs to three dimensions; take it out, or set geometry.ends = "clamped"'
+        found.append(Contradiction("geometry.mounting_axial", advice))
+    if tables.get("environment") is not None:
+        found += _out_of_proportion(tables)
     return found
+
+
+def _out_of_proportion(tables: Mapping[str, Any]) -> Iterator[Contradiction]:
+    """Surroundings that would change the size of a part by half or more."""
+    from suas_jax.config.schema_load import ReferenceSpec
+
+    environment = tables["environment"]
+    reference = tables.get("reference") or ReferenceSpec()
+    warming = rise = 0.0
+    if environment.temperature is not None:
+        warming = environment.temperature - reference.temperature
+    if environment.depth is not None:
+        head = environment.specific_weight * environment.depth
+        rise = head + environment.atmospheric_pressure - reference.pressure
+    for name in ("material", "wall", "oil"):
+        part = tables.get(name)
+        if part is None:
+            continue
+        growth = (part.expansion or 0.0) * warming
+        if abs(growth) >= _MOST_GROWTH:
+            yield Contradiction(
+                f"{name}.expansion",
+                f"{warming:.4g} K (environment.temperature less reference.temperature) would "
+                f"change its size by {100 * growth:.4g} %; at most {100 * _MOST_GROWTH:.0f} % "
+                "are allowed",
+            )
+        stiff = getattr(part, "bulk_modulus", None)
+        if stiff is not None and abs(rise) >= _MOST_GROWTH * stiff:
+            yield Contradiction(
+                f"{name}.bulk_modulus",
+                f"the water's pressure at this depth less reference.pressure, "
+                f"{format_quantity(rise, 'pressure')}, must be less than half of it",
+            )
+    oil = tables.get("oil")
+    air = getattr(oil, "ambient_pressure", None)
+    if environment.depth is not None and air is not None and air != reference.pressure:
+        yield Contradiction(
+            "oil.ambient_pressure",
+            "with a depth the air starts from reference.pressure, "
+            f"{format_quantity(reference.pressure, 'pressure')}; give both the same value",
+        )
 
 
 def _unknown_permittivity(relative_permittivity: float | None) -> Iterator[Contradiction]:

@@ -74,7 +74,8 @@ def quantity(
     """
 
     def limit(value: float) -> str:
-        return "zero" if value == 0.0 else format_quantity(value, dimension)
+        zero = value == 0.0 and dimension != "temperature"
+        return "zero" if zero else format_quantity(value, dimension)
 
     bounds: list[tuple[Callable[[float], bool], str]] = []
     if above is not None and below is not None:
@@ -166,6 +167,8 @@ PositiveStress = Annotated[float, quantity("stress", above=0.0)]
 Pressure = Annotated[float, quantity("pressure")]
 PositivePressure = Annotated[float, quantity("pressure", above=0.0)]
 Force = Annotated[float, quantity("force")]
+Temperature = Annotated[float, quantity("temperature", above=0.0)]
+Expansion = Annotated[float, quantity("expansion")]
 Number = Annotated[float, quantity("number")]
 PositiveNumber = Annotated[float, quantity("number", above=0.0)]
 Count = Annotated[int, BeforeValidator(whole_number)]

@@ -71,6 +71,8 @@ LengthAlong = Annotated[
     Quantity(_length_or_table, dimension="length", rules=_LENGTH.rules),
 ]
 
+Mismatch = Annotated[float, quantity("number", above=-0.5, below=0.5)]
+
 
 class GeometrySpec(Spec):
     """Dimensions of a skin whose cross-section is a curve clamped at both straight edges.
@@ -83,6 +85,8 @@ class GeometrySpec(Spec):
             [m], or a table along the arc.
         ends: whether the two curved ends are clamped too, so that the membrane is solved in
             three dimensions, or slide, which is plane strain.
+        mounting: length of the membrane along the arc over that of its seat, less one.
+        mounting_axial: the same along the axis, in three dimensions.
     """
 
     section: str
@@ -90,6 +94,8 @@ class GeometrySpec(Spec):
     width: PositiveLength = Field(examples=['"123 mm"'])
     oil_gap: LengthAlong = Field(examples=['"5 mm"'])
     ends: Literal["sliding", "clamped"] = Field(default="sliding", examples=['"clamped"'])
+    mounting: Mismatch | None = Field(default=None, examples=['"0.05 %"'])
+    mounting_axial: Mismatch | None = Field(default=None, examples=['"0.05 %"'])
 
     has_angle: ClassVar[bool] = True
 

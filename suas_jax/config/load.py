@@ -28,7 +28,7 @@ from suas_jax.config.validation import (
     validate_table,
 )
 
-SKIN_TABLES = ("geometry", "material", "oil", "electrodes", "wall", "calibration")
+SKIN_TABLES = ("geometry", "material", "oil", "electrodes", "wall", "reference", "calibration")
 SCENE_TABLES = (*SKIN_TABLES, "load", "environment", "solve")
 MOST_LOADS = 64
 REQUIRED_TABLES = ("geometry", "material", "oil")

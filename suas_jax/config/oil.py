@@ -9,9 +9,16 @@ from __future__ import annotations
 import contextlib
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, PlainValidator, ValidationInfo
+from pydantic import Field, PlainValidator, ValidationInfo, field_validator
 
-from suas_jax.config.fields import Quantity, Spec, quantity, quantity_of
+from suas_jax.config.fields import (
+    Expansion,
+    PositiveNumber,
+    Quantity,
+    Spec,
+    quantity,
+    quantity_of,
+)
 from suas_jax.config.tolerance import UncertainQuantity
 
 FLUIDS = {
@@ -73,6 +80,8 @@ class OilSpec(Spec):
             nothing is sensed.
         density: of the oil; None where nothing moves fast [kg/m^3].
         viscosity: dynamic [Pa s]; a file may give the kinematic one, as its unit tells.
+        expansion: growth of its volume per kelvin [1/K]; None where it is not known.
+        fill: its volume over the film's when the skin was closed; None where it just fills it.
         trapped: whether the oil's pressure is unknown (else it is zero).
         yields: whether its volume changes with the pressure.
     """
@@ -87,6 +96,15 @@ class OilSpec(Spec):
     viscosity: Annotated[float, Quantity(_viscosity, dimension="viscosity")] | None = Field(
         default=None, examples=['"50 cSt"']
     )
+    expansion: Expansion | None = Field(default=None, examples=['"9.6e-4 / K"'])
+    fill: PositiveNumber | None = Field(default=None, examples=['"1.000 +- 0.002"'])
 
     trapped: ClassVar[bool] = True
     yields: ClassVar[bool] = True
+
+    @field_validator("fill")
+    @classmethod
+    def _of_what_is_trapped(cls, fill: float | None) -> float | None:
+        if fill is not None and not cls.trapped:
+            raise ValueError("has no effect on oil that flows freely; take it out")
+        return fill

@@ -27,6 +27,9 @@ DimensionName = Literal[
     "time",
     "viscosity",
     "kinematic viscosity",
+    "temperature",
+    "warming",
+    "expansion",
     "number",
 ]
 
@@ -72,12 +75,17 @@ DIMENSIONS: Mapping[DimensionName, Dimension] = MappingProxyType(
         "kinematic viscosity": Dimension(
             "a kinematic viscosity", "m^2/s", (("cSt", 1e-6), ("m^2/s", 1.0)), "cSt"
         ),
+        "temperature": Dimension("a temperature", "K", (("degC", 1.0),), "degC"),
+        "warming": Dimension("a difference of temperatures", "K", (("K", 1.0),), "K"),
+        "expansion": Dimension("an expansion per kelvin", "1/K", (("/ K", 1.0),), "/ K"),
         "number": Dimension("a number", "", (("", 1.0),), ""),
     }
 )
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf(?:inity)?)\b")
 _COMMA = re.compile(r"([+-]?[\d.]+(?:,[\d.]+)+)(\D*)")
+_CELSIUS = ("degC", "celsius", "°C")
+_ZERO_CELSIUS = 273.15  # [K]
 _LONGEST = 200  # characters of a quantity
 
 
@@ -133,7 +141,7 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
     if not unit_text and kind.si:
         raise ValueError(f"the unit is missing; {_expected(kind, number)}")
     unit = find_unit(unit_text)
-    if unit is None and not re.match(r"[A-Za-zµμ°%]", unit_text):
+    if unit is None and not re.match(r"[A-Za-zµμ°%]|/\s*[A-Za-z]", unit_text):
         raise ValueError(f"this is no number followed by a unit; {_expected(kind)}")
     if unit is None:
         near = _nearest_unit(unit_text, kind)
@@ -146,6 +154,8 @@ def parse_quantity(text: str, dimension: DimensionName) -> float:
         raise ValueError(f"{show(unit_text)} is {got}; {_expected(kind, number)}")
     # In decimal, "0.305 fF" is the float nearest to 3.05e-16, with no rounding on the way.
     value = float(decimal.Decimal(number) * decimal.Decimal(repr(unit.size)))
+    if dimension == "temperature" and unit_text in _CELSIUS:
+        value += _ZERO_CELSIUS
     if not math.isfinite(value):
         raise ValueError(f"is too large to compute with; {_expected(kind)}")
     return value
@@ -212,6 +222,8 @@ def format_quantity(value: float, dimension: DimensionName) -> str:
         The number to six digits with the largest unit that keeps it at or above one.
     """
     kind = DIMENSIONS[dimension]
+    if dimension == "temperature":
+        return f"{value - _ZERO_CELSIUS:.6g} degC"
     fitting = [unit for unit in kind.units if abs(value) >= unit[1] * (1.0 - 1e-9)]
     usual = next(unit for unit in kind.units if unit[0] == kind.usual)
     name, size = fitting[-1] if fitting else (usual if value == 0.0 else kind.units[0])

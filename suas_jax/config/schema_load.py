@@ -1,4 +1,4 @@
-"""What acts on a skin from outside: line loads, pressures, the depth of the water."""
+"""What acts on a skin from outside: line loads, pressures, the water and its warmth."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from suas_jax.config.fields import (
     Pressure,
     Quantity,
     Spec,
+    Temperature,
     angle_or_arc,
     quantity,
     quantity_of,
@@ -158,16 +159,18 @@ LOADS: dict[str, type[LineLoadSpec | PatchLoadSpec | PressureLoadSpec]] = {
 
 
 class EnvironmentSpec(Spec):
-    """The surroundings, whose pressure acts on both sides and drops out of the deformation.
+    """The surroundings. They change stress-free sizes against those in `ReferenceSpec`.
 
     Attributes:
         medium: what moves with the outer face: water, or nothing.
-        depth: below the surface of the water [m]; None leaves ambient pressure out.
+        temperature: of the whole skin [K]; None for that of the reference.
+        depth: below the surface of the water [m]; None for the pressure of the reference.
         specific_weight: of the water [N/m^3]; by default the paper's 10.051 kN/m^3.
         atmospheric_pressure: at the water's surface [Pa]; by default the paper's 101.3 kPa.
     """
 
     medium: Literal["water", "air"] = Field(default="water", examples=['"water"'])
+    temperature: Temperature | None = Field(default=None, examples=['"4 degC"'])
     depth: Annotated[float, quantity("length", at_least=0.0)] | None = Field(
         default=None, examples=['"20 m"']
     )
@@ -185,3 +188,17 @@ class EnvironmentSpec(Spec):
         if "depth" in info.data and info.data["depth"] is None and value != default:
             raise ValueError('has no effect without a depth; add depth, such as depth = "20 m"')
         return value
+
+
+class ReferenceSpec(Spec):
+    """When the skin was closed: free of stress but for mounting, with oil of these sizes.
+
+    Attributes:
+        temperature: of the whole skin [K].
+        pressure: absolute, around it and in its oil [Pa].
+    """
+
+    temperature: Temperature = Field(default=293.15, examples=['"20 degC"'])
+    pressure: Annotated[float, quantity("pressure", at_least=0.0)] = Field(
+        default=101.3e3, examples=['"101.3 kPa"']
+    )

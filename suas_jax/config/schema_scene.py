@@ -10,7 +10,7 @@ from suas_jax.config.consistency import contradictions
 from suas_jax.config.fields import Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_geometry import AnyGeometrySpec
-from suas_jax.config.schema_load import EnvironmentSpec, LoadSpec
+from suas_jax.config.schema_load import EnvironmentSpec, LoadSpec, ReferenceSpec
 from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_oil import AnyOilSpec
 from suas_jax.config.schema_skin import ElectrodesSpec
@@ -27,6 +27,7 @@ class SkinSpec(Spec):
         oil: how the oil answers.
         electrodes: what is sensed; None for nothing.
         wall: what holds the membrane.
+        reference: when it was closed.
         calibration: where fitted numbers come from; None in a file written by hand.
     """
 
@@ -35,6 +36,7 @@ class SkinSpec(Spec):
     oil: AnyOilSpec
     electrodes: ElectrodesSpec | None = None
     wall: WallSpec = WallSpec()
+    reference: ReferenceSpec = ReferenceSpec()
     calibration: CalibrationSpec | None = None
 
     def require_plane_strain(self, what: str) -> None:

@@ -104,6 +104,8 @@ def _deviation(text: str, value: float, dimension: DimensionName) -> float:
         deviation = share * abs(value)
     elif _NUMBER_ALONE.fullmatch(text) and float(text) == 0.0:
         deviation = 0.0
+    elif dimension == "temperature":
+        deviation = parse_quantity(text, "warming")
     else:
         deviation = parse_quantity(text, dimension)
     if deviation < 0.0:
@@ -122,4 +124,5 @@ def format_uncertain(value: float, dimension: DimensionName) -> str:
     text = format_quantity(value, dimension)
     if deviation is None:
         return text
-    return f"{text} +- {format_quantity(deviation, dimension)}"
+    kind: DimensionName = "warming" if dimension == "temperature" else dimension
+    return f"{text} +- {format_quantity(deviation, kind)}"

@@ -14,7 +14,7 @@ import math
 import re
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     import pint
@@ -37,8 +37,10 @@ second = [time] = s
 ampere = [current] = A
 radian = [angle] = rad
 kelvin = [temperature] = K
+celsius = kelvin = degC = degreeC
 count = []
 percent = 0.01 count = %
+ppm = 1e-6 count
 gram = 1e-3 kilogram = g
 tonne = 1e3 kilogram = t
 pound = 0.45359237 kilogram = lb
@@ -81,6 +83,7 @@ _BETWEEN = r"(?:\s*[*/·]\s*|\s+)"
 _PRODUCT = rf"{_FACTOR}(?:{_BETWEEN}{_FACTOR})*"
 _PART = rf"(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\){_POWER})"
 _UNIT_TEXT = re.compile(rf"{_PART}(?:{_BETWEEN}{_PART})*")
+_INVERSE = re.compile(r"1?\s*/\s*(?=[A-Za-zµμ°])")
 _BARE_POWER = re.compile(r"(?<=[A-Za-z])(\d)")
 
 
@@ -120,7 +123,7 @@ class Unit(NamedTuple):
     """
 
     size: float
-    dimensionality: object
+    dimensionality: Any
 
 
 @functools.lru_cache
@@ -132,6 +135,10 @@ def find_unit(text: str) -> Unit | None:
     """
     if not text:
         return Unit(1.0, _registry().dimensionless.dimensionality)
+    inverse = _INVERSE.match(text)
+    if inverse:
+        unit = find_unit(text[inverse.end() :])
+        return unit and Unit(1 / unit.size, unit.dimensionality**-1)
     if not _UNIT_TEXT.fullmatch(text):
         return None
     # "kN/m3" is how people write kN/m^3; the degree sign stands alone in no registry.

@@ -12,7 +12,7 @@ from suas_jax.config.errors import listed, nearest, show, show_key, unknown
 from suas_jax.config.fields import FILE_RULES, PlacedError, Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_geometry import DEFAULT_SECTION, SECTIONS
-from suas_jax.config.schema_load import LOADS, EnvironmentSpec
+from suas_jax.config.schema_load import LOADS, EnvironmentSpec, ReferenceSpec
 from suas_jax.config.schema_material import LAWS
 from suas_jax.config.schema_oil import OILS
 from suas_jax.config.schema_skin import ElectrodesSpec
@@ -25,6 +25,7 @@ TABLES: dict[str, tuple[type[Spec], ...]] = {
     "oil": tuple(OILS.values()),
     "electrodes": (ElectrodesSpec,),
     "wall": (WallSpec,),
+    "reference": (ReferenceSpec,),
     "calibration": (CalibrationSpec,),
     "load": tuple(LOADS.values()),
     "environment": (EnvironmentSpec,),

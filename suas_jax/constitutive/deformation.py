@@ -86,6 +86,43 @@ class FibreStretch(AbstractDeformation):
         return t * t * jnp.exp(-x)
 
 
+class HeldFibre(AbstractDeformation):
+    """One fibre of an incompressible body that is held at a given length along the axis.
+
+    Stretches are (λ_a^(−1/2) x, λ_a^(−1/2)/x, λ_a). With e = x² − 1, M = −α/2 log λ_a and the
+    power sum S of `FibreStretch`,
+
+        Σλ_i^α − 3 = e^M S + 2 e^M + e^(−2M) − 3.
+
+    Attributes:
+        green: e, any shape; must exceed −1.
+        axial: log λ_a, which broadcasts against it.
+    """
+
+    green: Float[Array, "..."]
+    axial: Float[Array, "..."]
+
+    @property
+    def I1_minus_3(self) -> Float[Array, "..."]:
+        """See the class, α = 2."""
+        return self._sum(-self.axial)
+
+    @property
+    def I2_minus_3(self) -> Float[Array, "..."]:
+        """See the class, α = −2."""
+        return self._sum(self.axial)
+
+    def _sum(self, mean: Array) -> Array:
+        fibre = FibreStretch(self.green)
+        return jnp.exp(mean) * fibre.I1_minus_3 + _area_change(mean)
+
+    def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
+        """See the class."""
+        mean = -0.5 * jnp.asarray(alpha) * self.axial
+        own = FibreStretch(self.green).power_sum_minus_3(alpha)
+        return jnp.exp(mean) * own + _area_change(mean)
+
+
 class PlaneStrain(AbstractDeformation):
     """Plane strain with a change of area: in-plane stretches λ₁, λ₂ and a third of one.
 

@@ -19,6 +19,7 @@ from suas_jax.mechanics.base import AbstractMechanics, Assembly, largest
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector, eliminate
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.prestress import ContainedOil
 
 
 class Problem(eqx.Module):
@@ -36,6 +37,11 @@ class Problem(eqx.Module):
     oil: AbstractOil
     external_pressure: Lanes
     oil_pressure: Lanes | None = None
+
+    @property
+    def prestressed(self) -> bool:
+        """Whether rest is another state than the undeformed one."""
+        return self.mechanics.growth is not None or isinstance(self.oil, ContainedOil)
 
 
 class State(NamedTuple):

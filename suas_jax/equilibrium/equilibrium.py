@@ -25,7 +25,7 @@ from suas_jax.equilibrium.balance import (
     unknowns_of,
 )
 from suas_jax.equilibrium.continuation import LoadStepping
-from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure
+from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure, settled
 from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
@@ -85,17 +85,22 @@ class _Root(NamedTuple):
 
 def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
     lanes = max(x.shape[-1] for x in jax.tree.leaves((problem, start)))
-    rest = problem.mechanics.rest()
-    rest = jnp.broadcast_to(rest, (*rest.shape[:-1], lanes))
-    zero = jnp.zeros(lanes, rest.dtype)
+    going = None if start is None or problem.oil_pressure is not None else start.factor != 0
+    rest = settled(problem, lanes, stepping, going)
+    zero, lost = rest.level, rest.result != 0 if problem.prestressed else None
     if problem.oil_pressure is None:
-        border = zero if problem.oil.trapped else None
-        y, level = BorderedVector(rest, border), zero
+        y, level = rest.y, zero
         near: Bool[Array, " lane"] | bool = False
-        if start is not None:
-            y = BorderedVector(start.q, None if border is None else start.pressure)
-            level, near = start.factor, start.factor != 0
-        return follow(problem, y, level, zero + 1, stepping, near=near)
+        if start is not None and going is not None:
+            y = BorderedVector(start.q, None if y.border is None else start.pressure)
+            level, near = start.factor, going
+            if problem.prestressed:
+                y = jax.tree.map(lambda a, b: jnp.where(near, a, b), y, rest.y)
+        begin = rest.y if problem.prestressed else None
+        found = follow(
+            problem, y, level, zero + 1, stepping, near=near, finished=lost, rest=begin
+        )
+        return found if lost is None else _after(rest, found)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
     # The pressure grows with the square of the factor: a step longer than the
     # displacement could land on the branch of the opposite sign.
@@ -103,7 +108,15 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
     if start is not None:
         y = BorderedVector(start.q, start.factor)
         return follow(problem, y, start.pressure, wanted, careful, jnp.array(True), near=True)
-    return from_rest_to_pressure(problem, rest, wanted, careful)
+    at_rest = State(rest.y.stations, rest.border, zero)
+    found = from_rest_to_pressure(problem, at_rest, wanted, careful)
+    return found if lost is None else _after(rest, found)
+
+
+def _after(rest: Found, found: Found) -> Found:
+    """What was found from a state at rest: nothing where there is none."""
+    result = jnp.where(rest.result != 0, rest.result, found.result)
+    return found._replace(result=result, iterations=found.iterations + rest.iterations)
 
 
 def smallest_gap(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> Lanes:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium, equilibrium, smallest_gap
-from suas_jax.equilibrium.load_path import follow
+from suas_jax.equilibrium.load_path import follow, settled
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.bordered_solve import BorderedVector
@@ -71,7 +71,14 @@ def path(
             border = state.pressure if problem.oil.trapped else None
             y = BorderedVector(state.q, border)
             root = follow(
-                problem, y, state.factor, level, stepping, near=True, finished=finished
+                problem,
+                y,
+                state.factor,
+                level,
+                stepping,
+                near=True,
+                finished=finished,
+                rest=begin,
             )
             found = Equilibrium.of(problem, root)
         result = jnp.where(failed != 0, failed, found.result)
@@ -85,6 +92,13 @@ def path(
     result = jnp.zeros(rest.shape[-1:], jnp.int32)
     if start is None:
         start = State(rest, zero, zero)
+    begin = None
+    if problem.prestressed and not pressures:
+        idle = start.factor == 0
+        found = settled(problem, rest.shape[-1], stepping, ~idle)
+        own = State(found.y.stations, found.border, zero)
+        start = jax.tree.map(lambda a, b: jnp.where(idle, a, b), own, start)
+        begin, result = found.y, jnp.where(idle, found.result, result).astype(result.dtype)
     if pressures:  # From rest the first one is reached by growing loads.
 
         def first() -> tuple[State, Array]:

@@ -8,6 +8,7 @@ fails, the path begins at rest.
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +19,8 @@ from jaxtyping import Array, Bool, Int
 from suas_jax.equilibrium.balance import Problem, State, border_of, residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.outcomes import index_of
-from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.numerics.array_types import LaneCounts, Lanes
 from suas_jax.numerics.bordered_solve import BorderedBlockTridiagonal, BorderedVector
 
 # Stiffness of the wall that loads come on against, as the logarithm of a share of its own;
@@ -72,19 +74,74 @@ def step_to(
         (problem, pressure_given), (level, tangent_level), _ = args
         return residual(problem, y, level, pressure_given, tangent_level)
 
+    known = problem, pressure_given
+    return _stepped(fn, known, problem.mechanics, y, (start, target), stepping)
+
+
+def _stepped(
+    fn: Callable[..., Any],
+    known: Any,
+    mechanics: AbstractMechanics,
+    y: BorderedVector,
+    levels: tuple[Lanes, Lanes],
+    stepping: LoadStepping,
+) -> Found:
+    """Follow the roots of a function from one level to another; see `LoadStepping`."""
+    start, target = levels
     solution: optx.Solution = optx.root_find(
-        fn,  # type: ignore[arg-type]
+        fn,
         stepping,
         y,
-        args=((problem, pressure_given), (target, start), problem.mechanics),
+        args=(known, (target, start), mechanics),
         has_aux=True,
         max_steps=stepping.max_steps,
         throw=False,
     )
     end = solution.state
     result = jnp.where(end.done, end.result, index_of("max_steps"))
-    tangent = solution.aux if problem.mechanics.corrected else None
+    tangent = solution.aux if mechanics.corrected else None
     return Found(end.good, end.good_level, result, end.total, end.smallest_pivot, tangent)
+
+
+def settled(
+    problem: Problem,
+    lanes: int,
+    stepping: LoadStepping,
+    finished: Bool[Array, " lane"] | None = None,
+) -> Found:
+    """The state at rest, without loads.
+
+    Of a skin that carries stress the undeformed state is none. The forces that would hold it
+    there are taken away step by step, against a soft wall as the loads that follow.
+
+    Args:
+        problem: membrane, oil and loads.
+        lanes: number of lanes.
+        stepping: settings of the load stepping.
+        finished: lanes of which the rest is not wanted.
+    """
+    wall, shape = problem.mechanics.wall, problem.mechanics.rest()
+    zero = jnp.zeros(lanes, shape.dtype)
+    shape = jnp.broadcast_to(shape, (*shape.shape[:-1], lanes))
+    y = BorderedVector(shape, zero if problem.oil.trapped else None)
+    none = jnp.zeros(lanes, jnp.int32)
+    if not problem.prestressed:
+        return Found(y, zero, none, none, jnp.full_like(zero, jnp.inf))
+    if wall is not None:
+        mechanics = problem.mechanics.with_wall(wall.softened(jnp.asarray(10.0**_SOFTEST)))
+        problem = dataclasses.replace(problem, mechanics=mechanics)
+    held, _ = residual(problem, y, zero)
+
+    def fn(y: BorderedVector, args: Any) -> tuple[BorderedVector, BorderedBlockTridiagonal]:
+        (problem, held), (level, _), _ = args
+        found, operator = residual(problem, y, 0 * level)
+        return jax.tree.map(lambda a, b: a - (1 - level) * b, found, held), operator
+
+    stepping = dataclasses.replace(stepping, finished=finished)
+    known = problem, held
+    found = _stepped(fn, known, problem.mechanics, y, (zero, zero + 1), stepping)
+    lost = jnp.where(found.result == 0, 0, index_of("unstable")).astype(found.result.dtype)
+    return found._replace(level=zero, result=lost, tangent=None)
 
 
 def follow(
@@ -97,6 +154,7 @@ def follow(
     *,
     near: Bool[Array, "..."] | bool,
     finished: Bool[Array, " lane"] | None = None,
+    rest: BorderedVector | None = None,
 ) -> Found:
     """Follow the path, to the wall and on if the membrane has one.
 
@@ -109,6 +167,7 @@ def follow(
         pressure_given: see `balance.residual`.
         near: whether the start may be close enough for Newton's method as it is.
         finished: lanes that stay where they are.
+        rest: where paths begin under given loads, at no load; None for the undeformed state.
     """
     if problem.mechanics.wall is None:
         stepping = dataclasses.replace(stepping, finished=finished)
@@ -119,7 +178,7 @@ def follow(
         finished = jnp.zeros(target.shape, bool)
     goal = jnp.where(finished, start, target)
     phase = none + jnp.where(near, _ATTEMPT, _LOAD).astype(none.dtype)
-    return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given)
+    return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given, rest)
 
 
 class _Standing(NamedTuple):
@@ -153,6 +212,7 @@ def _to_the_wall(
     done: Bool[Array, " lane"],
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None,
+    rest: BorderedVector | None = None,
 ) -> Found:
     """Attempt, load and stiffen: one loop for all lanes, whatever their phase.
 
@@ -164,10 +224,13 @@ def _to_the_wall(
         done: lanes that stay where they are.
         stepping: settings of the load stepping.
         pressure_given: see `balance.residual`.
+        rest: see `follow`.
     """
     wall = problem.mechanics.wall
     assert wall is not None
-    rest = BorderedVector(problem.mechanics.rest(), None)
+    if rest is None:
+        border = None if begin.y.border is None else 0 * begin.level
+        rest = BorderedVector(problem.mechanics.rest(), border)
 
     def go(at: _Standing) -> _Standing:
         attempts, loads, stiffens = (at.phase == k for k in (_ATTEMPT, _LOAD, _STIFFEN))
@@ -201,8 +264,7 @@ def _to_the_wall(
             again, lost = again | anew, lost & ~anew
             softest = jnp.where(anew, jnp.minimum(softest + _HARDER, 0.0), softest)
             stride = jnp.where(anew, _LONGEST, stride)
-            nothing = rest if y.border is None else rest._replace(border=0 * level)
-            y, level = _where(again, (nothing, 0 * level), (y, level))
+            y, level = _where(again, (rest, 0 * level), (y, level))
         result = jnp.where(loads, after.result, at.found.result)
         result = jnp.where(lost, index_of("no_convergence"), result).astype(after.result.dtype)
         new = _Standing(
@@ -241,15 +303,15 @@ def _where(keep: Bool[Array, " lane"], a: Any, b: Any) -> Any:
 
 
 def from_rest_to_pressure(
-    problem: Problem, rest: StationVector, wanted: Lanes, careful: LoadStepping
+    problem: Problem, rest: State, wanted: Lanes, careful: LoadStepping
 ) -> Found:
     """Reach an oil pressure from rest.
 
-    At rest the pressure is stationary in the load factor, so two stages are needed: away
-    from rest under growing loads until the pressure has the wanted sign, then along the
+    At rest the pressure may be stationary in the load factor, so two stages are needed: away
+    from rest under growing loads until the pressure goes the wanted way, then along the
     pressure with the factor unknown. Both run through one loop, traced once.
     """
-    wall = problem.mechanics.wall
+    wall, way = problem.mechanics.wall, jnp.sign(wanted - rest.pressure)
     soft = problem
     if wall is not None:
         mechanics = problem.mechanics.with_wall(wall.softened(jnp.asarray(10.0**_SOFTEST)))
@@ -263,7 +325,7 @@ def from_rest_to_pressure(
             careful,
             first_radius=jnp.where(pressure_given, careful.first_radius, 0.5),
             largest_step=jnp.where(pressure_given, careful.largest_step, jnp.inf),
-            until=lambda y: ~pressure_given & (border_of(y) * jnp.sign(wanted) > 0),
+            until=lambda y: ~pressure_given & ((border_of(y) - rest.pressure) * way > 0),
         )
         target = jnp.where(pressure_given, wanted, 1e30)
         y = BorderedVector(stations, border)
@@ -273,8 +335,7 @@ def from_rest_to_pressure(
         pressure = jnp.where(pressure_given, level, other)
         return State(found.y.stations, pressure, factor), found
 
-    start = State(rest, jnp.zeros_like(wanted), jnp.zeros_like(wanted))
-    _, found = jax.lax.scan(stage, start, jnp.array([False, True]))
+    _, found = jax.lax.scan(stage, rest, jnp.array([False, True]))
     failed = jnp.any(found.result != 0, 0)
     last = jax.tree.map(lambda x: x[-1], found)
     last = last._replace(

@@ -45,6 +45,11 @@ class RESULTS(eqx.Enumeration):
         "The state found does not keep the oil's volume. Refine the mesh, or change the load "
         "a little."
     )
+    unstable = (
+        "What the skin carries at rest (filling, mounting, warmth, water) buckles it: it has "
+        "no stable state without loads. Fill more or less, mount the membrane less long, or "
+        "give it more thickness."
+    )
 
 
 # In the order of the enumeration: what is stored per lane is a position in this list.
@@ -58,6 +63,7 @@ NAMES: tuple[str, ...] = (
     "inverted",
     "unbalanced",
     "volume_not_kept",
+    "unstable",
 )
 
 

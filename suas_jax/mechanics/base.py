@@ -10,6 +10,7 @@ import dataclasses
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -18,6 +19,7 @@ from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -50,7 +52,7 @@ class Profile(NamedTuple):
         mid_displacement: of the mid-surface [m].
         inner_displacement: of the inner face's material point at the same angle [m].
         outer_displacement: of the outer face's [m].
-        inner_stretch: hoop stretch of the inner face.
+        inner_stretch: hoop stretch of the inner face, from free of stress.
         outer_stretch: hoop stretch of the outer face.
         energy_density: strain energy per volume, mean over the thickness [J/m^3].
     """
@@ -111,6 +113,7 @@ class AbstractMechanics(eqx.Module):
         section: the undeformed membrane across its axis.
         film_volume: volume of the undeformed oil film per width [m^2].
         wall: what holds the inner face; None where the membrane passes through it.
+        growth: free size of the membrane over that of its seat; None where it fits.
     """
 
     per_width: ClassVar[bool]
@@ -119,11 +122,17 @@ class AbstractMechanics(eqx.Module):
     section: eqx.AbstractVar[AbstractSection]
     film_volume: eqx.AbstractVar[Lanes]
     wall: eqx.AbstractVar[Wall | None]
+    growth: eqx.AbstractVar[Growth | None]
 
     @property
     @abc.abstractmethod
     def length_scale(self) -> Lanes:
         """Displacement beyond which linearisation can't be trusted [m]."""
+
+    @property
+    @abc.abstractmethod
+    def mid_extent(self) -> Lanes:
+        """Length of the mid-line that is covered [m]; in three dimensions the area [m^2]."""
 
     @abc.abstractmethod
     def rest(self) -> StationVector:
@@ -231,6 +240,27 @@ class AbstractMechanics(eqx.Module):
     def with_wall(self, wall: Wall | None) -> Self:
         """The same membrane held by another wall, or by none."""
         return dataclasses.replace(self, wall=wall)
+
+    def with_growth(self, growth: Growth | None) -> Self:
+        """A membrane of another free size on the same seat."""
+        return dataclasses.replace(self, growth=growth)
+
+    def hoop_force(self, q: StationVector) -> Lanes:
+        """Mean force along the arc per width of the membrane, positive in tension [N/m].
+
+        What makes the membrane longer does work against it.
+
+        Args:
+            q: unknowns.
+        """
+        growth = self.growth or Growth.none()
+        free, zero = self.with_wall(None), jnp.zeros_like(self.mid_extent)
+
+        def potential(strain: Lanes) -> Lanes:
+            return free.with_growth(growth.longer(strain)).potential(q, zero, zero)
+
+        one = jnp.ones(q.shape[-1:], q.dtype)
+        return -jax.jvp(potential, (0 * one,), (one,))[1] / self.mid_extent
 
     def with_more_fibres(self) -> Self:
         """The same membrane, its energy summed up over twice as many fibres of the thickness.

@@ -49,7 +49,8 @@ class AbstractPlaneStrain(AbstractMechanics):
 
     def shape(self, q: StationVector) -> SectionShape:
         """The deformed section, sampled; see the base class."""
-        return SectionShape(self.profile(q, SAMPLES), self.clamp_reach, self.resolves_loads)
+        profile = self.profile(q, SAMPLES)
+        return SectionShape(profile, self.clamp_reach, self.growth, self.resolves_loads)
 
     def under(self, q: StationVector, load: LineLoad) -> Displacements:
         """How the section moves under a load; see the base class."""

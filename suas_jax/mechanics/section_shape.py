@@ -9,12 +9,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation import FibreStretch
+from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.prestress import Growth
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
@@ -66,11 +67,13 @@ class SectionShape(AbstractShape):
     Attributes:
         profile: the samples.
         clamp_reach: angle from a clamped edge within which stretches diverge [rad].
+        growth: of the membrane; None where it fits its seat.
         resolves_loads: whether stretches of the outer face diverge under line loads.
     """
 
     profile: Profile
     clamp_reach: Lanes
+    growth: Growth | None = None
     resolves_loads: bool = eqx.field(static=True, default=False)
 
     def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
@@ -123,7 +126,10 @@ class SectionShape(AbstractShape):
     def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
         """See the base class."""
         stretch = jnp.stack(self._stretches())
-        modulus = drucker_modulus(law, stretch, jnp.ones_like(stretch))
+        axial = jnp.ones_like(stretch)
+        if self.growth is not None:
+            axial = axial * jnp.exp(-self.growth.axial)
+        modulus = drucker_modulus(law, stretch, axial)
         return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
 
     def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
@@ -132,4 +138,8 @@ class SectionShape(AbstractShape):
         faces = inner if self.resolves_loads else jnp.stack([inner, outer])
         reported = jnp.stack(self.stretch_range())
         stretch = jnp.concatenate([faces.reshape(-1, faces.shape[-1]), reported])
-        return jnp.all(law.has_energy(FibreStretch(stretch**2 - 1)), 0)
+        if self.growth is None:
+            return jnp.all(law.has_energy(FibreStretch(stretch**2 - 1)), 0)
+        axial = -self.growth.axial
+        held = HeldFibre(stretch**2 * jnp.exp(axial) - 1, axial)
+        return jnp.all(law.has_energy(held), 0)

@@ -18,6 +18,7 @@ from suas_jax.scene.build import problem_of
 from suas_jax.scene.error_estimate import (
     Corrected,
     correction_mesh_changes,
+    error_scales,
     key_quantities,
     mesh_changes,
     model_changes,
@@ -84,6 +85,7 @@ def assess(
         origin, start = problem, state
 
     values = key_quantities(problem.mechanics, state, parts.forces)
+    scales = error_scales(problem, values)
     by_model = [jnp.zeros_like(x) for x in values]
     if change is not None:
         by_model = model_changes(Corrected(problem, state, change), parts.forces)
@@ -113,10 +115,10 @@ def assess(
         solved_counts = (meshes.whole if check is None else meshes.solved).counts
         if any(plan.counts == solved_counts for plan in meshes.compared):
             return *left_out()[:-1], stable  # a single element joins no other
-        parts_of_error = [relative_error(x, values) for x in by_mesh]
-        error = relative_error(sum_of_sizes(by_mesh), values)
+        parts_of_error = [relative_error(x, scales) for x in by_mesh]
+        error = relative_error(sum_of_sizes(by_mesh), scales)
         if by_kinks:
-            error += relative_error(sum_of_sizes(by_kinks), values)
+            error += relative_error(sum_of_sizes(by_kinks), scales)
         return by_mesh + by_kinks, parts_of_error, error, stable
 
     def left_out() -> tuple[list[list[Lanes]], list[Lanes], Lanes, Bool[Array, " lane"]]:
@@ -134,10 +136,10 @@ def assess(
         floor += problem.mechanics.omitted_floor + error_beyond_wall(
             problem, state, report["min_gap_m"], report["max_displacement_m"]
         )
-    report["model_error"] = relative_error(by_model, values) + floor
+    report["model_error"] = relative_error(by_model, scales) + floor
     errors = [*by_mesh, by_model]
     report["key_quantities"] = {
-        "values": values,
+        "values": scales,
         "errors": errors,
         "by_mesh": parts_of_error,
         "floor": floor,

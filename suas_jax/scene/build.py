@@ -13,6 +13,7 @@ from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.scene.parts import SceneParts, law_of, scene_parts
+from suas_jax.skin.prestress import water_rise
 
 
 def plan_for(scene: SceneSpec, model: str, counts: Counts) -> AbstractPlan:
@@ -68,7 +69,8 @@ def decay_angle(scene: SceneSpec) -> float:
     Where tension N and bending stiffness D meet, displacement decays over sqrt(D / N),
     with D = mu t^3 / 3 (plane strain, incompressible) and N = p R. Where the pressure is
     not known, a line load that pulls the membrane into a tent has N of a few times its
-    force per width; the mesh needs the order of magnitude only.
+    force per width; the mesh needs the order of magnitude only. Trapped oil takes over what
+    presses from all sides, a load or the water's depth, up to what would buckle the arch.
     """
     g = scene.geometry
     radius = measures(scene).size
@@ -78,8 +80,11 @@ def decay_angle(scene: SceneSpec) -> float:
     else:
         pressures = [abs(s.pressure) for s in scene.loads if s.kind == "pressure"]
         forces = [abs(s.force) for s in scene.loads if s.kind != "pressure"]
-        trapped = scene.oil.trapped
-        tension = (3 * sum(forces) / g.width if trapped else 0.0) + sum(pressures) * radius
+        tension, pressure = 0.0, sum(pressures)
+        if scene.oil.trapped:
+            tension = 3 * sum(forces) / g.width
+            pressure = min(pressure + abs(water_rise(scene)), 8 * stiffness / radius**3)
+        tension += pressure * radius
     if tension <= 0:
         return 1.0
     return min(1.0, float(np.sqrt(stiffness / tension)) / radius)

@@ -54,6 +54,28 @@ def key_quantities(
     return [state.pressure, *moved, _largest(mechanics, state.q)]
 
 
+def error_scales(problem: Problem, values: list[Lanes]) -> list[Lanes]:
+    """What errors of the key quantities are relative to: the quantities themselves.
+
+    A skin that carries stress may do so at no pressure, and hardly moved. Its scales are no
+    smaller than the pressure that would buckle a half-cylinder, and than the displacement that
+    would free it of its stress.
+
+    Args:
+        problem: membrane, oil and loads.
+        values: the key quantities.
+    """
+    if not problem.prestressed:
+        return values
+    mechanics, section = problem.mechanics, problem.mechanics.section
+    slender = section.mean_thickness / section.size
+    least = 8 / 3 * mechanics.law.shear_modulus * slender**3
+    pressure, *moved, largest = values
+    if mechanics.growth is not None:
+        largest = largest + jnp.abs(mechanics.growth.hoop) * section.size
+    return [jnp.maximum(jnp.abs(pressure), least), *moved, largest]
+
+
 def relative_error(changes: list[Lanes], values: list[Lanes]) -> Lanes:
     """Largest of the relative errors; displacements are compared with the largest one.
 

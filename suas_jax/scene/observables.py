@@ -128,6 +128,9 @@ def observe(
             "wall": contact_zone(contact, geometry),
             "gap_tolerance_m": jnp.maximum(-lowest, 0.0),
         }
+    if problem.prestressed:
+        found = state if root is None else root
+        report["hoop_force_N_per_m"] = held.hoop_force(found.q)
     places = {"max_displacement": largest, "min_gap": gap, "bulge": bulge}
     report |= {f"{k}_axial_m": x.axial for k, x in places.items() if x.axial is not None}
     ambient = parts.ambient_pressure

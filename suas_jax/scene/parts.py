@@ -19,6 +19,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import DeadLoad, PadLoad
+from suas_jax.skin.prestress import Prestress, ambient_pressure
 from suas_jax.skin.registry import build_geometry, build_oil
 from suas_jax.skin.wall import Wall
 
@@ -118,9 +119,7 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         wanted = _lane(numbers["solve.oil_pressure"])
     environment = scene.environment
     if environment is not None and environment.depth is not None:
-        names = ("specific_weight", "depth", "atmospheric_pressure")
-        weight, depth, atmosphere = (_lane(numbers[f"environment.{name}"]) for name in names)
-        ambient = weight * depth + atmosphere
+        ambient = ambient_pressure(functools.partial(_lane_at, numbers))
     return SceneParts(skin, forces, pressures, wanted, ambient, scene)
 
 
@@ -146,12 +145,20 @@ def _lane(value: Any) -> Array:
     return jnp.asarray(value, float)[..., None]
 
 
+def _lane_at(numbers: Mapping[str, Any], path: str) -> Array:
+    return _lane(numbers[path])
+
+
 def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
-    geometry = build_geometry(spec.geometry, lambda key: _lane(numbers[f"geometry.{key}"]))
+    prestress = Prestress.of(spec, functools.partial(_lane_at, numbers))
+    geometry = build_geometry(
+        spec.geometry, lambda key: _lane_at(numbers, f"geometry.{key}"), prestress
+    )
     electrodes = electrodes_of(spec, numbers, geometry)
     law = _law(spec, numbers)
     wall = _wall(spec, geometry, law, numbers)
-    return SkinParts(geometry, law, _oil(spec, numbers), electrodes, wall)
+    oil = prestress.contain(_oil(spec, numbers))
+    return SkinParts(geometry, law, oil, electrodes, wall)
 
 
 def _wall(

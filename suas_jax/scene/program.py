@@ -22,6 +22,7 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.skin.prestress import is_prestressed
 
 
 @eqx.filter_jit
@@ -50,7 +51,7 @@ def _program(
 
 def unloaded(scene: SceneSpec) -> bool:
     """Whether nothing acts on the skin."""
-    return all(
+    return not is_prestressed(scene) and all(
         getattr(load, "force", getattr(load, "pressure", 0.0)) == 0 for load in scene.loads
     )
 

@@ -32,9 +32,19 @@ def plain(tree: dict[str, Any], row: int = 0) -> dict[str, Any]:
 
 
 def report_of(
-    scene: SceneSpec, observed: dict[str, Any], outcome: dict[str, Any]
+    scene: SceneSpec,
+    observed: dict[str, Any],
+    outcome: dict[str, Any],
+    rest: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """The report of one state, in the order of the contract."""
+    """The report of one state, in the order of the contract.
+
+    Args:
+        scene: what was solved.
+        observed: of the state.
+        outcome: how it was found.
+        rest: of the same skin without loads, where it carries stress then.
+    """
     kinds = [{"kind": load.kind} for load in scene.loads]
     loads = [kind | load for kind, load in zip(kinds, observed["loads"], strict=True)]
     taxels = taxel_rows(scene, observed.pop("taxels", {}))
@@ -50,6 +60,8 @@ def report_of(
         "unknowns": outcome["unknowns"],
         "taxels": taxels,
     }
+    if rest is not None:
+        report["rest"] = rest
     return {key: report[key] for key in REPORT_KEYS if key in report}
 
 

@@ -27,6 +27,9 @@ REPORT_KEYS = {
     "touched, `angle_deg` and `axial_m`",
     "gap_tolerance_m": "deepest penetration of the wall, or indentation of its soft layer; "
     "`null` where the wall does not hold the membrane",
+    "hoop_force_N_per_m": "mean force along the arc per width, tension positive; only where "
+    "the skin carries stress at rest",
+    "rest": "the same skin without its loads, where it carries stress then, see below",
     "strain_energy_J": "energy stored in the membrane",
     "stretch_min": "smallest hoop stretch of the inner face",
     "stretch_max": "largest hoop stretch of the inner face",
@@ -50,6 +53,22 @@ REPORT_KEYS = {
     "the norm of what a per cent of each input does; `null` where unknown",
 }
 """Keys of `suas solve --json`."""
+
+REST_KEYS = {
+    "stable": "whether the state at rest is; the whole solve has the status `unstable` if not",
+    "oil_pressure_Pa": "pressure of the oil above ambient",
+    "hoop_force_N_per_m": "as above",
+    "buckling_share": "of what buckles the skin, to first order: 1 where it does, negative "
+    "where the stress stiffens every mode",
+    "stiffness_change": "of what small loads of this pattern meet, relative to the same skin "
+    "without stress; `null` without loads",
+    "max_displacement_m": "largest displacement of the inner face",
+    "min_gap_m": "smallest distance of the inner face from the wall",
+    "displacement_m": "of the mid-surface under each load, along its direction; `null` for a "
+    "pressure",
+    "so": "sensor output of each taxel, in the order of `taxels`",
+}
+"""Keys of `rest`."""
 
 LOAD_KEYS = {
     "kind": "`line`, `patch` or `pressure`",

@@ -12,6 +12,7 @@ import numpy as np
 
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
@@ -19,7 +20,9 @@ from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Tried, choose
 from suas_jax.scene.program import inputs_of, number, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
+from suas_jax.scene.rest import rest_of
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.skin.prestress import is_prestressed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,7 +119,10 @@ def solve(scene: SceneSpec, *, repeat: int = 1) -> Solution:
         if run > 0 or repeat == 1:  # of several, the first one compiles
             seconds.append(elapsed)
     outcome = plain(found.outcome) | {"model": found.plan.model, "reason": reason}
-    report = report_of(scene, plain(found.report), outcome)
+    rest = rest_of(scene, found, once=once) if is_prestressed(scene) else None
+    if rest is not None and not rest["stable"]:
+        outcome["result"] = index_of("unstable")
+    report = report_of(scene, plain(found.report), outcome, rest)
     report["timings_s"] = {
         "compile": COMPILED.seconds - compiled_before,
         "solve": statistics.median(seconds),

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.skin.along import Along
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 
 _INTERVALS, _GAUSS = 64, 4  # of integrals over the whole arc
@@ -25,12 +26,14 @@ class SkinGeometry(eqx.Module):
         width: extent along the axis [m].
         oil_gap: from the inner face to the rigid wall, its mean where it varies [m].
         gap_along: the gap over the arc; None where it is even.
+        growth: free size of the membrane over that of its seat; None where it fits.
     """
 
     section: AbstractSection
     width: Lanes
     oil_gap: Lanes
     gap_along: Along | None = None
+    growth: Growth | None = None
 
     @property
     def thickness(self) -> Lanes:

@@ -5,7 +5,7 @@ ambient; the equilibrium enforces it as the border of its linear system.
 """
 
 import abc
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -42,6 +42,16 @@ class AbstractOil(eqx.Module):
             pressure: oil pressure above ambient [Pa].
             film_volume: volume of the undeformed film per width [m^2].
         """
+
+    def warmed(self, growth: Lanes, warmth: Lanes) -> tuple[Self, Lanes]:
+        """The oil at another temperature, and the logarithm of its volume over what it was.
+
+        Args:
+            growth: that logarithm for oil alone.
+            warmth: absolute temperature over what it was.
+        """
+        del warmth
+        return self, growth
 
     def compliance(self, pressure: Lanes, film_volume: Lanes) -> Lanes:
         """Derivative of `expansion` by the pressure, negative or zero [m^2/Pa]."""

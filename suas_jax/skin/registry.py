@@ -1,5 +1,7 @@
 """Kinds of section and oil models by name, and from tables to objects."""
 
+import dataclasses
+import functools
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -13,6 +15,7 @@ from suas_jax.skin.charted import AbstractCurve, ChartedSection
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
+from suas_jax.skin.prestress import Prestress
 from suas_jax.skin.section import AbstractSection
 
 OILS: dict[str, type[AbstractOil]] = model_classes(
@@ -29,13 +32,24 @@ CURVES: dict[str, type[AbstractCurve]] = model_classes(
 """The kinds of section by name, one for each file of `suas_jax.skin.sections`."""
 
 
-def build_geometry(spec: GeometrySpec, value: Callable[[str], Array]) -> SkinGeometry:
+_ANGLES = ("angle", "half_angle", "start")
+
+
+def build_geometry(
+    spec: GeometrySpec, value: Callable[[str], Array], prestress: Prestress | None = None
+) -> SkinGeometry:
     """Build the dimensions of a [geometry] table.
 
     Args:
         spec: says which section, and what varies along it.
         value: gives its numbers by key, with a lane axis [SI].
+        prestress: how large seat and membrane have become; None where they are as written.
     """
+    if prestress is not None:
+        scale = prestress.scale
+        if scale is not None:
+            value = functools.partial(_scaled, value, scale)
+        return dataclasses.replace(build_geometry(spec, value), growth=prestress.growth)
 
     def along(key: str) -> Array | Along:
         table = getattr(spec, key)
@@ -56,6 +70,10 @@ def build_geometry(spec: GeometrySpec, value: Callable[[str], Array]) -> SkinGeo
     if isinstance(gap, Along):
         return SkinGeometry(section, value("width"), gap.mean(), gap)
     return SkinGeometry(section, value("width"), gap)
+
+
+def _scaled(value: Callable[[str], Array], scale: Array, key: str) -> Array:
+    return value(key) if key.rpartition(".")[2] in _ANGLES else scale * value(key)
 
 
 def build_oil(oil: OilSpec, value: Callable[[str], Array]) -> AbstractOil:

@@ -34,6 +34,7 @@ from suas_jax.mechanics.pad.stiffness import (
     upper_of,
 )
 from suas_jax.numerics.bspline import bernstein
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -61,12 +62,18 @@ class InnerFace:
         wall: what it may touch.
         section: the undeformed membrane across the axis.
         qe: Bernstein coefficients of the displacement.
+        growth: of the membrane; None where it fits its seat.
     """
 
     def __init__(
-        self, net: Net, wall: Wall, section: AbstractSection, qe: ElementVector
+        self,
+        net: Net,
+        wall: Wall,
+        section: AbstractSection,
+        qe: ElementVector,
+        growth: Growth | None,
     ) -> None:
-        self.net, self.wall = net, wall
+        self.net, self.wall, self.growth = net, wall, growth
         self.section = section
         order = net.topology.ordered
         span, axial = jnp.diff(net.angles), jnp.diff(net.axial)
@@ -100,7 +107,7 @@ class InnerFace:
             angle: reference angles [rad].
         """
         s = surface(vectors(z), Rest.of(self.section, angle))
-        (x, y, axial), _ = face_displacement(s, -s.rest.thickness / 2)
+        (x, y, axial), _ = face_displacement(s, -s.rest.thickness / 2, self.growth)
         rest = self.section.inner_face(angle)
         return jnp.stack([rest[0] + x, rest[1] + y, axial])
 

@@ -6,9 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.pad.fibres import Layers, energy_density, fibre_strains, layers
+from suas_jax.mechanics.pad.fibres import Layers, energy_density, fibre_strains
 from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, Vector, components
 from suas_jax.mechanics.shell.shape import CRUSHED
+from suas_jax.skin.prestress import Growth
 
 
 class Faces(NamedTuple):
@@ -36,7 +37,9 @@ class Faces(NamedTuple):
     energy_density: Float[Array, "*point"]
 
 
-def face_displacement(s: Surface, offset: Array) -> tuple[Vector, Scalar]:
+def face_displacement(
+    s: Surface, offset: Array, growth: Growth | None
+) -> tuple[Vector, Scalar]:
     """Displacement of the fibres at a reference offset, and how far from the mid-surface.
 
     A fibre lies at zeta with J (zeta + H zeta^2 + K zeta^3 / 3) = M, the volume of the
@@ -46,6 +49,7 @@ def face_displacement(s: Surface, offset: Array) -> tuple[Vector, Scalar]:
     Args:
         s: the mid-surface at points.
         offset: Z [m].
+        growth: of the membrane; None where it fits its seat.
 
     Returns:
         Displacement [m] and zeta [m].
@@ -53,6 +57,8 @@ def face_displacement(s: Surface, offset: Array) -> tuple[Vector, Scalar]:
     square = s.m[0] ** 2 + s.m[1] ** 2 + s.m[2] ** 2
     size = jnp.sqrt(square)
     lever = (offset + offset**2 * s.rest.curvature / 2) / size
+    if growth is not None:
+        lever = growth.volume * lever
     a11, a22, a12 = 1 + s.metric[0], 1 + s.metric[1], s.metric[2]
     h11, h22, h12 = s.rest.curvature + s.bending[0], s.bending[1], s.bending[2]
     mean = (a22 * h11 + a11 * h22 - 2 * a12 * h12) / (2 * square * size)
@@ -80,19 +86,19 @@ def faces(
         place: reference angle and axial position of the points.
         fibres: through the thickness, for the energy.
     """
-    both, thickness, curvature = layers(1, s.rest), s.rest.thickness, s.rest.curvature
+    thickness, curvature, growth = s.rest.thickness, s.rest.curvature, fibres.growth
 
     def strain(offset: Array) -> Array:
         lever = offset + offset**2 * curvature / 2
-        one = Layers(both.weight, lever[None], 1 + offset[None] * curvature)
-        return jnp.stack(fibre_strains(s, one)[0])[:, 0]
+        one = Layers(fibres.weight[:1], lever[None], 1 + offset[None] * curvature)
+        return jnp.stack(fibre_strains(s, one.grown(growth))[0])[:, 0]
 
     half = thickness / 2
     return Faces(
         *place,
         mid_displacement=jnp.stack(s.u),
-        inner_displacement=jnp.stack(face_displacement(s, -half)[0]),
-        outer_displacement=jnp.stack(face_displacement(s, half)[0]),
+        inner_displacement=jnp.stack(face_displacement(s, -half, growth)[0]),
+        outer_displacement=jnp.stack(face_displacement(s, half, growth)[0]),
         inner_strain=strain(-half),
         outer_strain=strain(half),
         energy_density=energy_density(law, s, fibres) / thickness,

@@ -10,6 +10,9 @@ By Cayley and Hamilton the fibre's metric g = a (1 + zeta S)^2, S = a^-1 b, is t
 without a root but that in zeta, which is taken as M/J: K is zero at rest and in plane strain,
 and the next term is of third order in the thickness. So all strains are rational functions
 of six numbers, a_ab and h_ab. Everything is written in differences from rest.
+
+A membrane that has grown by G against its seat keeps det G times the volume below, so that M
+is that much larger, and its law sees the metric over the stretches of G.
 """
 
 from collections.abc import Sequence
@@ -25,6 +28,7 @@ from suas_jax.mechanics.pad.mid_surface import Rest, Scalar, Surface, Vector, co
 from suas_jax.numerics.jet import second_order
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.numerics.staging import staged
+from suas_jax.skin.prestress import Growth
 
 # Second derivative of a 2 x 2 determinant by its entries (11, 22, 12).
 _DETERMINANT = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -2.0]])
@@ -44,20 +48,30 @@ class Layers(NamedTuple):
         weight: of a layer in the energy per area of the mid-surface [m].
         lever: M = Z + Z^2 / (2R) [m].
         stretch: 1 + Z/R, the length of the fibre along the arc relative to the mid-line.
+        growth: of the membrane; None where it fits its seat.
     """
 
     weight: Float[Array, "layer #lane"]
     lever: Float[Array, "layer #lane"]
     stretch: Float[Array, "layer #lane"]
+    growth: Growth | None = None
+
+    def grown(self, growth: Growth | None) -> "Layers":
+        """The same of a membrane that has grown."""
+        if growth is None:
+            return self
+        more = growth.volume
+        return Layers(more * self.weight, more * self.lever, self.stretch, growth)
 
 
-def layers(count: int, rest: Rest) -> Layers:
+def layers(count: int, rest: Rest, growth: Growth | None) -> Layers:
     """Gauss points through the thickness."""
     points, weights = gauss_legendre(count, -0.5, 0.5)
     offset = jnp.asarray(points)[:, None] * rest.thickness
     stretch = 1 + offset * rest.curvature
     lever = offset + offset**2 * rest.curvature / 2
-    return Layers(jnp.asarray(weights)[:, None] * rest.thickness * stretch, lever, stretch)
+    weight = jnp.asarray(weights)[:, None] * rest.thickness * stretch
+    return Layers(weight, lever, stretch).grown(growth)
 
 
 def fibre_strains(s: Surface, fibres: Layers) -> tuple[Vector, Scalar, Scalar]:
@@ -83,9 +97,15 @@ def fibre_strains(s: Surface, fibres: Layers) -> tuple[Vector, Scalar, Scalar]:
         s.metric[k] + double * bend[k] - square * second[k] for k in range(3)
     )
     scales = _scales(fibres, s)
+    growth = fibres.growth
+    if growth is not None:  # 2 M / R more than the (1 + Z/R)^2 - 1 of a membrane that fits
+        along = along + (1 - 1 / growth.volume) * double * s.rest.curvature
+    entries = [scales[0] * along, scales[1] * axial, scales[2] * twist]
+    if growth is not None:
+        entries[0] = entries[0] + jnp.expm1(-2 * growth.hoop)
+        entries[1] = entries[1] + jnp.expm1(-2 * growth.axial)
     # Stacked, so that the compiler doesn't compute them anew for each of their many uses.
-    strain = jnp.stack([scales[0] * along, scales[1] * axial, scales[2] * twist])
-    return components(strain), inverse, saddle
+    return components(jnp.stack(entries)), inverse, saddle
 
 
 def _over_layers(x: Float[Array, "layer #lane"], s: Surface) -> Array:
@@ -96,7 +116,11 @@ def _over_layers(x: Float[Array, "layer #lane"], s: Surface) -> Array:
 def _scales(fibres: Layers, s: Surface) -> tuple[Array, Array, Array]:
     """What turns metric entries (11, 22, 12) into strains by unit vectors at rest."""
     stretch = _over_layers(fibres.stretch, s)
-    return 1 / stretch**2, jnp.ones_like(stretch), 1 / stretch
+    axial = jnp.ones_like(stretch)
+    if fibres.growth is not None:
+        stretch = stretch * jnp.exp(fibres.growth.hoop)
+        axial = axial * jnp.exp(fibres.growth.axial)
+    return 1 / stretch**2, 1 / axial**2, 1 / (axial * stretch)
 
 
 def _metric(s: Surface) -> Vector:

@@ -26,6 +26,7 @@ from suas_jax.mechanics.pad.refinement import refined
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.numerics.quadrature import lagrange_slopes
 from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -43,6 +44,7 @@ class PadLane:
         section: AbstractSection,
         points: PadLoadPoints,
         quadrature: tuple[int, int],
+        growth: Growth | None,
     ) -> None:
         """Prepare what sums need.
 
@@ -52,7 +54,9 @@ class PadLane:
             section: the undeformed membrane across the axis.
             points: the loads.
             quadrature: points along either side of an element, and through the thickness.
+            growth: of the membrane; None where it fits its seat.
         """
+        self.growth = growth
         self.law, self.net, self.points = law, net, points
         self.section = section
         self.gauss, self.layer_count = quadrature
@@ -65,7 +69,7 @@ class PadLane:
         self.lengths = long[:, None], across[None]
         self.elements = (len(long), len(across))
         self.rest = Rest.of(section, self.angle)
-        self.fibres: Layers = layers(self.layer_count, self.rest)
+        self.fibres: Layers = layers(self.layer_count, self.rest, growth)
 
     @property
     def powers(self) -> list[Array]:
@@ -108,6 +112,17 @@ class PadLane:
         """Enclosed volume less its value at rest [m^3]."""
         return self.energies(q)[1]
 
+    def _swelling(self) -> Array | float:
+        """Growth of the membrane's lower half, which takes room below it, per area [m]."""
+        if self.growth is None:
+            return 0.0
+        thickness = self.rest.thickness
+        lower = thickness / 2 * (1 - thickness * self.rest.curvature / 4)
+        return (self.growth.volume - 1) * lower
+
+    def _layers(self, rest: Rest) -> Layers:
+        return layers(self.layer_count, rest, self.growth)
+
     def work(self, q: Array) -> Array:
         """Work of the loads at unit factor [J]."""
         return self.energies(q)[2]
@@ -117,7 +132,7 @@ class PadLane:
         qe, areas = self.net.gather(q), self.areas.reshape(-1)
         s = self.surface(qe)
         density = energy_density(self.law, s, self.fibres)
-        more = swept(s)[0]
+        more = swept(s)[0] - self._swelling()
         points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
         work = pad_loads.load_work(points, spots, moved)
@@ -125,7 +140,7 @@ class PadLane:
 
     def inner_face(self, q: Array, wall: Wall) -> InnerFace:
         """The inner face against a wall."""
-        return InnerFace(self.net, wall, self.section, self.net.gather(q))
+        return InnerFace(self.net, wall, self.section, self.net.gather(q), self.growth)
 
     def _spots(self) -> pad_loads.Spots:
         """Where the loads act."""
@@ -136,7 +151,7 @@ class PadLane:
         """See `Pad.faces`."""
         s = self._at(self.net.gather(q), angle, axial)
         place = jnp.broadcast_arrays(angle, axial)
-        return faces(self.law, s, (place[0], place[1]), layers(self.layer_count, s.rest))
+        return faces(self.law, s, (place[0], place[1]), self._layers(s.rest))
 
     def omitted_energy(self, q: Array) -> Array:
         """Of transverse shear; polynomials join the moments at the points of an element."""
@@ -169,7 +184,7 @@ class PadLane:
         def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
             """Angle of the normal through the inner face's point, axial position, height."""
             s = self._at(qe, *place)
-            x, y, z = face_displacement(s, -s.rest.thickness / 2)[0]
+            x, y, z = face_displacement(s, -s.rest.thickness / 2, self.growth)[0]
             rest = self.section.inner_face(place[0])
             polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
             return polar, place[1] + z, height
@@ -203,6 +218,7 @@ class PadLane:
         found = resultants(self.law, s, self.fibres)
         forces = stress(s, found.first)
         more, pulls = swept(s)
+        more = more - self._swelling()
         internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
         gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
         points, spots = self.points, self._spots()

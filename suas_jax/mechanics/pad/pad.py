@@ -35,6 +35,7 @@ from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.numerics.lanes import by_lane, lane_count
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -52,6 +53,7 @@ class Pad(AbstractMechanics):
         points: the loads as points on the outer face [N].
         film_volume: volume of the undeformed oil film under the part covered [m^3].
         wall: see the base class.
+        growth: see the base class.
         mirrored_planes: whether the part ends at the crown's plane, and at the middle's.
         gauss: quadrature points along either side of an element.
         layers: quadrature points through the thickness.
@@ -65,6 +67,7 @@ class Pad(AbstractMechanics):
     points: PadLoadPoints
     film_volume: Lanes
     wall: Wall | None
+    growth: Growth | None
     mirrored_planes: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
@@ -78,6 +81,12 @@ class Pad(AbstractMechanics):
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
         return self.section.mean_thickness
+
+    @property
+    def mid_extent(self) -> Lanes:
+        """Area of the mid-surface that is covered [m^2]."""
+        angles, axial = self.net.angles, self.net.axial
+        return self.section.size * (angles[-1] - angles[0]) * (axial[-1] - axial[0])
 
     @property
     def clamp_reach(self) -> Lanes:
@@ -111,7 +120,9 @@ class Pad(AbstractMechanics):
         """The sums of a pad of one lane, scalars kept as arrays of one number."""
         points = jax.tree.map(lambda x: x[..., 0], self.points)
         quadrature = (self.gauss, self.layers)
-        return PadLane(self.law, self.net.lane(0), self.section, points, quadrature)
+        return PadLane(
+            self.law, self.net.lane(0), self.section, points, quadrature, self.growth
+        )
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
@@ -180,6 +191,7 @@ class Pad(AbstractMechanics):
             film_volume=geometry.film_area * geometry.width / parts,
             wall=None,
             mirrored_planes=plan.mirrored,
+            growth=geometry.growth,
         )
 
     def with_more_fibres(self) -> Self:

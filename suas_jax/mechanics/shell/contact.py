@@ -21,6 +21,7 @@ from suas_jax.mechanics.shell.points import mix
 from suas_jax.mechanics.shell.shape import carried, fibre_position, turn
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -52,6 +53,7 @@ class InnerFace:
         section: the undeformed membrane.
         angles: of the stations [rad].
         qe: element unknowns [shape, component].
+        growth: of the membrane; None where it fits its seat.
     """
 
     def __init__(
@@ -60,7 +62,9 @@ class InnerFace:
         section: AbstractSection,
         angles: Float[Array, "station #lane"],
         qe: ElementVector,
+        growth: Growth | None = None,
     ) -> None:
+        self.growth = growth
         span = angles[1:] - angles[:-1]
         length = section.size * span
         self.wall, self.section = wall, section
@@ -86,7 +90,8 @@ class InnerFace:
         t, n, k = self.at.tangent, self.at.normal, self.at.curvature
         r1 = (t[0] + z[2], t[1] + z[3])
         r2 = (z[4] - n[0] * k, z[5] - n[1] * k)
-        return self.rest + z[:2] + fibre_position(r1, r2, -self.at.thickness / 2, k)
+        inner = -self.at.thickness / 2
+        return self.rest + z[:2] + fibre_position(r1, r2, inner, k, self.growth)
 
     def gap(self, position: Float[Array, "2 *point"]) -> Float[Array, "*point"]:
         """Distance of places near the contact points from the wall [m]."""

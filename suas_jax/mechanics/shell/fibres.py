@@ -8,6 +8,11 @@ reference offset Z has ::
 In a material with a past (`suas_jax.constitutive.relaxation`) the stress of a step is a share
 of the instantaneous one and a rest H that is known, whose energy is H : C / 2. In plane strain
 C is the square of the fibre's stretch along it and its inverse across.
+
+A membrane that has grown by G against its seat keeps J = det G times its volume, and its law
+sees x = lambda / (g_hoop sqrt(g_axial)) beside the stretch 1 / g_axial along the axis::
+
+    x^2 - 1 = (A + J m b + (J - h) m / R + 1 - h) / (h (1 + Z/R)^2),    h = g_hoop^2 g_axial
 """
 
 import equinox as eqx
@@ -16,10 +21,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation import FibreStretch, InPlaneStrain
+from suas_jax.constitutive.deformation import (
+    AbstractDeformation,
+    FibreStretch,
+    HeldFibre,
+    InPlaneStrain,
+)
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.shell.points import Moments
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.prestress import Growth
 
 
 class Fibres(eqx.Module):
@@ -32,6 +43,7 @@ class Fibres(eqx.Module):
         layers: quadrature points through the thickness.
         response: of a material with a past, its rest [2, layer, ...] along and across fibres;
             None of an elastic one.
+        growth: of the membrane against its seat; None where it fits.
     """
 
     law: AbstractLaw
@@ -39,6 +51,12 @@ class Fibres(eqx.Module):
     thickness: Array
     layers: int = eqx.field(static=True)
     response: Response | None = None
+    growth: Growth | None = None
+
+    def _state(self, green: Array) -> AbstractDeformation:
+        if self.growth is None:
+            return FibreStretch(green)
+        return HeldFibre(green, -self.growth.axial)
 
     def energy(self, stretch: Array, curvature: Array) -> Array:
         """Strain energy per area of the mid-surface [J/m^2].
@@ -47,12 +65,13 @@ class Fibres(eqx.Module):
             stretch: A = |r'|^2 - 1.
             curvature: b = c / |r'|^2 - 1/R [1/m].
         """
-        weight, lever, square = self._layers()
-        return jnp.sum(weight * self._density((stretch + lever * curvature) / square), 0)
+        weight, lever, square, free = self._layers()
+        green = (stretch + lever * curvature + free) / square
+        return jnp.sum(weight * self._density(green), 0)
 
     def _density(self, green: Array) -> Array:
         """Energy per volume of the fibres [J/m^3]."""
-        energy = self.law.energy(FibreStretch(green))
+        energy = self.law.energy(self._state(green))
         if self.response is None:
             return energy
         share, (along, across) = self.response
@@ -61,11 +80,13 @@ class Fibres(eqx.Module):
     def deviator(self, stretch: Array, curvature: Array) -> Float[Array, "2 layer *shape"]:
         """Deviator of the law's stress, pulled back: along and across the fibres [Pa].
 
+        Of a membrane that fits its seat.
+
         Args:
             stretch: A = |r'|^2 - 1.
             curvature: b = c / |r'|^2 - 1/R [1/m].
         """
-        _, lever, square = self._layers()
+        _, lever, square, _ = self._layers()
         green = (stretch + lever * curvature) / square
 
         def kirchhoff(axis: str) -> Array:
@@ -90,12 +111,12 @@ class Fibres(eqx.Module):
         are all it takes. The sum over the layers is a reduction on purpose: the compiler
         keeps its result instead of computing the law again for each of its uses.
         """
-        weight, lever, square = self._layers()
+        weight, lever, square, free = self._layers()
 
         def slope(green: Array) -> Array:
             return jax.jvp(self._density, (green,), (jnp.ones_like(green),))[1]
 
-        green = (stretch + lever * curvature) / square
+        green = (stretch + lever * curvature + free) / square
         first, second = jax.jvp(slope, (green,), (jnp.ones_like(green),))
         first, second = first / square, second / square**2
 
@@ -108,11 +129,21 @@ class Fibres(eqx.Module):
             (moment(weight, second), moment(ones, second), moment(squares, second)),
         )
 
-    def _layers(self) -> tuple[Array, Array, Array]:
-        """Weight [m], lever m [m], and (1 + Z/R)^2 of the fibres; [layer, ...]."""
+    def _layers(self) -> tuple[Array, Array, Array, Array | float]:
+        """Weight [m], lever m [m], (1 + Z/R)^2, and the strain at no displacement times it.
+
+        Of the fibres [layer, ...], and as the module says where the membrane has grown.
+        """
         rule = gauss_legendre(self.layers, -0.5, 0.5)
         points, weights = (jnp.asarray(x)[:, None, None, None] for x in rule)
         offset = points * self.thickness
         shell = 1 + offset * self.mid_curvature
         weight = weights * self.thickness * shell
-        return weight, 2 * offset + offset**2 * self.mid_curvature, shell**2
+        lever = 2 * offset + offset**2 * self.mid_curvature
+        if self.growth is None:
+            return weight, lever, shell**2, 0.0
+        g = self.growth
+        own, volume = 2 * g.hoop + g.axial, g.volume
+        size = jnp.exp(own)
+        curved = size * jnp.expm1(g.radial - g.hoop) * lever * self.mid_curvature
+        return volume * weight, volume * lever, size * shell**2, curved - jnp.expm1(own)

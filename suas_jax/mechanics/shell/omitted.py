@@ -22,8 +22,9 @@ the curvature of a straight beam that of the exact solution (S. P. Timoshenko, J
 Theory of Elasticity, art. 22). A clamp's own field has no closed form: its four constants
 belong to linear elasticity of the strip's end, the same for every membrane, and were fitted to
 the solid. The end of a straight strip is its own mirror image, which leaves N alone; c4 is
-small, and comes from curvature. ``python -m benchmarks.shell_correction`` shows what all of
-it is good for.
+small, and comes from curvature. What N does there is to thin a membrane that the clamp keeps
+thick: one that has grown by G is too thick by itself, as under N - 4 G t log(g_r sqrt(g_a)).
+``python -m benchmarks.shell_correction`` shows what all of it is good for.
 """
 
 from typing import NamedTuple
@@ -35,6 +36,7 @@ from jaxtyping import Array, Float
 from suas_jax.mechanics.shell.points import Moments, Points, mix
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.prestress import Growth
 
 _SHEAR = 27 / 40
 _LOAD_NORMAL, _LOAD_MOMENT = 1 / 8, 3 / 8
@@ -105,6 +107,7 @@ def relaxed_energy(
     thickness: Float[Array, "#gauss #element #lane"],
     modulus: Lanes,
     clamped: tuple[bool, bool],
+    growth: Growth | None,
 ) -> Lanes:
     """The part of E by which the membrane itself is softer [J/m].
 
@@ -116,6 +119,7 @@ def relaxed_energy(
         thickness: of the membrane at the Gauss points [m].
         modulus: small-strain shear modulus [Pa].
         clamped: whether the first and the last station are.
+        growth: of the membrane; None where it fits its seat.
     """
     normal, moment = (LinesOverElements.through(x, xi, weights) for x in at)
     shear = moment.rise / lengths
@@ -125,6 +129,8 @@ def relaxed_energy(
         if held:
             n = normal.mean[element] - side * normal.rise[element] / 2
             edge = thickness[0, 0] if element == 0 else thickness[-1, -1]
+            if growth is not None:
+                n = n - 4 * modulus * edge * (growth.radial + growth.axial / 2)
             m = (moment.mean[element] - side * moment.rise[element] / 2) / edge
             q = side * shear[element]
             total = total + _CLAMP_NORMAL * n**2 + _CLAMP_MOMENT * m**2

@@ -11,6 +11,7 @@ from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.shell.points import mix
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.hermite import hermite
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection, Frame
 
 # Stretch given to a fibre of no length left, on the inner side of a fold.
@@ -89,13 +90,18 @@ def _interpolated(frame: Frame, xi: Array | np.ndarray, qe: Array, length: Array
     return MidLine(frame, *derivatives)
 
 
-def lever(offset: Array, curvature: Array) -> Array:
-    """Z + Z^2 / (2 R) of a fibre at reference offset Z [m]."""
-    return offset + offset**2 * curvature / 2
+def lever(offset: Array, curvature: Array, growth: Growth | None = None) -> Array:
+    """Z + Z^2 / (2 R) of a fibre at reference offset Z, times det G where it has grown [m]."""
+    plain = offset + offset**2 * curvature / 2
+    return plain if growth is None else growth.volume * plain
 
 
 def fibre_position(
-    r1: tuple[Array, Array], r2: tuple[Array, Array], offset: Array, curvature: Array
+    r1: tuple[Array, Array],
+    r2: tuple[Array, Array],
+    offset: Array,
+    curvature: Array,
+    growth: Growth | None,
 ) -> Float[Array, "2 ..."]:
     """Current position of a fibre relative to the mid-line, along the normal [m].
 
@@ -107,18 +113,22 @@ def fibre_position(
         r2: r''(s).
         offset: of the fibre at rest, outwards [m].
         curvature: of the undeformed mid-line [1/m].
+        growth: of the membrane; None where it fits its seat.
     """
     (x1, y1), (x2, y2) = r1, r2
     a = x1**2 + y1**2
     c = x2 * y1 - y2 * x1
-    m = lever(offset, curvature)
+    m = lever(offset, curvature, growth)
     root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
     zeta_by_size = 2 * m / a / (1 + root)
     return zeta_by_size * jnp.stack([-y1, x1])
 
 
 def recovered(
-    line: MidLine, section: AbstractSection, energy: Callable[[Array, Array], Array]
+    line: MidLine,
+    section: AbstractSection,
+    energy: Callable[[Array, Array], Array],
+    growth: Growth | None,
 ) -> Profile:
     """The section around a mid-line, its normals staying normal.
 
@@ -126,6 +136,7 @@ def recovered(
         line: the mid-line.
         section: the undeformed membrane.
         energy: strain energy per area of the mid-surface, from the two strains [J/m^2].
+        growth: of the membrane; None where it fits its seat.
     """
     t, n, k, thickness = line.at.tangent, line.at.normal, line.at.curvature, line.at.thickness
     x1, y1 = t[0] + line.u1[0], t[1] + line.u1[1]
@@ -141,9 +152,15 @@ def recovered(
 
     def face(offset: Array) -> tuple[Float[Array, "2 ..."], Array]:
         """Displacement and hoop stretch of the fibre at a reference offset."""
-        moved = fibre_position((x1, y1), (x2, y2), offset, k) - offset * n
-        green = (stretch + 2 * lever(offset, k) * curvature) / (1 + offset * k) ** 2
-        return jnp.stack(line.u) + moved, jnp.sqrt(jnp.maximum(1 + green, CRUSHED**2))
+        moved = fibre_position((x1, y1), (x2, y2), offset, k, growth) - offset * n
+        m = lever(offset, k, growth)
+        green = stretch + 2 * m * curvature
+        if growth is not None:
+            green = green + 2 * (m - lever(offset, k)) * k
+        stretched = jnp.sqrt(jnp.maximum(1 + green / (1 + offset * k) ** 2, CRUSHED**2))
+        if growth is not None:
+            stretched = stretched * jnp.exp(-growth.hoop)
+        return jnp.stack(line.u) + moved, stretched
 
     inner, inner_stretch = face(-thickness / 2)
     outer, outer_stretch = face(thickness / 2)

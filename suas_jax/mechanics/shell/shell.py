@@ -67,6 +67,7 @@ from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection, Frame
 from suas_jax.skin.wall import Wall
 
@@ -85,6 +86,7 @@ class Shell(AbstractPlaneStrain):
         points: the line loads as points on the outer face, per width [N/m].
         film_volume: see the base class.
         wall: see the base class.
+        growth: see the base class.
         symmetric: whether the last station is the crown of a symmetric arch.
         gauss: quadrature points along an element.
         layers: quadrature points through the thickness.
@@ -100,6 +102,7 @@ class Shell(AbstractPlaneStrain):
     points: LoadPoints
     film_volume: Lanes
     wall: Wall | None
+    growth: Growth | None
     symmetric: bool = eqx.field(static=True)
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
@@ -135,12 +138,18 @@ class Shell(AbstractPlaneStrain):
             film_volume=geometry.film_area / (2 if symmetric else 1),
             wall=wall,
             symmetric=symmetric,
+            growth=geometry.growth,
         )
 
     @property
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
         return self.section.mean_thickness
+
+    @property
+    def mid_extent(self) -> Lanes:
+        """Length of the mid-line [m]."""
+        return self.section.size * (self.angles[-1] - self.angles[0])
 
     @property
     def clamp_reach(self) -> Lanes:
@@ -169,7 +178,7 @@ class Shell(AbstractPlaneStrain):
 
     def fibres(self, at: Frame) -> Fibres:
         """The material through the thickness."""
-        return Fibres(self.law, at.curvature, at.thickness, self.layers)
+        return Fibres(self.law, at.curvature, at.thickness, self.layers, self.growth)
 
     @property
     def _material(self) -> Fibres:
@@ -204,7 +213,13 @@ class Shell(AbstractPlaneStrain):
         gauss = tables.xi, tables.weights
         clamped = True, not self.symmetric
         return relaxed_energy(
-            at, *gauss, self.elements.lengths, self._at_gauss.thickness, modulus, clamped
+            at,
+            *gauss,
+            self.elements.lengths,
+            self._at_gauss.thickness,
+            modulus,
+            clamped,
+            self.growth,
         )
 
     def _omitted_energy(self, at: Resultants, factor: Lanes) -> Lanes:
@@ -272,14 +287,24 @@ class Shell(AbstractPlaneStrain):
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
         qe = self.elements.gather(q)
-        return self.elements.volume(qe, mix(element_tables(self.gauss).area, qe))[0]
+        return self._enclosed(qe, mix(element_tables(self.gauss).area, qe))[0]
+
+    def _enclosed(self, qe: Array, product: Array) -> tuple[Lanes, Array]:
+        """Enclosed volume less its value at rest, and its gradient; see `Elements.volume`."""
+        volume, gradient = self.elements.volume(qe, product)
+        if self.growth is not None:  # the lower half of a membrane that grows takes room
+            at, weights = self._at_gauss, element_tables(self.gauss).weights
+            half = at.thickness / 2 * (1 - at.thickness * at.curvature / 4)
+            lower = jnp.sum(weights[:, None, None] * self.elements.lengths * half, (0, 1))
+            volume = volume - (self.growth.volume - 1) * lower
+        return volume, gradient
 
     def work(self, q: StationVector) -> Lanes:
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
         return load_work(self.points, self._loaded(self.elements.gather(q)))
 
     def _inner_face(self, qe: Array, wall: Wall) -> InnerFace:
-        return InnerFace(wall, self.section, self.angles, qe)
+        return InnerFace(wall, self.section, self.angles, qe, self.growth)
 
     def contact_energy(self, q: StationVector) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
@@ -315,7 +340,7 @@ class Shell(AbstractPlaneStrain):
         if self.wall is not None:
             push, spring = self._inner_face(qe, self.wall).element_terms()
             internal, stiffness = internal + push, stiffness + spring
-        volume, gradient = self.elements.volume(qe, rows[-4:])
+        volume, gradient = self._enclosed(qe, rows[-4:])
         load, load_stiffness = load_terms(self.points, self._loaded(qe))
         load = jnp.broadcast_to(load, qe.shape)
         rotation = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -339,7 +364,7 @@ class Shell(AbstractPlaneStrain):
         """The section around the mid-line that element unknowns describe."""
         own = q if self.equilibrium is None else self.equilibrium
         line = line_of(self.elements.gather(own))
-        shape = recovered(line, self.section, self.fibres(line.at).energy)
+        shape = recovered(line, self.section, self.fibres(line.at).energy, self.growth)
         if self.equilibrium is None:
             return shape
         change = line_of(self.elements.gather(q - self.equilibrium))

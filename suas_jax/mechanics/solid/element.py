@@ -76,6 +76,7 @@ def modes(
 class Tables(NamedTuple):
     """Constants of one element at its 3 x 3 quadrature points."""
 
+    xi: np.ndarray  # [gauss]
     weights: np.ndarray  # [gauss]
     gradient: np.ndarray  # [gauss, 2, node]
     modes: np.ndarray  # [gauss, mode]
@@ -89,6 +90,7 @@ def _tables() -> Tables:
     xi, eta = (x.ravel() for x in np.meshgrid(points, points, indexing="ij"))
     d, psi = gradients(xi, eta), modes(xi, eta)
     return Tables(
+        xi,
         np.outer(weights, weights).ravel(),
         d,
         psi,

@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.solid.element import NODES, modes
-from suas_jax.mechanics.solid.shape import displacement_gradient
+from suas_jax.mechanics.solid.shape import Material, displacement_gradient
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.array_types import StationVector
 
@@ -26,7 +25,7 @@ class Fields(NamedTuple):
         energy_density: strain energy per volume [J/m^3].
         hoop_stretch: of the fibre that lies along the arc at rest.
         radial_stretch: of the fibre across the thickness.
-        dilatation: J - 1, whose moments over an element vanish.
+        dilatation: J over that free of stress, less 1; its moments over an element vanish.
     """
 
     position: Float[Array, "element 9 2"]
@@ -51,14 +50,16 @@ def nodal_fields(solid: Solid, q: StationVector) -> Fields:
     local = np.array(NODES, float) - 1
     xi, eta = (jnp.asarray(local)[:, i, None, None] for i in range(2))
     gradient, _ = displacement_gradient(xi, eta, u, x)
-    state = PlaneStrain.from_displacement_gradient(gradient)
     start, end = solid.angles[:-1], solid.angles[1:]
     angle = start + (xi + 1) / 2 * (end - start)
     at = solid.section.frame(angle)
     normal, tangent = (v[:, None] for v in (at.normal, at.tangent))
+    material, grown = Material(solid.law, solid.growth, at.tangent), solid.growth
+    free = (0.0, 0.0, 0.0) if grown is None else (grown.hoop, grown.radial, 3 * grown.axial)
 
-    def stretch(fibre: Array) -> Array:
-        return jnp.sqrt(jnp.sum((fibre + jnp.sum(gradient * fibre[None], 1)) ** 2, 0))
+    def stretch(fibre: Array, own: Array | float) -> Array:
+        size = jnp.sqrt(jnp.sum((fibre + jnp.sum(gradient * fibre[None], 1)) ** 2, 0))
+        return size * jnp.exp(-own)
 
     table = modes(local[:, 0], local[:, 1])
     pressure = jnp.einsum("na,ajel->jnel", table, p)
@@ -74,8 +75,8 @@ def nodal_fields(solid: Solid, q: StationVector) -> Fields:
         vector(x),
         vector(u),
         scalar(pressure),
-        scalar(solid.law.energy(state)),
-        scalar(stretch(tangent)),
-        scalar(stretch(normal)),
-        scalar(state.dilatation),
+        scalar(material.energy(gradient)),
+        scalar(stretch(tangent, free[0])),
+        scalar(stretch(normal, free[1])),
+        scalar((1 + material.state(gradient).dilatation) * jnp.exp(-free[2]) - 1),
     )

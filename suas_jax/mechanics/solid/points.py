@@ -8,9 +8,15 @@ j = J - 1, both without cancellation near rest, and with the pressure p of the e
 Multiplied with the inverse of the geometry's map and the quadrature weight, stress and
 tangent act on derivatives by the local coordinates: what is left are sums with constant
 coefficients over points and nodes, one matrix product for all elements.
+
+A membrane that has grown by G against its seat is strained by F G^-1, in its plane, and by
+1 / g_a along the axis. Laws see the isochoric part alone, which is that of g_a F G^-1 in the
+plane and of 1 along the axis: plane strain again, of a volume g_a^3, over other axes::
+
+    F' = F A,     A = g_a G^-1,     j' = det F' - 1 = g_a^3 - 1
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,10 +25,12 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.solid.element import TABLES, mixed
+from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.jet import second_order
+from suas_jax.skin.prestress import Growth
 
 PointField = Float[Array, "gauss layer element lane"]
-Tensor = tuple[tuple[Array, Array], tuple[Array, Array]]
+Tensor: TypeAlias = tuple[tuple[Array, Array], tuple[Array, Array]]
 
 
 class Grid(eqx.Module):
@@ -31,10 +39,14 @@ class Grid(eqx.Module):
     Attributes:
         inverse: derivatives of (xi, eta) by (X, Y), [D][d].
         volume: quadrature weights times the area that a unit of (xi, eta) covers [m^2].
+        strain: A - 1 of a membrane that has grown; None where it fits its seat.
+        dilatation: g_a^3 - 1 of such a one.
     """
 
     inverse: tuple[tuple[PointField, PointField], tuple[PointField, PointField]]
     volume: PointField
+    strain: Tensor | None = None
+    dilatation: Lanes | None = None
 
     @classmethod
     def of(cls, nodes: Float[Array, "9 2 layer element lane"]) -> "Grid":
@@ -43,6 +55,37 @@ class Grid(eqx.Module):
         area = xx * yy - xy * yx
         weights = jnp.asarray(TABLES.weights)[:, None, None, None]
         return cls(((yy / area, -xy / area), (-yx / area, xx / area)), weights * area)
+
+    def grown(self, growth: Growth, tangent: Float[Array, "2 *point"]) -> "Grid":
+        """The same for a membrane that has grown.
+
+        Args:
+            growth: of the membrane.
+            tangent: unit vector along the undeformed section at the points.
+        """
+        a, g = free_strain(growth, tangent), self.inverse
+        inverse = tuple(
+            tuple(g[i][d] + a[i][0] * g[0][d] + a[i][1] * g[1][d] for d in range(2))
+            for i in range(2)
+        )
+        more = jnp.expm1(3 * growth.axial)
+        return Grid(inverse, growth.volume * self.volume, a, more)  # type: ignore[arg-type]
+
+    def swelling(self, k: "Kinematics") -> PointField:
+        """(J - det G) dV, over det A: what the pressure of an element makes zero."""
+        free = self.dilatation
+        return self.volume * (k.dilatation if free is None else k.dilatation - free)
+
+
+def free_strain(growth: Growth, tangent: Float[Array, "2 *point"]) -> Tensor:
+    """A - 1 in Cartesian components; see the module."""
+    (x, y), along = tangent, jnp.expm1(growth.axial - growth.hoop)
+    across = jnp.expm1(growth.axial - growth.radial)
+    shear = (along - across) * x * y
+    return (
+        (along * x**2 + across * y**2, shear),
+        (shear, along * y**2 + across * x**2),
+    )
 
 
 def local_derivatives(
@@ -80,6 +123,9 @@ def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinemat
     (xx, xy), (yx, yy) = (
         tuple(g[D][0] * d[0][c] + g[D][1] * d[1][c] for D in range(2)) for c in range(2)
     )
+    if grid.strain is not None:
+        (axx, axy), (_, ayy) = grid.strain
+        xx, xy, yx, yy = xx + axx, xy + axy, yx + axy, yy + ayy
     state = PlaneStrain.from_displacement_gradient(
         jnp.stack([jnp.stack([xx, xy]), jnp.stack([yx, yy])])
     )
@@ -103,7 +149,7 @@ class PointTerms(NamedTuple):
         stress: pulled back, [gauss, d, component, ...].
         cofactor: pulled back, the same shape.
         tangent: [gauss, d, d', (xx, yy, xy), ...].
-        constraint: (J - 1) dV.
+        constraint: see `Grid.swelling`.
     """
 
     stress: Array
@@ -158,5 +204,5 @@ def point_terms(
         jnp.stack([stress(a, i) for a, i in both], 1),
         jnp.stack([volume * c[i][a] for a, i in both], 1),
         jnp.stack([tangent(a, b, i, j) for a, b in both for i, j in pairs], 1),
-        volume * k.dilatation,
+        grid.swelling(k),
     )

@@ -1,6 +1,7 @@
 """The deformed solid, recovered from its unknowns: positions, stretches, energy."""
 
 import functools
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,10 +12,52 @@ from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.mechanics.base import Displacements, Profile
 from suas_jax.mechanics.solid.element import NODES, located, node_weights, quadratic
 from suas_jax.mechanics.solid.layout import Layout
+from suas_jax.mechanics.solid.points import free_strain
 from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.prestress import Growth
 
 Nodes = Float[Array, "9 2 layer element lane"]
+
+
+class Material(NamedTuple):
+    """The membrane's material at angles.
+
+    Attributes:
+        law: its law.
+        growth: against its seat; None where it fits.
+        tangent: along the undeformed section at the angles; needed where it has grown.
+    """
+
+    law: AbstractLaw
+    growth: Growth | None = None
+    tangent: Float[Array, "2 *point"] | None = None
+
+    def energy(self, gradient: Float[Array, "2 2 layer *point"]) -> Array:
+        """Strain energy per undeformed volume [J/m^3].
+
+        Args:
+            gradient: of the displacement.
+        """
+        return self.swelling * self.law.energy(self.state(gradient))
+
+    @property
+    def swelling(self) -> Array | float:
+        """Det G."""
+        return 1.0 if self.growth is None else self.growth.volume
+
+    def state(self, gradient: Float[Array, "2 2 layer *point"]) -> PlaneStrain:
+        """The deformation as the law sees it, see `points`.
+
+        Args:
+            gradient: of the displacement.
+        """
+        if self.growth is not None:
+            assert self.tangent is not None
+            rows = free_strain(self.growth, self.tangent[:, None])
+            a = jnp.stack([jnp.stack(jnp.broadcast_arrays(*row)) for row in rows])
+            gradient = gradient + a + jnp.einsum("ij...,jk...->ik...", gradient, a)
+        return PlaneStrain.from_displacement_gradient(gradient)
 
 
 def face_stretch(
@@ -96,7 +139,7 @@ def section(
     u: Nodes,
     x: Nodes,
     inner_stretch: Float[Array, "3 element lane"],
-    law: AbstractLaw,
+    material: Material,
 ) -> Profile:
     """The deformed section at one local coordinate of every element.
 
@@ -107,22 +150,23 @@ def section(
         u: displacements of the nodes.
         x: reference positions of the nodes.
         inner_stretch: of the inner face at its nodes, see `face_stretch`.
-        law: the material.
+        material: of the membrane at the angles.
     """
     outer = (u.shape[2] - 1, 2)
     along = _line(x, xi, outer, 1)
     now = along + _line(u, xi, outer, 1)
     moved = displacements(xi, u)
     nodes = zip(quadratic(xi), inner_stretch, strict=True)
+    free = 1.0 if material.growth is None else jnp.exp(material.growth.hoop)
     return Profile(
         angle=angle,
         rest=rest,
         mid_displacement=moved.mid_displacement,
         inner_displacement=moved.inner_displacement,
         outer_displacement=_line(u, xi, outer, 0),
-        inner_stretch=functools.reduce(jnp.add, [n * stretch for n, stretch in nodes]),
-        outer_stretch=jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(along**2, 0)),
-        energy_density=_mean_energy(xi, u, x, law),
+        inner_stretch=functools.reduce(jnp.add, [n * stretch for n, stretch in nodes]) / free,
+        outer_stretch=jnp.sqrt(jnp.sum(now**2, 0) / jnp.sum(along**2, 0)) / free,
+        energy_density=_mean_energy(xi, u, x, material),
     )
 
 
@@ -153,13 +197,13 @@ def displacement_gradient(
     return jnp.stack([by_x, by_y], 1), area
 
 
-def _mean_energy(xi: Array, u: Nodes, x: Nodes, law: AbstractLaw) -> Array:
+def _mean_energy(xi: Array, u: Nodes, x: Nodes, material: Material) -> Array:
     """Strain-energy density, mean over the thickness."""
     points, weights = gauss_legendre(3, -1.0, 1.0)
     total, volume = jnp.zeros(()), jnp.zeros(())
     for eta, weight in zip(points, weights, strict=True):
         gradient, area = displacement_gradient(xi, jnp.asarray(eta), u, x)
-        density = law.energy(PlaneStrain.from_displacement_gradient(gradient))
+        density = material.energy(gradient)
         total = total + weight * jnp.sum(area * density, 0)
         volume = volume + weight * jnp.sum(area, 0)
     return total / volume

@@ -9,6 +9,7 @@ clamped edge to clamped edge and inner to outer face. The oil's pressure follows
 face; loads are dead forces on the outer one.
 """
 
+import dataclasses
 from typing import ClassVar
 
 import equinox as eqx
@@ -27,6 +28,7 @@ from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
 from suas_jax.mechanics.solid.loads import load_vector
 from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
 from suas_jax.mechanics.solid.shape import (
+    Material,
     displacements,
     face_stretch,
     joined_across,
@@ -38,6 +40,7 @@ from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
+from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -58,6 +61,7 @@ class Solid(AbstractPlaneStrain):
         load: load vector at unit factor, per width [N/m].
         film_volume: see the base class.
         wall: see the base class.
+        growth: see the base class; the grid knows it.
         layers: elements through the thickness.
         symmetric: whether the last station is the crown of a symmetric arch.
     """
@@ -72,6 +76,7 @@ class Solid(AbstractPlaneStrain):
     load: StationVector
     film_volume: Lanes
     wall: Wall | None
+    growth: Growth | None
     layers: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
 
@@ -107,7 +112,7 @@ class Solid(AbstractPlaneStrain):
             return middle + height * at.normal[:, None]
 
         stations, middles = nodes(angles), nodes((angles[1:] + angles[:-1]) / 2)
-        return cls(
+        solid = cls(
             law=law,
             section=geometry.section,
             angles=angles,
@@ -119,7 +124,18 @@ class Solid(AbstractPlaneStrain):
             wall=wall,
             layers=layers,
             symmetric=symmetric,
+            growth=None,
         )
+        return solid if geometry.growth is None else solid.with_growth(geometry.growth)
+
+    def with_growth(self, growth: Growth | None) -> "Solid":
+        """See the base class."""
+        grid = Grid.of(self.layout.corners(self.stations, self.middles))
+        if growth is not None:
+            xi = jnp.asarray(TABLES.xi)[:, None, None]
+            angle = self.angles[:-1] + (xi + 1) / 2 * (self.angles[1:] - self.angles[:-1])
+            grid = grid.grown(growth, self.section.frame(angle).tangent[:, :, None])
+        return dataclasses.replace(self, grid=grid, growth=growth)
 
     @property
     def layout(self) -> Layout:
@@ -130,6 +146,11 @@ class Solid(AbstractPlaneStrain):
     def length_scale(self) -> Lanes:
         """The thickness [m]."""
         return self.section.mean_thickness
+
+    @property
+    def mid_extent(self) -> Lanes:
+        """Length of the mid-line [m]."""
+        return self.section.size * (self.angles[-1] - self.angles[0])
 
     @property
     def clamp_reach(self) -> Lanes:
@@ -171,13 +192,13 @@ class Solid(AbstractPlaneStrain):
     def dilatation(self, q: StationVector) -> Float[Array, "3 layer element lane"]:
         """Moments of J - 1 over every element with 1, xi and eta, relative to its area."""
         u, _ = self.layout.gather(q)
-        change = self.grid.volume * kinematics(self.grid, u).dilatation
+        change = self.grid.swelling(kinematics(self.grid, u))
         return _moments(change) / jnp.sum(self.grid.volume, 0)
 
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """The mixed potential, pressures included; see the base class."""
         u, p = self.layout.gather(q)
-        change = self.grid.volume * kinematics(self.grid, u).dilatation
+        change = self.grid.swelling(kinematics(self.grid, u))
         constraint = jnp.sum(p * _moments(change), (0, 1, 2))
         return super().potential(q, pressure, factor) + constraint
 
@@ -268,7 +289,9 @@ class Solid(AbstractPlaneStrain):
         angle = start + (xi + 1) / 2 * (end - start)
         nodes = self.layout.corners(self.stations, self.middles)
         rest = self.section.inner_face(angle)
-        return section(angle, rest, xi, u, nodes, self._inner_stretch(q), self.law)
+        along = None if self.growth is None else self.section.frame(angle).tangent
+        material = Material(self.law, self.growth, along)
+        return section(angle, rest, xi, u, nodes, self._inner_stretch(q), material)
 
     def at_angle(self, q: StationVector, angle: Lanes) -> Displacements:
         """How the section moves at a reference angle; see the base class."""

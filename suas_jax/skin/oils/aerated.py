@@ -1,5 +1,8 @@
 """Oil with air in it."""
 
+import dataclasses
+from typing import Self
+
 import jax.numpy as jnp
 
 from suas_jax.config.oils.aerated import AeratedOilSpec
@@ -30,3 +33,10 @@ class AeratedOil(AbstractOil):
         oil = (1.0 - self.air_fraction) * jnp.expm1(-pressure / self.bulk_modulus)
         air = -self.air_fraction * pressure / (self.ambient_pressure + pressure)
         return film_volume * (oil + air)
+
+    def warmed(self, growth: Lanes, warmth: Lanes) -> tuple[Self, Lanes]:
+        """Air grows with the absolute temperature; see the base class."""
+        air = self.air_fraction * warmth
+        volume = air + (1.0 - self.air_fraction) * jnp.exp(growth)
+        oil = dataclasses.replace(self, air_fraction=air / volume)
+        return oil, jnp.log(volume)

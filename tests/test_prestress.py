@@ -1,0 +1,323 @@
+"""What a skin carries before anything touches it: warmth, water, filling, mounting."""
+
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from suas_jax.config import (
+    AeratedOilSpec,
+    CompressibleOilSpec,
+    SceneSpec,
+    continuous_inputs,
+    scene_from_dict,
+)
+from suas_jax.config.errors import ConfigError
+from suas_jax.constitutive.deformation import HeldFibre, PlaneStrain, PrincipalStretches
+from suas_jax.constitutive.laws.ogden import Ogden
+from suas_jax.mechanics.solid.points import free_strain
+from suas_jax.scene.gradient import gradient
+from suas_jax.scene.solve import solve
+from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
+from suas_jax.skin.registry import build_oil
+from tests.skins import EPDM, line
+
+RUBBER, WALL, OIL = 1.6e-4, 7e-5, 9.6e-4  # expansions [1/K]
+SIZES = {
+    "inner_radius": "57.5 mm",
+    "thickness": "1.5 mm",
+    "half_angle": "90 deg",
+    "width": "123 mm",
+    "oil_gap": "5 mm",
+}
+# A clamped half-cylinder buckles in an antisymmetric mode, which keeps the oil's volume.
+RADIUS, THICKNESS, MODULUS = 0.05825, 0.0015, 32.6e6
+BUCKLING = 8 * MODULUS * THICKNESS**3 / 3 / RADIUS**2  # hoop force [N/m]
+
+
+def skin(
+    *loads: dict[str, Any],
+    fill: float = 1.0,
+    mounting: float = 0.0,
+    warming: float = 0.0,
+    depth: float = 0.0,
+    pressure: float = 0.0,
+    expansions: tuple[float, float, float] = (RUBBER, WALL, OIL),
+    model: str = "shell",
+    **solid: Any,
+) -> SceneSpec:
+    """The paper's skin with everything named that gives it stress: all share one program."""
+    rubber, wall, oil = expansions
+    numbers = {"mesh": [100, 2]} if model == "solid" else {"elements": 32}
+    loads = (*loads, {"kind": "pressure", "pressure": f"{pressure!r} Pa"})
+    return scene_from_dict(
+        {
+            "geometry": {**SIZES, "mounting": mounting},
+            "material": EPDM | {"expansion": f"{rubber!r} / K", "bulk_modulus": "1e9 GPa"},
+            "wall": {"expansion": f"{wall!r} / K", "bulk_modulus": "1e9 GPa"},
+            "oil": {
+                "model": "compressible",
+                "bulk_modulus": "1 GPa",
+                "fill": fill,
+                "expansion": f"{oil!r} / K",
+            },
+            "environment": {
+                "temperature": f"{20 + warming!r} degC",
+                "depth": f"{depth!r} m",
+            },
+            "load": loads,
+            "solve": {"model": model} | numbers | solid,
+        }
+    )
+
+
+@functools.cache
+def report(**changes: Any) -> dict[str, Any]:
+    """The report of a skin under 5 N at the crown."""
+    return solve(skin(line(0, changes.pop("force", 5.0)), **changes)).report
+
+
+def test_a_skin_that_fits_is_the_one_without_stress() -> None:
+    oil = {"model": "compressible", "bulk_modulus": "1 GPa"}
+    loads = [line(0, 5), {"kind": "pressure", "pressure": "0 Pa"}]
+    tables = {"geometry": SIZES, "material": EPDM, "oil": oil, "load": loads}
+    own = solve(scene_from_dict({**tables, "solve": {"model": "shell", "elements": 32}})).report
+    assert "rest" not in own
+    for key in ("oil_pressure_Pa", "strain_energy_J", "max_displacement_m", "stretch_max"):
+        assert report()[key] == pytest.approx(own[key], rel=1e-9)
+    assert report()["rest"]["max_displacement_m"] < 1e-15
+
+
+def test_water_is_the_same_by_its_depth_and_by_its_pressure() -> None:
+    """Rubber and wall keep their volume; 300 m of water squeeze the oil by 0.3 %."""
+    water = 10.051e3 * 300
+    deep, pressed = report(depth=300.0), report(pressure=water)
+    assert deep["loads"][0]["displacement_m"] > 1.1 * report()["loads"][0]["displacement_m"]
+    assert deep["oil_pressure_Pa"] + water == pytest.approx(
+        pressed["oil_pressure_Pa"], rel=1e-9
+    )
+    for key in ("strain_energy_J", "max_displacement_m", "min_gap_m", "stretch_max"):
+        assert deep[key] == pytest.approx(pressed[key], rel=1e-9)
+
+
+def test_less_oil_softens_and_more_stiffens() -> None:
+    """Three thousandths of the film: 11 % of the displacement, by an independent solve."""
+    moved = [report(fill=x)["loads"][0]["displacement_m"] for x in (0.997, 1.0, 1.003)]
+    assert moved[0] / moved[1] == pytest.approx(1.111, abs=2e-3)
+    assert moved[2] / moved[1] == pytest.approx(0.894, abs=2e-3)
+
+
+def test_equal_expansions_leave_no_stress() -> None:
+    warming, linear = 40.0, 1.6e-4
+    by_volume = ((1 + linear * warming) ** 3 - 1) / warming
+    found = report(force=0.0, warming=warming, expansions=(linear, linear, by_volume))
+    assert found["stretch_min"] == pytest.approx(1, abs=1e-12)
+    assert found["stretch_max"] == pytest.approx(1, abs=1e-12)
+    assert abs(found["oil_pressure_Pa"]) < 1e-12 * MODULUS
+    assert found["max_displacement_m"] < 1e-12 * RADIUS
+
+
+def test_a_membrane_mounted_too_long_buckles_at_the_closed_form() -> None:
+    """N = 4 mu t e in plane strain; e = 2 t^2 / (3 R^2) buckles the clamped half-cylinder."""
+    mismatch = 2e-4
+    rest = report(force=0.0, mounting=mismatch)["rest"]
+    assert rest["hoop_force_N_per_m"] == pytest.approx(
+        -4 * MODULUS * THICKNESS * mismatch, rel=0.02
+    )
+    assert rest["buckling_share"] == pytest.approx(
+        -rest["hoop_force_N_per_m"] / BUCKLING, rel=0.01
+    )
+    assert rest["stable"]
+    critical = 2 * THICKNESS**2 / (3 * RADIUS**2)
+    for share, stable in ((0.95, True), (1.05, False)):
+        found = report(force=0.0, mounting=share * critical)
+        assert found["rest"]["stable"] == stable
+        assert found["status"] == ("converged" if stable else "unstable")
+
+
+def test_a_membrane_mounted_too_short_stiffens_the_skin() -> None:
+    rest = report(mounting=-5e-4)["rest"]
+    assert rest["hoop_force_N_per_m"] > 0
+    assert rest["buckling_share"] < 0
+    assert rest["stiffness_change"] > 0.2
+    assert report(mounting=-5e-4)["max_displacement_m"] < report()["max_displacement_m"]
+
+
+@pytest.mark.long  # the solid's program; of the mechanics the states of strain are compared
+def test_shell_and_solid_agree_under_stress() -> None:
+    for changes in ({"warming": -20.0}, {"mounting": -1e-3, "fill": 0.995}):
+        shell = report(**changes)
+        solid = report(**changes, model="solid", mesh=(200, 2))
+        moved = [x["loads"][0]["displacement_m"] for x in (shell, solid)]
+        assert moved[0] == pytest.approx(moved[1], rel=1e-3)
+        assert shell["oil_pressure_Pa"] == pytest.approx(solid["oil_pressure_Pa"], rel=1e-3)
+
+
+@pytest.mark.long  # a program of derivatives, and solves of fine steps
+def test_derivatives_are_those_of_differences() -> None:
+    path = "loads.0.displacement_m"
+    known = {"fill": 0.998, "mounting": -2e-4, "warming": -5.0, "depth": 50.0}
+    slopes = gradient(solve(skin(line(0, 5), **known)), path)
+    steps = {
+        "oil.fill": ("fill", 1e-5),
+        "geometry.mounting": ("mounting", 1e-6),
+        "environment.temperature": ("warming", 1e-2),
+        "environment.depth": ("depth", 1.0),
+    }
+    for key, (name, step) in steps.items():
+        ends = [
+            report(**(known | {name: known[name] + side * step}))["loads"][0]["displacement_m"]
+            for side in (-1, 1)
+        ]
+        assert slopes[key] == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-5)
+
+
+def test_every_quantity_is_an_input() -> None:
+    wanted = {
+        "oil.fill",
+        "oil.expansion",
+        "material.expansion",
+        "material.bulk_modulus",
+        "wall.expansion",
+        "wall.bulk_modulus",
+        "geometry.mounting",
+        "environment.temperature",
+        "environment.depth",
+    }
+    assert wanted <= set(continuous_inputs(skin()))
+
+
+def test_what_is_not_named_costs_nothing() -> None:
+    tables = {"geometry": SIZES, "material": EPDM}
+    water = {"environment": {"depth": "300 m", "temperature": "4 degC"}}
+    for model in ("vented", "incompressible"):
+        assert not is_prestressed(scene_from_dict({**tables, "oil": {"model": model}, **water}))
+    stiff = {"model": "compressible", "bulk_modulus": "1 GPa"}
+    assert not is_prestressed(scene_from_dict({**tables, "oil": stiff}))
+    assert is_prestressed(scene_from_dict({**tables, "oil": stiff, **water}))
+
+
+def prestress(spec: SceneSpec) -> Prestress:
+    """That of a scene with its own numbers."""
+    numbers = continuous_inputs(spec) | {
+        "reference.temperature": spec.reference.temperature,
+        "reference.pressure": spec.reference.pressure,
+        "environment.specific_weight": 10.051e3,
+        "environment.atmospheric_pressure": 101.3e3,
+    }
+    return Prestress.of(spec, lambda path: jnp.array([numbers[path]]))
+
+
+def test_free_sizes_are_those_of_the_closed_form() -> None:
+    """A free ring: (1 + alpha dT) (1 - dP / 3K), and of the wall the same."""
+    table = {
+        "geometry": SIZES | {"mounting": "0.1 %"},
+        "material": EPDM | {"expansion": "1.6e-4 / K", "bulk_modulus": "2 GPa"},
+        "wall": {"expansion": "7e-5 / K", "bulk_modulus": "3 GPa"},
+        "oil": {"model": "compressible", "bulk_modulus": "1.1 GPa"},
+        "environment": {"depth": "300 m", "temperature": "4 degC"},
+    }
+    found = prestress(scene_from_dict(table))
+    rise = 300 * 10.051e3
+    rubber = (1 - 16 * 1.6e-4) * (1 - rise / 6e9)
+    wall = (1 - 16 * 7e-5) * (1 - rise / 9e9)
+    assert found.growth is not None
+    assert float(jnp.exp(found.growth.radial)[0]) == pytest.approx(rubber / wall, rel=1e-14)
+    assert float(jnp.exp(found.growth.hoop)[0]) == pytest.approx(1.001 * rubber / wall)
+    assert float(found.growth.axial[0]) == pytest.approx(float(found.growth.radial[0]))
+    assert found.scale is not None
+    assert float(found.scale[0]) == pytest.approx(wall, rel=1e-14)
+
+
+def oil_of(spec: CompressibleOilSpec | AeratedOilSpec) -> Any:
+    """The model of an oil."""
+    return build_oil(spec, lambda key: jnp.asarray(getattr(spec, key))[None])
+
+
+def test_sealed_oil_follows_the_closed_form() -> None:
+    """Volume fill (1 + beta dT) exp(-(p + dP)/K) of the film's when it was closed."""
+    oil = ContainedOil(
+        oil_of(CompressibleOilSpec(bulk_modulus=1e9)),
+        jnp.log(jnp.array([0.998 * (1 + 9.6e-3)])),
+        jnp.array([3e6]),
+    )
+    film, p = jnp.array([9e-4]), jnp.array([2e5])
+    wanted = 9e-4 * (0.998 * (1 + 9.6e-3) * np.exp(-3.2e6 / 1e9) - 1)
+    np.testing.assert_allclose(oil.expansion(p, film), wanted, rtol=1e-12)
+    np.testing.assert_allclose(oil.compliance(p, film), -(9e-4 + wanted) / 1e9, rtol=1e-12)
+
+
+def test_air_in_the_oil_grows_with_the_absolute_temperature() -> None:
+    plain = oil_of(AeratedOilSpec(air_fraction=0.02, bulk_modulus=1e30))
+    warm, volume = plain.warmed(jnp.log(jnp.array([1.0096])), jnp.array([303.15 / 293.15]))
+    oil, p = ContainedOil(warm, volume, jnp.zeros(1)), 5e4
+    wanted = 0.98 * 1.0096 + 0.02 * 303.15 / 293.15 * 101.3e3 / (101.3e3 + p)
+    np.testing.assert_allclose(
+        oil.expansion(jnp.array([p]), jnp.ones(1)), wanted - 1, rtol=1e-12
+    )
+
+
+GROWTH = Growth(jnp.array([2e-3]), jnp.array([-1e-3]), jnp.array([4e-3]))
+
+
+@pytest.mark.parametrize("stretch", [0.7, 1.0, 1.3])
+def test_laws_see_the_stretch_less_the_growth(stretch: float) -> None:
+    """A fibre of the shell and a point of the solid against the three principal stretches."""
+    law = Ogden([6.3e5, 0.012e5, -0.1e5], [1.3, 5.0, -2.0])
+    h, a, r = (float(x[0]) for x in (GROWTH.hoop, GROWTH.axial, GROWTH.radial))
+    hoop, axial = stretch / np.exp(h), np.exp(-a)
+    wanted = law.energy(PrincipalStretches(*map(jnp.array, (hoop, 1 / hoop / axial, axial))))
+    fibre = HeldFibre(jnp.array(hoop**2 * axial - 1), jnp.array(-a))
+    np.testing.assert_allclose(law.energy(fibre), wanted, rtol=1e-10)
+    turn = 0.4
+    t, n = np.array([np.cos(turn), -np.sin(turn)]), np.array([np.sin(turn), np.cos(turn)])
+    across = np.exp(h + a + r) / stretch
+    f = stretch * np.outer(t, t) + across * np.outer(n, n)
+    free = np.array(jax.tree.map(lambda x: float(x[0]), free_strain(GROWTH, t[:, None])))
+    state = PlaneStrain.from_displacement_gradient(
+        jnp.asarray(f @ (np.eye(2) + free) - np.eye(2))
+    )
+    np.testing.assert_allclose(law.energy(state), wanted, rtol=1e-10)
+    assert float(state.dilatation) == pytest.approx(np.expm1(3 * a), rel=1e-9)
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"oil": {"model": "vented", "fill": 0.99}}, "oil.fill"),
+    ({"oil": {"model": "incompressible", "fill": 0}}, "oil.fill"),
+    ({"geometry": SIZES | {"mounting": "80 %"}}, "geometry.mounting"),
+    ({"geometry": SIZES | {"mounting_axial": "0.1 %"}}, "geometry.mounting_axial"),
+    ({"environment": {"temperature": "-300 degC"}}, "environment.temperature"),
+    ({"environment": {"temperature": "4"}}, "environment.temperature"),
+    ({"wall": {"expansion": "7e-5 mm"}}, "wall.expansion"),
+    (
+        {"wall": {"expansion": "0.01 / K"}, "environment": {"temperature": "90 degC"}},
+        "wall.expansion",
+    ),
+    (
+        {"wall": {"bulk_modulus": "1 MPa"}, "environment": {"depth": "300 m"}},
+        "wall.bulk_modulus",
+    ),
+    ({"reference": {"pressure": "-1 Pa"}}, "reference.pressure"),
+]
+
+
+@pytest.mark.parametrize(("change", "key"), WRONG)
+def test_what_can_t_be_is_refused_by_its_key(change: dict[str, Any], key: str) -> None:
+    table = {"geometry": SIZES, "material": EPDM, "oil": {"model": "incompressible"}}
+    with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
+        scene_from_dict(table | change)
+
+
+def test_temperatures_are_read_in_celsius_and_kelvin() -> None:
+    def read(text: str) -> float:
+        table = {"geometry": SIZES, "material": EPDM, "oil": {"model": "incompressible"}}
+        spec = scene_from_dict(table | {"environment": {"temperature": text}})
+        assert spec.environment is not None
+        assert spec.environment.temperature is not None
+        return spec.environment.temperature
+
+    assert read("20 degC") == read("293.15 K") == read("20 °C") == 293.15
+    assert read("20 degC +- 5 K").deviation == 5.0  # type: ignore[attr-defined]
