@@ -237,7 +237,8 @@ TABLES = [
     (
         {"material": {"preset": '"epdm-paper"', "mu": '"1 Pa"'}},
         'material.mu = "1 Pa"',
-        "unknown key|allowed: C1, C2, C3, response, relaxation, softening or density|"
+        "unknown key|allowed: C1, C2, C3, response, relaxation, softening, density, expansion "
+        "or bulk_modulus|"
         'preset = "epdm-paper"',
     ),
     (

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from suas_jax.scene.report_keys import LOAD_KEYS, REPORT_KEYS, TAXEL_KEYS
+from suas_jax.scene.report_keys import LOAD_KEYS, REPORT_KEYS, REST_KEYS, TAXEL_KEYS
 
 HEAD = """# JSON reports
 
@@ -26,6 +26,7 @@ def page() -> str:
             _table("suas solve", REPORT_KEYS),
             _table("An entry of `loads`", LOAD_KEYS),
             _table("An entry of `taxels`", TAXEL_KEYS),
+            _table("`rest`", REST_KEYS),
         ]
     )
 

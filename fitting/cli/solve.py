@@ -172,6 +172,8 @@ def _print_report(report: dict[str, Any]) -> None:
     if report["wall"] is not None:
         force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
         table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
+    if report.get("rest"):
+        table.add_row("at rest", _stress(report["rest"]))
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
     if so:
         text = f"{min(so):.5g} to {max(so):.5g} counts"
@@ -193,6 +195,19 @@ def _print_report(report: dict[str, Any]) -> None:
         "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
     )
     console.print(table)
+
+
+def _stress(rest: dict[str, Any]) -> str:
+    """What the skin carries without its loads."""
+    if not rest["stable"] and len(rest) == 1:
+        return "[red]no stable state[/]"
+    force, share = rest["hoop_force_N_per_m"], 100 * rest["buckling_share"]
+    text = f"hoop force {force:.4g} N/m"
+    if share > 0:
+        text += f", {share:.3g} % of what buckles the skin"
+    if rest["stiffness_change"] is not None:
+        text += f"; stiffness under the loads {100 * rest['stiffness_change']:+.3g} %"
+    return text
 
 
 def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:

@@ -66,6 +66,9 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
     if geometry is not None and geometry.mounting_axial is not None and geometry.dimension == 2:
         advice = 'belongs to three dimensions; take it out, or set geometry.ends = "clamped"'
         found.append(Contradiction("geometry.mounting_axial", advice))
+    oil = tables.get("oil")
+    if oil is not None and oil.fill is not None and not oil.trapped:
+        found.append(Contradiction("oil.fill", "vented oil flows freely; take it out"))
     if tables.get("environment") is not None:
         found += _out_of_proportion(tables)
     return found

@@ -151,6 +151,10 @@ class LawSpec(Spec):
         table = {"law": self.law} | {key: shown(key, getattr(self, key)) for key in keys}
         if self.density is not None:
             table["density"] = f"{self.density:.12g} kg/m^3"
+        if self.expansion is not None:
+            table["expansion"] = f"{self.expansion:.12g} / K"
+        if self.bulk_modulus is not None:
+            table["bulk_modulus"] = f"{self.bulk_modulus / 1e6:.12g} MPa"
         return table | {
             key: part.table() for key, part in inelastic.items() if part is not None
         }

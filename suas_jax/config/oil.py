@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 from typing import Annotated, Any, ClassVar
 
-from pydantic import Field, PlainValidator, ValidationInfo, field_validator
+from pydantic import Field, PlainValidator, ValidationInfo
 
 from suas_jax.config.fields import (
     Expansion,
@@ -101,10 +101,3 @@ class OilSpec(Spec):
 
     trapped: ClassVar[bool] = True
     yields: ClassVar[bool] = True
-
-    @field_validator("fill")
-    @classmethod
-    def _of_what_is_trapped(cls, fill: float | None) -> float | None:
-        if fill is not None and not cls.trapped:
-            raise ValueError("has no effect on oil that flows freely; take it out")
-        return fill

@@ -36,6 +36,7 @@ from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.solve import solve
 from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import Sweep, SweepError
+from suas_jax.skin.prestress import is_prestressed
 
 MOST_ROWS = 100_000
 _COLUMNS = ("force_N", "factor")
@@ -107,7 +108,8 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
         A report for each row, with `t_s`.
 
     Raises:
-        SweepError: the loads can't be scaled so, or the model is not the shell.
+        SweepError: the loads can't be scaled so, the model is not the shell, or the skin
+            carries stress at rest.
         ValueError: the scene is three-dimensional.
         Float64Error: float64 is off.
     """
@@ -115,6 +117,11 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     scene.require_plane_strain("a history")
     if scene.solve.model == "solid":
         raise SweepError('a history works with the shell; set solve.model = "shell"')
+    if is_prestressed(scene):
+        raise SweepError(
+            "a history begins free of stress: take out what gives the skin stress at rest "
+            "([oil] fill, [geometry] mounting, [environment] temperature and depth)"
+        )
     levels = _levels(scene, history)
     scene = with_solve(scene, model="shell", mesh=None, oil_pressure=None)
     errors = _Errors.at(scene, float(np.max(np.abs(levels))))

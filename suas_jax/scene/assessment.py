@@ -83,7 +83,6 @@ def assess(
             change = jax.tree.map(lambda a, b: a - b, shown, state)
         forces = force_balance(solved, found)
         origin, start = problem, state
-
     values = key_quantities(problem.mechanics, state, parts.forces)
     scales = error_scales(problem, values)
     by_model = [jnp.zeros_like(x) for x in values]
