@@ -99,7 +99,7 @@ def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
     )
     angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
     net = net_of(NetTopology(arc, axial), THICK.section, angles, positions)
-    return Pad(law, THICK.section, net, points, 1e-4 * ONE, None)
+    return Pad(law, THICK.section, net, points, 1e-4 * ONE, None, None)
 
 
 CASES = {
@@ -235,7 +235,7 @@ def density(u: np.ndarray, angle: np.ndarray, law: AbstractLaw = EPDM) -> np.nda
 @pytest.mark.parametrize("law", [EPDM, pytest.param(RUBBER, marks=pytest.mark.long)])
 def test_resultants_are_derivatives_of_the_energy(law: AbstractLaw) -> None:
     rest = Rest.of(SKIN.section, jnp.linspace(-1.5, 1.5, 7))
-    fibres = layers(3, rest)
+    fibres = layers(3, rest, None)
 
     def energy(six: jax.Array, s: Surface) -> jax.Array:
         rows = [x[None] for x in six]
