@@ -178,7 +178,7 @@ class Shell(AbstractPlaneStrain):
 
     def fibres(self, at: Frame) -> Fibres:
         """The material through the thickness."""
-        return Fibres(self.law, at.curvature, at.thickness, self.layers, self.growth)
+        return Fibres(self.law, at.curvature, at.thickness, self.layers, growth=self.growth)
 
     @property
     def _material(self) -> Fibres:
