@@ -1,21 +1,25 @@
 """Loads over time: the update in closed form, an independent program's creep, limits, files."""
 
 import csv
+import dataclasses
 import itertools
 import json
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from test_cli import SCENES, suas
 
-from suas_jax import load_scene, solve, with_inputs, with_solve
+from suas_jax import continuous_inputs, load_scene, solve, with_inputs, with_solve
 from suas_jax.constitutive.relaxation import Past, PronySeries
 from suas_jax.dynamics import history, steps
 from suas_jax.dynamics.history import History, history_sweep, read_history
+from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.sweep import SweepError
 
 HOLD = SCENES / "hold.toml"
@@ -45,6 +49,38 @@ def test_a_stress_that_grows_evenly_needs_one_step() -> None:
 
 
 SERIES_NUMBERS = ((0.15, 0.10), (0.5, 10.0))
+
+
+@pytest.mark.parametrize(("model", "counts"), [("shell", (4,)), ("solid", (4, 1))])
+def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
+    model: str, counts: Any
+) -> None:
+    scene = load_scene(HOLD)
+    problem = build_problem(scene, plan_for(scene, model, counts), continuous_inputs(scene))
+    membrane: Any = problem.mechanics
+    random = np.random.default_rng(1)
+    q = jnp.asarray(2e-4 * random.standard_normal(membrane.rest().shape))
+    stress = membrane.deviator(q)
+    past = Past(stress, jnp.stack([0.1 * stress, 0.05 * stress[::-1]]))
+    membrane = dataclasses.replace(membrane, response=past.seen(SERIES, jnp.asarray(0.2)))
+    given = jnp.full(1, 3e3), jnp.ones(1)
+
+    @eqx.filter_jit
+    def both(membrane: Any, q: Any, along: Any) -> Any:
+        def force(q: Any) -> Any:
+            return membrane.assemble(q, *given).residual
+
+        slope = jax.grad(lambda q: membrane.potential(q, *given).sum())(q)
+        a = membrane.assemble(q, *given)
+        along = jnp.where(a.residual != 0, along, 0.0)  # what is held has no force
+        return a.residual, slope, jax.jvp(force, (q,), (along,))[1], a.tangent.mv(along)
+
+    along = jnp.asarray(random.standard_normal(q.shape))
+    force, slope, change, product = (np.asarray(x) for x in both(membrane, q, along))
+    free = force != 0
+    for found, wanted in ((force, slope), (product, change)):
+        error = np.abs(found - wanted)[free].max()
+        assert error < 1e-9 * np.abs(found).max()
 
 
 def test_the_update_is_of_order_two() -> None:
@@ -160,6 +196,23 @@ def test_cycles_dissipate() -> None:
     assert np.all(np.diff(np.append(0.0, cycles)) > 0.01 * np.max(work))
 
 
+# Programs of the solid; its forces have a test above.
+@pytest.mark.long
+def test_the_solid_creeps_like_the_independent_continuum(
+    reference: list[dict[str, float]],
+) -> None:
+    rows = [(0.0, 0.0), *((row["t_s"], row["force_N"]) for row in reference)]
+    scene = with_solve(load_scene(HOLD), model="solid", mesh=(120, 2))
+    time, force = np.array(rows).T
+    for point, row in zip(
+        history_sweep(scene, History(time, "force_N", force)).points[1:], reference, strict=True
+    ):
+        assert point["model"] == "solid"
+        moved = point["loads"][0]["inner_displacement_m"]
+        assert moved == pytest.approx(row["inner_displacement_m"], rel=5e-4)
+        assert point["oil_pressure_Pa"] == pytest.approx(row["oil_pressure_Pa"], rel=3e-4)
+
+
 # Programs with the wall; its equilibria have tests of their own.
 @pytest.mark.long
 def test_the_wall_holds_what_creeps_onto_it() -> None:
@@ -203,6 +256,4 @@ def test_what_a_history_cannot_move() -> None:
     given = History(np.array([0.0]), "force_N", np.array([1.0]))
     with pytest.raises(SweepError, match="no load with a force"):
         history_sweep(load_scene(SCENES / "film.toml"), given)
-    with pytest.raises(SweepError, match="works with the shell"):
-        history_sweep(with_solve(load_scene(HOLD), model="solid"), given)
     suas("sweep", str(HOLD), status=2)

@@ -33,7 +33,7 @@ from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.program import inputs_of
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.solve import solve
+from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import Sweep, SweepError
 from suas_jax.skin.prestress import is_prestressed
@@ -96,8 +96,9 @@ def read_history(file: Path) -> History:
 def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     """Follow a scene through its history.
 
-    The mesh is that of a curve, its error and the model's are those of the elastic solve of the
-    largest load with the long-term law; `time_error` adds those of the time steps.
+    The mesh is that of a curve. Its error and the model's are those of the elastic solve of the
+    largest load with the long-term law, which also says whether `auto` takes the solid;
+    `time_error` adds those of the time steps.
 
     Args:
         scene: in plane strain; its material's `relaxation` is its memory, without one it
@@ -108,22 +109,19 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
         A report for each row, with `t_s`.
 
     Raises:
-        SweepError: the loads can't be scaled so, the model is not the shell, or the skin
-            carries stress at rest.
+        SweepError: the loads can't be scaled so, or the skin carries stress at rest.
         ValueError: the scene is three-dimensional.
         Float64Error: float64 is off.
     """
     require_float64()
     scene.require_plane_strain("a history")
-    if scene.solve.model == "solid":
-        raise SweepError('a history works with the shell; set solve.model = "shell"')
     if is_prestressed(scene):
         raise SweepError(
             "a history begins free of stress: take out what gives the skin stress at rest "
             "([oil] fill, [geometry] mounting, [environment] temperature and depth)"
         )
     levels = _levels(scene, history)
-    scene = with_solve(scene, model="shell", mesh=None, oil_pressure=None)
+    scene = with_solve(scene, oil_pressure=None)
     errors = _Errors.at(scene, float(np.max(np.abs(levels))))
     points = _Follower(scene, errors).points(history.time, levels)
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
@@ -171,10 +169,21 @@ class _Errors(NamedTuple):
             for key, value in inputs.items()
             if key.startswith("load.") and key.endswith((".force", ".pressure"))
         }
-        model = MODELS[2]["shell"]
-        (elements,) = model.given(scene) or model.first_of_sweep(scene)
         held = with_inputs(_responding(scene, "long-term"), loads)
-        found = solve(with_solve(held, elements=elements))
+
+        def solved(name: str) -> Solution:
+            model = MODELS[2][name]
+            counts = model.given(scene) or model.first_of_sweep(scene)
+            mesh = counts[0] if len(counts) == 1 else counts
+            meshes = {other.setting: None for other in MODELS[2].values()}
+            settings: dict[str, Any] = {**meshes, "model": name, model.setting: mesh}
+            return solve(with_solve(held, **settings))
+
+        given, rtol = scene.solve.model, scene.rtol
+        found = solved("solid" if given == "solid" or scene.solve.mesh else "shell")
+        unmet = found.converged and not (found.report["model_error"] or 0.0) <= rtol
+        if given == "auto" and found.plan.model == "shell" and unmet:
+            found = solved("solid")
         report = found.report
         if found.converged and report["error_estimate"] is not None:
             return cls(found.plan, report["discretisation_error"], report["model_error"])
@@ -234,17 +243,12 @@ class _Follower:
                 "discretisation_error": self.errors.mesh,
                 "model_error": self.errors.model,
             }
-            told = {"model": "shell", "reason": "", "unknowns": self._unknowns}
+            told = {"model": self.errors.plan.model, "reason": ""}
             report = report_of(self.scene, plain(reports, i) | errors, outcome | told)
             report["strain_energy_J"] = None  # what dissipates is no stored energy
             report |= {"time_error": outcome["time_error"], "time_steps": outcome["steps"]}
             points.append({"t_s": outcome["t_s"], **report})
         return points, jax.tree.map(jnp.asarray, last)
-
-    @property
-    def _unknowns(self) -> int:
-        dof, stations = self.errors.plan.unknowns_shape
-        return dof * stations - 6 + int(self.scene.oil.trapped)
 
 
 def history_of(time: Sequence[float], **values: Sequence[float]) -> History:

@@ -29,6 +29,7 @@ from suas_jax.equilibrium.load_path import follow
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.numerics.bordered_solve import BorderedVector
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
@@ -91,9 +92,9 @@ class Rows(NamedTuple):
 def at_rest(scene: Structure, plan: AbstractPlan, inputs: Inputs, time: Array) -> Moment:
     """A skin that has always been at rest."""
     problem, series = _problem(scene, plan, inputs)
-    shell = _shell(problem)
-    zero, rest = jnp.zeros(1), shell.rest()
-    past = Past.none(series, shell.deviator(rest).shape)
+    membrane = _membrane(problem)
+    zero, rest = jnp.zeros(1), membrane.rest()
+    past = Past.none(series, membrane.deviator(rest).shape)
     none, count = jnp.zeros(()), jnp.zeros(1, jnp.int32)
     return Moment(
         jnp.asarray(time, float),
@@ -123,8 +124,8 @@ def _problem(
     return problem_of(parts, plan, wall=scene.wall), series
 
 
-def _shell(problem: Problem) -> Shell:
-    assert isinstance(problem.mechanics, Shell)
+def _membrane(problem: Problem) -> Shell | Solid:
+    assert isinstance(problem.mechanics, Shell | Solid)
     return problem.mechanics
 
 
@@ -168,15 +169,17 @@ def through(
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        relaxed = dataclasses.replace(_shell(problem), response=now.past.relaxed(series))
+        relaxed = dataclasses.replace(_membrane(problem), response=now.past.relaxed(series))
         settled = dataclasses.replace(problem, mechanics=relaxed)
         check, change = verify(settled, now.state)
-        assert change is not None  # the shell's
-        shown = jax.tree.map(lambda a, b: a + b, now.state, change)
+        shown = now.state
+        if change is not None:
+            shown = jax.tree.map(lambda a, b: a + b, shown, change)
         report = observe(parts, settled, shown, now.state)
         report["volume_residual"] = volume_residual(settled, now.state)
         report["stable"] = check.stable
         del report["in_domain"]
+        unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
         outcome = {
             "result": now.result,
             "level": now.state.factor,
@@ -184,6 +187,7 @@ def through(
             "time_error": now.error[None],
             "steps": now.steps[None],
             "t_s": now.time[None],
+            "unknowns": jnp.full_like(now.result, unknowns),
         }
         return now, (report, outcome)
 
@@ -205,11 +209,11 @@ def _step(
     time = jnp.where(arrived, row.end, now.time + step)
     share = (time - row.begin) / jnp.where(row.end > row.begin, row.end - row.begin, 1.0)
     level = row.first + jnp.where(row.end > row.begin, share, 1.0) * (row.final - row.first)
-    shell = dataclasses.replace(_shell(problem), response=now.past.seen(series, step))
+    membrane = dataclasses.replace(_membrane(problem), response=now.past.seen(series, step))
     trapped = problem.oil.trapped
     y = BorderedVector(now.state.q, now.state.pressure if trapped else None)
     root = follow(
-        dataclasses.replace(problem, mechanics=shell),
+        dataclasses.replace(problem, mechanics=membrane),
         y,
         now.state.factor,
         jnp.broadcast_to(level, now.state.factor.shape),
@@ -217,7 +221,7 @@ def _step(
         near=True,
     )
     found = Equilibrium.of(problem, root)
-    stress = shell.deviator(found.state.q)
+    stress = membrane.deviator(found.state.q)
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
     bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))

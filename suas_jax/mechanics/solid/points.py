@@ -14,6 +14,9 @@ A membrane that has grown by G against its seat is strained by F G^-1, in its pl
 plane and of 1 along the axis: plane strain again, of a volume g_a^3, over other axes::
 
     F' = F A,     A = g_a G^-1,     j' = det F' - 1 = g_a^3 - 1
+
+In a material with a past (`suas_jax.constitutive.relaxation`) a step's stress is a share of the
+law's and a rest S that is known, with the energy S : (C - 1) / 2 and P = F S.
 """
 
 from typing import NamedTuple, TypeAlias
@@ -24,6 +27,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.solid.element import TABLES, mixed
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.jet import second_order
@@ -104,12 +108,14 @@ class Kinematics(NamedTuple):
         dilatation: j.
         deviator: D, pulled back to local coordinates [component][d].
         cofactor: cof F, pulled back.
+        gradient: F - 1 by reference coordinates [component][D].
     """
 
     distortion: PointField
     dilatation: PointField
     deviator: Tensor
     cofactor: Tensor
+    gradient: Tensor
 
 
 def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinematics:
@@ -139,7 +145,8 @@ def kinematics(grid: Grid, u: Float[Array, "9 2 layer element lane"]) -> Kinemat
         )
         return (aa, ab), (ba, bb)
 
-    return Kinematics(state.distortion, state.dilatation, pulled(deviator), pulled(cofactor))
+    strain = state.distortion, state.dilatation
+    return Kinematics(*strain, pulled(deviator), pulled(cofactor), ((xx, xy), (yx, yy)))
 
 
 class PointTerms(NamedTuple):
@@ -158,8 +165,49 @@ class PointTerms(NamedTuple):
     constraint: PointField
 
 
+def remembered_stress(
+    law: AbstractLaw, k: Kinematics
+) -> Float[Array, "3 gauss layer element lane"]:
+    """Deviator of the law's stress, pulled back: S by reference coordinates, (XX, YY, XY) [Pa].
+
+    Args:
+        law: the material.
+        k: kinematics at the points.
+    """
+
+    def energy(distortion: Array, dilatation: Array) -> Array:
+        return law.energy(PlaneStrain(distortion, dilatation))
+
+    w = second_order(energy, k.distortion, k.dilatation, once=law.in_stretches)
+    (xx, xy), (yx, yy) = k.gradient
+    f = ((1 + xx, xy), (yx, 1 + yy))
+    cofactor = ((f[1][1], -f[1][0]), (-f[0][1], f[0][0]))
+
+    def piola(c: int, D: int) -> Array:
+        return 2 * w.x * (f[c][D] - cofactor[c][D]) + w.y * cofactor[c][D]
+
+    def entry(D: int, E: int) -> Array:
+        pulled = sum(cofactor[c][D] * piola(c, E) for c in range(2))
+        return pulled / (1 + k.dilatation)
+
+    return jnp.stack([entry(0, 0), entry(1, 1), entry(0, 1)])
+
+
+def rest_energy(k: Kinematics, response: Response) -> PointField:
+    """Energy S : (C - 1) / 2 of the stress that the past leaves [J/m^3]."""
+    (xx, xy), (yx, yy) = k.gradient
+    first, second = 2 * xx + xx**2 + yx**2, 2 * yy + yy**2 + xy**2
+    mixed = (1 + xx) * xy + yx * (1 + yy)
+    along, across, shear = response.rest
+    return (along * first + across * second) / 2 + shear * mixed
+
+
 def point_terms(
-    law: AbstractLaw, grid: Grid, k: Kinematics, pressure: PointField
+    law: AbstractLaw,
+    grid: Grid,
+    k: Kinematics,
+    pressure: PointField,
+    response: Response | None = None,
 ) -> PointTerms:
     """Stress and tangent at the quadrature points.
 
@@ -168,10 +216,12 @@ def point_terms(
         grid: reference geometry.
         k: kinematics there.
         pressure: p, the Lagrange multiplier of J = 1.
+        response: of a material with a past; None of an elastic one.
     """
 
     def energy(distortion: Array, dilatation: Array) -> Array:
-        return law.energy(PlaneStrain(distortion, dilatation))
+        density = law.energy(PlaneStrain(distortion, dilatation))
+        return density if response is None else response.share * density
 
     w = second_order(energy, k.distortion, k.dilatation, once=law.in_stretches)
     g, volume = grid.inverse, grid.volume
@@ -185,8 +235,25 @@ def point_terms(
     ]
     area = (bulk - shear) * volume * (g[0][0] * g[1][1] - g[0][1] * g[1][0])
 
+    rest = None
+    if response is not None:
+        (xx, xy), (yx, yy) = k.gradient
+        f = ((1 + xx, xy), (yx, 1 + yy))
+        along, across, both = response.rest
+        s = ((along, both), (both, across))
+        each = [(D, E) for D in range(2) for E in range(2)]
+        for a in range(2):
+            for b in range(2):
+                pulled = sum(g[D][a] * g[E][b] * s[D][E] for D, E in each)
+                metric[a][b] = metric[a][b] + volume * pulled
+        rest = [
+            [sum(f[i][E] * s[E][D] * g[D][a] for D, E in each) for a in range(2)]
+            for i in range(2)
+        ]
+
     def stress(a: int, i: int) -> Array:
-        return volume * (shear * d[i][a] + bulk * c[i][a])
+        own = shear * d[i][a] + bulk * c[i][a]
+        return volume * (own if rest is None else own + rest[i][a])
 
     def tangent(a: int, b: int, i: int, j: int) -> Array:
         by_deviator = mm * d[j][b] + mj * c[j][b]

@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import Assembly, ContactState, Displacements, Profile, largest
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.solid.contact import InnerFace
@@ -26,7 +27,14 @@ from suas_jax.mechanics.solid.element import TABLES, mixed
 from suas_jax.mechanics.solid.enclosed_volume import enclosed_volume, follower
 from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
 from suas_jax.mechanics.solid.loads import load_vector
-from suas_jax.mechanics.solid.points import Grid, Kinematics, kinematics, point_terms
+from suas_jax.mechanics.solid.points import (
+    Grid,
+    Kinematics,
+    kinematics,
+    point_terms,
+    remembered_stress,
+    rest_energy,
+)
 from suas_jax.mechanics.solid.shape import (
     Material,
     displacements,
@@ -64,6 +72,8 @@ class Solid(AbstractPlaneStrain):
         growth: see the base class; the grid knows it.
         layers: elements through the thickness.
         symmetric: whether the last station is the crown of a symmetric arch.
+        response: of a material with a past at the quadrature points, its rest by reference
+            coordinates (XX, YY, XY); None of an elastic one.
     """
 
     resolves_loads: ClassVar[bool] = True
@@ -79,6 +89,7 @@ class Solid(AbstractPlaneStrain):
     growth: Growth | None
     layers: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
+    response: Response | None = None
 
     @classmethod
     def build(
@@ -181,7 +192,14 @@ class Solid(AbstractPlaneStrain):
         return int(self._mask().sum()) + inside
 
     def _energy(self, k: Kinematics) -> Array:
-        return self.law.energy(PlaneStrain(k.distortion, k.dilatation))
+        energy = self.law.energy(PlaneStrain(k.distortion, k.dilatation))
+        if self.response is None:
+            return energy
+        return self.response.share * energy + rest_energy(k, self.response)
+
+    def deviator(self, q: StationVector) -> Float[Array, "3 gauss layer element lane"]:
+        """Instantaneous stress that the material remembers; see `remembered_stress`."""
+        return remembered_stress(self.law, kinematics(self.grid, self.layout.gather(q)[0]))
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy per width [J/m]."""
@@ -239,7 +257,8 @@ class Solid(AbstractPlaneStrain):
         """Residual, tangent and border at a trial state; see the base class."""
         u, p = self.layout.gather(q)
         at_points = mixed(TABLES.modes, p)
-        terms = point_terms(self.law, self.grid, kinematics(self.grid, u), at_points)
+        k = kinematics(self.grid, u)
+        terms = point_terms(self.law, self.grid, k, at_points, self.response)
         tail = u.shape[2:]
         internal = mixed(TABLES.force, _paired(terms.stress)).reshape(9, 2, *tail)
         tangent = terms.tangent.reshape(-1, 3, *tail)
