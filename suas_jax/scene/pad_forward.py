@@ -36,6 +36,7 @@ from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.prestress import ContainedOil
 from suas_jax.skin.wall import Wall
 
 ELEMENTS = (24, 20)
@@ -122,6 +123,11 @@ class PadSkin(eqx.Module):
     electrodes: Electrodes
     wall: Wall | None = None
     elements: tuple[int, int] = eqx.field(static=True, default=ELEMENTS)
+
+    @property
+    def prestressed(self) -> bool:
+        """Whether rest is another state than the undeformed one."""
+        return self.geometry.growth is not None or isinstance(self.oil, ContainedOil)
 
     def plan(self, patches: Patches, slots: int | None = None) -> PadPlan:
         """A mesh graded around contacts; every such mesh serves the same compiled program.

@@ -12,6 +12,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from suas_jax.equilibrium.balance import Problem, State, border_of, residual
+from suas_jax.equilibrium.continuation import LoadStepping
+from suas_jax.equilibrium.load_path import settled
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector, eliminate
@@ -86,11 +88,8 @@ def readings_along(
             from, see `extrapolation`.
     """
     problem = skin.problem(patches, plan)
-    rest = problem.mechanics.rest()
-    border = jnp.zeros(1) if problem.oil.trapped else None
-    history = jax.tree.map(
-        lambda x: jnp.zeros((len(levels), *x.shape)), BorderedVector(rest, border)
-    )
+    rest = settled(problem, 1, LoadStepping()).y
+    history = jax.tree.map(lambda x: jnp.zeros((len(levels), *x.shape)).at[0].set(x), rest)
 
     def visit(history: BorderedVector, step: tuple[Array, ...]) -> tuple[Any, PadReadings]:
         index, level, weight = step
