@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from suas_jax.config import (
+    LAWS,
     AeratedOilSpec,
     CompressibleOilSpec,
     SceneSpec,
     continuous_inputs,
+    input_errors,
     scene_from_dict,
 )
 from suas_jax.config.errors import ConfigError
@@ -321,3 +323,31 @@ def test_temperatures_are_read_in_celsius_and_kelvin() -> None:
 
     assert read("20 degC") == read("293.15 K") == read("20 °C") == 293.15
     assert read("20 degC +- 5 K").deviation == 5.0  # type: ignore[attr-defined]
+
+
+def test_a_substance_brings_its_typical_figures_and_their_deviation() -> None:
+    table = {
+        "geometry": SIZES,
+        "material": EPDM | {"expansion": "EPDM"},
+        "oil": {"model": "compressible", "bulk_modulus": "silicone-oil"},
+        "wall": {"expansion": "PLA"},
+    }
+    spec = scene_from_dict(table)
+    assert spec.wall.expansion == 7e-5
+    assert len(input_errors(spec)) == 3  # the defaults: nothing is warm or deep
+    warm = scene_from_dict(table | {"environment": {"temperature": "30 degC"}})
+    assert {"material.expansion", "oil.bulk_modulus"} <= set(input_errors(warm).names)
+    with pytest.raises(ConfigError, match='"PLA", "PETG"'):
+        scene_from_dict(table | {"wall": {"expansion": "silicone-oil"}})
+
+
+@pytest.mark.parametrize(("hardness", "modulus"), [("60 A", 1.2e6), ("90 A", 6.94e6)])
+def test_a_hardness_is_a_first_guess_of_the_modulus(hardness: str, modulus: float) -> None:
+    table = {"geometry": SIZES, "oil": {"model": "incompressible"}}
+    spec = scene_from_dict(table | {"material": {"shore": hardness}})
+    assert isinstance(spec.material, LAWS["neo-hookean"])
+    assert spec.material.mu == pytest.approx(modulus, rel=0.01)
+    assert spec.material.mu.deviation == pytest.approx(0.5 * spec.material.mu)
+    for wrong in ({"shore": "60 D"}, {"shore": 60}, {"shore": "60 A", "preset": "epdm-paper"}):
+        with pytest.raises(ConfigError, match=r"material\.shore"):
+            scene_from_dict(table | {"material": wrong})

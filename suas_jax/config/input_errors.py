@@ -14,7 +14,7 @@ from suas_jax.config.inputs import given_inputs
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_scene import SkinSpec
 from suas_jax.config.schema_skin import MODULE_TAXELS
-from suas_jax.config.tolerance import deviation_of
+from suas_jax.config.tolerance import TypicalQuantity, deviation_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -74,6 +74,7 @@ class InputErrors(NamedTuple):
         shares = {
             name.rpartition(".")[2].replace("_", " "): f"{100 * DEFAULTS[name]:g} %"
             for name in self.names
+            if name in DEFAULTS
         }
         listed = ", ".join(f"{name} {share}" for name, share in shares.items())
         return (
@@ -108,10 +109,16 @@ def input_errors(spec: SkinSpec) -> InputErrors:
     """
     values = given_inputs(spec)
     stated = {path: deviation_of(value) for path, value in values.items()}
+    typical = dict(_typical(spec))
     columns: list[tuple[str, dict[str, float]]] = [
-        (path, {path: size}) for path, size in stated.items() if size
+        (path, {path: size})
+        for path, size in stated.items()
+        if size and (path in typical or not isinstance(values[path], TypicalQuantity))
     ]
-    any_stated = any(size is not None for size in stated.values())
+    any_stated = any(
+        size is not None and not isinstance(values[path], TypicalQuantity)
+        for path, size in stated.items()
+    )
     record = spec.calibration
     if record is not None and record.covariance:
         known = {path for path, size in stated.items() if size is not None}
@@ -123,7 +130,15 @@ def input_errors(spec: SkinSpec) -> InputErrors:
 
 def default_errors(spec: SkinSpec) -> InputErrors:
     """The errors of a skin that states none, whatever this one states; see `DEFAULTS`."""
-    return _joined(list(_defaults(spec)), "default")
+    return _joined([*_defaults(spec), *_typical(spec)], "default")
+
+
+def _typical(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
+    """The errors of substances that are named, where surroundings make them matter."""
+    if getattr(spec, "environment", None) is not None:
+        for path, value in given_inputs(spec).items():
+            if isinstance(value, TypicalQuantity):
+                yield path, {path: value.deviation}
 
 
 def _defaults(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:

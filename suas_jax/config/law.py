@@ -14,9 +14,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 from pydantic import Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from suas_jax.config.fields import Expansion, PlacedError, PositivePressure, Spec, quantity
+from suas_jax.config.fields import PlacedError, Spec, quantity
 from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.config.quantities import format_quantity
+from suas_jax.config.substances import RubberBulkModulus, RubberExpansion
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,8 +69,8 @@ class LawSpec(Spec):
         relaxation: of the stress; None where it is not known.
         softening: of the stress below the largest load before; None where it is not known.
         density: of the material; None where nothing moves fast [kg/m^3].
-        expansion: growth of the material's lengths per kelvin [1/K]; None where it is not
-            known.
+        expansion: growth of the material's lengths per kelvin [1/K], or the name of a rubber;
+            None where it is not known.
         bulk_modulus: against ambient pressure [Pa]; None for a material that keeps its volume.
         half_modulus: keys whose sum is half the shear modulus of small strain, which must be
             positive; empty where the signs of the constants alone see to that.
@@ -92,8 +93,8 @@ class LawSpec(Spec):
     density: Annotated[float, quantity("density", above=0.0)] | None = Field(
         default=None, examples=['"1100 kg/m^3"']
     )
-    expansion: Expansion | None = Field(default=None, examples=['"1.6e-4 / K"'])
-    bulk_modulus: PositivePressure | None = Field(default=None, examples=['"2 GPa"'])
+    expansion: RubberExpansion | None = Field(default=None, examples=['"1.6e-4 / K"'])
+    bulk_modulus: RubberBulkModulus | None = Field(default=None, examples=['"2 GPa"'])
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
     usual_terms: ClassVar[int] = 0

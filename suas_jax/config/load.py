@@ -16,7 +16,7 @@ from suas_jax.config.errors import ConfigError, Mistake, show, show_key
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.oil import OilSpec
 from suas_jax.config.points_table import read_points
-from suas_jax.config.presets import expand_preset
+from suas_jax.config.presets import expand_preset, expand_shore
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.toml_file import missing_file, read_toml
 from suas_jax.config.validation import (
@@ -214,9 +214,10 @@ class _Draft:
             return table, [Finding("geometry.points", advice, show(points))]
 
     def _expanded(self, material: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Finding]]:
-        if "preset" not in material:
+        if "preset" not in material and "shore" not in material:
             return material, []
-        table, wrong = expand_preset(material)
+        expand = expand_shore if "shore" in material else expand_preset
+        table, wrong = expand(material)
         return table, [
             Finding(f"material.{show_key(key)}", advice, show(material[key]))
             for key, advice in wrong
@@ -270,7 +271,7 @@ class _Draft:
 
 def _kept(name: str, before: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
     """Choose what stays of a skin file's table when a scene gives its own keys."""
-    if name == "material" and ("law" in table or "preset" in table):
+    if name == "material" and table.keys() & {"law", "preset", "shore"}:
         return {}
     if name == "electrodes" and "layout" in table:
         return {}

@@ -12,13 +12,13 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, PlainValidator, ValidationInfo
 
 from suas_jax.config.fields import (
-    Expansion,
     PositiveNumber,
     Quantity,
     Spec,
     quantity,
     quantity_of,
 )
+from suas_jax.config.substances import OilExpansion
 from suas_jax.config.tolerance import UncertainQuantity
 
 FLUIDS = {
@@ -80,7 +80,8 @@ class OilSpec(Spec):
             nothing is sensed.
         density: of the oil; None where nothing moves fast [kg/m^3].
         viscosity: dynamic [Pa s]; a file may give the kinematic one, as its unit tells.
-        expansion: growth of its volume per kelvin [1/K]; None where it is not known.
+        expansion: growth of its volume per kelvin [1/K], or the name of an oil; None where
+            it is not known.
         fill: its volume over the film's when the skin was closed; None where it just fills it.
         trapped: whether the oil's pressure is unknown (else it is zero).
         yields: whether its volume changes with the pressure.
@@ -96,7 +97,7 @@ class OilSpec(Spec):
     viscosity: Annotated[float, Quantity(_viscosity, dimension="viscosity")] | None = Field(
         default=None, examples=['"50 cSt"']
     )
-    expansion: Expansion | None = Field(default=None, examples=['"9.6e-4 / K"'])
+    expansion: OilExpansion | None = Field(default=None, examples=['"9.6e-4 / K"'])
     fill: PositiveNumber | None = Field(default=None, examples=['"1.000 +- 0.002"'])
 
     trapped: ClassVar[bool] = True

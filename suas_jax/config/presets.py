@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,40 @@ def load_preset(name: str) -> dict[str, Any]:
     if not isinstance(table, dict) or table.get("law") not in LAWS:
         raise ConfigError([Mistake(str(path), "material", "is missing, or names no known law")])
     return table
+
+
+# Where Gent's relation was measured, and by how much rubbers of one hardness differ.
+_SOFTEST, _HARDEST = 20.0, 95.0
+_SHORE_SPREAD = 50  # per cent
+_SHORE = re.compile(r"(\d+(?:\.\d+)?)\s*A")
+
+
+def expand_shore(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Replace ``shore`` by a neo-Hookean law: a first guess where no test was made.
+
+    Gent's relation of the indentation hardness (A. N. Gent, IRI Trans. 34, 1958)::
+
+        E = 0.0981 (56 + 7.62336 S) / (0.137505 (254 - 2.54 S)) MPa,   mu = E / 3
+
+    It is known to a factor of 1.5, which the modulus carries as its deviation.
+
+    Args:
+        material: a [material] table with the key ``shore``.
+
+    Returns:
+        The expanded table, and what is wrong with it: pairs of key and advice.
+    """
+    found = _SHORE.fullmatch(str(material["shore"]).strip())
+    hardness = float(found.group(1)) if found else 0.0
+    if not _SOFTEST <= hardness <= _HARDEST:
+        return {}, [("shore", 'a hardness from 20 to 95 Shore A is expected, such as "60 A"')]
+    for key in ("law", "preset", "mu"):
+        if key in material:
+            return {}, [("shore", f"gives a law and its modulus; leave it or {key} out")]
+    ratio = (56 + 7.62336 * hardness) / (0.137505 * (254 - 2.54 * hardness))
+    modulus = f"{0.0981 * ratio / 3:.4g} MPa +- {_SHORE_SPREAD} %"
+    kept = {key: value for key, value in material.items() if key != "shore"}
+    return {"law": "neo-hookean", "mu": modulus, **kept}, []
 
 
 def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tuple[str, str]]]:

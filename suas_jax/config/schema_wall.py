@@ -6,7 +6,8 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from suas_jax.config.fields import Expansion, PositiveLength, PositivePressure, Spec
+from suas_jax.config.fields import PositiveLength, PositivePressure, Spec
+from suas_jax.config.substances import WallBulkModulus, WallExpansion
 
 
 class SoftLayerSpec(Spec):
@@ -27,7 +28,8 @@ class WallSpec(Spec):
     Attributes:
         contact: whether it holds the membrane; if not, contact is reported only.
         layer: a soft layer on it; None where the wall is rigid.
-        expansion: growth of its lengths per kelvin [1/K]; the clamps go with it.
+        expansion: growth of its lengths per kelvin [1/K], or the name of what it is made of;
+            the clamps go with it.
         bulk_modulus: of what it is made of, against ambient pressure [Pa].
     """
 
@@ -35,8 +37,8 @@ class WallSpec(Spec):
     layer: SoftLayerSpec | None = Field(
         default=None, examples=['{ thickness = "0.5 mm", stiffness = "2 MPa" }']
     )
-    expansion: Expansion | None = Field(default=None, examples=['"7e-5 / K"'])
-    bulk_modulus: PositivePressure | None = Field(default=None, examples=['"3 GPa"'])
+    expansion: WallExpansion | None = Field(default=None, examples=['"7e-5 / K"'])
+    bulk_modulus: WallBulkModulus | None = Field(default=None, examples=['"3 GPa"'])
 
     @field_validator("contact", mode="before")
     @classmethod

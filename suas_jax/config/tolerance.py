@@ -47,6 +47,12 @@ class UncertainQuantity(float):
         return float(self), self.deviation
 
 
+class TypicalQuantity(UncertainQuantity):
+    """One that a file names a substance for, and states no deviation of its own."""
+
+    __slots__ = ()
+
+
 def is_uncertain_text(text: str) -> bool:
     """Whether a text states an uncertainty."""
     return _PLUS_MINUS.search(text) is not None

@@ -101,7 +101,9 @@ def choose_specification(
     if discriminator not in table and key == "geometry":
         return choices[DEFAULT_SECTION], []
     if discriminator not in table:
-        preset = "; or name a preset" if key == "material" else ""
+        preset = (
+            '; or name a preset, or the hardness: shore = "60 A"' if key == "material" else ""
+        )
         return None, [Finding(path, f"missing; add it, allowed: {quoted}{preset}")]
     chosen = table[discriminator]
     if not isinstance(chosen, str) or chosen not in choices:

@@ -136,7 +136,7 @@ def _explaining(
     residual = np.where(weight > 0, y - fit.so, 0.0)
     found, fits = [], SectionInputFit(estimator, y, weight, fit)
     for e, name in enumerate(candidates.names):
-        if name == STIFFNESS:  # what no readings show
+        if name == STIFFNESS or name not in DEFAULTS:  # what no readings show
             continue
         gained = gain_of(name, slopes[:, e], weight, residual, fit.jacobian[:, :2])
         share = DEFAULTS[name]

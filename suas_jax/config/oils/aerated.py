@@ -8,6 +8,7 @@ from pydantic import Field
 
 from suas_jax.config.fields import PositivePressure, quantity
 from suas_jax.config.oil import OilSpec
+from suas_jax.config.substances import OilBulkModulus
 
 
 class AeratedOilSpec(OilSpec):
@@ -24,4 +25,4 @@ class AeratedOilSpec(OilSpec):
         examples=["0.01"]
     )
     ambient_pressure: PositivePressure = Field(default=101.3e3, examples=['"101.3 kPa"'])
-    bulk_modulus: PositivePressure = Field(default=1.5e9, examples=['"1.5 GPa"'])
+    bulk_modulus: OilBulkModulus = Field(default=1.5e9, examples=['"1.5 GPa"'])

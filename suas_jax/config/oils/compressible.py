@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from suas_jax.config.fields import PositivePressure
 from suas_jax.config.oil import OilSpec
+from suas_jax.config.substances import OilBulkModulus
 
 
 class CompressibleOilSpec(OilSpec):
@@ -18,4 +18,4 @@ class CompressibleOilSpec(OilSpec):
     """
 
     model: Literal["compressible"] = Field(default="compressible", examples=['"compressible"'])
-    bulk_modulus: PositivePressure = Field(examples=['"1.5 GPa"'])
+    bulk_modulus: OilBulkModulus = Field(examples=['"1.5 GPa"'])
