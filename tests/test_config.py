@@ -127,7 +127,7 @@ def test_any_text_is_a_finite_quantity_or_an_explained_error(text):
 def test_every_shipped_file_is_covered():
     assert {path.stem for path in SKINS} == {"suas", "suas-pad", "suas-rubber"}
     assert preset_names() == ["epdm-paper", "neo-hookean-epdm", "rubber-table1"]
-    assert len(SCENES) == 14
+    assert len(SCENES) == 16
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)

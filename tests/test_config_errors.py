@@ -195,7 +195,11 @@ TABLES = [
     ({"electrodes.taxels": None}, "electrodes.taxels", 'missing or empty; layout = "list"'),
     ({"electrodes.layout": '"roboskin"'}, "electrodes.modules", "missing or empty"),
     ({"electrodes.layout": '"roboskin"'}, "electrodes.taxels", 'belongs to layout = "list"'),
-    ({"load.0.kind": None}, "load.0.kind", 'missing; add it|"line", "patch" or "pressure"'),
+    (
+        {"load.0.kind": None},
+        "load.0.kind",
+        'missing; add it|"line", "patch", "pressure" or "body"',
+    ),
     ({"load.0.angle": None}, "load.0.angle", "missing; add it|deg"),
     ({"load.0.force": None}, "load.0.force", 'missing; add it|force = "20.7 N"'),
     ({"load.1.pressure": None}, "load.1.pressure", 'missing; add it|"1 kPa"'),

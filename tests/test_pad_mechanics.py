@@ -99,7 +99,7 @@ def small_pad(arc: SplineAxis, axial: SplineAxis, law: AbstractLaw) -> Pad:
     )
     angles, positions = (jnp.asarray(breaks(*x)) for x in ((arc, 1.4), (axial, 0.06)))
     net = net_of(NetTopology(arc, axial), THICK.section, angles, positions)
-    return Pad(law, THICK.section, net, points, 1e-4 * ONE, None, None)
+    return Pad(law, THICK.section, net, points, 1e-4 * ONE, None, None, ())
 
 
 CASES = {
@@ -362,6 +362,7 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell(
         geometry.film_area * geometry.width,
         None,
         geometry.growth,
+        (),
         gauss=gauss,
     )
     section, whole = find(trapped(shell)), find(trapped(pad))

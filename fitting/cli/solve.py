@@ -144,6 +144,10 @@ def _print_report(report: dict[str, Any]) -> None:
             own = f"loads.{i}."
             force = f"{load['force_N']:.5g}{spread(own + 'force_N', 1.0)} N at {place}"
             table.add_row(f"load {i}", force)
+            if load["kind"] == "body":
+                depth = f"{1e3 * load['depth_m']:.5g}{spread(own + 'depth_m', 1e3)} mm"
+                area = f"touches {1e6 * load['contact_area_m2']:.4g} mm²"
+                table.add_row("", f"by a body {depth} in, which {area}")
             moved = f"{1e3 * load['displacement_m']:.4g}{spread(own + 'displacement_m', 1e3)}"
             inner = f"{1e3 * load['inner_displacement_m']:.4g}"
             table.add_row("", f"moves {moved} mm, the inner face {inner} mm")

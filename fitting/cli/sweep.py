@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from suas_jax.scene.sweep import Sweep
 
 _MOST_POINTS = 10_000
+_UNITS = {"--force": "SI units", "--oil-pressure": "SI units", "--depth": "millimetres"}
+_EXAMPLES = {"--force": "0:30:31", "--oil-pressure": "0:10000:21", "--depth": "0:4:41"}
 
 
 def sweep(
@@ -31,6 +33,13 @@ def sweep(
         str | None,
         typer.Option(
             metavar="FROM:TO:COUNT", help="Oil pressure [Pa], all loads scaled to reach it."
+        ),
+    ] = None,
+    depth: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO:COUNT",
+            help="Travel of the bodies [mm], all other loads kept: an indentation curve.",
         ),
     ] = None,
     history: Annotated[
@@ -55,16 +64,18 @@ def sweep(
     Exit status: 0 all points converged, 2 bad input, 3 some did not.
     """
     with bad_input():
-        if sum(x is not None for x in (force, oil_pressure, history)) != 1:
+        given = [x for x in (force, oil_pressure, depth, history) if x is not None]
+        if len(given) != 1:
             raise ValueError(
-                "--force, --oil-pressure, --history: give one of them, the first two as "
-                "FROM:TO:COUNT"
+                "--force, --oil-pressure, --depth, --history: give one of them, all but the "
+                "last as FROM:TO:COUNT"
             )
         spec = scene_of(scene, model, rtol)
         check_figures(plot)
         check_outputs([csv_file, plot], overwrite=overwrite)
         forces = None if force is None else _range("--force", force)
         pressures = None if oil_pressure is None else _range("--oil-pressure", oil_pressure)
+        depths = None if depth is None else [1e-3 * x for x in _range("--depth", depth)]
         with spinner("sweeping"):
             from suas_jax.runtime.settings import configure
 
@@ -76,7 +87,7 @@ def sweep(
             else:
                 from suas_jax.scene.sweep import sweep as run
 
-                curve = run(spec, forces=forces, oil_pressures=pressures)
+                curve = run(spec, forces=forces, oil_pressures=pressures, depths=depths)
             if csv_file is not None:
                 curve.write_csv(csv_file)
             if plot is not None:
@@ -101,8 +112,8 @@ def _range(option: str, text: str) -> list[float]:
             raise ValueError
     except ValueError:
         raise ValueError(
-            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in SI units, for '
-            f"example 0:30:31; COUNT is at most {_MOST_POINTS}"
+            f'{option} = "{text[:80]}": expected FROM:TO:COUNT in {_UNITS[option]}, for '
+            f"example {_EXAMPLES[option]}; COUNT is at most {_MOST_POINTS}"
         ) from None
     if n == 1:
         return [start]

@@ -39,6 +39,7 @@ class SceneSource:
     """A scene whose loads, thickness, gap and stiffness can be changed."""
 
     def __init__(self, scene: SceneSpec, title: str) -> None:
+        scene.require_no_bodies("`suas view`")
         scene = _all_stated(scene)
         self._scene = scene
         self._grid = Grid.of(scene.geometry)
@@ -111,7 +112,7 @@ class SceneSource:
         """The scene's forces, as contacts whose place is known."""
         found = []
         for i, load in enumerate(self._scene.loads):
-            if load.kind == "pressure":
+            if load.kind not in ("line", "patch"):
                 continue
             angle = values[f"load.{i}.angle"]
             turn = load.direction if isinstance(load.direction, float) else 0.0
@@ -191,6 +192,7 @@ def sliders_of(scene: SceneSpec) -> list[dict[str, Any]]:
             ends = min(0.0, 3 * now), max(0.0, 3 * now) or 1e4
             add(f"load.{i}.pressure", f"pressure{which}", "kPa", 1e-3, ends, now)
             continue
+        assert load.kind != "body"  # refused above
         most = max(_LEAST_FORCE, 2 * load.force)
         add(f"load.{i}.force", f"force{which}", "N", 1.0, (0.0, most), load.force)
         if load.angle is not None:

@@ -17,6 +17,7 @@ from suas_jax.config.presets import load_preset, preset_names
 from suas_jax.config.quantities import format_quantity, parse_quantity
 from suas_jax.config.schema_geometry import SECTIONS
 from suas_jax.config.schema_load import (
+    BodyLoadSpec,
     EnvironmentSpec,
     LineLoadSpec,
     LoadSpec,
@@ -42,6 +43,7 @@ __all__ = [
     "OILS",
     "SECTIONS",
     "AlongSpec",
+    "BodyLoadSpec",
     "ConfigError",
     "ElectrodesSpec",
     "EnvironmentSpec",

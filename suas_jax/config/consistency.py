@@ -6,17 +6,24 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+from suas_jax.config.errors import listed, show
 from suas_jax.config.quantities import format_quantity
+from suas_jax.config.schema_load import BODY_SHAPES
 
 if TYPE_CHECKING:
     from suas_jax.config.geometry import GeometrySpec
-    from suas_jax.config.schema_load import LineLoadSpec, PatchLoadSpec, PressureLoadSpec
+    from suas_jax.config.schema_load import (
+        BodyLoadSpec,
+        LineLoadSpec,
+        LoadSpec,
+        PatchLoadSpec,
+    )
     from suas_jax.config.schema_skin import ElectrodesSpec, ModuleSpec, TaxelSpec
     from suas_jax.config.schema_solve import SolveSpec
     from suas_jax.config.schema_wall import WallSpec
     from suas_jax.config.sections.circle import CircleSpec
 
-    Placed: TypeAlias = LineLoadSpec | PatchLoadSpec | TaxelSpec | ModuleSpec
+    Placed: TypeAlias = LineLoadSpec | PatchLoadSpec | BodyLoadSpec | TaxelSpec | ModuleSpec
 
 # Room for the rounding of a unit conversion: 90 deg may be given as 1.5707963267949 rad.
 _SLACK = 1.0 + 1e-9
@@ -171,7 +178,13 @@ def _unreachable_pressure(
             "vented oil stays at zero pressure; take oil_pressure out, or set oil.model = "
             '"incompressible"',
         )
-    if loads is not None and all(load is not None for load in loads):
+    if any(load is not None and load.kind == "body" for load in loads or ()):
+        yield Contradiction(
+            "solve.oil_pressure",
+            "loads are scaled to reach this pressure, and a body is pressed by its own depth "
+            "or force; take oil_pressure out",
+        )
+    elif loads is not None and all(load is not None for load in loads):
         sizes = [load.pressure if load.kind == "pressure" else load.force for load in loads]
         if not any(sizes):
             have = "all loads are zero" if sizes else "there is no load"
@@ -182,11 +195,15 @@ def _unreachable_pressure(
             )
 
 
-def _misplaced(
-    key: str, geometry: GeometrySpec, load: LineLoadSpec | PatchLoadSpec | PressureLoadSpec
-) -> Iterator[Contradiction]:
+def _misplaced(key: str, geometry: GeometrySpec, load: LoadSpec) -> Iterator[Contradiction]:
     """A load off the skin, or one that its dimension has no place for."""
-    if load.kind == "patch":
+    if load.kind == "body":
+        yield from _of_no_shape(key, geometry, load)
+        if geometry.dimension == 3:
+            yield from _off_the_pad(key, geometry, load, (0.0, 0.0))
+        else:
+            yield from _off_the_skin(key, geometry, load)
+    elif load.kind == "patch":
         if geometry.dimension == 3:
             yield from _off_the_pad(key, geometry, load, load.half_extents)
         else:
@@ -208,6 +225,31 @@ def _misplaced(
                     'strain; take it out, or set geometry.ends = "clamped"',
                 )
         yield from _off_the_skin(key, geometry, load)
+
+
+def _of_no_shape(
+    key: str, geometry: GeometrySpec, body: BodyLoadSpec
+) -> Iterator[Contradiction]:
+    """Keys of a body that its shape lacks, or doesn't have, in the skin's dimension."""
+    shapes = BODY_SHAPES[geometry.dimension]
+    if body.shape not in shapes:
+        where = "a section" if geometry.dimension == 2 else "a pad (geometry.ends)"
+        allowed = listed(show(name) for name in shapes)
+        yield Contradiction(f"{key}.shape", f"is no shape of a body on {where}; use {allowed}")
+        return
+    needed, optional = shapes[body.shape]
+    for name in needed:
+        if getattr(body, name) is None:
+            yield Contradiction(f"{key}.{name}", f"missing; a {body.shape} needs it")
+    for name in ("radius", "opening", "length", "size", "edge", "axial", "turn"):
+        given = getattr(body, name) != type(body).model_fields[name].default
+        if given and name not in needed + optional:
+            on = "section" if geometry.dimension == 2 else "pad"
+            yield Contradiction(
+                f"{key}.{name}", f"has no meaning for a {body.shape} on a {on}; take it out"
+            )
+    if body.size is not None and body.edge > min(body.size) / 2:
+        yield Contradiction(f"{key}.edge", "must not be more than half of the smaller size")
 
 
 def _of_another_dimension(geometry: GeometrySpec, solve: SolveSpec) -> Iterator[Contradiction]:
@@ -237,7 +279,7 @@ def _of_another_dimension(geometry: GeometrySpec, solve: SolveSpec) -> Iterator[
 def _off_the_pad(
     key: str,
     geometry: GeometrySpec,
-    load: LineLoadSpec | PatchLoadSpec,
+    load: LineLoadSpec | PatchLoadSpec | BodyLoadSpec,
     half_extents: tuple[float, float],
 ) -> Iterator[Contradiction]:
     """Check that a loaded part of the outer face lies between the clamped edges."""
@@ -268,7 +310,7 @@ def _named(place: Placed) -> str:
 
 
 def _off_the_skin(
-    key: str, geometry: GeometrySpec, load: LineLoadSpec
+    key: str, geometry: GeometrySpec, load: LineLoadSpec | BodyLoadSpec
 ) -> Iterator[Contradiction]:
     yield from _without_angle(key, geometry, load)
     circle = _circle(geometry)
@@ -282,7 +324,7 @@ def _off_the_skin(
             f"lies off the skin, whose clamped edges are at -{edge} and {edge} "
             f"(geometry.half_angle); the angle is measured from the symmetry axis",
         )
-    elif load.spread is not None:
+    elif load.kind == "line" and load.spread is not None:
         outer_radius = circle.inner_radius + circle.mean_thickness
         room = 2.0 * outer_radius * (circle.half_angle - abs(angle))
         if load.spread >= room:

@@ -147,14 +147,106 @@ class PressureLoadSpec(Spec):
     pressure: Pressure = Field(examples=['"1 kPa"'])
 
 
+class BodyLoadSpec(Spec):
+    """A rigid body that is pressed onto the outer face, without friction.
+
+    Its reference point comes in along the inward normal of the place given; the body neither
+    turns nor gives way.
+
+    Attributes:
+        shape: ``"cylinder"`` (its axis along the pad), ``"plate"`` or ``"wedge"`` on a section;
+            ``"sphere"``, ``"cylinder"``, ``"plate"`` or ``"box"`` on a pad.
+        radius: of a sphere or a cylinder, or of a wedge's rounded tip [m].
+        opening: angle between the flanks of a wedge [rad].
+        length: of a cylinder between its half-spherical ends [m]; None for an endless one. On
+            pads.
+        size: of a plate or a box, along the arc and along the axis before it is turned [m]. On
+            pads; a section's plate has no end.
+        edge: radius of the edges of a plate or a box [m]; on pads.
+        angle: of the reference point, from the symmetry axis, positive towards +x [rad].
+        arc: of the reference point, along the undeformed inner face from its middle [m];
+            instead of the angle.
+        axial: of the reference point, from the middle of the pad [m]; on pads.
+        turn: rotation about the approach, from the axis towards the arc [rad]; on pads.
+        depth: travel beyond first touch of the undeformed outer face [m]; negative where the
+            body is off it.
+        force: instead of the depth: the component along the approach [N]; the travel is found.
+        friction: coefficient; none but zero is solved.
+    """
+
+    kind: Literal["body"] = Field(default="body", examples=['"body"'])
+    shape: Literal["cylinder", "plate", "wedge", "sphere", "box"] = Field(
+        examples=['"cylinder"']
+    )
+    radius: PositiveLength | None = Field(default=None, examples=['"10 mm"'])
+    opening: Annotated[float, quantity("angle", above=0.0, below=math.pi)] | None = Field(
+        default=None, examples=['"90 deg"']
+    )
+    length: PositiveLength | None = Field(default=None, examples=['"30 mm"'])
+    size: Annotated[tuple[PositiveLength, PositiveLength], AsList] | None = Field(
+        default=None, examples=['["20 mm", "30 mm"]']
+    )
+    edge: PositiveLength = Field(default=1e-3, examples=['"2 mm"'])
+    angle: Angle | None = Field(default=None, examples=['"30 deg"'])
+    arc: Length | None = Field(default=None, examples=['"22 mm"'])
+    axial: Length = Field(default=0.0, examples=['"10 mm"'])
+    turn: Angle = Field(default=0.0, examples=['"30 deg"'])
+    depth: Length | None = Field(default=None, examples=['"2 mm"'])
+    force: Annotated[float, quantity("force", at_least=0.0)] | None = Field(
+        default=None, examples=['"12 N"']
+    )
+    friction: Annotated[float, quantity("number", at_least=0.0)] = Field(
+        default=0.0, examples=["0.0"]
+    )
+
+    @field_validator("friction")
+    @classmethod
+    def _frictionless(cls, value: float) -> float:
+        if value != 0.0:
+            raise ValueError(
+                "bodies are solved without friction; take it out, or set it to 0.0"
+            )
+        return value
+
+    @model_validator(mode="after")
+    def _driven(self) -> Self:
+        angle_or_arc(self.angle, self.arc)
+        if (self.depth is None) == (self.force is None):
+            raise PlacedError(
+                "depth",
+                'missing; say how far the body is pressed in, for example depth = "2 mm" (or '
+                'by which force = "12 N")'
+                if self.depth is None
+                else "a body is pressed by a depth or by a force; take one out",
+            )
+        return self
+
+
+BODY_SHAPES: dict[int, dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
+    2: {
+        "cylinder": (("radius",), ()),
+        "plate": ((), ()),
+        "wedge": (("radius", "opening"), ()),
+    },
+    3: {
+        "sphere": (("radius",), ("axial",)),
+        "cylinder": (("radius",), ("axial", "length", "turn")),
+        "plate": (("size",), ("axial", "edge", "turn")),
+        "box": (("size",), ("axial", "edge", "turn")),
+    },
+}
+"""Shapes of bodies in two and three dimensions: keys that they need, and may have."""
+
 LoadSpec = Annotated[
-    LineLoadSpec | PatchLoadSpec | PressureLoadSpec, Field(discriminator="kind")
+    LineLoadSpec | PatchLoadSpec | PressureLoadSpec | BodyLoadSpec,
+    Field(discriminator="kind"),
 ]
 
-LOADS: dict[str, type[LineLoadSpec | PatchLoadSpec | PressureLoadSpec]] = {
+LOADS: dict[str, type[LineLoadSpec | PatchLoadSpec | PressureLoadSpec | BodyLoadSpec]] = {
     "line": LineLoadSpec,
     "patch": PatchLoadSpec,
     "pressure": PressureLoadSpec,
+    "body": BodyLoadSpec,
 }
 
 

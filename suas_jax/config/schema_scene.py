@@ -10,7 +10,12 @@ from suas_jax.config.consistency import contradictions
 from suas_jax.config.fields import Spec
 from suas_jax.config.schema_calibration import CalibrationSpec
 from suas_jax.config.schema_geometry import AnyGeometrySpec
-from suas_jax.config.schema_load import EnvironmentSpec, LoadSpec, ReferenceSpec
+from suas_jax.config.schema_load import (
+    BodyLoadSpec,
+    EnvironmentSpec,
+    LoadSpec,
+    ReferenceSpec,
+)
 from suas_jax.config.schema_material import MaterialSpec
 from suas_jax.config.schema_oil import AnyOilSpec
 from suas_jax.config.schema_skin import ElectrodesSpec
@@ -74,6 +79,26 @@ class SceneSpec(SkinSpec):
     loads: tuple[LoadSpec, ...] = Field(default=(), alias="load")
     environment: EnvironmentSpec | None = None
     solve: SolveSpec = SolveSpec()
+
+    @property
+    def bodies(self) -> tuple[BodyLoadSpec, ...]:
+        """The rigid bodies among its loads, in the order of the file."""
+        return tuple(load for load in self.loads if load.kind == "body")
+
+    def require_no_bodies(self, what: str) -> None:
+        """Refuse a scene with rigid bodies.
+
+        Args:
+            what: knows dead forces alone; begins the message.
+
+        Raises:
+            ValueError: the scene has a body.
+        """
+        if self.bodies:
+            raise ValueError(
+                f'{what} knows dead forces alone, not a [[load]] with kind = "body"; use a '
+                "line or a patch, or `suas solve` and `suas sweep`"
+            )
 
     @property
     def rtol(self) -> float:

@@ -115,6 +115,7 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     """
     require_float64()
     scene.require_plane_strain("a history")
+    scene.require_no_bodies("a history")
     if is_prestressed(scene):
         raise SweepError(
             "a history begins free of stress: take out what gives the skin stress at rest "
@@ -140,7 +141,7 @@ def _levels(scene: SceneSpec, history: History) -> np.ndarray:
     """Factors on all loads."""
     if history.name == "factor":
         return history.values
-    total = sum(abs(load.force) for load in scene.loads if load.kind != "pressure")
+    total = sum(abs(load.force) for load in scene.loads if load.kind in ("line", "patch"))
     if total == 0:
         raise SweepError("there is no load with a force to scale; add [[load]] with force")
     levels: np.ndarray = history.values / total

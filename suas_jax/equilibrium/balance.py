@@ -132,6 +132,8 @@ def residual(
         more = factor - at_factor
         more_pressure = pressure - at_pressure - more * external
         force = a.residual - more_pressure * a.volume_gradient - more * a.load
+        if a.by_travel is not None:
+            force = force - more * a.by_travel
     operator = operator_of(problem, a, None if y.border is None else pressure, pressure_given)
     if y.border is None:
         return BorderedVector(force, None), operator
@@ -263,6 +265,8 @@ def forces_in_balance(problem: Problem, state: State, a: Assembly) -> Lanes:
     scale = jnp.where(size > 0, energy / jnp.where(size > 0, size, 1.0), 0.0)
     scale += largest(state.factor * a.load)
     scale += largest(state.pressure * a.volume_gradient)
+    if a.contact is not None:
+        scale += largest(a.contact)
     return scale + largest(state.factor * problem.external_pressure * a.volume_gradient)
 
 

@@ -18,8 +18,17 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Int, PyTree
 
 from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes
 from suas_jax.numerics.bordered_solve import BlockElimination, BorderedVector
+
+
+def _small(mechanics: AbstractMechanics) -> float:
+    """Correction after which a state may count as found, relative to its displacement.
+
+    A stiff body makes much of a small one, and may touch elsewhere after it.
+    """
+    return 1e-9 if mechanics.bodies else 1e-4
 
 
 class SteppingState(NamedTuple):
@@ -177,7 +186,7 @@ class LoadStepping(optx.AbstractRootFinder):
         if mechanics.law.has_limit:
             fine &= jnp.isfinite(mechanics.strain_energy(trial.stations))
         expected = size * jnp.minimum(ratio, 1.0) ** 2
-        settled = (expected <= self.rtol * scale) & (size <= 1e-4 * scale)
+        settled = (expected <= self.rtol * scale) & (size <= _small(mechanics) * scale)
         # At the limit of the arithmetic corrections stop shrinking.
         stagnant = ~first & (ratio > 0.25) & (size <= 1e-8 * scale)
         equilibrium = fine & (settled | stagnant | (size <= 1e-16 * length))

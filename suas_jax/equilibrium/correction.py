@@ -30,9 +30,10 @@ from suas_jax.equilibrium.balance import (
     unknowns_of,
 )
 from suas_jax.equilibrium.equilibrium import differentiable
-from suas_jax.mechanics.base import AbstractMechanics, ContactState
+from suas_jax.mechanics.base import AbstractMechanics, BodyContact, ContactState
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector, solve_bordered
+from suas_jax.skin.body import Body
 
 Given = Bool[Array, ""] | None
 
@@ -105,6 +106,36 @@ def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
     value, right = eqx.filter_jvp(unexplained, (problem, y, level), tangents[:3])
     right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else t, value, right)
     return change, _solved(problem, y, level, given, right)
+
+
+def corrected_touch(
+    mechanics: AbstractMechanics, body: Body, shown: State, root: State | None
+) -> BodyContact:
+    """Contact with a body, to first order where the state is; see `corrected_contact`.
+
+    Args:
+        mechanics: the membrane.
+        body: that is pressed on it.
+        shown: the state to report.
+        root: the equilibrium, where it is another.
+    """
+    placed = body.placed(shown.factor)
+    if root is None or not mechanics.corrected:
+        return mechanics.touched(shown.q, placed)
+    change, shift = shown.q - root.q, mechanics.gap_shift(root.q, placed)
+    if shift is None:
+        at, along = jax.jvp(lambda q: mechanics.touched(q, placed), (root.q,), (change,))
+    else:
+        none = jnp.zeros_like(shift)
+        at, along = jax.jvp(
+            lambda q, shift: mechanics.touched(q, placed, shift),
+            (root.q, none),
+            (change, shift + none),
+        )
+    near = jax.tree.map(lambda a, b: a + b, at, along)
+    closed = at.gap < 0
+    pressure, force = (jnp.where(closed, x, 0.0) for x in (near.pressure, near.force))
+    return near._replace(gap=at.gap, pressure=pressure, force=force)
 
 
 def corrected_contact(

@@ -156,7 +156,7 @@ def follow(
     finished: Bool[Array, " lane"] | None = None,
     rest: BorderedVector | None = None,
 ) -> Found:
-    """Follow the path, to the wall and on if the membrane has one.
+    """Follow the path, to the wall and against it if the membrane has one, and under bodies.
 
     Args:
         problem: membrane, oil and loads.
@@ -169,7 +169,7 @@ def follow(
         finished: lanes that stay where they are.
         rest: where paths begin under given loads, at no load; None for the undeformed state.
     """
-    if problem.mechanics.wall is None:
+    if not problem.mechanics.touches:
         stepping = dataclasses.replace(stepping, finished=finished)
         return step_to(problem, y, start, target, stepping, pressure_given)
     none = jnp.zeros(target.shape, jnp.int32)
@@ -226,8 +226,6 @@ def _to_the_wall(
         pressure_given: see `balance.residual`.
         rest: see `follow`.
     """
-    wall = problem.mechanics.wall
-    assert wall is not None
     if rest is None:
         border = None if begin.y.border is None else 0 * begin.level
         rest = BorderedVector(problem.mechanics.rest(), border)
@@ -242,7 +240,7 @@ def _to_the_wall(
             smallest_radius=jnp.where(loads, stepping.smallest_radius, jnp.inf),
             finished=at.done,
         )
-        mechanics = problem.mechanics.with_wall(wall.softened(10.0**trial))
+        mechanics = problem.mechanics.softened(10.0**trial)
         softer = dataclasses.replace(problem, mechanics=mechanics)
         goal = jnp.where(stiffens, at.found.level, target)
         after = step_to(softer, at.found.y, at.found.level, goal, careful, pressure_given)

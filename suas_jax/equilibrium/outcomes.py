@@ -50,6 +50,10 @@ class RESULTS(eqx.Enumeration):
         "no stable state without loads. Fill more or less, mount the membrane less long, or "
         "give it more thickness."
     )
+    body_on_clamp = (
+        "A body reaches a clamped edge, which does not give way: its force has no meaning. "
+        "Press it elsewhere, less deep, or give it a size that stays on the membrane."
+    )
 
 
 # In the order of the enumeration: what is stored per lane is a position in this list.
@@ -64,6 +68,7 @@ NAMES: tuple[str, ...] = (
     "unbalanced",
     "volume_not_kept",
     "unstable",
+    "body_on_clamp",
 )
 
 

@@ -50,7 +50,7 @@ def validity(
         Index of the outcome: zero where the state is valid, else what is wrong with it.
     """
     error, scale = forces
-    allowed = _UNBALANCED if problem.mechanics.wall is None else _UNBALANCED_ON_A_WALL
+    allowed = _UNBALANCED_ON_A_WALL if problem.mechanics.touches else _UNBALANCED
     volume = jnp.abs(volume_residual(problem, state))
     found = jnp.zeros(error.shape, jnp.int32)
     # The last that applies names the state: an energy that is none explains the rest.

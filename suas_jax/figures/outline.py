@@ -5,14 +5,20 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of, structure_of
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.skin.body import Body
+from suas_jax.skin.geometry import SkinGeometry
 
 _POINTS = 361
+_BODY_REACH = (
+    0.4  # of a body that is drawn, to either side, in lengths of the section per angle
+)
 
 
 class Outline(NamedTuple):
@@ -27,6 +33,8 @@ class Outline(NamedTuple):
         wall: beneath the film.
         load_angle: of the dead loads, in the order of the file [rad].
         load_push: unit vectors of their forces in the section's plane [load, 2].
+        bodies: their surfaces at first touch, in the order of the file [body, 2, point].
+        body_way: unit vectors along which they come in [body, 2].
     """
 
     angle: Any
@@ -37,16 +45,20 @@ class Outline(NamedTuple):
     wall: Any
     load_angle: Any
     load_push: Any
+    bodies: Any
+    body_way: Any
 
 
 def outline(scene: SceneSpec) -> Outline:
-    """The section and the loads of a scene."""
+    """The section, the loads and the bodies of a scene."""
+    at_touch = {
+        f"load.{i}.depth": np.zeros(()) for i, x in enumerate(scene.loads) if x.kind == "body"
+    }
     if scene.geometry.is_circle:
-        found = _outline(Structure(scene), continuous_inputs(scene))
+        found = _outline(Structure(scene), {**continuous_inputs(scene), **at_touch})
     else:
-        found = COMPILED.run(
-            _COMPILED, structure_of(scene, wall=False), inputs_of(scene), once=True
-        )
+        inputs = inputs_of(scene) | at_touch
+        found = COMPILED.run(_COMPILED, structure_of(scene, wall=False), inputs, once=True)
     return Outline(*(np.asarray(x) for x in found))
 
 
@@ -70,7 +82,25 @@ def _outline(structure: Structure, inputs: Inputs) -> Outline:
         (inner - geometry.gap(angle) * normal)[..., 0],
         jnp.stack([load.angle for load in parts.forces] or [jnp.zeros(1)])[:, 0],
         jnp.stack(push or [jnp.zeros((2, 1))])[..., 0],
+        jnp.stack([_surface(x, geometry) for x in parts.bodies] or [jnp.zeros((2, 1))]),
+        jnp.stack([-x.frame[-1, :2, 0] for x in parts.bodies] or [jnp.zeros(2)]),
     )
+
+
+def _surface(body: Body, geometry: SkinGeometry) -> Array:
+    """The side of a body that faces the skin, across the axis [2, point] [m]."""
+    reach = _BODY_REACH * geometry.outer_size
+    across = jnp.linspace(-1, 1, _POINTS)[:, None] * reach
+    place = [across, *(jnp.zeros_like(across) for _ in body.frame[2:])]
+    height = body.shape.height(jnp.stack(place))
+    inside = jnp.isfinite(height) & (height <= reach)
+    edge = jnp.max(jnp.where(inside, jnp.abs(across), 0.0), 0)
+    across = jnp.clip(across, -edge, edge)
+    place[0] = across
+    height = jnp.minimum(body.shape.height(jnp.stack(place)), reach)
+    along, out = body.frame[0, :2, None], body.frame[-1, :2, None]
+    found: Array = body.origin[:2, None] + across * along + height * out
+    return found[..., 0]
 
 
 _COMPILED = eqx.filter_jit(_outline)

@@ -5,7 +5,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.figures.load_arrows import draw_loads
+from suas_jax.figures.load_arrows import draw_bodies, draw_loads
 from suas_jax.figures.outline import outline
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.base import Profile
@@ -58,6 +58,7 @@ def plot_section(solution: Solution) -> Figure:
         axes.add_collection(patches)
         draw_wall(axes, solution, drawn)
         draw_loads(axes, drawn, outer, angle)
+        draw_bodies(axes, solution, drawn, outer, angle)
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()

@@ -5,13 +5,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
-from suas_jax.figures.load_arrows import draw_loads
+from suas_jax.figures.load_arrows import draw_bodies, draw_loads
 from suas_jax.figures.outline import Outline, outline
 from suas_jax.figures.solid_fields import solid_fields
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.scene.solve import Solution
 
+_NO_FORCES = ("pressure", "body")  # loads that are no dead forces at a place
 # Four small quadrilaterals cover the nine nodes of an element.
 _QUADS = [
     [NODES.index(node) for node in ((a, b), (a + 1, b), (a + 1, b + 1), (a, b + 1))]
@@ -53,6 +54,7 @@ def plot_solid(solution: Solution) -> Figure:
             axes.plot(*(1e3 * curve), color="0.7", lw=0.8, ls="--")
         draw_wall(axes, solution, drawn)
         draw_loads(axes, drawn, top.T, spread.ravel())
+        draw_bodies(axes, solution, drawn, top.T, spread.ravel())
         figure.colorbar(patches, ax=axes, label=label, shrink=0.8)
         axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
         axes.autoscale_view()
@@ -81,7 +83,8 @@ def _across(
             [element, layer, node, 2].
         spread: angles of every element's ends and middle [rad].
     """
-    loads = [load["angle_deg"] for load in solution.report["loads"] if "angle_deg" in load]
+    kinds = [load for load in solution.report["loads"] if load["kind"] not in _NO_FORCES]
+    loads = [load["angle_deg"] for load in kinds]
     places = drawn.load_angle if loads else np.zeros(1)
     for degrees, angle in zip(loads or [0.0], places, strict=True):
         near = np.abs(spread[:, [0, 2]] - angle)

@@ -10,8 +10,10 @@ from suas_jax.files.writing import write_bytes
 
 WALL = "0.55"
 """Colour of the rigid wall."""
+BODY = "0.85"
+"""Colour of what is pressed on the skin."""
 CONTACT = "C3"
-"""Colour of what touches it."""
+"""Colour of where something is touched."""
 _DOTS_PER_INCH = 150
 
 

@@ -7,18 +7,21 @@ In plane strain everything is per unit of width along the axis until results are
 
 import abc
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.contact.term import contact_pressure, push
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
@@ -34,6 +37,9 @@ class Assembly(NamedTuple):
         volume_gradient: derivative of the enclosed volume by the unknowns.
         load: derivative of the loads' work at unit load factor by the unknowns [N/m].
         volume_change: enclosed volume less its value at rest, per width [m^2].
+        by_travel: derivative of the residual by the factor on the travel of bodies, its sign
+            changed; None without bodies.
+        contact: force of the bodies on the unknowns; None without.
     """
 
     residual: StationVector
@@ -41,6 +47,8 @@ class Assembly(NamedTuple):
     volume_gradient: StationVector
     load: StationVector
     volume_change: Lanes
+    by_travel: StationVector | None = None
+    contact: StationVector | None = None
 
 
 class Profile(NamedTuple):
@@ -102,6 +110,58 @@ class ContactState(NamedTuple):
     axial: Array | None = None
 
 
+class BodyContact(NamedTuple):
+    """The outer face at the points where it may touch a body.
+
+    Arrays are [point, element, lane] along a section, [arc, axial, lane] over a pad; components
+    lead.
+
+    Attributes:
+        angle: reference angle [rad].
+        position: current position [m].
+        gap: to the body's surface, negative inside it [m].
+        pressure: on the face, per area of the undeformed face [Pa].
+        force: on the body [N]; in plane strain per width [N/m].
+        area: of the undeformed face that a point stands for [m^2]; in plane strain per
+            width [m].
+        axial: reference position along the axis [m]; None in plane strain.
+    """
+
+    angle: Array
+    position: Array
+    gap: Array
+    pressure: Array
+    force: Array
+    area: Array
+    axial: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        body: PlacedBody,
+        angle: Array,
+        position: Array,
+        area: Array,
+        axial: Array | None,
+        shift: Array | float = 0.0,
+    ) -> "BodyContact":
+        """What a face's points say about a body; a shift adds to the gaps that they see."""
+        gap = body.gap(position) + shift
+        pressure = contact_pressure(body.law, gap)
+        force = push(body, position, angle, area, shift)
+        return cls(angle, position, gap, pressure, force, area, axial)
+
+    @property
+    def on_clamp(self) -> Bool[Array, " lane"]:
+        """Whether the body reaches a clamped edge."""
+        first, last = self.gap[0], self.gap[-1]
+        if self.axial is None:
+            return (first[0] < 0) | (last[-1] < 0)
+        sides = jnp.stack([self.gap[:, 0], self.gap[:, -1]])
+        ends = jnp.concatenate([x.reshape(-1, x.shape[-1]) for x in (first, last, sides)])
+        return jnp.any(ends < 0, 0)
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -114,6 +174,7 @@ class AbstractMechanics(eqx.Module):
         film_volume: volume of the undeformed oil film per width [m^2].
         wall: what holds the inner face; None where the membrane passes through it.
         growth: free size of the membrane over that of its seat; None where it fits.
+        bodies: what is pressed on the outer face.
     """
 
     per_width: ClassVar[bool]
@@ -123,6 +184,7 @@ class AbstractMechanics(eqx.Module):
     film_volume: eqx.AbstractVar[Lanes]
     wall: eqx.AbstractVar[Wall | None]
     growth: eqx.AbstractVar[Growth | None]
+    bodies: eqx.AbstractVar[tuple[Body, ...]]
 
     @property
     @abc.abstractmethod
@@ -149,7 +211,7 @@ class AbstractMechanics(eqx.Module):
         Args:
             q: unknowns.
             pressure: net pressure on the inner face, oil less external [Pa].
-            factor: dimensionless factor on all line loads.
+            factor: dimensionless factor on all line loads, and on the travel of bodies.
         """
 
     def imbalance(
@@ -178,8 +240,13 @@ class AbstractMechanics(eqx.Module):
         """Work of the line loads at unit factor, per width [J/m]."""
 
     @abc.abstractmethod
-    def contact_energy(self, q: StationVector) -> Lanes:
-        """Energy of contact with the wall per width [J/m]; zero without a wall."""
+    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
+        """Energy of contact with wall and bodies per width [J/m]; zero without them.
+
+        Args:
+            q: unknowns.
+            factor: on the travel of bodies.
+        """
 
     @abc.abstractmethod
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
@@ -189,6 +256,30 @@ class AbstractMechanics(eqx.Module):
             q: unknowns.
             wall: where it is, and how it answers.
         """
+
+    @abc.abstractmethod
+    def touched(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> BodyContact:
+        """The outer face against a body.
+
+        Args:
+            q: unknowns.
+            body: where it is.
+            shift: added to the gaps [m].
+        """
+
+    def gap_shift(self, q: StationVector, body: PlacedBody) -> Array | None:
+        """What the omitted energy adds to the gaps to a body, to first order [m].
+
+        None where the model leaves out nothing there.
+
+        Args:
+            q: unknowns.
+            body: where it is.
+        """
+        del q, body
+        return None
 
     @abc.abstractmethod
     def displacement_size(self, q: StationVector) -> Lanes:
@@ -262,6 +353,23 @@ class AbstractMechanics(eqx.Module):
         one = jnp.ones(q.shape[-1:], q.dtype)
         return -jax.jvp(potential, (0 * one,), (one,))[1] / self.mid_extent
 
+    def with_bodies(self, bodies: Sequence[Body]) -> Self:
+        """The same membrane, these bodies pressed on it."""
+        return dataclasses.replace(self, bodies=tuple(bodies))
+
+    @property
+    def touches(self) -> bool:
+        """Whether there is anything that a face may touch."""
+        return self.wall is not None or bool(self.bodies)
+
+    def softened(self, factor: Array) -> Self:
+        """The same membrane, what it may touch no stiffer than a share of the rigid limit."""
+        wall = None if self.wall is None else self.wall.softened(factor)
+        softer = self.with_wall(wall)
+        if not self.bodies:
+            return softer
+        return softer.with_bodies([body.softened(factor) for body in self.bodies])
+
     def with_more_fibres(self) -> Self:
         """The same membrane, its energy summed up over twice as many fibres of the thickness.
 
@@ -308,7 +416,7 @@ class AbstractMechanics(eqx.Module):
 
         Its gradient by q is the residual of `assemble`, its Hessian the tangent.
         """
-        stored = self.strain_energy(q) + self.contact_energy(q)
+        stored = self.strain_energy(q) + self.contact_energy(q, factor)
         return stored - pressure * self.volume_change(q) - factor * self.work(q)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from suas_jax.config import SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 
 Counts = tuple[int, ...]
@@ -116,6 +117,10 @@ class AbstractModel(abc.ABC):
             excess: its estimated error by each comparison mesh, over the one that is allowed.
         """
 
+    def coarser(self, counts: Counts) -> Counts:
+        """The mesh whose own solution tells the error of another one, under bodies."""
+        return tuple(max(2, n // 2) for n in counts)
+
     @abc.abstractmethod
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> AbstractPlan:
         """Mesh of the whole membrane.
@@ -134,6 +139,7 @@ class AbstractModel(abc.ABC):
         geometry: SkinGeometry,
         law: AbstractLaw,
         loads: Sequence[Any],
+        bodies: Sequence[Body] = (),
     ) -> AbstractMechanics:
         """The mechanics on a mesh.
 
@@ -141,7 +147,8 @@ class AbstractModel(abc.ABC):
             plan: a mesh of this model.
             geometry: dimensions, with a lane axis.
             law: material, its constants with a lane axis.
-            loads: what acts on the outer face.
+            loads: dead forces on the outer face.
+            bodies: that are pressed on it.
         """
 
     def carried(

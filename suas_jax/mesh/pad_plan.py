@@ -148,6 +148,7 @@ def plan_pad(
     scale: float = 1.0,
     mirrored: tuple[bool, bool] = (False, False),
     ends: Ends = "clamped",
+    touched: Sequence[Footprint] = (),
 ) -> PadPlan:
     """Place breakpoints.
 
@@ -163,13 +164,15 @@ def plan_pad(
         mirrored: whether the loads are their own image in the crown's plane, and in the
             middle's: half or a quarter of the pad is enough.
         ends: of the axis.
+        touched: places of bodies.
 
     Raises:
         ValueError: an odd number of elements where the plan is to be mirrored.
     """
     decay = rounded(np.sqrt(mid_size * thickness))
-    arc_marks = [(mid_size * f.angle, mid_size * f.arc) for f in footprints]
-    axial_marks = [(f.axial, f.length) for f in footprints]
+    marked = [*footprints, *touched]
+    arc_marks = [(mid_size * f.angle, mid_size * f.arc) for f in marked]
+    axial_marks = [(f.axial, f.length) for f in marked]
     wanted = elements or (None, None)
     arc = _breakpoints(
         mid_size * half_angle, decay, arc_marks, wanted[0], scale, mirrored[0], True

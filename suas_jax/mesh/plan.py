@@ -30,7 +30,7 @@ class MeshPlan(eqx.Module):
     """A mesh as arrays of plain numbers; its shapes alone decide what is compiled.
 
     Breakpoints are ordered: left clamp, right clamp, then those of each load in turn, then
-    those of the section.
+    those of bodies, then those of the section.
 
     Attributes:
         stations: weights of the breakpoints in each station's angle [station, breakpoint].
@@ -148,11 +148,20 @@ class MeshPlan(eqx.Module):
         )
 
 
-def breakpoints(section: AbstractSection, loads: Sequence[LineLoad]) -> list[Lanes]:
-    """Angles of clamps, loads and kinks, in the order of the plan's weights [rad]."""
+def breakpoints(
+    section: AbstractSection, loads: Sequence[LineLoad], touched: Sequence[Lanes] = ()
+) -> list[Lanes]:
+    """Angles of clamps, loads, bodies and kinks, in the order of the plan's weights [rad].
+
+    Args:
+        section: the undeformed membrane.
+        loads: line loads.
+        touched: where bodies come in [rad].
+    """
     angles = [-section.half_angle, section.half_angle]
     for load in loads:
         angles += load.breakpoints(section)
+    angles += touched
     angles += section.breakpoints
     return angles
 
@@ -263,7 +272,10 @@ def _with_loads(
 
 
 def load_points(
-    plan: MeshPlan, geometry: SkinGeometry, loads: Sequence[LineLoad]
+    plan: MeshPlan,
+    geometry: SkinGeometry,
+    loads: Sequence[LineLoad],
+    touched: Sequence[Lanes] = (),
 ) -> tuple[Float[Array, "station lane"], LoadPoints]:
     """Stations and load points of a plan for the inputs at hand.
 
@@ -271,9 +283,10 @@ def load_points(
         plan: the mesh.
         geometry: dimensions, with a lane axis.
         loads: line loads, in the order of the plan.
+        touched: where bodies come in [rad], likewise.
     """
     section = geometry.section
-    values = jnp.stack(jnp.broadcast_arrays(*breakpoints(section, loads)))
+    values = jnp.stack(jnp.broadcast_arrays(*breakpoints(section, loads, touched)))
     angles = jnp.asarray(plan.stations) @ values
     if not loads or plan.select.shape[1] == 0:
         empty = jnp.zeros((plan.select.shape[0], 0, 1))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from suas_jax.config import LineLoadSpec, SceneSpec, continuous_inputs
+from suas_jax.config import BodyLoadSpec, LineLoadSpec, SceneSpec, continuous_inputs
 from suas_jax.mesh.plan import MeshPlan, breakpoints, plan_mesh
 from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.plain import check_places, plain_geometry
@@ -40,7 +40,7 @@ class Measures(NamedTuple):
 
     Attributes:
         angles: of the breakpoints in the order of a plan [rad].
-        places: angles of the dead loads, in the order of the file [rad].
+        places: angles of the dead loads and bodies, in the order of the file [rad].
         half_angle: of the right clamp [rad].
         size: length of the mid-line per angle [m].
         symmetric: whether the section is its own mirror image.
@@ -64,13 +64,15 @@ def measures(scene: SceneSpec) -> Measures:
     numbers = {k: np.array([v]) for k, v in known.items() if k.startswith("load.")}
 
     def found(section: AbstractSection) -> tuple[list[Any], list[Any]]:
-        lines, places = [], []
+        lines, places, touched = [], [], []
         for key, spec in loads.items():
             value = functools.partial(_numbered, numbers, key)
             if isinstance(spec, LineLoadSpec):
                 lines.append(LineLoad.of(spec, section, value))
             places.append(angle_of(spec, section, value))
-        return breakpoints(section, lines), places
+            if spec.kind == "body":
+                touched.append(places[-1])
+        return breakpoints(section, lines, touched), places
 
     run = found if scene.geometry.is_circle else eqx.filter_jit(found)
     ends, middles = (tuple(float(x[0]) for x in group) for group in run(section))
@@ -85,20 +87,31 @@ def _numbered(numbers: dict[str, Any], load: str, key: str) -> Any:
 def _mirror_image(scene: SceneSpec, numbers: Sequence[float]) -> bool:
     """Whether the loads are their own mirror image."""
 
-    def key(load: LineLoadSpec, middle: float, sign: int) -> tuple[float, float, float, float]:
+    def key(load: LineLoadSpec | BodyLoadSpec, middle: float, sign: int) -> tuple[Any, ...]:
+        if isinstance(load, BodyLoadSpec):
+            own = (load.shape, load.radius, load.opening, load.depth, load.force)
+            return (str(own), sign * middle)
         turn = 0.0
         if load.direction == "vertical":
             turn = middle  # the turn that points a radial force down
         elif not isinstance(load.direction, str):
             turn = load.direction
-        return (sign * middle, load.force, sign * turn, load.spread or 0.0)
+        return ("", sign * middle, load.force, sign * turn, load.spread or 0.0)
 
-    loads, at = [], 2
+    loads: list[tuple[LineLoadSpec | BodyLoadSpec, float]] = []
+    at = 2
     for load in scene.loads:
         if isinstance(load, LineLoadSpec):
             ends = numbers[at : at + (1 if load.spread is None else 2)]
             loads.append((load, sum(ends) / len(ends)))
             at += len(ends)
+    for load in scene.loads:  # whose breakpoints come after those of the lines
+        if isinstance(load, BodyLoadSpec):
+            loads.append((load, numbers[at]))
+            at += 1
     given = sorted(key(*load, 1) for load in loads)
     mirrored = sorted(key(*load, -1) for load in loads)
-    return bool(np.allclose(given, mirrored, rtol=1e-12, atol=1e-12)) if loads else True
+    return all(
+        a[0] == b[0] and np.allclose(a[1:], b[1:], rtol=1e-12, atol=1e-12)
+        for a, b in zip(given, mirrored, strict=True)
+    )

@@ -5,7 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.correction import corrected
@@ -67,9 +67,7 @@ def assess(
     check = None
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
         check, change = verify(problem, state)
-        if problem.mechanics.corrected:
-            assert change is not None
-            shown = jax.tree.map(lambda a, b: a + b, state, change)
+        shown = state if change is None else jax.tree.map(jnp.add, state, change)
         report = observe(parts, problem, shown, state)
         report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
         forces = check.unbalanced, check.balanced
@@ -125,16 +123,15 @@ def assess(
         rows = [[unknown] * len(values)] * ((1 + with_kinks) * len(each))
         return rows, each, unknown, jnp.full(unknown.shape, True)
 
+    judge = jax.lax.cond if meshes.compared else lambda *_: left_out()
     by_mesh, parts_of_error, error, stable = (
-        compared() if judged is True else jax.lax.cond(judged, compared, left_out)
+        compared() if judged is True and meshes.compared else judge(judged, compared, left_out)
     )
     report["stable"] = stable if check is None else check.stable
     report["discretisation_error"] = error
     floor = jnp.zeros_like(error)
     if change is not None:
-        floor += problem.mechanics.omitted_floor + error_beyond_wall(
-            problem, state, report["min_gap_m"], report["max_displacement_m"]
-        )
+        floor += error_beyond_first_order(parts, problem, state, report)
     report["model_error"] = relative_error(by_model, scales) + floor
     errors = [*by_mesh, by_model]
     report["key_quantities"] = {
@@ -145,6 +142,7 @@ def assess(
     }
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
+    verdict = off_clamps(problem, state, verdict)
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
@@ -152,6 +150,58 @@ def assess(
         verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
     report["validity"] = verdict
     return report, state, shown
+
+
+def off_clamps(
+    problem: Problem, state: State, verdict: Int[Array, " lane"]
+) -> Int[Array, " lane"]:
+    """The verdict on a state, unless a body reaches a clamped edge."""
+    for body in problem.mechanics.bodies:
+        clamped = problem.mechanics.touched(state.q, body.placed(state.factor)).on_clamp
+        verdict = jnp.where(clamped, index_of("body_on_clamp"), verdict)
+    return verdict
+
+
+def error_beyond_first_order(
+    parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
+) -> Lanes:
+    """Relative error that the size of the first-order effect doesn't tell.
+
+    Args:
+        parts: of the scene.
+        problem: on the whole membrane.
+        state: the equilibrium.
+        report: what is observed with the effect.
+    """
+    mechanics = problem.mechanics
+    floor = mechanics.omitted_floor + error_beyond_wall(
+        problem, state, report["min_gap_m"], report["max_displacement_m"]
+    )
+    if mechanics.bodies:
+        floor += mechanics.omitted_margin * body_change(parts, problem, state, report)
+    return floor
+
+
+def body_change(
+    parts: SceneParts, problem: Problem, state: State, report: dict[str, Any]
+) -> Lanes:
+    """Largest relative change of a body's force by what is left out.
+
+    Args:
+        parts: of the scene.
+        problem: membrane with its bodies, oil and loads.
+        state: the equilibrium.
+        report: what is observed with the change.
+    """
+    mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
+    shown = [load["force_N"] for load in report["loads"] if "depth_m" in load]
+    width = parts.skin.geometry.width if mechanics.per_width else 1.0
+    for body, force in zip(mechanics.bodies, shown, strict=True):
+        at = mechanics.touched(state.q, body.placed(state.factor))
+        own = width * jnp.einsum("c...l,cl->l", at.force, body.frame[-1])
+        apart = jnp.where(force == 0, 0.0, own / jnp.where(force == 0, 1.0, force) - 1)
+        largest = jnp.maximum(largest, jnp.abs(apart))
+    return largest
 
 
 def error_beyond_wall(

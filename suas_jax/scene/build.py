@@ -38,7 +38,7 @@ def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> 
     """
     skin = parts.skin
     model = MODELS[plan.dimension][plan.model]
-    mechanics = model.build(plan, skin.geometry, skin.law, parts.forces)
+    mechanics = model.build(plan, skin.geometry, skin.law, parts.forces, parts.bodies)
     mechanics = mechanics.with_wall(skin.wall if wall else None)
     return Problem(mechanics, skin.oil, parts.external_pressure, parts.oil_pressure)
 
@@ -79,10 +79,14 @@ def decay_angle(scene: SceneSpec) -> float:
         tension = abs(scene.solve.oil_pressure) * radius
     else:
         pressures = [abs(s.pressure) for s in scene.loads if s.kind == "pressure"]
-        forces = [abs(s.force) for s in scene.loads if s.kind != "pressure"]
+        forces = [abs(s.force) for s in scene.loads if s.kind in ("line", "patch")]
+        # A body stretches the membrane that its travel makes bulge. That of half the gap stands
+        # for all: meshes shall not depend on whether a travel or a force is given.
+        bulged = bool(scene.bodies) * 0.5 * g.mean_gap / radius
         tension, pressure = 0.0, sum(pressures)
         if scene.oil.trapped:
             tension = 3 * sum(forces) / g.width
+            tension += 12 * stiffness / g.mean_thickness**2 * bulged**2
             pressure = min(pressure + abs(water_rise(scene)), 8 * stiffness / radius**3)
         tension += pressure * radius
     if tension <= 0:

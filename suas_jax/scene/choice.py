@@ -10,9 +10,12 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
-from suas_jax.scene.program import number, prepared, run_program, structure_of
+from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
+from suas_jax.scene.travel import driven_by_force, number, travels_of
 
+# Error of the finer of two meshes over their difference, twice what order two leaves.
+_FINER_SHARE = 2 / 3
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
 
@@ -193,6 +196,9 @@ def _attempt(
     counts = given or model.first(scene)
     coarsest: Tried | None = None
     coarser: Attempt | None = None
+    wanted: Counts | None = None
+    if scene.bodies:  # whose error is that between two meshes
+        wanted, counts = counts, model.coarser(counts)
     while True:
         plan, meshes, inputs, rest = prepared(scene, name, counts)
         static = structure_of(scene, wall=wall)
@@ -204,6 +210,11 @@ def _attempt(
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
         found = Attempt(report, state, shown, outcome, plan, wall, part, coarsest, scene)
+        if scene.bodies and coarser is not None and coarser.wall == wall:
+            before = coarser.report
+            if driven_by_force(scene):
+                before = _at_travels_of(found, scene, coarser, once=once)
+            found.report["discretisation_error"] = difference(scene, before, found.report)
         if coarser is not None and not found.better_than(coarser):
             return coarser
         # Where another model is tried next, a finer mesh of this one is wasted.
@@ -211,8 +222,13 @@ def _attempt(
         other_next = other_next and found.converged and found.model_too_coarse(rtol)
         if found.at_the_wall and scene.wall.contact and not (wall or other_next):
             wall, coarsest = True, None
+            if scene.bodies:
+                wanted, counts = counts, model.coarser(counts)
             continue
         coarser = found
+        if scene.bodies and found.converged and wanted is not None:
+            counts, wanted = wanted, None
+            continue
         excess = found.mesh_excess(rtol)
         if given or other_next or not found.converged or excess <= 1:
             return found
@@ -220,6 +236,39 @@ def _attempt(
         if finer is None:
             return found
         counts = finer
+
+
+def _at_travels_of(
+    found: Attempt, scene: SceneSpec, coarser: Attempt, *, once: bool
+) -> dict[str, Any]:
+    """What a coarser mesh reports where bodies travel as far as on the finer one."""
+    known = prepared(scene, coarser.plan.model, coarser.plan.counts)
+    inputs = known.inputs | travels_of(scene, found.report)
+    static = structure_of(scene, wall=coarser.wall)
+    start = coarser.part
+    return run_program(static, known.meshes, inputs, start, once=once, travels_given=True)[0]
+
+
+def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
+    """Relative error of the finer of two meshes, from what they say of bodies and oil.
+
+    Errors of forces fall with the square of the elements' length at least.
+
+    Args:
+        scene: with bodies.
+        a: what is observed on the coarser mesh.
+        b: on the finer one.
+    """
+    largest = number(b["max_displacement_m"])
+    pairs = [(a["oil_pressure_Pa"], b["oil_pressure_Pa"], number(b["oil_pressure_Pa"]))]
+    for spec, old, new in zip(scene.loads, a["loads"], b["loads"], strict=True):
+        if spec.kind == "body":
+            pairs.append((old["force_N"], new["force_N"], number(new["force_N"])))
+        elif spec.kind != "pressure":
+            pairs.append((old["displacement_m"], new["displacement_m"], largest))
+    pairs.append((a["max_displacement_m"], b["max_displacement_m"], largest))
+    sizes = [abs(number(x) - number(y)) / abs(z) for x, y, z in pairs if z]
+    return _FINER_SHARE * max(sizes, default=0.0)
 
 
 def _carried(model: AbstractModel, found: Attempt, target: AbstractPlan) -> State | None:

@@ -1,14 +1,21 @@
-"""What the wall carries, and where the membrane lies on it."""
+"""What wall and bodies carry, and where the membrane lies on them."""
 
+import functools
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.base import ContactState
+from suas_jax.mechanics.base import BodyContact, ContactState
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.body import Body
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
+
+# Points of contact from which a zone's width and its peak pressure are told.
+_RESOLVED = 12
+# Gap between two zones of contact up to which they count as one, in thicknesses.
+_TOGETHER = 1e-3
 
 Grid = Float[Array, "along line lane"]
 
@@ -23,9 +30,7 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
     force = jnp.sum(contact.area * contact.pressure, (0, 1))
     if contact.axial is None:  # a section: point after point along the arc
         gap, angle = (
-            jnp.moveaxis(jnp.broadcast_to(x, contact.gap.shape), 1, 0).reshape(
-                -1, 1, contact.gap.shape[-1]
-            )
+            _along_arc(jnp.broadcast_to(x, contact.gap.shape))
             for x in (contact.gap, contact.polar_angle)
         )
         start, end, covered = _closed(gap, angle)
@@ -48,6 +53,90 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
         **places,
         "axial_m": axial,
     }
+
+
+def body_observables(
+    contact: BodyContact, body: Body, factor: Lanes, geometry: SkinGeometry
+) -> dict[str, Any]:
+    """What a body does to the skin, and where it touches.
+
+    Forces are those on the skin: along the approach, and along growing angles; the moment is
+    about the body's centre, counter-clockwise.
+
+    Args:
+        contact: the outer face at its contact points.
+        body: that is pressed on it.
+        factor: on its travel.
+        geometry: of the skin.
+    """
+    travel = factor * body.travel
+    width = geometry.width if contact.axial is None else 1.0
+    force = -jnp.sum(contact.force, (1, 2)) * width
+    along = jnp.einsum("ij...,j...->i...", body.frame, force)
+    out = body.frame[-1]
+    lever = contact.position - _over(body.origin + (body.shape.centre - travel) * out)
+    moment = jnp.sum(lever[0] * contact.force[1] - lever[1] * contact.force[0], (0, 1))
+    touched = jnp.any(contact.gap < 0, (0, 1))
+    return {
+        "depth_m": travel + jnp.zeros_like(moment),
+        "force_N": -along[-1],
+        "tangential_force_N": along[0],
+        "moment_Nm": -moment * width,
+        **_extent(contact, body, geometry, touched),
+        "max_contact_pressure_Pa": jnp.max(contact.pressure, (0, 1)),
+        "contact_resolved": ~touched | (jnp.sum(contact.gap < 0, (0, 1)) >= _RESOLVED),
+    }
+
+
+def _extent(
+    contact: BodyContact, body: Body, geometry: SkinGeometry, touched: Bool[Array, " lane"]
+) -> dict[str, Any]:
+    """Area, width and number of the zones in which a body touches."""
+
+    def ends(gap: Grid, place: Array) -> tuple[Lanes, Lanes, Array]:
+        first, last, covered = _closed(gap, place)
+        return jnp.where(touched, first, 0.0), jnp.where(touched, last, 0.0), covered
+
+    along = geometry.outer_arc(contact.angle) - geometry.outer_arc(body.angle)
+    gap, along = jnp.broadcast_arrays(contact.gap, along)
+    if contact.axial is None:
+        gap, along = _along_arc(gap), _along_arc(along)
+        start, end, covered = ends(gap, along)
+        own = {
+            "contact_area_m2": jnp.sum(covered, 0) * geometry.width,
+            "contact_from_m": start,
+            "contact_to_m": end,
+        }
+        lines = [gap]
+    else:
+        start, end, _ = ends(gap, along)
+        across = jnp.swapaxes(gap, 0, 1), jnp.swapaxes(contact.axial, 0, 1)
+        first, last, _ = ends(*across)
+        own = {
+            "contact_area_m2": jnp.sum(jnp.where(gap < 0, contact.area, 0.0), (0, 1)),
+            "contact_half_width_axial_m": (last - first) / 2,
+        }
+        lines = [gap, across[0]]
+    zones = [_parts(jnp.min(x, 1), geometry) for x in lines]
+    count = functools.reduce(jnp.maximum, zones)
+    half = {"contact_half_width_m": (end - start) / 2}
+    return half | own | {"zones": jnp.where(touched, count, 0)}
+
+
+def _parts(gap: Float[Array, "along lane"], geometry: SkinGeometry) -> Int[Array, " lane"]:
+    """How many stretches of a line touch; short gaps between them don't count."""
+    near = gap < _TOGETHER * geometry.thickness
+    begins = near & ~jnp.pad(near, [(1, 0), (0, 0)])[:-1]
+    return jnp.sum(begins, 0, dtype=jnp.int32)
+
+
+def _along_arc(x: Float[Array, "point element lane"]) -> Grid:
+    """Points of a section one after the other."""
+    return jnp.moveaxis(x, 1, 0).reshape(-1, 1, x.shape[-1])
+
+
+def _over(x: Float[Array, "component lane"]) -> Float[Array, "component 1 1 lane"]:
+    return x[:, None, None]
 
 
 def _closed(gap: Grid, place: Grid) -> tuple[Lanes, Lanes, Float[Array, "line lane"]]:

@@ -151,7 +151,7 @@ class Curve:
             return None
         after = hits[0]
         if after == 0:
-            return _contact_of(points[0])
+            return contact_of(points[0])
         low, high = float(levels[after - 1]), float(levels[after])
         gaps = points[after - 1]["min_gap_m"], None
         best = points[after]
@@ -168,7 +168,7 @@ class Curve:
                 low, above = float(inner[k - 1]), rows[k - 1]["min_gap_m"]
                 start = jax.tree.map(lambda x, k=k: x[k - 1], states)
             gaps = above, below
-        return _contact_of(best)
+        return contact_of(best)
 
 
 class SwayedCurve(Curve):
@@ -215,7 +215,8 @@ def _around_zero(
     return np.clip(near, inner[0], inner[-1])
 
 
-def _contact_of(report: dict[str, Any]) -> dict[str, float]:
+def contact_of(report: dict[str, Any]) -> dict[str, float]:
+    """What is said of a first contact with the wall."""
     contact = {
         "force_N": total_force(report),
         "oil_pressure_Pa": report["oil_pressure_Pa"],

@@ -270,6 +270,7 @@ def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) ->
     """
     require_float64()
     scene.require_plane_strain("`loads_of`")
+    scene.require_no_bodies("`loads_of`")
     parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
     section = parts.skin.geometry.section
     angles, forces, turns = [], [], []

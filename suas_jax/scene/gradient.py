@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.config import continuous_inputs
 from suas_jax.config.errors import nearest
 from suas_jax.equilibrium.balance import State, unknowns_of
 from suas_jax.equilibrium.correction import corrected
@@ -21,6 +20,7 @@ from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.solve import Solution
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.travel import driven_by_force
 
 
 class UnknownQuantityError(ValueError):
@@ -80,7 +80,21 @@ def _program(
         _require_known(path, quantities(report))
         return _pick(report, path)[0]
 
-    return jax.grad(quantity)(inputs)
+    driven = driven_by_force(scene.scene)
+    if not driven:
+        return jax.grad(quantity)(inputs)
+
+    def with_forces(inputs: Inputs) -> Array:
+        loads = _observed(scene, plan, states, inputs)["loads"]
+        return jnp.stack([quantity(inputs), *(loads[i]["force_N"][0] for i in driven)])
+
+    rows = jax.jacrev(with_forces)(inputs)
+    travels = jnp.stack([rows.pop(f"load.{i}.depth") for i in driven], -1)
+    # The travels change until the forces are the given ones: dF = 0, or that of the input.
+    shares = jnp.linalg.solve(travels[1:].T, travels[0])
+    for k, i in enumerate(driven):
+        rows[f"load.{i}.force"] = jnp.zeros(1 + len(driven)).at[1 + k].set(-1.0)
+    return {path: row[0] - shares @ row[1:] for path, row in rows.items()}
 
 
 def _require_known(path: str, allowed: list[str]) -> None:
@@ -119,7 +133,7 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     """
     require_float64()
     scene = Structure(solution.scene, wall=solution.wall)
-    inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(solution.scene).items()}
+    inputs = {k: jnp.asarray(v, float) for k, v in solution.inputs.items()}
     known = (solution.plan, (solution.state, solution.shown), inputs)
     found = COMPILED.run(_program, scene, path, *known, once=True)
     slopes = {name: float(value) for name, value in found.items()}

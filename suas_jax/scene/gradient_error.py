@@ -36,9 +36,10 @@ def gradient_error_estimate(solution: Solution, path: str) -> float | None:
             line or patch have estimates of their own; others take the largest of these.
 
     Returns:
-        The estimate, by mesh and model together; None where it is unknown.
+        The estimate, by mesh and model together; None where it is unknown, as under bodies,
+        whose errors are told by another solve.
     """
-    if unloaded(solution.scene):
+    if unloaded(solution.scene) or solution.scene.bodies:
         return None
     known = continuous_inputs(solution.scene)
     random = np.random.default_rng(0)

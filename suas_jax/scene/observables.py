@@ -13,11 +13,14 @@ from jaxtyping import Array
 
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State, volume_residual
-from suas_jax.equilibrium.correction import corrected_contact
-from suas_jax.scene.contact_zone import contact_zone
+from suas_jax.equilibrium.correction import corrected_contact, corrected_touch
+from suas_jax.mechanics.base import AbstractMechanics
+from suas_jax.scene.contact_zone import body_observables, contact_zone
 from suas_jax.scene.parts import SceneParts
 from suas_jax.sensing.taxels import taxel_names
-from suas_jax.skin.pad_loads import PadLoad
+from suas_jax.skin.body import Body
+from suas_jax.skin.loads import LineLoad
+from suas_jax.skin.pad_loads import DeadLoad
 
 
 def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:
@@ -29,9 +32,24 @@ def place_of(parts: SceneParts, name: str, angle: Array) -> dict[str, Array]:
     return found
 
 
-def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[dict[str, Any]]:
-    """Position, force and displacement of every load, in the order of the file."""
+def load_observables(
+    parts: SceneParts,
+    problem: Problem,
+    state: State,
+    held: AbstractMechanics,
+    root: State | None,
+) -> list[dict[str, Any]]:
+    """Position, force and displacement of every load, in the order of the file.
+
+    Args:
+        parts: of the scene.
+        problem: to read the state with.
+        state: to report.
+        held: the membrane with what it touches.
+        root: see `observe`.
+    """
     forces, pressures = iter(parts.forces), iter(parts.pressures)
+    bodies = iter(parts.bodies)
     geometry = parts.skin.geometry
     section = geometry.section
     entries: list[dict[str, Any]] = []
@@ -39,16 +57,27 @@ def load_observables(parts: SceneParts, problem: Problem, state: State) -> list[
         if spec.kind == "pressure":
             entries.append({"pressure_Pa": next(pressures) * state.factor})
             continue
-        load = next(forces)
-        moved, way = problem.mechanics.under(state.q, load), load.direction(section)
+        own: dict[str, Any]
+        load: DeadLoad | Body
+        if spec.kind == "body":
+            load = next(bodies)
+            way = -load.frame[-1]
+            touch = corrected_touch(held, load, state, root)
+            own = body_observables(touch, load, state.factor, geometry)
+        else:
+            load = next(forces)
+            way, own = load.direction(section), {"force_N": load.force * state.factor}
+        moved = problem.mechanics.under(state.q, load)
         entry = {
             **place_of(parts, "", load.angle),
             "arc_position_m": geometry.outer_arc(load.angle),
-            "force_N": load.force * state.factor,
+            **own,
             "displacement_m": jnp.sum(moved.mid_displacement * way, 0),
             "inner_displacement_m": jnp.sum(moved.inner_displacement * way, 0),
         }
-        if isinstance(load, PadLoad):
+        if not problem.mechanics.per_width:
+            assert not isinstance(load, LineLoad)
+            assert load.axial is not None
             entry["axial_m"] = load.axial + jnp.zeros_like(load.angle)
         entries.append(entry)
     return entries
@@ -103,7 +132,7 @@ def observe(
     stretch_min, stretch_max = shape.stretch_range()
     energy = mechanics.stored_energy(state.q)
     report = {
-        "loads": load_observables(parts, problem, state),
+        "loads": load_observables(parts, problem, state, held, root),
         "oil_pressure_Pa": state.pressure,
         "max_displacement_m": largest.value,
         **place_of(parts, "max_displacement_", largest.angle),

@@ -15,13 +15,14 @@ from suas_jax.config import SceneSpec, SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import DeadLoad, PadLoad
 from suas_jax.skin.prestress import Prestress, ambient_pressure
 from suas_jax.skin.registry import build_geometry, build_oil
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import RigidLimit, Wall
 
 
 class SkinParts(NamedTuple):
@@ -61,6 +62,7 @@ class SceneParts(NamedTuple):
     Attributes:
         skin: the skin's objects.
         forces: the dead loads, in the order of the file.
+        bodies: that are pressed on the skin, in the order of the file.
         pressures: of the uniform pressure loads, in the order of the file [Pa].
         oil_pressure: wanted oil pressure [Pa]; None where loads are given as they are.
         ambient_pressure: of the water around [Pa]; None where no depth is given.
@@ -69,6 +71,7 @@ class SceneParts(NamedTuple):
 
     skin: SkinParts
     forces: list[DeadLoad]
+    bodies: list[Body]
     pressures: list[Lanes]
     oil_pressure: Lanes | None
     ambient_pressure: Lanes | None
@@ -101,26 +104,32 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
     skin = _skin(scene, numbers)
     section = skin.geometry.section
     forces: list[DeadLoad] = []
-    pressures = []
+    bodies, pressures = [], []
+    flat = scene.geometry.dimension == 2
     for i, spec in enumerate(scene.loads):
         path = f"load.{i}."
         if spec.kind == "pressure":
             pressures.append(_lane(numbers[path + "pressure"]))
-        elif scene.geometry.dimension == 3:
-            value = functools.partial(_value, numbers, path)
-            angle = angle_of(spec, section, functools.partial(_lane_of, value))
+            continue
+        value = functools.partial(_value, numbers, path)
+        lane = functools.partial(_lane_of, value)
+        if spec.kind == "body":
+            places = angle_of(spec, section, lane), None if flat else lane("axial")
+            law = RigidLimit.of(skin.law.shear_modulus, skin.geometry.thickness)
+            bodies.append(Body.of(spec, section, places, lane, law))
+        elif not flat:
+            angle = angle_of(spec, section, lane)
             forces.append(PadLoad.of(spec, angle, value, skin.geometry.width))
         else:
             assert spec.kind == "line"  # a scene with a patch in plane strain is refused
-            value = functools.partial(_value, numbers, path)
-            forces.append(LineLoad.of(spec, section, functools.partial(_lane_of, value)))
+            forces.append(LineLoad.of(spec, section, lane))
     wanted = ambient = None
     if scene.solve.oil_pressure is not None:
         wanted = _lane(numbers["solve.oil_pressure"])
     environment = scene.environment
     if environment is not None and environment.depth is not None:
         ambient = ambient_pressure(functools.partial(_lane_at, numbers))
-    return SceneParts(skin, forces, pressures, wanted, ambient, scene)
+    return SceneParts(skin, forces, bodies, pressures, wanted, ambient, scene)
 
 
 def law_of(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> AbstractLaw:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool
+from jaxtyping import Array, Bool
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
@@ -22,6 +22,7 @@ from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.travel import driven_by_force, number, under_forces
 from suas_jax.skin.prestress import is_prestressed
 
 
@@ -51,8 +52,10 @@ def _program(
 
 def unloaded(scene: SceneSpec) -> bool:
     """Whether nothing acts on the skin."""
-    return not is_prestressed(scene) and all(
-        getattr(load, "force", getattr(load, "pressure", 0.0)) == 0 for load in scene.loads
+    return not is_prestressed(scene) and not any(
+        getattr(load, key, None)
+        for load in scene.loads
+        for key in ("force", "pressure", "depth")
     )
 
 
@@ -74,10 +77,13 @@ def run_program(
     *,
     once: bool,
     judged: bool = True,
+    travels_given: bool = False,
 ) -> tuple[dict[str, Any], State, State, State, dict[str, Any]]:
     """The program of a scene from a start; from rest where that leads nowhere.
 
     Where nothing acts on the skin nothing is solved: the report is that of the undeformed skin.
+    Bodies that are pressed by a force take the travel at which they carry it, unless the inputs
+    give it.
 
     Returns:
         What is observed; the equilibrium, the state to report and that of the part solved; how
@@ -88,19 +94,19 @@ def run_program(
         report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
         outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
         return report, state, state, at_rest(meshes.solved), outcome
-    known, flag = (static, meshes, inputs), np.asarray(judged)
-    effort = {"once": once, "long": meshes.whole.solves_long}
-    found: Any = COMPILED.run(_program, *known, start, flag, **effort)
+    flag, effort = np.asarray(judged), {"once": once, "long": meshes.whole.solves_long}
     free = static.scene.solve.oil_pressure is None  # a wanted pressure is sought from rest
-    if free and number(start.factor) != 0 and number(found[-1]["result"]) != 0:
-        rest = at_rest(meshes.solved)
-        found = COMPILED.run(_program, *known, rest, flag, **effort)
-    return found
 
+    def run(inputs: Inputs, start: State) -> Any:
+        found: Any = COMPILED.run(_program, static, meshes, inputs, start, flag, **effort)
+        if free and number(start.factor) != 0 and number(found[-1]["result"]) != 0:
+            rest = at_rest(meshes.solved)
+            found = COMPILED.run(_program, static, meshes, inputs, rest, flag, **effort)
+        return found
 
-def number(lane: ArrayLike) -> float:
-    """The value of the only lane; by NumPy, as JAX compiles programs for an index."""
-    return float(np.ravel(lane)[0])
+    if driven_by_force(static.scene) and not travels_given:
+        return under_forces(static.scene, inputs, start, run)
+    return run(inputs, start)
 
 
 def at_rest(plan: AbstractPlan) -> State:
@@ -130,6 +136,10 @@ def prepared(scene: SceneSpec, name: str, counts: Counts) -> Prepared:
     """
     plan = plan_for(scene, name, counts)
     meshes = plan.meshes()
+    if scene.bodies:
+        # A state carried to another mesh touches a stiff body elsewhere, or not at all: the
+        # error is told by another solve, see `choice`.
+        meshes = meshes._replace(compared=(), stability=meshes.whole)
     return Prepared(plan, meshes, inputs_of(scene), at_rest(meshes.solved))
 
 

@@ -115,6 +115,11 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
             "The inner face has passed the wall, which does not hold it (contact = false): "
             "the state is not valid."
         )
+    if any(load["zones"] and not load["contact_resolved"] for load in _bodies(report)):
+        remarks.append(
+            "A body touches less than the mesh resolves: its force and travel are told, the "
+            "width of contact and its largest pressure are not."
+        )
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")
     return remarks
@@ -136,6 +141,10 @@ def _sway(stable: bool, factor: float | None) -> list[str]:
         f"The symmetric equilibrium is unstable{share}: this is one of the two mirror images "
         "to which the skin sways."
     ]
+
+
+def _bodies(report: dict[str, Any]) -> list[dict[str, Any]]:
+    return [load for load in report["loads"] if load["kind"] == "body"]
 
 
 def _short_circuited(taxel: dict[str, Any]) -> dict[str, Any]:

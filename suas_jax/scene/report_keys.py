@@ -71,12 +71,26 @@ REST_KEYS = {
 """Keys of `rest`."""
 
 LOAD_KEYS = {
-    "kind": "`line`, `patch` or `pressure`",
+    "kind": "`line`, `patch`, `pressure` or `body`",
     "angle_deg": "where it acts; of a path or spline the direction of the normal",
     "arc_m": "where, by arc length of the inner face from its middle; not on a circle",
     "arc_position_m": "the same along the outer face",
     "axial_m": "where along the axis; in three dimensions",
     "force_N": "total force, as scaled to reach a wanted oil pressure",
+    "depth_m": "travel of a body beyond first touch, given or found",
+    "tangential_force_N": "of a body on the skin, along growing angles; its `force_N` is that "
+    "along the approach",
+    "moment_Nm": "of that force about a round body's centre, or a flat one's reference point, "
+    "counter-clockwise",
+    "contact_area_m2": "of the undeformed outer face that a body touches",
+    "contact_half_width_m": "half the extent of that along the arc",
+    "contact_from_m": "where it begins, by arc length of the outer face from the reference "
+    "point",
+    "contact_to_m": "where it ends",
+    "max_contact_pressure_Pa": "largest pressure of a body on the skin",
+    "contact_resolved": "whether enough points touch to tell width and largest pressure; force "
+    "and travel are told in any case",
+    "zones": "how many parts of the outer face a body touches",
     "displacement_m": "of the mid-surface under the load, along its direction",
     "inner_displacement_m": "of the inner face under the load, along its direction",
     "pressure_Pa": "of a uniform pressure, in place of all the others",

@@ -12,9 +12,10 @@ from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import build_problem
 from suas_jax.scene.choice import Attempt
-from suas_jax.scene.program import inputs_of, number, prepared, run_program, structure_of
+from suas_jax.scene.program import inputs_of, prepared, run_program, structure_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.travel import number
 
 _KEPT = ("oil_pressure_Pa", "hoop_force_N_per_m", "max_displacement_m", "min_gap_m")
 
@@ -46,14 +47,22 @@ def rest_of(scene: SceneSpec, found: Attempt, *, once: bool) -> dict[str, Any]:
         for path in (f"load.{i}.force", f"load.{i}.pressure")
         if path in inputs
     }
+    away = {
+        f"load.{i}.depth": np.asarray(-idle.geometry.width)
+        for i, load in enumerate(scene.loads)
+        if load.kind == "body"
+    }
+    nothing |= away
     static = structure_of(idle, wall=found.wall)
     report, state, _, _, outcome = run_program(
-        static, meshes, inputs | nothing, start, once=once
+        static, meshes, inputs | nothing, start, once=once, travels_given=True
     )
     if number(outcome["result"]) != 0:
         return {"stable": False}
     seen = plain(report)
-    effect = plain(COMPILED.run(_effect, static, plan, inputs_of(idle), state, once=True))
+    effect = plain(
+        COMPILED.run(_effect, static, plan, inputs_of(idle) | away, state, once=True)
+    )
     pushed = any(load.kind != "pressure" for load in scene.loads)
     return {
         "stable": seen["stable"],

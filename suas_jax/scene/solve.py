@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from suas_jax.config import SceneSpec, continuous_inputs
+from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
@@ -18,10 +18,11 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Tried, choose
-from suas_jax.scene.program import inputs_of, number, prepared, run_program, structure_of
+from suas_jax.scene.program import inputs_of, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.rest import rest_of
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.scene.travel import number, travels_of
 from suas_jax.skin.prestress import is_prestressed
 
 
@@ -57,10 +58,14 @@ class Solution:
         """Whether the equilibrium was found."""
         return bool(self.report["status"] == "converged")
 
+    @property
+    def inputs(self) -> dict[str, np.ndarray]:
+        """The scene's numbers as its programs take them, travels that were found among them."""
+        return inputs_of(self.scene) | travels_of(self.scene, self.report)
+
     def problem(self) -> Problem:
         """The discrete problem on the whole arc."""
-        inputs = continuous_inputs(self.scene)
-        return build_problem(self.scene, self.plan, inputs, wall=self.wall)
+        return build_problem(self.scene, self.plan, self.inputs, wall=self.wall)
 
     def read(self, reading: Callable[[Problem, State, State], Any]) -> Any:
         """What a function reads of the solved states, as NumPy arrays, by one program.
@@ -71,9 +76,7 @@ class Solution:
         """
         scene = structure_of(self.scene, wall=self.wall)
         states = self.state, self.shown
-        found = COMPILED.run(
-            _read, scene, self.plan, inputs_of(self.scene), reading, *states, once=True
-        )
+        found = COMPILED.run(_read, scene, self.plan, self.inputs, reading, *states, once=True)
         return jax.tree.map(np.asarray, found)
 
 
@@ -148,7 +151,7 @@ def report_with(
     scene = solution.scene
     plan, start = (solution.plan, solution.part) if judged else solution.coarsest
     known = prepared(scene, plan.model, plan.counts)
-    arrays = known.inputs | {k: np.asarray(v, float) for k, v in inputs.items()}
+    arrays = solution.inputs | {k: np.asarray(v, float) for k, v in inputs.items()}
     static, once = structure_of(scene, wall=solution.wall), solution.once
     report, *_, outcome = run_program(
         static, known.meshes, arrays, start, once=once, judged=judged

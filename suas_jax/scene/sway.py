@@ -12,7 +12,8 @@ import numpy as np
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mesh.section import measures
-from suas_jax.scene.program import number, prepared, run_program, structure_of
+from suas_jax.scene.program import prepared, run_program, structure_of
+from suas_jax.scene.travel import number
 
 # By which loads are moved along the arc, as a share of half of it: the branch that is found
 # does not depend on it, from 0.1 to 3 %.
@@ -60,7 +61,8 @@ def stable_factor(
     """
     _, meshes, inputs, rest = prepared(scene, model, counts)
     static, known = structure_of(scene, wall=wall), continuous_inputs(scene)
-    sizes = [k for k in known if k.startswith("load.") and k.endswith((".force", ".pressure"))]
+    ends = (".force", ".pressure", ".depth")
+    sizes = [k for k in known if k.startswith("load.") and k.endswith(ends)]
     low, high = 0.0, 1.0
     for _ in range(_STEPS):
         middle = (low + high) / 2

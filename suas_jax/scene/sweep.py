@@ -15,6 +15,7 @@ from suas_jax.mechanics.model import Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.curve import Curve, SwayedCurve, total_force
+from suas_jax.scene.indentation import IndentationCurve
 from suas_jax.scene.sway import can_sway
 
 # Observables of a point that go into the table.
@@ -78,6 +79,7 @@ def sweep(
     *,
     forces: Sequence[float] | None = None,
     oil_pressures: Sequence[float] | None = None,
+    depths: Sequence[float] | None = None,
 ) -> Sweep:
     """Follow a scene's equilibrium through rising loads.
 
@@ -86,18 +88,27 @@ def sweep(
         forces: sums of the line loads' magnitudes, in the order to visit [N].
         oil_pressures: instead of forces: all loads are scaled until the oil reaches these
             pressures above ambient, all of one sign, in the order to visit [Pa].
+        depths: instead of forces: travels of the body that is pressed in most, those of others
+            in proportion, in the order to visit [m].
 
     Returns:
         A report for each point, and the first contact with the wall if there is one.
 
     Raises:
         SweepError: the loads can't be scaled so, or the values are not allowed.
-        TypeError: neither forces nor oil pressures are given, or both.
+        TypeError: not exactly one of forces, oil pressures and depths is given.
         Float64Error: float64 is off.
     """
     require_float64()
-    if (forces is None) == (oil_pressures is None):
-        raise TypeError("sweep: give either forces or oil_pressures")
+    if sum(x is not None for x in (forces, oil_pressures, depths)) != 1:
+        raise TypeError("sweep: give one of forces, oil_pressures and depths")
+    if depths is not None:
+        return depth_sweep(scene, depths)
+    if scene.bodies:
+        raise SweepError(
+            "bodies are pressed by their own depth or force, which is not scaled; sweep their "
+            "travel with --depth"
+        )
     if forces is not None:
         return force_sweep(scene, forces)
     assert oil_pressures is not None
@@ -117,7 +128,7 @@ def force_sweep(scene: SceneSpec, forces: Sequence[float]) -> Sweep:
     lines = {
         f"load.{i}.force": load.force
         for i, load in enumerate(scene.loads)
-        if load.kind != "pressure"
+        if load.kind in ("line", "patch")
     }
     total = sum(abs(force) for force in lines.values())
     if total == 0:
@@ -147,6 +158,38 @@ def pressure_sweep(scene: SceneSpec, pressures: Sequence[float]) -> Sweep:
         raise SweepError("--oil-pressure: at least one pressure must differ from zero")
     wanted = with_solve(scene, oil_pressure=float(largest))
     return _sweep(wanted, values)
+
+
+def depth_sweep(scene: SceneSpec, depths: Sequence[float]) -> Sweep:
+    """Press bodies through given travels, all other loads kept: indentation curves.
+
+    Every point starts from the one before. Model and mesh are those that the deepest point
+    needs; errors are told by a second curve on a coarser mesh.
+
+    Args:
+        scene: the scene; its bodies with a depth give the pattern.
+        depths: travels of the body that is pressed in most, in the order to visit [m].
+
+    Raises:
+        SweepError: no body has a depth, or depths aren't finite.
+    """
+    own = {
+        f"load.{i}.depth": load.depth
+        for i, load in enumerate(scene.loads)
+        if load.kind == "body" and load.depth is not None
+    }
+    if not own:
+        raise SweepError("there is no body with a depth to change; give a [[load]] a depth")
+    values = np.asarray(depths, float)
+    if values.size == 0 or not np.all(np.isfinite(values)):
+        raise SweepError(f"--depth: finite values are needed, got {values}")
+    top = max(map(abs, own.values()))
+    shares = {path: depth / top if top else 1.0 for path, depth in own.items()}
+    deepest = float(values[np.argmax(np.abs(values))]) or 1e-3
+    pressed = with_inputs(scene, {path: share * deepest for path, share in shares.items()})
+    curve = IndentationCurve.of(pressed, shares)
+    points = curve.points(values)
+    return Sweep(points, curve.first_contact(values, points), scene)
 
 
 def _checked(values: Sequence[float] | np.ndarray, option: str) -> np.ndarray:

@@ -71,6 +71,7 @@ def load_path(file: Path) -> LoadPath:
         where = f"{file}, line {table.line}"
         raise ValueError(f"{where}: '# scene: FILE' is missing above the column names")
     scene = load_scene(file.parent / table.header["scene"])
+    scene.require_no_bodies(f"{file}: a load path")
     _check_columns(f"{file}, line {table.line}", table.names, scene)
     numbers = np.array([[number_in(text) for text in fields] for _, fields in table.rows])
     for (line, fields), values in zip(table.rows, numbers, strict=True):

@@ -95,6 +95,7 @@ def simulate_log(
     """
     path = None if file.suffix.lower() == ".toml" else load_path(file)
     scene = load_scene(file) if path is None else path.scene
+    scene.require_no_bodies("`suas simulate`")
     converter = converter_of(scene, **(settings or {}))
     if duration is None:
         duration = _SCENE_SECONDS if path is None else float(path.time[-1] - path.time[0])
@@ -112,7 +113,7 @@ def simulate_log(
         capacitance = np.tile(static, (count, 1))
     else:
         capacitance = capacitances(path, path.time[0] + time, progress)
-        forces = [0.0 if load.kind == "pressure" else load.force for load in scene.loads]
+        forces = [getattr(load, "force", None) or 0.0 for load in scene.loads]
         moved = path.at(path.time[0] + time)
     untold, loads = "", {}
     try:

@@ -35,7 +35,7 @@ def true_loads(
     flat = scene.geometry.dimension == 2
     for i, load in enumerate(scene.loads):
         _refuse_others(i, load, flat, scene.geometry.is_circle)
-        assert load.kind != "pressure"
+        assert load.kind in ("line", "patch")
         own: dict[str, float] = {"force_N": forces[i]}
         if load.angle is not None:
             own["angle_deg"] = np.rad2deg(load.angle)
@@ -67,6 +67,8 @@ def _refuse_others(i: int, load: LoadSpec, flat: bool, circle: bool) -> None:
     why = ""
     if load.kind == "pressure":
         why = "a pressure"
+    elif load.kind == "body":
+        why = "a body"
     elif load.kind == "line" and (load.spread is not None or not flat):
         why = "spread" if load.spread is not None else "a line on a pad"
     elif load.kind == "patch" and load.diameter is None:

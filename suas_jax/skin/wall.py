@@ -11,6 +11,7 @@ Every law is zero until the gap closes, so it changes nothing of a state without
 """
 
 import abc
+from typing import Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -120,6 +121,26 @@ class SoftLayer(AbstractPressureGap):
         return SoftLayer(self.thickness, stiffness, beneath)
 
 
+class Obstacle(Protocol):
+    """A rigid surface that a face of the membrane may touch."""
+
+    @property
+    def law(self) -> AbstractPressureGap:
+        """Pressure over gap."""
+        ...
+
+    def gap(
+        self, position: Float[Array, "component *point"], near: Array
+    ) -> Float[Array, "*point"]:
+        """Distance of points from the surface, negative inside it [m].
+
+        Args:
+            position: x and y first, then along the axis.
+            near: angles close to theirs, such as those of the material [rad].
+        """
+        ...
+
+
 class Wall(eqx.Module):
     """A surface parallel to the undeformed inner face, and its law of contact.
 
@@ -155,12 +176,7 @@ class Wall(eqx.Module):
     def gap(
         self, position: Float[Array, "component *point"], near: Array
     ) -> Float[Array, "*point"]:
-        """Distance of points from the surface, negative inside it [m].
-
-        Args:
-            position: x and y first; coordinates along the axis don't matter.
-            near: angles close to theirs, such as those of the material [rad].
-        """
+        """See `Obstacle`; coordinates along the axis don't matter."""
         return self.seen_from(position, near)[1]
 
     def seen_from(

@@ -110,6 +110,7 @@ class SkinTest(Dataset):
 
 def skin(reader: Reader, scene: SceneSpec) -> SkinTest:
     """Displacements and oil pressures of a skin under given forces."""
+    scene.require_no_bodies("A skin's curve")
     lines = [load for load in scene.loads if isinstance(load, LineLoadSpec)]
     if not lines or not any(load.force for load in lines):
         raise DataError(

@@ -1,1 +1,1 @@
-"""Contact of the membrane's inner face with the wall: a local term of the energy."""
+"""Contact of the membrane's faces with rigid surfaces: a local term of the energy."""

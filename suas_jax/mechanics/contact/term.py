@@ -1,15 +1,17 @@
 """The contact energy at quadrature points, and its derivatives by a point's local inputs.
 
-The gap g of a point of the inner face is a function of a few local inputs z (a position; for
+The gap g of a point of a face is a function of a few local inputs z (a position; for
 a shell also the slopes that turn and thin it). With the law's energy W per area and the
 point's share w of the area::
 
     E = w W(g),   dE/dz = w W' dg/dz,   d2E/dz2 = w (W'' dg/dz (x) dg/dz + W' d2g/dz2)
 
-Nothing here knows about dimensions or about what the inputs are: every mechanics brings its
-gap and takes the terms back through its own shape functions.
+Nothing here knows about dimensions or about what the inputs are, but that the first of them
+are displacements: every mechanics brings its gap and takes the terms back through its own shape
+functions.
 """
 
+import functools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -17,7 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax.skin.wall import AbstractPressureGap
+from suas_jax.skin.body import Body
+from suas_jax.skin.wall import AbstractPressureGap, Obstacle
 
 
 class Gap(NamedTuple):
@@ -80,7 +83,7 @@ def contact_terms(
     """Energy of contact and its derivatives.
 
     Args:
-        law: of the wall.
+        law: of the obstacle.
         gap: at the points.
         weight: quadrature weights times the undeformed area that a unit covers.
     """
@@ -100,6 +103,40 @@ def contact_terms(
     )
 
 
+def by_travel(terms: ContactTerms, body: Body) -> Float[Array, "input *point"]:
+    """Derivative of the force on the points by a factor on a body's travel.
+
+    A body that comes in by a length meets the points as if they had gone out by it.
+    """
+    out = body.travel * body.frame[-1]
+    rows = [n * terms.stiffness[k] for k, n in enumerate(out)]
+    return functools.reduce(jnp.add, rows)
+
+
+def push(
+    obstacle: Obstacle,
+    position: Float[Array, "component *point"],
+    near: Float[Array, "*#point"],
+    area: Float[Array, "*#point"],
+    shift: Array | float = 0.0,
+) -> Float[Array, "component *point"]:
+    """Force of points of a face on an obstacle [N], in plane strain per width [N/m].
+
+    Args:
+        obstacle: what they touch.
+        position: of the points [m].
+        near: angles close to theirs [rad].
+        area: of the undeformed face that a point stands for.
+        shift: added to the gaps [m].
+    """
+
+    def energy(position: Array) -> Array:
+        gap = obstacle.gap(position, near) + shift
+        return jnp.sum(area * obstacle.law.energy(gap))
+
+    return jax.grad(energy)(position)
+
+
 def contact_pressure(law: AbstractPressureGap, gap: Float[Array, "*point"]) -> Array:
-    """Pressure of the wall on the inner face at given gaps [Pa]."""
+    """Pressure on a face at given gaps [Pa]."""
     return -jax.jvp(law.energy, (gap,), (jnp.ones_like(gap),))[1]

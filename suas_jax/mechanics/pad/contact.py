@@ -1,28 +1,30 @@
-"""The pad's inner face against the wall.
+"""The pad's faces against rigid surfaces: the inner one's wall, the outer one's bodies.
 
 The inner face is the fibre at -t/2 of the thinned membrane, so its gap at a point depends on
-the displacement and on its first and second derivatives: eighteen inputs. Points are even
-in an element, the corners included: where the membrane first touches, the zone is smaller
-than an element. Few elements are near the wall; only those have terms, a chunk at a time.
+the displacement and on its first and second derivatives: eighteen inputs. The outer one is at
+t/2 on the rigid normal, as for the section's shell: nine. Points are even in an element, the
+corners included: where the membrane first touches, the zone is smaller than an element. Few
+elements touch; only those have terms, a chunk at a time.
 """
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.base import ContactState
+from suas_jax.mechanics.base import BodyContact, ContactState
 from suas_jax.mechanics.contact.term import (
     ContactTerms,
+    by_travel,
     contact_pressure,
     contact_terms,
     expanded,
 )
 from suas_jax.mechanics.pad.faces import face_displacement
-from suas_jax.mechanics.pad.mid_surface import KINDS, Rest, surface, vectors
+from suas_jax.mechanics.pad.mid_surface import KINDS, Rest, cross, dot, surface, vectors
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.stiffness import (
     COLUMNS,
@@ -34,32 +36,50 @@ from suas_jax.mechanics.pad.stiffness import (
     upper_of,
 )
 from suas_jax.numerics.bspline import bernstein
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.wall import Obstacle, Wall
 
-_INTERVALS = 8  # between points, along either side of an element
+# Between points, along either side of an element: against the wall, and under bodies, where the
+# place of contact turns the force.
+_INTERVALS = {-1: 8, 1: 16}
 _CHUNK = 4  # elements whose terms are made together
 
-_XI = np.linspace(0, 1, _INTERVALS + 1)
-_WEIGHTS = np.where((_XI == 0) | (_XI == 1), 0.5, 1.0) / _INTERVALS
-_COUNT = len(_XI)
+
+class _Rule(NamedTuple):
+    """Local coordinates and weights of the trapezoidal rule, along either side."""
+
+    xi: Float[np.ndarray, " point"]
+    weights: Float[np.ndarray, " point"]
+
+    @classmethod
+    def of(cls, intervals: int) -> "_Rule":
+        """With points at both ends."""
+        xi = np.linspace(0, 1, intervals + 1)
+        return cls(xi, np.where((xi == 0) | (xi == 1), 0.5, 1.0) / intervals)
+
+
+_RULES = {side: _Rule.of(intervals) for side, intervals in _INTERVALS.items()}
 
 
 @functools.cache
-def _shapes(kinds: tuple[tuple[int, int], ...]) -> Float[np.ndarray, "kind point 16"]:
+def _shapes(
+    side: int, kinds: tuple[tuple[int, int], ...]
+) -> Float[np.ndarray, "kind point 16"]:
     """Bernstein polynomials at the points by kind of derivative (along stations, across)."""
-    by_order = [np.stack(bernstein(_XI, order), 1) for order in range(3)]
+    by_order = [np.stack(bernstein(_RULES[side].xi, order), 1) for order in range(3)]
     products = [np.einsum("ga,hb->ghab", by_order[m], by_order[n]) for m, n in kinds]
-    return np.stack(products).reshape(len(kinds), _COUNT**2, 16)
+    return np.stack(products).reshape(len(kinds), -1, 16)
 
 
-class InnerFace:
-    """One lane's inner face at its contact points [point, element].
+class ContactFace:
+    """One lane's inner or outer face at its contact points [point, element].
 
     Args:
         net: the control net.
-        wall: what it may touch.
+        obstacle: what it may touch.
+        side: -1 for the inner face, 1 for the outer one.
         section: the undeformed membrane across the axis.
         qe: Bernstein coefficients of the displacement.
         growth: of the membrane; None where it fits its seat.
@@ -68,59 +88,88 @@ class InnerFace:
     def __init__(
         self,
         net: Net,
-        wall: Wall,
+        obstacle: Obstacle,
+        side: int,
         section: AbstractSection,
         qe: ElementVector,
         growth: Growth | None,
     ) -> None:
-        self.net, self.wall, self.growth = net, wall, growth
+        self.net, self.obstacle, self.side, self.growth = net, obstacle, side, growth
         self.section = section
         order = net.topology.ordered
         span, axial = jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(section.size * span, axial)
         self.counts = len(long), len(across)
-        kinds = tuple(order(*kind) for kind in KINDS)
-        self.shapes = _shapes(kinds)
+        kinds = tuple(order(*kind) for kind in (KINDS if side < 0 else KINDS[:3]))
+        self.xi, along_side = _RULES[side]
+        self.count = len(self.xi)
+        self.shapes = _shapes(side, kinds)
         powers = [1 / (long[:, None] ** m * across**n) for m, n in kinds]
-        self.powers = jnp.stack(powers).reshape(len(KINDS), -1)  # [kind, element]
+        self.powers = jnp.stack(powers).reshape(len(kinds), -1)  # [kind, element]
         values = jnp.einsum("kgs,cse->kcge", self.shapes, qe.reshape(3, 16, -1))
-        self.inputs = (values * self.powers[:, None, None]).reshape(18, _COUNT**2, -1)
+        values = values * self.powers[:, None, None]
+        self.inputs = values.reshape(3 * len(kinds), self.count**2, -1)
         self.angle = self._spread(net.angles[:-1], span, arc=True)
         self.axial = self._spread(net.axial[:-1], axial, arc=False)
         sides = order(section.size * span, axial)
-        weights = np.outer(_WEIGHTS, _WEIGHTS).reshape(-1, 1)
-        inner = 1 - section.curvature(self.angle) * section.thickness(self.angle) / 2
-        self.area = weights * jnp.outer(sides[0], sides[1]).reshape(-1) * inner
+        weights = np.outer(along_side, along_side).reshape(-1, 1)
+        half = side * section.thickness(self.angle) / 2
+        face = 1 + section.curvature(self.angle) * half
+        self.area = weights * jnp.outer(sides[0], sides[1]).reshape(-1) * face
 
     def _spread(self, start: Array, length: Array, *, arc: bool) -> Array:
         """A coordinate of one direction at all points [point, element]."""
-        x = start + _XI[:, None] * length
+        x = start + self.xi[:, None] * length
         along = arc == self.net.topology.along_arc
         x = x[:, None, :, None] if along else x[None, :, None, :]
-        return jnp.broadcast_to(x, (_COUNT, _COUNT, *self.counts)).reshape(_COUNT**2, -1)
+        return jnp.broadcast_to(x, (self.count, self.count, *self.counts)).reshape(
+            self.count**2, -1
+        )
 
-    def position(self, z: Float[Array, "18 *point"], angle: Array) -> Array:
-        """Current positions of the inner face [m].
+    def position(self, z: Float[Array, "input *point"], angle: Array, axial: Array) -> Array:
+        """Current positions of the face [m].
 
         Args:
             z: displacement and its derivatives, in the order of `KINDS`.
             angle: reference angles [rad].
+            axial: reference positions along the axis [m].
         """
+        if self.side > 0:
+            return self._on_rigid_normal(z, angle, axial)
         s = surface(vectors(z), Rest.of(self.section, angle))
-        (x, y, axial), _ = face_displacement(s, -s.rest.thickness / 2, self.growth)
+        (x, y, along), _ = face_displacement(s, -s.rest.thickness / 2, self.growth)
         rest = self.section.inner_face(angle)
-        return jnp.stack([rest[0] + x, rest[1] + y, axial])
+        return jnp.stack([rest[0] + x, rest[1] + y, axial + along])
+
+    def _on_rigid_normal(self, z: Array, angle: Array, axial: Array) -> Array:
+        rest, (u, us, uz) = Rest.of(self.section, angle), vectors(z)
+        sine, cosine = rest.normal
+        m = cross((us[0] + cosine, us[1] - sine, us[2]), (uz[0], uz[1], uz[2] + 1))
+        outward = self.side * rest.thickness / 2 / jnp.sqrt(dot(m, m))
+        middle = (rest.place[0] + u[0], rest.place[1] + u[1], axial + u[2])
+        return jnp.stack([x - outward * n for x, n in zip(middle, m, strict=True)])
 
     def gap(self) -> Float[Array, "point element"]:
-        """Distance from the wall at all points [m]."""
-        return self.wall.gap(self.position(self.inputs, self.angle), self.angle)
+        """Distance from the obstacle at all points [m]."""
+        return self.obstacle.gap(self._place(), self.angle)
+
+    def _place(self) -> Array:
+        return self.position(self.inputs, self.angle, self.axial)
 
     def energy(self) -> Array:
         """Energy of contact [J]."""
-        return jnp.sum(self.area * self.wall.law.energy(self.gap()))
+        return jnp.sum(self.area * self.obstacle.law.energy(self.gap()))
 
-    def element_terms(self) -> tuple[ElementVector, Upper]:
-        """First derivatives of the energy by the element unknowns, second ones as bands."""
+    def element_terms(self, body: Body | None = None) -> tuple[Array, Upper]:
+        """First derivatives of the energy by the element unknowns, second ones as bands.
+
+        Args:
+            body: whose travel the first derivatives are differentiated by as well.
+
+        Returns:
+            First derivatives, and theirs by a factor on the travel: two element vectors. The
+            bands.
+        """
         lowest = jnp.min(self.gap(), 0)
         nearest = jnp.argsort(lowest)
         count = len(nearest)
@@ -136,31 +185,41 @@ class InnerFace:
             index = start + jnp.arange(_CHUNK)
             element = nearest[jnp.minimum(index, count - 1)]
             terms = self._terms(element, jnp.where(index < count, 1.0, 0.0))
-            force = force.at[:, :, element].add(self._forces(terms, element))
+            rows = [terms.force]
+            if body is not None:
+                rows.append(by_travel(terms, body))
+            more = jnp.stack([self._forces(row, element) for row in rows])
+            force = force.at[..., element].add(more)
             side = jnp.divmod(element, self.counts[1])
             blocks = add_blocks(self.net, blocks, side, self._blocks(terms, element))
             return start + _CHUNK, (force, blocks)
 
-        nothing = jnp.zeros((3, 16, count), self.inputs.dtype), no_blocks(self.net)
+        vectors = 1 if body is None else 2
+        nothing = jnp.zeros((vectors, 3, 16, count), self.inputs.dtype), no_blocks(self.net)
         _, (force, bands) = jax.lax.while_loop(closed, add, (jnp.zeros((), int), nothing))
-        return force.reshape(3, 4, 4, *self.counts), upper_of(bands)
+        return force.reshape(vectors, 3, 4, 4, *self.counts), upper_of(bands)
 
     def _terms(self, element: Int[Array, " chosen"], share: Array) -> ContactTerms:
         """Contact at the points of some elements, by its inputs."""
-        angle = self.angle[:, element]
+        angle, axial = self.angle[:, element], self.axial[:, element]
         inputs = self.inputs[:, :, element]
-        gap = expanded(lambda z: self.wall.gap(self.position(z, angle), angle), inputs)
-        return contact_terms(self.wall.law, gap, share * self.area[:, element])
 
-    def _forces(self, terms: ContactTerms, element: Array) -> Float[Array, "3 16 chosen"]:
-        force = terms.force.reshape(6, 3, _COUNT**2, -1)
+        def gap_of(z: Array) -> Array:
+            return self.obstacle.gap(self.position(z, angle, axial), angle)
+
+        gap = expanded(gap_of, inputs)
+        return contact_terms(self.obstacle.law, gap, share * self.area[:, element])
+
+    def _forces(self, by_inputs: Array, element: Array) -> Float[Array, "3 16 chosen"]:
+        force = by_inputs.reshape(len(self.powers), 3, self.count**2, -1)
         force = force * self.powers[:, None, None, element]
         return jnp.einsum("kgs,kcge->cse", self.shapes, force)
 
     def _blocks(self, terms: ContactTerms, element: Array) -> Array:
         """Second derivatives by control values, by `SLOTS` along the stations."""
         powers = self.powers[:, element]
-        stiffness = terms.stiffness.reshape(6, 3, 6, 3, _COUNT**2, -1)
+        kinds = len(powers)
+        stiffness = terms.stiffness.reshape(kinds, 3, kinds, 3, self.count**2, -1)
         stiffness = stiffness * (powers[:, None] * powers)[:, None, :, None, None]
         half = jnp.einsum("kgs,kcldge->csldge", self.shapes, stiffness)
         k = jnp.einsum("csldge,lgt->csdte", half, self.shapes)
@@ -175,17 +234,30 @@ class InnerFace:
         return jnp.transpose(pairs, (0, 5, 2, 4, 1, 3))
 
     def state(self) -> ContactState:
-        """Where the face is, and how it is pushed, on a grid [arc, axial]."""
-        place = self.position(self.inputs, self.angle)
-        polar, gap = self.wall.seen_from(place, self.angle)
-        pressure = contact_pressure(self.wall.law, gap)
-        axial = self.axial + place[2]
-        fields = (self.angle, polar, gap, pressure, self.area, axial)
+        """Where the face is, and how the wall pushes it, on a grid [arc, axial]."""
+        wall, place = self.obstacle, self._place()
+        assert isinstance(wall, Wall)
+        polar, gap = wall.seen_from(place, self.angle)
+        pressure = contact_pressure(wall.law, gap)
+        fields = (self.angle, polar, gap, pressure, self.area, place[2])
         return ContactState(*(self._gridded(x) for x in fields))
 
+    def touched(self, body: PlacedBody) -> BodyContact:
+        """Where the face is, and how it pushes a body, on a grid [arc, axial]."""
+        area = jnp.asarray(self.area)
+        found = BodyContact.of(body, self.angle, self._place(), area, self.axial)
+        return jax.tree.map(
+            lambda x: (
+                jnp.stack([self._gridded(row) for row in x])
+                if x.ndim == 3
+                else self._gridded(x)
+            ),
+            found,
+        )
+
     def _gridded(self, x: Array | np.ndarray) -> Float[Array, "arc axial"]:
-        x = jnp.broadcast_to(x, self.area.shape).reshape(_COUNT, _COUNT, *self.counts)
+        x = jnp.broadcast_to(x, self.area.shape).reshape(self.count, self.count, *self.counts)
         x = jnp.transpose(x, (2, 0, 3, 1)).reshape(
-            self.counts[0] * _COUNT, self.counts[1] * _COUNT
+            self.counts[0] * self.count, self.counts[1] * self.count
         )
         return x if self.net.topology.along_arc else x.T

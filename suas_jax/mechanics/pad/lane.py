@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad import loads as pad_loads
-from suas_jax.mechanics.pad.contact import InnerFace
+from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
 from suas_jax.mechanics.pad.fibres import Layers, energy_density, layers, resultants
 from suas_jax.mechanics.pad.mid_surface import (
@@ -25,6 +25,7 @@ from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
 from suas_jax.mechanics.pad.refinement import refined
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.numerics.quadrature import lagrange_slopes
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.pad_loads import PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
@@ -138,9 +139,13 @@ class PadLane:
         work = pad_loads.load_work(points, spots, moved)
         return jnp.sum(areas * density), jnp.sum(areas * more), work
 
-    def inner_face(self, q: Array, wall: Wall) -> InnerFace:
+    def inner_face(self, q: Array, wall: Wall) -> ContactFace:
         """The inner face against a wall."""
-        return InnerFace(self.net, wall, self.section, self.net.gather(q), self.growth)
+        return ContactFace(self.net, wall, -1, self.section, self.net.gather(q), self.growth)
+
+    def outer_face(self, q: Array, body: PlacedBody) -> ContactFace:
+        """The outer face against a body."""
+        return ContactFace(self.net, body, 1, self.section, self.net.gather(q), self.growth)
 
     def _spots(self) -> pad_loads.Spots:
         """Where the loads act."""
@@ -210,13 +215,22 @@ class PadLane:
         return refined(self.net, self.section, q)
 
     def assemble(
-        self, q: Array, pressure: Array, factor: Array, wall: Wall | None
+        self,
+        q: Array,
+        pressure: Array,
+        factor: Array,
+        wall: Wall | None,
+        bodies: tuple[Body, ...],
     ) -> tuple[Array, ...]:
-        """Residual, bands, derivatives of volume and load, and volume change."""
+        """Residual, bands, derivatives of volume and load, and volume change.
+
+        With bodies also the residual's derivative by their travel, its sign changed, and their
+        force.
+        """
         qe = self.net.gather(q)
         s = self.surface(qe)
-        found = resultants(self.law, s, self.fibres)
-        forces = stress(s, found.first)
+        results = resultants(self.law, s, self.fibres)
+        forces = stress(s, results.first)
         more, pulls = swept(s)
         more = more - self._swelling()
         internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
@@ -225,16 +239,25 @@ class PadLane:
         moved = pad_loads.interpolated(spots, qe)
         vectors, hessian = pad_loads.load_terms(points, spots, moved)
         load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
-        upper = self._stiffness(tangent(s, found, pressure))
+        upper = self._stiffness(tangent(s, results, pressure))
         upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
         if wall is not None:
             pushes, more_bands = self.inner_face(q, wall).element_terms()
-            internal, upper = internal + pushes, upper + more_bands
+            internal, upper = internal + pushes[0], upper + more_bands
+        contact = jnp.zeros((2, *qe.shape), qe.dtype)
+        for body in bodies:
+            pushes, more_bands = self.outer_face(q, body.placed(factor)).element_terms(body)
+            contact, upper = contact + pushes, upper + more_bands
+        if bodies:
+            internal = internal + contact[0]
         bands = dense_bands(self.net, upper)
         scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
         residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
         volume = jnp.sum(self.areas.reshape(-1) * more)
-        return residual, bands, scattered[1], scattered[2], volume
+        found = residual, bands, scattered[1], scattered[2], volume
+        if not bodies:
+            return found
+        return *found, -self.net.scatter(contact[1]), self.net.scatter(contact[0])
 
     def _stiffness(self, blocks: Float[Array, "pair 3 3 point"]) -> Upper:
         """Upper bands from second derivatives of a density by `PAIRS`."""

@@ -7,13 +7,14 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from suas_jax.config import LineLoadSpec, PatchLoadSpec, SceneSpec
+from suas_jax.config import BodyLoadSpec, LineLoadSpec, PatchLoadSpec, SceneSpec
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
+from suas_jax.mesh.pad_plan import Footprint, PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.mesh.section import measures
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad
 
@@ -22,6 +23,8 @@ _MOST_ELEMENTS = 80  # along either direction
 # to the shear's share and were solved on a second mesh.
 _FIRST = 1.15
 _FINER = 1.5  # order four: the error falls to a fifth
+_NEAR = 0.15  # of a round body's radius, and of the pad's: what it touches, in order of size
+_STRAIGHT = 1e-12  # rounding of a body's place, or turn
 
 
 class PadMesh(AbstractPlan):
@@ -94,6 +97,10 @@ class PadModel(AbstractModel):
             return None
         return tuple(2 * math.ceil(_FINER * n / 2) for n in counts)
 
+    def coarser(self, counts: Counts) -> Counts:
+        """Two thirds, even; see the base class."""
+        return tuple(max(4, 2 * (n // 3)) for n in counts)
+
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> PadMesh:
         """Elements gathered at edges and loads; see the base class."""
         del decay  # bending decays over a length of the geometry alone
@@ -101,6 +108,11 @@ class PadModel(AbstractModel):
         mirrored = (False, False)
         if scene.solve.symmetry:
             planes = mirror_planes(_loads(scene))
+            images = [_mirrors(body, place) for body, place in _bodies(scene)]
+            planes = (
+                planes[0] and all(image[0] for image in images),
+                planes[1] and all(image[1] for image in images),
+            )
             planes = planes[0] and measures(scene).symmetric, planes[1]
             arc, axial = (
                 m and n % 2 == 0 and n >= 6 for m, n in zip(planes, elements, strict=True)
@@ -115,10 +127,11 @@ class PadModel(AbstractModel):
         geometry: SkinGeometry,
         law: AbstractLaw,
         loads: Sequence[PadLoad],
+        bodies: Sequence[Body] = (),
     ) -> Pad:
         """The pad on a mesh; see the base class."""
         assert isinstance(plan, PadMesh)
-        return Pad.build(geometry, law, plan.plan, loads)
+        return Pad.build(geometry, law, plan.plan, loads).with_bodies(bodies)
 
 
 def _planned(
@@ -130,8 +143,33 @@ def _planned(
     g, found = scene.geometry, measures(scene)
     outer = found.size + g.mean_thickness / 2
     places = [footprint(load, outer) for load in _loads(scene)]
+    touched = [_touched(body, place, outer) for body, place in _bodies(scene)]
     sizes = (found.half_angle, g.width, found.size, g.mean_thickness)
-    return plan_pad(*sizes, places, elements=elements, mirrored=mirrored, scale=scale)
+    return plan_pad(
+        *sizes, places, elements=elements, mirrored=mirrored, scale=scale, touched=touched
+    )
+
+
+def _bodies(scene: SceneSpec) -> list[tuple[BodyLoadSpec, float]]:
+    """Bodies and the angles that they come in at [rad]."""
+    loads = [spec for spec in scene.loads if spec.kind != "pressure"]
+    places = zip(loads, measures(scene).places, strict=True)
+    return [(spec, place) for spec, place in places if spec.kind == "body"]
+
+
+def _mirrors(body: BodyLoadSpec, angle: float) -> tuple[bool, bool]:
+    """Whether a body is its own image in the crown's plane, and in the middle's."""
+    straight = body.shape == "sphere" or abs(math.sin(2 * body.turn)) < _STRAIGHT
+    return straight and abs(angle) < _STRAIGHT, straight and abs(body.axial) < _STRAIGHT
+
+
+def _touched(body: BodyLoadSpec, angle: float, outer: float) -> Footprint:
+    """What a body may touch, as elements gather there."""
+    arc, axial = (size / 2 for size in body.size or (0.0, body.length or 0.0))
+    sine, cosine = abs(math.sin(body.turn)), abs(math.cos(body.turn))
+    reach = min(_NEAR * (body.radius or 0.0), _NEAR * outer)
+    arc, axial = arc * cosine + axial * sine + reach, arc * sine + axial * cosine + reach
+    return Footprint(angle, body.axial, arc / outer, axial, disc=False)
 
 
 def _loads(scene: SceneSpec) -> list[PadLoad]:
@@ -143,10 +181,13 @@ def _loads(scene: SceneSpec) -> list[PadLoad]:
         return float(found[int(index)] if index else found)
 
     loads = [spec for spec in scene.loads if spec.kind != "pressure"]
-    angles = (jnp.full(1, angle) for angle in measures(scene).places)
+    places = zip(loads, measures(scene).places, strict=True)
+    forces = [(spec, place) for spec, place in places if spec.kind != "body"]
     return [
-        PadLoad.of(spec, angle, functools.partial(value, spec), scene.geometry.width)
-        for spec, angle in zip(loads, angles, strict=True)
+        PadLoad.of(
+            spec, jnp.full(1, angle), functools.partial(value, spec), scene.geometry.width
+        )
+        for spec, angle in forces
     ]
 
 

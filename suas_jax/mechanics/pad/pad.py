@@ -16,7 +16,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.base import AbstractMechanics, Assembly, ContactState, Displacements
+from suas_jax.mechanics.base import (
+    AbstractMechanics,
+    Assembly,
+    BodyContact,
+    ContactState,
+    Displacements,
+)
 from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.lane import PadLane
@@ -33,6 +39,7 @@ from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.numerics.lanes import by_lane, lane_count
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
@@ -54,6 +61,7 @@ class Pad(AbstractMechanics):
         film_volume: volume of the undeformed oil film under the part covered [m^3].
         wall: see the base class.
         growth: see the base class.
+        bodies: see the base class.
         mirrored_planes: whether the part ends at the crown's plane, and at the middle's.
         gauss: quadrature points along either side of an element.
         layers: quadrature points through the thickness.
@@ -68,6 +76,7 @@ class Pad(AbstractMechanics):
     film_volume: Lanes
     wall: Wall | None
     growth: Growth | None
+    bodies: tuple[Body, ...]
     mirrored_planes: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
@@ -101,11 +110,31 @@ class Pad(AbstractMechanics):
         """Free control displacements."""
         return int(self.topology.free.sum())
 
-    def contact_energy(self, q: StationVector) -> Lanes:
-        """Energy of contact with the wall [J]; see the base class."""
-        if self.wall is None:
-            return jnp.zeros(q.shape[-1:], q.dtype)
-        return by_lane(self, lambda pad, q: pad.one_lane().inner_face(q, pad.wall).energy(), q)
+    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
+        """Energy of contact with wall and bodies [J]; see the base class."""
+        energy = jnp.zeros(q.shape[-1:], q.dtype)
+        if self.wall is not None:
+            energy = by_lane(
+                self, lambda pad, q: pad.one_lane().inner_face(q, pad.wall).energy(), q
+            )
+        for body in self.bodies:
+            energy = energy + by_lane(
+                (self, body.placed(factor)),
+                lambda both, q: both[0].one_lane().outer_face(q, both[1]).energy(),
+                q,
+            )
+        return energy
+
+    def touched(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> BodyContact:
+        """The outer face against a body [arc, axial, lane]; see the base class."""
+        del shift  # there is none
+        return by_lane(
+            (self, body),
+            lambda both, q: both[0].one_lane().outer_face(q, both[1]).touched(both[1]),
+            q,
+        )
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall [arc, axial, lane]; see the base class."""
@@ -138,15 +167,15 @@ class Pad(AbstractMechanics):
 
     def assemble(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Assembly:
         """Residual, tangent and border at a trial state; see the base class."""
-        residual, bands, gradient, load, volume = by_lane(
+        residual, bands, gradient, load, volume, *contact = by_lane(
             self,
-            lambda pad, *given: pad.one_lane().assemble(*given, pad.wall),
+            lambda pad, *given: pad.one_lane().assemble(*given, pad.wall, pad.bodies),
             q,
             pressure,
             factor,
         )
         operator = BlockBanded(jnp.moveaxis(bands, -1, 0), self.topology.free_by_station)
-        return Assembly(residual, operator, gradient, load, volume)
+        return Assembly(residual, operator, gradient, load, volume, *contact)
 
     def imbalance(
         self, q: StationVector, pressure: Lanes, factor: Lanes
@@ -155,7 +184,7 @@ class Pad(AbstractMechanics):
 
         def potential(q: StationVector) -> tuple[Array, Lanes]:
             energy, more, work = by_lane(self, lambda pad, q: pad.one_lane().energies(q), q)
-            stored = energy + self.contact_energy(q)
+            stored = energy + self.contact_energy(q, factor)
             return jnp.sum(stored - pressure * more - factor * work), more
 
         gradient, more = jax.grad(potential, has_aux=True)(q)
@@ -190,6 +219,7 @@ class Pad(AbstractMechanics):
             points=pad_load_points(plan, geometry, loads),
             film_volume=geometry.film_area * geometry.width / parts,
             wall=None,
+            bodies=(),
             mirrored_planes=plan.mirrored,
             growth=geometry.growth,
         )

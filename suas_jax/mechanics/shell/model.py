@@ -9,6 +9,7 @@ from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.mesh.plan import MeshPlan, load_points
 from suas_jax.mesh.section import plan_section
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
@@ -91,11 +92,14 @@ class ShellModel(AbstractModel):
         geometry: SkinGeometry,
         law: AbstractLaw,
         loads: Sequence[LineLoad],
+        bodies: Sequence[Body] = (),
     ) -> Shell:
         """The shell on a mesh; see the base class."""
         assert isinstance(plan, ShellPlan)
-        angles, points = load_points(plan.arc, geometry, loads)
-        return Shell.build(geometry, law, angles, points, symmetric=plan.symmetric)
+        touched = [body.angle for body in bodies]
+        angles, points = load_points(plan.arc, geometry, loads, touched)
+        shell = Shell.build(geometry, law, angles, points, symmetric=plan.symmetric)
+        return shell.with_bodies(bodies)
 
 
 SHELL = ShellModel()

@@ -29,12 +29,15 @@ thick: one that has grown by G is too thick by itself, as under N - 4 G t log(g_
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.points import Moments, Points, mix
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
 
@@ -42,6 +45,8 @@ _SHEAR = 27 / 40
 _LOAD_NORMAL, _LOAD_MOMENT = 1 / 8, 3 / 8
 _CLAMP_NORMAL, _CLAMP_MOMENT = -0.0142, -0.077
 _CLAMP_MOMENT_SHEAR, _CLAMP_NORMAL_SHEAR = 0.103, 0.0077
+# Least curvature of what touches, times thickness, and least half width over it.
+_FLAT, _NARROWEST = 1e-4, 1e-4
 
 
 class Resultants(NamedTuple):
@@ -92,6 +97,10 @@ class LinesOverElements(NamedTuple):
         """The best fit to values at Gauss points."""
         mean, rise = mix(np.stack([weights, 12 * weights * (xi - 0.5)]), values)
         return cls(mean, rise)
+
+    def along(self, xi: np.ndarray) -> Float[Array, "point element lane"]:
+        """Values at the same local coordinates of every element."""
+        return self.mean + self.rise * (xi[:, None, None] - 0.5)
 
     def at_points(self, points: LoadPoints) -> Float[Array, "point lane"]:
         """Values under load points."""
@@ -161,3 +170,54 @@ def thinning_work(
     normal, moment = (LinesOverElements.through(x, xi, weights).at_points(points) for x in at)
     thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness
     return jnp.sum(inward * thinning, 0) / modulus
+
+
+def thinning(
+    at: Resultants,
+    xi: np.ndarray,
+    weights: np.ndarray,
+    points: np.ndarray,
+    thickness: Float[Array, "#point #element #lane"],
+    modulus: Lanes,
+) -> Float[Array, "point element lane"]:
+    """How far the outer half of the membrane thins, at points of every element [m].
+
+    The same as in `thinning_work`: what a body beneath which the membrane thins goes further.
+
+    Args:
+        at: resultants at the Gauss points.
+        xi: local coordinates of the Gauss points.
+        weights: of the Gauss points.
+        points: local coordinates of the points.
+        thickness: of the membrane there [m].
+        modulus: small-strain shear modulus [Pa].
+    """
+    normal, moment = (LinesOverElements.through(x, xi, weights).along(points) for x in at)
+    return (_LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness) / modulus
+
+
+def indentation(face: ContactFace, body: PlacedBody, modulus: Lanes) -> Lanes:
+    """How far a body goes into the outer half of the membrane alone [m].
+
+    That of a strip of width 2 a on an incompressible half-space, seen from half the thickness
+    beneath (K. L. Johnson, Contact Mechanics, section 5.6), with the force per width f::
+
+        f / (4 pi G) (2 ln(t / a) - 1),    a^2 = f R / (pi G)
+
+    with the radius R of both surfaces together, or a as it is found where the body is flat. Its
+    energy is half of that times f.
+
+    Args:
+        face: the outer face.
+        body: that is pressed on it.
+        modulus: small-strain shear modulus [Pa].
+    """
+    force = jnp.sum(face.shares(face.inputs), (0, 1))
+    gap = face.gap(face.position(face.inputs))
+    flat = jnp.sum(jnp.where(gap < 0, face.area, 0.0), (0, 1)) / 2
+    thickness, place = face.section.mean_thickness, body.body.angle
+    bend = jnp.maximum(face.section.curvature(place), 0.0) + body.body.shape.curvature
+    narrow = jnp.sqrt(force / (np.pi * modulus * (bend + _FLAT / thickness)))
+    half = jnp.maximum(jnp.maximum(narrow, flat), _NARROWEST * thickness)
+    deep = jnp.maximum(2 * jnp.log(thickness / half) - 1, 0.0)
+    return force / (4 * np.pi * modulus) * jax.lax.stop_gradient(deep)

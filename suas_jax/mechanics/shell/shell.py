@@ -15,6 +15,7 @@ geometry: the undeformed state is stress-free to the last digit.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import ClassVar, Self
 
@@ -28,21 +29,25 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import (
     Assembly,
+    BodyContact,
     ContactState,
     Displacements,
     Profile,
     largest,
 )
+from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
-from suas_jax.mechanics.shell.contact import InnerFace
+from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.elements import Elements, full_blocks
 from suas_jax.mechanics.shell.fibres import Fibres
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, places, under
 from suas_jax.mechanics.shell.omitted import (
     Resultants,
+    indentation,
     relaxed_energy,
     resultants,
     resultants_transposed,
+    thinning,
     thinning_work,
 )
 from suas_jax.mechanics.shell.points import (
@@ -65,6 +70,7 @@ from suas_jax.mechanics.shell.shape import (
 )
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
@@ -87,6 +93,7 @@ class Shell(AbstractPlaneStrain):
         film_volume: see the base class.
         wall: see the base class.
         growth: see the base class.
+        bodies: see the base class.
         symmetric: whether the last station is the crown of a symmetric arch.
         gauss: quadrature points along an element.
         layers: quadrature points through the thickness.
@@ -103,6 +110,7 @@ class Shell(AbstractPlaneStrain):
     film_volume: Lanes
     wall: Wall | None
     growth: Growth | None
+    bodies: tuple[Body, ...]
     symmetric: bool = eqx.field(static=True)
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
@@ -137,6 +145,7 @@ class Shell(AbstractPlaneStrain):
             points=points,
             film_volume=geometry.film_area / (2 if symmetric else 1),
             wall=wall,
+            bodies=(),
             symmetric=symmetric,
             growth=geometry.growth,
         )
@@ -253,14 +262,26 @@ class Shell(AbstractPlaneStrain):
         tables = element_tables(self.gauss)
         points, moments = self._at_gauss_points(q)
         at = resultants(points, moments.first)
-        by = jax.grad(lambda at: jnp.sum(self._omitted_energy(at, factor)))(at)
+        qe = self.elements.gather(q)
+        faces = [self._outer_face(qe, body.placed(factor)) for body in self.bodies]
+
+        def energy(at: Resultants) -> Array:
+            work = [jnp.sum(f.shares(f.inputs) * self._thinned(f, at)) for f in faces]
+            return functools.reduce(jnp.add, work, jnp.sum(self._omitted_energy(at, factor)))
+
+        by = jax.grad(energy)(at)
         first = resultants_transposed(by, points, moments)
         # Sums over Gauss points weigh what they add up; the derivative is not a density.
         shares = tables.weights[:, None, None] * self.elements.lengths
         density = first[0] / shares, first[1] / shares
         curvature, lengths = self._at_gauss.curvature, self.elements.lengths
         stress = point_stress(points, density, curvature, lengths)
-        return self.elements.scatter(mix(tables.force, stress.reshape(-1, *stress.shape[2:])))
+        force = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
+        for face, body in zip(faces, self.bodies, strict=True):
+            shift = self._thinned(face, at)
+            shift = shift + indentation(face, body.placed(factor), self.law.shear_modulus)
+            force = force + face.pulled(jnp.broadcast_to(shift, face.area.shape))
+        return self.elements.scatter(force)
 
     def stored_energy(self, q: StationVector) -> Lanes:
         """Strain energy of the state that is reported, to first order; see the base class."""
@@ -303,14 +324,39 @@ class Shell(AbstractPlaneStrain):
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
         return load_work(self.points, self._loaded(self.elements.gather(q)))
 
-    def _inner_face(self, qe: Array, wall: Wall) -> InnerFace:
-        return InnerFace(wall, self.section, self.angles, qe, self.growth)
+    def _inner_face(self, qe: Array, wall: Wall) -> ContactFace:
+        return ContactFace(wall, -1, self.section, self.angles, qe, self.growth)
 
-    def contact_energy(self, q: StationVector) -> Lanes:
+    def _outer_face(self, qe: Array, body: PlacedBody) -> ContactFace:
+        return ContactFace(body, 1, self.section, self.angles, qe)
+
+    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
-        if self.wall is None:
-            return jnp.zeros_like(self.section.mean_thickness)
-        return self._inner_face(self.elements.gather(q), self.wall).energy()
+        qe = self.elements.gather(q)
+        energy = jnp.zeros_like(self.section.mean_thickness)
+        if self.wall is not None:
+            energy = self._inner_face(qe, self.wall).energy()
+        for body in self.bodies:
+            energy = energy + self._outer_face(qe, body.placed(factor)).energy()
+        return energy
+
+    def touched(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> BodyContact:
+        """The outer face against a body; see the base class."""
+        return self._outer_face(self.elements.gather(q), body).touched(body, shift)
+
+    def gap_shift(self, q: StationVector, body: PlacedBody) -> Array:
+        """By thinning, and by indentation beneath the body; see the base class."""
+        points, moments = self._at_gauss_points(q)
+        face = self._outer_face(self.elements.gather(q), body)
+        thinned = self._thinned(face, resultants(points, moments.first))
+        return thinned + indentation(face, body, self.law.shear_modulus)
+
+    def _thinned(self, face: ContactFace, at: Resultants) -> Array:
+        tables, modulus = element_tables(self.gauss), self.law.shear_modulus
+        gauss = tables.xi, tables.weights
+        return thinning(at, *gauss, face.xi, face.at.thickness, modulus)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
@@ -338,8 +384,20 @@ class Shell(AbstractPlaneStrain):
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = full_blocks(stiffness.reshape(4, 4, *stiffness.shape[1:]))
         if self.wall is not None:
-            push, spring = self._inner_face(qe, self.wall).element_terms()
-            internal, stiffness = internal + push, stiffness + spring
+            face = self._inner_face(qe, self.wall)
+            terms = face.terms()
+            internal = internal + face.forces(terms.force)
+            stiffness = stiffness + face.matrix(terms)
+        contact = travel = None
+        for body in self.bodies:
+            face = self._outer_face(qe, body.placed(factor))
+            terms = face.terms()
+            pushes, pulls = face.forces(terms.force), face.forces(by_travel(terms, body))
+            contact = pushes if contact is None else contact + pushes
+            travel = -pulls if travel is None else travel - pulls
+            stiffness = stiffness + face.matrix(terms)
+        if contact is not None:
+            internal = internal + contact
         volume, gradient = self._enclosed(qe, rows[-4:])
         load, load_stiffness = load_terms(self.points, self._loaded(qe))
         load = jnp.broadcast_to(load, qe.shape)
@@ -354,6 +412,7 @@ class Shell(AbstractPlaneStrain):
             self.elements.scatter(gradient),
             self.elements.scatter(load),
             volume,
+            *(None if x is None else self.elements.scatter(x) for x in (travel, contact)),
         )
 
     def profile(self, q: StationVector, samples: int) -> Profile:

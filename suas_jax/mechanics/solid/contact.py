@@ -1,14 +1,15 @@
-"""The solid's inner face against the wall: its edges' positions at quadrature points."""
+"""The solid's faces against rigid surfaces: their edges' positions at quadrature points."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.mechanics.base import ContactState
+from suas_jax.mechanics.base import BodyContact, ContactState
 from suas_jax.mechanics.contact.term import (
-    Gap,
+    ContactTerms,
     contact_pressure,
     contact_terms,
     expanded,
@@ -17,33 +18,49 @@ from suas_jax.mechanics.solid.element import NODES, quadratic
 from suas_jax.mechanics.solid.layout import FaceValues
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.wall import Wall
+from suas_jax.skin.body import PlacedBody
+from suas_jax.skin.wall import Obstacle, Wall
 
-# Points on an edge: enough that a zone shorter than an edge is seen, and that its ends,
-# which no mesh follows, move smoothly with the load.
+# Points on an edge of the inner face: enough that a zone shorter than an edge is seen, and that
+# its ends, which no mesh follows, move smoothly with the load.
 _POINTS = 5
-
-_XI, _WEIGHTS = gauss_legendre(_POINTS, -1.0, 1.0)
-_SHAPES = np.stack(quadratic(_XI))  # [node, point]
-_PRODUCTS = np.einsum("ag,bg->abg", _SHAPES, _SHAPES)
+# Even ones on an edge of the outer face: where a body is touched turns its force.
+_EVEN = 32
 
 
-def _into_element() -> Float[np.ndarray, "9 3"]:
-    """Nodes of an element's inner edge, left, middle and right, among its nine."""
+class _Rule(NamedTuple):
+    """Local coordinates and weights, and shape functions there."""
+
+    xi: Float[np.ndarray, " point"]
+    weights: Float[np.ndarray, " point"]
+    shapes: Float[np.ndarray, "3 point"]
+
+    @classmethod
+    def of(cls, xi: np.ndarray, weights: np.ndarray) -> "_Rule":
+        """A rule on [-1, 1]."""
+        return cls(xi, weights, np.stack(quadratic(xi)))
+
+
+_RULES = {
+    0: _Rule.of(*gauss_legendre(_POINTS, -1.0, 1.0)),
+    2: _Rule.of((2 * np.arange(_EVEN) + 1) / _EVEN - 1, np.full(_EVEN, 2 / _EVEN)),
+}
+
+
+def _in_element(face: int) -> Float[np.ndarray, "9 3"]:
+    """Nodes of an element's edge on a face, left, middle and right, among its nine."""
     table = np.zeros((9, 3))
     for a in range(3):
-        table[NODES.index((a, 0)), a] = 1
+        table[NODES.index((a, face)), a] = 1
     return table
 
 
-_IN_ELEMENT = _into_element()
-
-
-class InnerFace:
-    """The inner face of a solid at the contact points of its edges.
+class ContactFace:
+    """A face of a solid at the contact points of its edges.
 
     Args:
-        wall: what it may touch.
+        obstacle: what it may touch.
+        face: position across an element, 0 for the inner face and 2 for the outer one.
         angles: of the stations [rad].
         length: of the undeformed face per angle [m].
         rest: positions of the edges' nodes at rest, left, middle, right [m].
@@ -52,39 +69,53 @@ class InnerFace:
 
     def __init__(
         self,
-        wall: Wall,
+        obstacle: Obstacle,
+        face: int,
         angles: Float[Array, "station #lane"],
         length: Callable[[Array], Array],
         rest: FaceValues,
         moved: FaceValues,
     ) -> None:
-        self.wall = wall
+        self.obstacle, self.face = obstacle, face
         span = angles[1:] - angles[:-1]
-        self.angle = angles[:-1] + (_XI[:, None, None] + 1) / 2 * span
-        self.area = jnp.asarray(_WEIGHTS)[:, None, None] * length(self.angle) * span / 2
-        self.position = jnp.einsum("ag,acel->cgel", _SHAPES, rest + moved)
+        xi, weights, self.shapes = _RULES[face]
+        self.angle = angles[:-1] + (xi[:, None, None] + 1) / 2 * span
+        self.area = jnp.asarray(weights)[:, None, None] * length(self.angle) * span / 2
+        self.position = jnp.einsum("ag,acel->cgel", self.shapes, rest + moved)
 
-    def _gap(self) -> Gap:
-        return expanded(lambda x: self.wall.gap(x, self.angle), self.position)
+    def _gap(self, position: Array) -> Array:
+        return self.obstacle.gap(position, self.angle)
 
     def energy(self) -> Lanes:
         """Energy of contact per width [J/m]."""
-        return jnp.sum(
-            self.area * self.wall.law.energy(self.wall.gap(self.position, self.angle)), (0, 1)
-        )
+        energy = self.obstacle.law.energy(self._gap(self.position))
+        return jnp.sum(self.area * energy, (0, 1))
 
-    def element_terms(
-        self,
-    ) -> tuple[FaceValues, Float[Array, "9 9 3 element lane"]]:
-        """First derivatives by the edges' nodes, second ones by all nodes of the elements."""
-        terms = contact_terms(self.wall.law, self._gap(), self.area)
-        force = jnp.einsum("ag,cgel->acel", _SHAPES, terms.force)
+    def terms(self) -> ContactTerms:
+        """Contact at every point, by its position."""
+        gap = expanded(self._gap, self.position)
+        return contact_terms(self.obstacle.law, gap, self.area)
+
+    def forces(self, by_position: Float[Array, "2 point element lane"]) -> FaceValues:
+        """Forces of the edges' nodes from derivatives by the points' positions."""
+        return jnp.einsum("ag,cgel->acel", self.shapes, by_position)
+
+    def matrix(self, terms: ContactTerms) -> Float[Array, "9 9 3 element lane"]:
+        """Second derivatives of the energy by all nodes of the elements."""
         (xx, xy), (_, yy) = terms.stiffness
-        stiffness = jnp.einsum("abg,igel->abiel", _PRODUCTS, jnp.stack([xx, yy, xy]))
-        return force, jnp.einsum("na,mb,abiel->nmiel", _IN_ELEMENT, _IN_ELEMENT, stiffness)
+        products = np.einsum("ag,bg->abg", self.shapes, self.shapes)
+        stiffness = jnp.einsum("abg,igel->abiel", products, jnp.stack([xx, yy, xy]))
+        nodes = _in_element(self.face)
+        return jnp.einsum("na,mb,abiel->nmiel", nodes, nodes, stiffness)
+
+    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact:
+        """Where the face is, and how it pushes a body."""
+        return BodyContact.of(body, self.angle, self.position, self.area, None, shift)
 
     def state(self) -> ContactState:
-        """Where the face is, and how it is pushed."""
-        polar, gap = self.wall.seen_from(self.position, self.angle)
-        pressure = contact_pressure(self.wall.law, gap)
+        """Where the face is, and how the wall pushes it."""
+        wall = self.obstacle
+        assert isinstance(wall, Wall)
+        polar, gap = wall.seen_from(self.position, self.angle)
+        pressure = contact_pressure(wall.law, gap)
         return ContactState(self.angle, polar, gap, pressure, self.area)

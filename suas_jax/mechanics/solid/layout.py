@@ -149,6 +149,10 @@ class Layout(NamedTuple):
         """Values at the nodes of the inner face."""
         return jnp.stack([u[NODES.index((a, 0))][:, 0] for a in range(3)])
 
+    def outer_face(self, u: NodeValues) -> FaceValues:
+        """Values at the nodes of the outer face."""
+        return jnp.stack([u[NODES.index((a, 2))][:, -1] for a in range(3)])
+
     def on_face(self, values: FaceValues, face: int) -> NodeValues:
         """Nodal values that are zero but on a face.
 

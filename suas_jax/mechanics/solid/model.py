@@ -14,6 +14,7 @@ from suas_jax.mechanics.solid.layout import Layout
 from suas_jax.mechanics.solid.solid import Solid
 from suas_jax.mesh.plan import MeshPlan, load_points
 from suas_jax.mesh.section import measures, plan_section
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 
@@ -136,6 +137,10 @@ class SolidModel(AbstractModel):
             return min(enough, key=lambda mesh: mesh[0] * mesh[1] ** 2)  # as work goes
         return max(finer, default=None)
 
+    def coarser(self, counts: Counts) -> Counts:
+        """Half as many elements along, and layers; see the base class."""
+        return counts[0] // 2, max(1, counts[1] // 2)
+
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> SolidPlan:
         """Pairs of elements that a comparison mesh joins; see the base class."""
         elements, layers = counts
@@ -159,12 +164,15 @@ class SolidModel(AbstractModel):
         geometry: SkinGeometry,
         law: AbstractLaw,
         loads: Sequence[LineLoad],
+        bodies: Sequence[Body] = (),
     ) -> Solid:
         """The solid on a mesh; see the base class."""
         assert isinstance(plan, SolidPlan)
-        angles, points = load_points(plan.arc, geometry, loads)
+        touched = [body.angle for body in bodies]
+        angles, points = load_points(plan.arc, geometry, loads, touched)
         layers, symmetric = plan.layers, plan.symmetric
-        return Solid.build(geometry, law, angles, points, layers=layers, symmetric=symmetric)
+        solid = Solid.build(geometry, law, angles, points, layers=layers, symmetric=symmetric)
+        return solid.with_bodies(bodies)
 
 
 SOLID = SolidModel()

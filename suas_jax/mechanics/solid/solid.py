@@ -10,6 +10,7 @@ face; loads are dead forces on the outer one.
 """
 
 import dataclasses
+import functools
 from typing import ClassVar
 
 import equinox as eqx
@@ -20,9 +21,17 @@ from jaxtyping import Array, Float
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
-from suas_jax.mechanics.base import Assembly, ContactState, Displacements, Profile, largest
+from suas_jax.mechanics.base import (
+    Assembly,
+    BodyContact,
+    ContactState,
+    Displacements,
+    Profile,
+    largest,
+)
+from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
-from suas_jax.mechanics.solid.contact import InnerFace
+from suas_jax.mechanics.solid.contact import ContactFace
 from suas_jax.mechanics.solid.element import TABLES, mixed
 from suas_jax.mechanics.solid.enclosed_volume import enclosed_volume, follower
 from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
@@ -46,6 +55,7 @@ from suas_jax.mechanics.solid.shape import (
 )
 from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
@@ -70,6 +80,7 @@ class Solid(AbstractPlaneStrain):
         film_volume: see the base class.
         wall: see the base class.
         growth: see the base class; the grid knows it.
+        bodies: see the base class.
         layers: elements through the thickness.
         symmetric: whether the last station is the crown of a symmetric arch.
         response: of a material with a past at the quadrature points, its rest by reference
@@ -87,6 +98,7 @@ class Solid(AbstractPlaneStrain):
     film_volume: Lanes
     wall: Wall | None
     growth: Growth | None
+    bodies: tuple[Body, ...]
     layers: int = eqx.field(static=True)
     symmetric: bool = eqx.field(static=True)
     response: Response | None = None
@@ -133,6 +145,7 @@ class Solid(AbstractPlaneStrain):
             load=load_vector(layout, points, layout.ends(symmetric)),
             film_volume=geometry.film_area / (2 if symmetric else 1),
             wall=wall,
+            bodies=(),
             layers=layers,
             symmetric=symmetric,
             growth=None,
@@ -168,11 +181,14 @@ class Solid(AbstractPlaneStrain):
         """One and a half thicknesses: the corner of clamp and face is singular [rad]."""
         return 1.5 * self.section.mean_thickness / self._inner_length(self.angles[:1])[0]
 
-    def _inner_length(self, angle: Array) -> Array:
-        """Length of the inner face per angle [m]."""
+    def _length(self, angle: Array, side: int) -> Array:
+        """Length of the inner face (side -1) or of the outer one (side 1) per angle [m]."""
         at = self.section.frame(angle)
-        length = self.section.size * (1 - at.curvature * at.thickness / 2)
+        length = self.section.size * (1 + at.curvature * side * at.thickness / 2)
         return length + jnp.zeros_like(angle)
+
+    def _inner_length(self, angle: Array) -> Array:
+        return self._length(angle, -1)
 
     @property
     def _ends(self) -> tuple[tuple[bool, ...], tuple[bool, ...]]:
@@ -220,21 +236,35 @@ class Solid(AbstractPlaneStrain):
         constraint = jnp.sum(p * _moments(change), (0, 1, 2))
         return super().potential(q, pressure, factor) + constraint
 
-    def _inner_at_rest(self) -> FaceValues:
-        """Positions of the inner face's nodes: left, middle, right."""
+    def _at_rest(self, node: int) -> FaceValues:
+        """Positions of the nodes of the inner face (0) or the outer one (-1): edge by edge."""
         return jnp.stack(
-            [self.stations[:, 0, :-1], self.middles[:, 0], self.stations[:, 0, 1:]]
+            [self.stations[:, node, :-1], self.middles[:, node], self.stations[:, node, 1:]]
         )
 
-    def _inner_face(self, u: NodeValues, wall: Wall) -> InnerFace:
-        rest, moved = self._inner_at_rest(), self.layout.inner_face(u)
-        return InnerFace(wall, self.angles, self._inner_length, rest, moved)
+    def _inner_face(self, u: NodeValues, wall: Wall) -> ContactFace:
+        rest, moved = self._at_rest(0), self.layout.inner_face(u)
+        return ContactFace(wall, 0, self.angles, self._inner_length, rest, moved)
 
-    def contact_energy(self, q: StationVector) -> Lanes:
+    def _outer_face(self, u: NodeValues, body: PlacedBody) -> ContactFace:
+        rest, moved = self._at_rest(-1), self.layout.outer_face(u)
+        length = functools.partial(self._length, side=1)
+        return ContactFace(body, 2, self.angles, length, rest, moved)
+
+    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
-        if self.wall is None:
-            return jnp.zeros_like(self.section.mean_thickness)
-        return self._inner_face(self.layout.gather(q)[0], self.wall).energy()
+        u, energy = self.layout.gather(q)[0], jnp.zeros_like(self.section.mean_thickness)
+        if self.wall is not None:
+            energy = self._inner_face(u, self.wall).energy()
+        for body in self.bodies:
+            energy = energy + self._outer_face(u, body.placed(factor)).energy()
+        return energy
+
+    def touched(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> BodyContact:
+        """The outer face against a body; see the base class."""
+        return self._outer_face(self.layout.gather(q)[0], body).touched(body, shift)
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
@@ -242,7 +272,7 @@ class Solid(AbstractPlaneStrain):
 
     def _enclosed(self, u: NodeValues) -> tuple[Lanes, FaceValues]:
         """Enclosed volume less rest, and its gradient by the inner face's nodes."""
-        return enclosed_volume(self._inner_at_rest(), self.layout.inner_face(u))
+        return enclosed_volume(self._at_rest(0), self.layout.inner_face(u))
 
     def volume_change(self, q: StationVector) -> Lanes:
         """Enclosed volume less its value at rest, per width [m^2]."""
@@ -268,10 +298,16 @@ class Solid(AbstractPlaneStrain):
         volume, face = self._enclosed(u)
         stiffness = stiffness - pressure * follower(self.layers)
         if self.wall is not None:
-            push, spring = self._inner_face(u, self.wall).element_terms()
-            internal = internal + self.layout.on_face(push, 0)
-            beyond = [(0, 0)] * 3 + [(0, self.layers - 1), (0, 0), (0, 0)]
-            stiffness = stiffness + jnp.pad(spring[:, :, :, None], beyond)
+            push, spring, _ = self._contact(self._inner_face(u, self.wall))
+            internal, stiffness = internal + push, stiffness + spring
+        contact, travel = jnp.zeros_like(u), jnp.zeros_like(u)
+        for body in self.bodies:
+            outer = self._outer_face(u, body.placed(factor))
+            push, spring, more = self._contact(outer, body)
+            contact, travel = contact + push, travel - more
+            stiffness = stiffness + spring
+        if self.bodies:
+            internal = internal + contact
         gradient = self.layout.on_face(face, 0)
         mask, none = self._mask(), jnp.zeros_like(p)
         border = self.layout.scatter(gradient, none, mask)
@@ -283,7 +319,21 @@ class Solid(AbstractPlaneStrain):
             border,
             self.load,
             volume,
+            *(self.layout.scatter(x, none, mask) for x in (travel, contact) if self.bodies),
         )
+
+    def _contact(
+        self, contact: ContactFace, body: Body | None = None
+    ) -> tuple[NodeValues, Array, NodeValues | float]:
+        """Forces of the nodes by contact, their stiffness, and forces by a body's travel."""
+        terms, face = contact.terms(), contact.face
+        layer = (0, self.layers - 1) if face == 0 else (self.layers - 1, 0)
+        spring = contact.matrix(terms)[:, :, :, None]
+        spring = jnp.pad(spring, [(0, 0)] * 3 + [layer, (0, 0), (0, 0)])
+        more: NodeValues | float = 0.0
+        if body is not None:
+            more = self.layout.on_face(contact.forces(by_travel(terms, body)), face)
+        return self.layout.on_face(contact.forces(terms.force), face), spring, more
 
     def displacement_size(self, q: StationVector) -> Lanes:
         """Largest component of a station's displacement [m]."""

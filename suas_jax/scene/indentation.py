@@ -1,0 +1,129 @@
+"""Indentation curves: a scene solved at one travel of its bodies after the other.
+
+They need no program of their own: that of the scene takes travels as numbers, and starts from
+the state of the point before.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from suas_jax.config import SceneSpec
+from suas_jax.equilibrium.balance import State
+from suas_jax.mechanics.model import AbstractModel, AbstractPlan
+from suas_jax.mechanics.registry import MODELS
+from suas_jax.scene.choice import choose, difference
+from suas_jax.scene.curve import contact_of
+from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
+from suas_jax.scene.report import plain, report_of
+from suas_jax.scene.travel import number
+
+_CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
+_MOST_HALVINGS = 40
+
+
+class _Point(NamedTuple):
+    """A point of the curve: what is observed, how it was found, the state to go on from."""
+
+    report: dict[str, Any]
+    outcome: dict[str, Any]
+    part: State
+
+
+class IndentationCurve(NamedTuple):
+    """A scene whose bodies travel.
+
+    Attributes:
+        scene: pressed in most.
+        shares: of the largest travel, by the path of every body's own.
+        model: it is solved with.
+        plan: the mesh.
+        wall: whether the wall is touched where the bodies are in most.
+    """
+
+    scene: SceneSpec
+    shares: Mapping[str, float]
+    model: AbstractModel
+    plan: AbstractPlan
+    wall: bool
+
+    @classmethod
+    def of(cls, scene: SceneSpec, shares: Mapping[str, float]) -> Self:
+        """With the model and the mesh that the scene needs."""
+        found, _ = choose(scene, once=True)
+        model = MODELS[scene.geometry.dimension][found.plan.model]
+        return cls(scene, shares, model, found.plan, found.wall)
+
+    def points(self, depths: np.ndarray) -> list[dict[str, Any]]:
+        """Reports at given travels [m]."""
+        fine = self._follow(depths, self.plan.counts)
+        coarse = self._follow(depths, self.model.coarser(self.plan.counts))
+        rows = []
+        for point, other in zip(fine, coarse, strict=True):
+            point.report["discretisation_error"] = difference(
+                self.scene, other.report, point.report
+            )
+            outcome = plain(point.outcome) | {"model": self.plan.model, "reason": ""}
+            rows.append(report_of(self.scene, plain(point.report), outcome))
+        return rows
+
+    def _follow(self, depths: np.ndarray, counts: tuple[int, ...]) -> list[_Point]:
+        points: list[_Point] = []
+        start = None
+        for depth in depths:
+            points.append(self._solved(depth, counts, start, wall=self.wall))
+            found = number(points[-1].outcome["result"]) == 0
+            start = points[-1].part if found else None
+        return points
+
+    def _solved(
+        self, depth: float, counts: tuple[int, ...], start: State | None, *, wall: bool
+    ) -> _Point:
+        known = prepared(self.scene, self.plan.model, counts)
+        travels = {path: np.asarray(share * depth) for path, share in self.shares.items()}
+        start = at_rest(known.meshes.solved) if start is None else start
+        static, inputs = structure_of(self.scene, wall=wall), known.inputs | travels
+        report, _, _, part, outcome = run_program(
+            static, known.meshes, inputs, start, once=True
+        )
+        return _Point(report, outcome, part)
+
+    def first_contact(
+        self, depths: np.ndarray, points: list[dict[str, Any]]
+    ) -> dict[str, float] | None:
+        """Close in on the travel at which the smallest gap vanishes."""
+        hits = [
+            i
+            for i, point in enumerate(points)
+            if point["status"] == "converged" and point["wall_contact"]
+        ]
+        if not hits:
+            return None
+        after = hits[0]
+        if after == 0:
+            return contact_of(points[0])
+        low, high = float(depths[after - 1]), float(depths[after])
+        start, best = None, points[after]
+        for _ in range(_MOST_HALVINGS):
+            if abs(high - low) <= _CONTACT_TOLERANCE * abs(high):
+                break
+            middle = (low + high) / 2
+            point = self._solved(middle, self.plan.counts, start, wall=False)
+            if number(point.outcome["result"]) != 0:
+                break
+            found = plain(point.report)
+            if found["min_gap_m"] <= 0:
+                high, best = (
+                    middle,
+                    found
+                    | {
+                        "loads": [
+                            {"kind": spec.kind, **load}
+                            for spec, load in zip(self.scene.loads, found["loads"], strict=True)
+                        ]
+                    },
+                )
+            else:
+                low, start = middle, point.part
+        return contact_of(best) | {"depth_m": high}

@@ -1,0 +1,339 @@
+"""Rigid bodies that press on the outer face: their surfaces, and where they come in.
+
+A body has a frame of its own: its origin is the body's tip, the point that comes in along the
+inward normal of the undeformed skin, its last axis points away from the skin. A shape is a
+signed distance in that frame, so contact needs no search and the skin may slide beneath it.
+"""
+
+import abc
+import functools
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.config import BodyLoadSpec
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.skin.circle import Circle
+from suas_jax.skin.section import AbstractSection, outward, tangent
+from suas_jax.skin.wall import AbstractPressureGap
+
+_ANGLES, _LENGTHS = 1601, 81  # places among which the first touch is sought
+
+
+class AbstractShape(eqx.Module):
+    """A rigid surface; in its frame its tip is the origin, the last axis points into it."""
+
+    @abc.abstractmethod
+    def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """Distance of places from the surface, negative inside it [m]."""
+
+    @abc.abstractmethod
+    def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """Height of the surface over its tip [m]; infinite beside the body.
+
+        Args:
+            across: coordinates across the approach.
+        """
+
+    @property
+    def centre(self) -> Lanes | float:
+        """Height over the tip of the point that moments are taken about [m]."""
+        return 0.0
+
+    @property
+    def curvature(self) -> Lanes | float:
+        """Of the surface at its tip [1/m]."""
+        return 0.0
+
+
+class Round(AbstractShape):
+    """A sphere, or a cylinder: what lies within a radius of a point, or of a line.
+
+    Attributes:
+        radius: [m].
+        endless: whether the line is the second axis, or, in plane strain, across the plane.
+        length: of the line [m]; None for a point, or where it is endless.
+    """
+
+    radius: Lanes
+    endless: bool = eqx.field(static=True)
+    length: Lanes | None = None
+
+    def _beside(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """Square of the distance from the line, across the approach."""
+        square = across[0] ** 2
+        if self.endless:
+            return square
+        along = across[1]
+        if self.length is not None:
+            along = along - jnp.clip(along, -self.length / 2, self.length / 2)
+        return square + along**2
+
+    def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """Without cancellation for any radius; see the base class."""
+        beside, out = self._beside(place[:-1]), place[-1]
+        size = jnp.sqrt(beside + (out - self.radius) ** 2)
+        return (beside + out * (out - 2 * self.radius)) / (size + self.radius)
+
+    def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        beside, square = self._beside(across), self.radius**2
+        inside = beside < square
+        left = jnp.sqrt(jnp.where(inside, square - beside, 1.0))
+        return jnp.where(inside, beside / (self.radius + left), jnp.inf)
+
+    @property
+    def centre(self) -> Lanes:
+        """The middle."""
+        return self.radius
+
+    @property
+    def curvature(self) -> Lanes:
+        """See the base class."""
+        return 1 / self.radius
+
+
+class Plate(AbstractShape):
+    """A plane across the approach."""
+
+    def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        return -place[-1]
+
+    def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        return jnp.zeros_like(across[0])
+
+
+class Wedge(AbstractShape):
+    """Two planes that meet in a round tip.
+
+    Attributes:
+        radius: of the tip [m].
+        opening: angle between the planes [rad].
+    """
+
+    radius: Lanes
+    opening: Lanes
+
+    def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        steep = (np.pi - self.opening) / 2
+        beside, below = jnp.abs(place[0]), self.radius - place[-1]
+        flank = beside * jnp.sin(steep) + below * jnp.cos(steep) - self.radius
+        at_tip = beside * jnp.cos(steep) <= below * jnp.sin(steep)
+        tip = Round(self.radius, endless=True).distance(place)
+        return jnp.where(at_tip, tip, flank)
+
+    def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        steep, beside = (np.pi - self.opening) / 2, jnp.abs(across[0])
+        flank = self.radius - (self.radius - beside * jnp.sin(steep)) / jnp.cos(steep)
+        tip = Round(self.radius, endless=True).height(across)
+        return jnp.where(beside <= self.radius * jnp.sin(steep), tip, flank)
+
+    @property
+    def centre(self) -> Lanes:
+        """The middle of the tip."""
+        return self.radius
+
+    @property
+    def curvature(self) -> Lanes:
+        """See the base class."""
+        return 1 / self.radius
+
+
+class Box(AbstractShape):
+    """A rectangle across the approach whose edges are round.
+
+    Attributes:
+        size: of the rectangle, edges included [m].
+        edge: radius of the edges [m].
+    """
+
+    size: tuple[Lanes, Lanes]
+    edge: Lanes
+
+    def distance(self, place: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        sides = [
+            jnp.abs(x) - (size / 2 - self.edge)
+            for x, size in zip(place[:-1], self.size, strict=True)
+        ]
+        beyond = jnp.stack([*sides, self.edge - place[-1]])
+        square = jnp.sum(jnp.maximum(beyond, 0.0) ** 2, 0)
+        outside = square > 0
+        size = jnp.where(outside, jnp.sqrt(jnp.where(outside, square, 1.0)), jnp.max(beyond, 0))
+        return size - self.edge
+
+    def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:
+        """See the base class."""
+        beyond = [
+            jnp.maximum(jnp.abs(x) - (size / 2 - self.edge), 0.0)
+            for x, size in zip(across, self.size, strict=True)
+        ]
+        over = functools.reduce(jnp.add, [x**2 for x in beyond])
+        inside = over < self.edge**2
+        left = jnp.sqrt(jnp.where(inside, self.edge**2 - over, 1.0))
+        return jnp.where(inside, self.edge - left, jnp.inf)
+
+
+class Body(eqx.Module):
+    """A rigid body on its way into the skin.
+
+    Attributes:
+        shape: its surface.
+        angle: of the reference point, as sections define it [rad].
+        axial: of the reference point, from the middle of the pad [m]; None in plane strain.
+        travel: beyond first touch at full load [m].
+        origin: where its tip is at first touch [m].
+        frame: its axes, row by row: along the arc, along the pad, away from the skin.
+        law: pressure over gap.
+    """
+
+    shape: AbstractShape
+    angle: Lanes
+    axial: Lanes | None
+    travel: Lanes
+    origin: Float[Array, "component lane"]
+    frame: Float[Array, "component component lane"]
+    law: AbstractPressureGap
+
+    @classmethod
+    def of(
+        cls,
+        spec: BodyLoadSpec,
+        section: AbstractSection,
+        places: tuple[Lanes, Lanes | None],
+        value: Callable[[str], Lanes],
+        law: AbstractPressureGap,
+    ) -> "Body":
+        """A body of a scene.
+
+        Args:
+            spec: says which shape.
+            section: what it is pressed on.
+            places: angle of the reference point [rad], and on a pad its axial position [m].
+            value: gives the body's numbers by key, with a lane axis [SI].
+            law: of its contact.
+        """
+        angle, axial = places
+        shape = _shape(spec, value, flat=axial is None)
+        direction = section.direction(angle)
+        t, n = tangent(direction), outward(direction)
+        if axial is None:
+            frame = jnp.stack([t, n])
+        else:
+            zero, turn = jnp.zeros_like(direction), value("turn")
+            along, out = jnp.stack([*t, zero]), jnp.stack([*n, zero])
+            axis = jnp.stack([zero, zero, zero + 1])
+            first = jnp.cos(turn) * along - jnp.sin(turn) * axis
+            second = jnp.sin(turn) * along + jnp.cos(turn) * axis
+            frame = jnp.stack(jnp.broadcast_arrays(first, second, out))
+        reference = section.mid_line(angle) + section.thickness(angle) / 2 * n
+        if axial is not None:
+            reference = jnp.stack(jnp.broadcast_arrays(*reference, axial))
+        rise = _first_touch(shape, section, reference, frame)
+        origin = reference + rise * frame[-1]
+        return cls(shape, angle, axial, value("depth"), origin, frame, law)
+
+    def placed(self, factor: Lanes | float) -> "PlacedBody":
+        """The body where a factor on its travel has brought it."""
+        return PlacedBody(self, factor * self.travel)
+
+    def softened(self, factor: Array) -> "Body":
+        """The same body with a law that is nowhere stiffer than a share of the rigid limit."""
+        return eqx.tree_at(lambda body: body.law, self, self.law.softened(factor))
+
+
+class PlacedBody(eqx.Module):
+    """A body after some of its travel.
+
+    Attributes:
+        body: at first touch.
+        travel: so far [m].
+    """
+
+    body: Body
+    travel: Lanes
+
+    @property
+    def law(self) -> AbstractPressureGap:
+        """That of the body."""
+        return self.body.law
+
+    def seen(
+        self, position: Float[Array, "component *point"]
+    ) -> Float[Array, "component *point"]:
+        """Places in the body's frame [m]."""
+        return seen_from(self.body.origin, self.body.frame, position).at[-1].add(self.travel)
+
+    def gap(
+        self, position: Float[Array, "component *point"], near: Array | None = None
+    ) -> Float[Array, "*point"]:
+        """Distance of points from the body, wherever they have slid [m]."""
+        del near
+        return self.body.shape.distance(self.seen(position))
+
+
+def seen_from(
+    origin: Float[Array, "component lane"],
+    frame: Float[Array, "component component lane"],
+    position: Float[Array, "component *point"],
+) -> Float[Array, "component *point"]:
+    """Places in a frame [m]."""
+    away = [x - x0 for x, x0 in zip(position, origin, strict=True)]
+    rows = [
+        functools.reduce(jnp.add, [a * x for a, x in zip(r, away, strict=True)]) for r in frame
+    ]
+    return jnp.stack(rows)
+
+
+def _shape(spec: BodyLoadSpec, value: Callable[[str], Lanes], *, flat: bool) -> AbstractShape:
+    if spec.shape == "wedge":
+        return Wedge(value("radius"), value("opening"))
+    if spec.shape in ("plate", "box"):
+        if flat:
+            return Plate()
+        return Box((value("size.0"), value("size.1")), value("edge"))
+    endless = flat or (spec.shape == "cylinder" and spec.length is None)
+    length = None if spec.length is None else value("length")
+    return Round(value("radius"), endless, length)
+
+
+def _first_touch(
+    shape: AbstractShape,
+    section: AbstractSection,
+    reference: Float[Array, "component lane"],
+    frame: Float[Array, "component component lane"],
+) -> Lanes | float:
+    """How far over its reference point the body's tip is when it first touches the skin [m].
+
+    Zero where the outer face is convex: there it touches at the reference point.
+    """
+    if isinstance(section, Circle):
+        return 0.0
+    angle = jnp.linspace(-1.0, 1.0, _ANGLES)[:, None] * section.half_angle
+    height = section.thickness(angle) / 2
+    face = section.mid_line(angle) + height * outward(section.direction(angle))
+    if len(reference) == 3:
+        reach = 2 * jnp.max(jnp.abs(reference[:2]))
+        axial = reference[2] + jnp.linspace(-1.0, 1.0, _LENGTHS)[:, None, None] * reach
+        grid = jnp.broadcast_arrays(*face, axial)
+        face = jnp.stack([x.reshape(-1, x.shape[-1]) for x in grid])
+    seen = seen_from(reference, frame, face)
+    rise = seen[-1] - shape.height(seen[:-1])
+    # A parabola through neighbours finds the top; the derivatives are those at fixed places.
+    best = jnp.argmax(jax.lax.stop_gradient(rise), 0)
+    inside = jnp.clip(best, 1, rise.shape[0] - 2)
+    low, top, high = (jnp.take_along_axis(rise, (inside + k)[None], 0)[0] for k in (-1, 0, 1))
+    bend = low + high - 2 * top
+    regular = jnp.isfinite(bend) & (bend < 0)
+    peak = jnp.where(
+        regular, top - (high - low) ** 2 / (8 * jnp.where(regular, bend, -1.0)), top
+    )
+    return jnp.maximum(peak, 0.0)

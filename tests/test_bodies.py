@@ -1,0 +1,294 @@
+"""Rigid bodies on a section: against an independent continuum, and by their own laws.
+
+tests/data/indenter2d.csv: finite elements under a rigid cylinder; its header says how well.
+"""
+
+import csv
+import functools
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+from skins import EPDM, WIDTH, find, line, problem_of, quick, scene, shaped
+
+from suas_jax.config import (
+    BodyLoadSpec,
+    ConfigError,
+    SceneSpec,
+    continuous_inputs,
+    with_inputs,
+    with_solve,
+)
+from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.mechanics.base import BodyContact
+from suas_jax.scene.contact_zone import body_observables
+from suas_jax.scene.forward import loads_of
+from suas_jax.scene.parts import scene_parts, skin_parts
+from suas_jax.scene.solve import Solution, solve
+from suas_jax.scene.sweep import SweepError, sweep
+from suas_jax.scene.travel import under_forces
+from suas_jax.skin.body import AbstractShape, Box, Plate, Round, Wedge
+
+DATA = Path(__file__).parent / "data" / "indenter2d.csv"
+CYLINDER = {"shape": "cylinder", "radius": "10 mm"}
+PLATE = {"shape": "plate"}
+
+
+def body(angle: float, depth: float, **shape: Any) -> dict[str, Any]:
+    """A body; angle in degrees, depth in millimetres."""
+    place = {"angle": f"{angle} deg", "depth": f"{depth!r} mm"}
+    return {"kind": "body", **place, **(shape or CYLINDER)}
+
+
+def references(angle: float) -> list[dict[str, float]]:
+    with DATA.open(encoding="utf-8") as file:
+        rows = csv.DictReader(x for x in file if not x.startswith("#"))
+        found = [{k: float(v) for k, v in r.items() if _is_number(v)} for r in rows]
+    return [row for row in found if row["angle_deg"] == angle]
+
+
+def _is_number(text: str) -> bool:
+    return text.replace("e-", "").replace(".", "").replace("-", "").isdigit()
+
+
+@quick
+def touched(problem: Problem, state: State) -> tuple[BodyContact, Array]:
+    """Contact with the first body, and the energy that strain and contact store [J/m]."""
+    mechanics = problem.mechanics
+    stored = mechanics.strain_energy(state.q) + mechanics.contact_energy(state.q, state.factor)
+    return mechanics.touched(state.q, mechanics.bodies[0].placed(state.factor)), stored
+
+
+def pressed(spec: SceneSpec, *mesh: int) -> tuple[dict[str, float], float, float]:
+    """What the first body does, the oil's pressure [Pa], the energy stored [J/m]."""
+    problem = problem_of(spec, *mesh)
+    found = find(problem)
+    assert found.result[0] == 0
+    contact, stored = touched(problem, found.state)
+    geometry = skin_parts(spec, continuous_inputs(spec)).geometry
+    own = problem.mechanics.bodies[0]
+    report = body_observables(contact, own, found.state.factor, geometry)
+    numbers = {key: float(np.asarray(x)[0]) for key, x in report.items()}
+    return numbers, float(found.state.pressure[0]), float(stored[0])
+
+
+def test_the_solid_meets_the_reference_off_the_crown() -> None:
+    """Force, its tilt as the skin slides beneath, oil pressure, place of contact."""
+    for row in references(30)[1::2]:
+        found, pressure, _ = pressed(scene(body(30, 1e3 * row["d_m"])), 128, 2)
+        assert abs(found["force_N"] / row["force_radial_N"] - 1) < 4e-3
+        assert abs(pressure / row["oil_pressure_Pa"] - 1) < 1e-3
+        tilt = row["force_tangential_N"]
+        assert abs(found["tangential_force_N"] - tilt) < 0.1 * abs(tilt)
+        middle = (found["contact_from_m"] + found["contact_to_m"]) / 2
+        assert abs(middle - (row["contact_from_m"] + row["contact_to_m"]) / 2) < 1e-4
+        # Without friction nothing turns a round body about its centre.
+        assert abs(found["moment_Nm"]) < 1e-12 * row["force_radial_N"]
+        assert found["zones"] == 1
+
+
+def test_the_force_is_what_the_stored_energy_grows_by() -> None:
+    """Action equals reaction: under trapped oil all work of the travel is stored."""
+    step = 1e-3  # [mm]
+    force = pressed(scene(body(30, 3.0)), 128, 2)[0]["force_N"]
+    low, high = (pressed(scene(body(30, 3.0 + s * step)), 128, 2)[2] for s in (-1, 1))
+    assert abs((high - low) / (2e-3 * step) * WIDTH / force - 1) < 1e-5
+
+
+@functools.cache
+def on_the_crown(depth: float) -> Solution:
+    return solve(with_solve(scene(body(0, depth)), model="shell", elements=32))
+
+
+def test_the_shell_meets_the_reference_within_its_stated_error() -> None:
+    for row in references(0)[::2]:
+        report = on_the_crown(1e3 * row["d_m"]).report
+        load = report["loads"][0]
+        apart = load["force_N"] / row["force_radial_N"] - 1
+        assert abs(apart) < min(4e-3, report["error_estimate"])
+        assert abs(report["oil_pressure_Pa"] / row["oil_pressure_Pa"] - 1) < 4e-3
+        assert (
+            abs(load["inner_displacement_m"] - row["inner_displacement_m"]) < 5e-3 * row["d_m"]
+        )
+        assert abs(load["tangential_force_N"]) < 1e-9 * load["force_N"]
+        assert report["status"] == "converged"
+        assert report["stable"]
+
+
+def test_a_body_off_the_skin_leaves_it_at_rest() -> None:
+    report = on_the_crown(-1.0).report
+    load = report["loads"][0]
+    assert report["status"] == "converged"
+    assert load["force_N"] == load["contact_area_m2"] == load["zones"] == 0
+    assert report["max_displacement_m"] < 1e-15
+
+
+def test_indentation_curves_go_there_and_back() -> None:
+    spec = on_the_crown(4.0).scene
+    depths = np.array([0.0, 1e-3, 3e-3, 1e-3, 0.0])
+    points = sweep(spec, depths=depths).points
+    force = np.array([p["loads"][0]["force_N"] for p in points])
+    np.testing.assert_allclose(force[3:], force[[1, 0]], rtol=1e-8)
+    alone = on_the_crown(3.0).report
+    assert abs(force[2] / alone["loads"][0]["force_N"] - 1) < 1e-8
+    assert abs(points[2]["error_estimate"] / alone["error_estimate"] - 1) < 1e-3
+    with pytest.raises(SweepError, match="--depth"):
+        sweep(spec, forces=[1.0])
+    with pytest.raises(SweepError, match="depth"):
+        sweep(scene(line(0, 1.0)), depths=depths)
+
+
+def test_a_plate_opens_from_a_point_to_one_patch() -> None:
+    """Of 0.4 mm at 2 mm, of 6 mm at 4 mm: then a tenth stiffer than a cylinder."""
+    small, _, _ = pressed(scene(body(0, 2.0, **PLATE)), 64)
+    large, pressure, _ = pressed(scene(body(0, 4.0, **PLATE)), 64)
+    assert small["contact_half_width_m"] < 0.6e-3
+    assert abs(large["contact_half_width_m"] - 6.1e-3) < 0.5e-3
+    assert small["zones"] == large["zones"] == 1
+    assert abs(large["force_N"] / references(0)[-1]["force_radial_N"] - 1.1) < 0.01
+    assert pressure > 17e3
+
+
+def test_travels_are_found_from_forces() -> None:
+    """Two bodies that feel each other, by a stand-in for the solve."""
+    spec = scene(*(_by_force(angle, 1.0) for angle in (-30, 30)))
+    inputs = {"load.0.force": np.asarray(3.0), "load.1.force": np.asarray(20.0)}
+    runs = []
+
+    def run(inputs: Any, start: Any) -> Any:
+        d = np.array([float(inputs[f"load.{i}.depth"]) for i in (0, 1)]) * 1e3
+        force = 2 * d**1.7 * (1 + 0.1 * d[::-1])
+        runs.append(d)
+        loads = [
+            {"force_N": np.array([f]), "depth_m": np.array([x])}
+            for f, x in zip(force, d, strict=True)
+        ]
+        return {"loads": loads}, start, start, start, {"result": np.zeros(1)}
+
+    report, *_ = under_forces(spec, inputs, None, run)
+    found = [float(load["force_N"][0]) for load in report["loads"]]
+    np.testing.assert_allclose(found, [3.0, 20.0], rtol=1e-10)
+    assert len(runs) < 25
+
+
+def _by_force(angle: float, force: float) -> dict[str, Any]:
+    table = body(angle, 0.0) | {"force": f"{force!r} N"}
+    return {key: value for key, value in table.items() if key != "depth"}
+
+
+@pytest.mark.long  # programs of a scene by force; the search is in the test before
+def test_travel_from_force_inverts_force_from_travel() -> None:
+    known = on_the_crown(2.0)
+    force = known.report["loads"][0]["force_N"]
+    other = solve(with_solve(scene(_by_force(0, force)), model="shell", elements=32))
+    load = other.report["loads"][0]
+    assert abs(load["depth_m"] / 2e-3 - 1) < 1e-8
+    assert abs(load["force_N"] / force - 1) < 1e-10
+    assert other.report["error_estimate"] == pytest.approx(known.report["error_estimate"], 1e-6)
+
+
+@pytest.mark.long  # a program of derivatives
+def test_derivatives_of_the_force_are_those_of_differences() -> None:
+    from suas_jax.scene.gradient import gradient
+
+    spec = with_solve(scene(body(30, 2.0)), model="shell", elements=32)
+    solution = solve(spec)
+    slopes = gradient(solution, "loads.0.force_N")
+    inputs = continuous_inputs(spec)
+    for path in ("load.0.radius", "load.0.angle", "load.0.depth", "geometry.thickness"):
+        step = 1e-4 * inputs[path]
+        low, high = (
+            solve(with_inputs(spec, {path: inputs[path] + s * step})).report["loads"][0]
+            for s in (-1, 1)
+        )
+        difference = (high["force_N"] - low["force_N"]) / (2 * step)
+        assert abs(slopes[path] / difference - 1) < 1e-4
+
+
+def _lane(*numbers: float) -> list[Array]:
+    return [jnp.full(1, x) for x in numbers]
+
+
+SHAPES: list[AbstractShape] = [
+    Round(*_lane(0.01), endless=True),
+    Round(*_lane(0.01), False, *_lane(0.02)),
+    Round(*_lane(0.01), endless=False),
+    Wedge(*_lane(0.002, 1.2)),
+    Box((jnp.full(1, 0.02), jnp.full(1, 0.03)), jnp.full(1, 0.004)),
+    Plate(),
+]
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_a_shape_is_a_distance_from_its_surface(shape: AbstractShape) -> None:
+    """Zero on the surface, one per length away from it, along one normal without a kink."""
+    random = np.random.default_rng(0)
+    across = jnp.asarray(random.uniform(-0.009, 0.009, (2, 200, 1)))
+    height = shape.height(across)
+    inside = jnp.isfinite(height)
+    surface = jnp.concatenate([across, jnp.where(inside, height, 0.0)[None]])
+    np.testing.assert_allclose(jnp.where(inside, shape.distance(surface), 0.0), 0, atol=1e-16)
+
+    def normal(place: Array) -> Array:
+        return jax.grad(lambda x: jnp.sum(shape.distance(x)))(place)
+
+    out = normal(surface)
+    size = jnp.sqrt(jnp.sum(out**2, 0))
+    np.testing.assert_allclose(jnp.where(inside, size, 1.0), 1, rtol=1e-12)
+    away = surface + 1e-3 * out
+    np.testing.assert_allclose(jnp.where(inside, shape.distance(away), 1e-3), 1e-3, rtol=1e-9)
+    assert float(shape.distance(jnp.zeros((3, 1)))[0]) == 0
+
+
+def test_first_touch_lies_beside_the_ray_where_the_skin_is_hollow() -> None:
+    """A plate over a hollow crown rests on its shoulders, a slim body goes in between them."""
+    points = [[-0.05, 0.0], [-0.03, 0.03], [0.0, 0.025], [0.03, 0.03], [0.05, 0.0]]
+    texts = [[f"{x!r} m", f"{y!r} m"] for x, y in points]
+    geometry = {"section": "spline", "points": texts}
+
+    def rise(**shape: Any) -> float:
+        table = {"kind": "body", "arc": "0 mm", "depth": "1 mm", **shape}
+        spec = shaped(geometry, table, material=EPDM)
+        parts = scene_parts(spec, continuous_inputs(spec))
+        section = parts.skin.geometry.section
+        crown = section.mid_line(jnp.zeros(1)) + section.thickness(
+            jnp.zeros(1)
+        ) / 2 * jnp.array([[0.0], [1.0]])
+        return float(parts.bodies[0].origin[1, 0] - crown[1, 0])
+
+    assert rise(**PLATE) > 4e-3
+    assert abs(rise(shape="cylinder", radius="2 mm")) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"shape": "sphere"}, "load.0.shape"),
+        ({"radius": None}, "load.0.radius"),
+        ({"force": "3 N"}, "load.0.depth"),
+        ({"depth": None}, "load.0.depth"),
+        ({"friction": 0.3}, "load.0.friction"),
+        ({"turn": "10 deg"}, "load.0.turn"),
+        ({"opening": "60 deg"}, "load.0.opening"),
+        ({"angle": "95 deg"}, "load.0.angle"),
+        ({"depht": "1 mm"}, "load.0.depht"),
+    ],
+)
+def test_what_is_no_body_is_refused_by_its_key(changes: dict[str, Any], key: str) -> None:
+    table = body(30, 1.0) | changes
+    table = {k: v for k, v in table.items() if v is not None}
+    with pytest.raises(ConfigError) as caught:
+        scene(table)
+    assert [mistake.key for mistake in caught.value.mistakes] == [key]
+
+
+def test_what_knows_dead_forces_alone_says_so() -> None:
+    with pytest.raises(ValueError, match="dead forces"):
+        loads_of(scene(body(0, 1.0)))
+    with pytest.raises(ConfigError, match="own depth"):
+        scene(body(0, 1.0), oil_pressure=1e3)
+    assert isinstance(scene(body(0, 1.0)).loads[0], BodyLoadSpec)
