@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from skins import find, half_cylinder, quick, shaped
 
-from suas_jax.config import continuous_inputs
+from suas_jax.config import BodyLoadSpec, continuous_inputs
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
@@ -26,6 +26,7 @@ from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.scene.parts import skin_parts
+from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.oils.incompressible import IncompressibleOil
@@ -184,6 +185,41 @@ def test_contact_with_the_wall_comes_from_its_energy() -> None:
     expected = products(pad, q, PRESSURE, FACTOR, directions) * free
     scale = np.max(np.abs(expected))
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-11 * scale)
+
+
+def test_contact_with_a_body_comes_from_its_energy() -> None:
+    """A turned box and the half pad: forces, stiffness, and forces by the body's travel."""
+    free_pad = small_pad(*CASES["sliding ends, half, kinked"])
+    q, directions, free = state_of(free_pad, 2e-3)
+    spec = BodyLoadSpec(shape="box", size=(0.03, 0.05), edge=0.004, angle=-0.4, depth=3e-3)
+    numbers = {"size.0": 0.03, "size.1": 0.05, "edge": 0.004, "turn": 0.3, "depth": 3e-3}
+    law, places = RigidLimit(1e9 * ONE, 1e-4 * ONE), (-0.4 * ONE, -0.02 * ONE)
+    box = Body.of(spec, THICK.section, places, lambda key: numbers[key] * ONE, law)
+    pad = free_pad.with_bodies([box])
+    contact = quick(lambda pad, q: pad.touched(q, pad.bodies[0].placed(FACTOR)))(pad, q)
+    assert 0.01 < np.mean(contact.gap < 0) < 0.95
+    without = assemble(free_pad, q, PRESSURE, FACTOR)
+    got = assemble(pad, q, PRESSURE, FACTOR)
+    energy = quick(jax.grad(lambda q, pad: jnp.sum(pad.contact_energy(q, FACTOR))))
+    wanted = energy(q, pad) * free
+    scale = np.max(np.abs(wanted))
+    np.testing.assert_allclose(got.contact, wanted, rtol=0, atol=1e-11 * scale)
+    np.testing.assert_allclose(
+        got.residual - without.residual, wanted, rtol=0, atol=1e-10 * scale
+    )
+    step = 1e-6
+    ahead, back = (assemble(pad, q, PRESSURE, FACTOR + s * step).contact for s in (1, -1))
+    by_travel = -(ahead - back) / (2 * step)
+    np.testing.assert_allclose(
+        got.by_travel, by_travel, rtol=0, atol=1e-5 * np.max(np.abs(by_travel))
+    )
+    moved = products_of(got.tangent, directions)
+    expected = products(pad, q, PRESSURE, FACTOR, directions) * free
+    scale = np.max(np.abs(expected))
+    np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-10 * scale)
+    # The sum of what the points push is what the body feels.
+    along = jnp.einsum("ij,jabl->iabl", box.frame[..., 0], contact.force)
+    assert float(jnp.sum(along[2])) > 0
 
 
 @pytest.mark.long  # second derivatives of another net; those with the wall above

@@ -120,15 +120,15 @@ def settled(
         stepping: settings of the load stepping.
         finished: lanes of which the rest is not wanted.
     """
-    wall, shape = problem.mechanics.wall, problem.mechanics.rest()
+    shape = problem.mechanics.rest()
     zero = jnp.zeros(lanes, shape.dtype)
     shape = jnp.broadcast_to(shape, (*shape.shape[:-1], lanes))
     y = BorderedVector(shape, zero if problem.oil.trapped else None)
     none = jnp.zeros(lanes, jnp.int32)
     if not problem.prestressed:
         return Found(y, zero, none, none, jnp.full_like(zero, jnp.inf))
-    if wall is not None:
-        mechanics = problem.mechanics.with_wall(wall.softened(jnp.asarray(10.0**_SOFTEST)))
+    if problem.mechanics.touches:
+        mechanics = problem.mechanics.softened(jnp.asarray(10.0**_SOFTEST))
         problem = dataclasses.replace(problem, mechanics=mechanics)
     held, _ = residual(problem, y, zero)
 
