@@ -61,7 +61,7 @@ REST_KEYS = {
     "buckling_share": "of what buckles the skin, to first order: 1 where it does, negative "
     "where the stress stiffens every mode",
     "stiffness_change": "of what small loads of this pattern meet, relative to the same skin "
-    "without stress; `null` without loads",
+    "without stress; `null` without line loads and patches",
     "max_displacement_m": "largest displacement of the inner face",
     "min_gap_m": "smallest distance of the inner face from the wall",
     "displacement_m": "of the mid-surface under each load, along its direction; `null` for a "

@@ -63,7 +63,7 @@ def rest_of(scene: SceneSpec, found: Attempt, *, once: bool) -> dict[str, Any]:
     effect = plain(
         COMPILED.run(_effect, static, plan, inputs_of(idle) | away, state, once=True)
     )
-    pushed = any(load.kind != "pressure" for load in scene.loads)
+    pushed = any(load.kind in ("line", "patch") for load in scene.loads)
     return {
         "stable": seen["stable"],
         **{key: seen[key] for key in _KEPT[:2]},
