@@ -42,6 +42,7 @@ MOST_ROWS = 100_000
 _COLUMNS = ("force_N", "factor")
 # Rows that one call follows, so that histories of any length share one program.
 _BLOCK = 8
+_FEW = 40
 # Error of the stress that a step may make, over the wanted relative error.
 _STEP_SHARE = 0.01
 
@@ -124,7 +125,7 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     levels = _levels(scene, history)
     scene = with_solve(scene, oil_pressure=None)
     errors = _Errors.at(scene, float(np.max(np.abs(levels))))
-    points = _Follower(scene, errors).points(history.time, levels)
+    points = _Follower(scene, errors, len(levels) <= _FEW).points(history.time, levels)
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
     contact = None
     if hits:
@@ -201,10 +202,17 @@ def _responding(scene: SceneSpec, response: str) -> SceneSpec:
 
 @dataclasses.dataclass(frozen=True)
 class _Follower:
-    """Follows one scene on one mesh."""
+    """Follows one scene on one mesh.
+
+    Attributes:
+        scene: the scene.
+        errors: the mesh, and what it leaves.
+        few: whether rows take less time to follow than to compile for speed.
+    """
 
     scene: SceneSpec
     errors: _Errors
+    few: bool = True
 
     def points(self, time: np.ndarray, levels: np.ndarray) -> list[dict[str, Any]]:
         """Reports of all rows; with the wall from the block on in which it is reached."""
@@ -235,7 +243,7 @@ class _Follower:
         filled = np.concatenate([rows, np.repeat(after, _BLOCK - count, 1)], 1)
         tolerance = np.asarray(_STEP_SHARE * self.scene.rtol)
         reports, outcomes, last = COMPILED.run(
-            through, *known, Rows(*filled), moment, tolerance, once=True
+            through, *known, Rows(*filled), moment, tolerance, once=self.few
         )
         points = []
         for i in range(count):

@@ -36,10 +36,12 @@ from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.structure import Inputs, Structure
 
-MOST_STEPS = 20_000
+MOST_STEPS = 5_000
 """Steps between two rows before the history is given up."""
 _FIRST_STEP = 0.02  # after a jump, over the shortest relaxation time
 _LONGER, _SHORTER = 2.0, 0.2  # of the next step, at most
+_RUNAWAY = 1e-9  # step over a row that is still too long
+_SHORTEST = 1e-4  # step over a row, or share of a jump, at which the path counts as ended
 
 
 class Moment(NamedTuple):
@@ -48,7 +50,9 @@ class Moment(NamedTuple):
     Attributes:
         time: [s].
         step: that is tried next [s].
+        stride: share of what is left of a jump that is tried next.
         state: the equilibrium.
+        pace: of the unknowns over the last step, per second: what is expected of the next one.
         past: what the material remembers.
         rate: of the instantaneous stress over the last step [Pa/s].
         last: length of that step [s]; zero where a jump makes the rate unknown.
@@ -61,7 +65,9 @@ class Moment(NamedTuple):
 
     time: Float[Array, ""]
     step: Float[Array, ""]
+    stride: Float[Array, ""]
     state: State
+    pace: State
     past: Past
     rate: Array
     last: Float[Array, ""]
@@ -99,6 +105,8 @@ def at_rest(scene: Structure, plan: AbstractPlan, inputs: Inputs, time: Array) -
     return Moment(
         jnp.asarray(time, float),
         none + jnp.inf,
+        none + 1,
+        State(rest, zero, zero),
         State(rest, zero, zero),
         past,
         jnp.zeros_like(past.stress),
@@ -160,7 +168,7 @@ def through(
         now = now._replace(last=jnp.where(jumps, 0.0, now.last))
 
         def going(now: Moment) -> Bool[Array, ""]:
-            left = jumps & (now.steps == 0) | (now.time < row.end)
+            left = jnp.where(jumps, now.state.factor[0] != row.final, now.time < row.end)
             return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
 
         now = jax.lax.while_loop(
@@ -208,41 +216,60 @@ def _step(
     arrived = left <= wanted
     time = jnp.where(arrived, row.end, now.time + step)
     share = (time - row.begin) / jnp.where(row.end > row.begin, row.end - row.begin, 1.0)
-    level = row.first + jnp.where(row.end > row.begin, share, 1.0) * (row.final - row.first)
+    jumps = row.end <= row.begin
+    from_here = now.state.factor[0]
+    over = jnp.where(
+        now.stride < 1, from_here + now.stride * (row.final - from_here), row.final
+    )
+    level = jnp.where(jumps, over, row.first + share * (row.final - row.first))
     membrane = dataclasses.replace(_membrane(problem), response=now.past.seen(series, step))
-    trapped = problem.oil.trapped
-    y = BorderedVector(now.state.q, now.state.pressure if trapped else None)
+    target = jnp.broadcast_to(level, now.state.factor.shape)
+    expected = jax.tree.map(lambda a, b: a + step * b, now.state, now.pace)
+    guessed = (step > 0) & jnp.any(now.pace.q != 0)
+    y = BorderedVector(expected.q, expected.pressure if problem.oil.trapped else None)
     root = follow(
         dataclasses.replace(problem, mechanics=membrane),
         y,
-        now.state.factor,
-        jnp.broadcast_to(level, now.state.factor.shape),
+        jnp.where(guessed, target, now.state.factor),
+        target,
         LoadStepping(),
         near=True,
     )
     found = Equilibrium.of(problem, root)
+    # A step that leads nowhere is tried again without a guess, and then made shorter.
+    failed = jnp.any(found.result != 0)
+    length = jnp.where(jumps, now.stride, step / jnp.where(jumps, 1.0, row.end - row.begin))
+    ends = failed & ~guessed & (length < _SHORTEST)
+    lost = failed & ~ends
     stress = membrane.deviator(found.state.q)
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
     bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))
     error = jnp.sum(series.g * _psi(step / series.tau)) * bend
     error = jnp.where(fresh | (largest == 0), 0.0, error / jnp.where(largest > 0, largest, 1.0))
-    good = error <= tolerance
+    # Creep that runs away, as a membrane that buckles does, leaves no step short enough.
+    runaway = ~failed & (error > tolerance) & (length < _RUNAWAY)
+    good = ends | runaway | ((error <= tolerance) & ~lost)
     ratio = jnp.sqrt(tolerance / jnp.maximum(error, 1e-300))
     following = step * jnp.clip(0.9 * ratio, _SHORTER, _LONGER)
     following = jnp.where(fresh, _LONGER * wanted, following)
     # A step that a row cut short says little of the next one.
     following = jnp.where(good & arrived, jnp.maximum(following, now.step), following)
     following = jnp.where(jnp.isnan(following) | (step == 0), now.step, following)
+    stands = jax.tree.map(lambda x: jnp.where(lost, 0.0, x), now.pace)
     tried = now._replace(
-        step=jnp.where(good, now.step, following),
+        step=jnp.where(lost, jnp.where(guessed, now.step, _SHORTER * step), following),
+        stride=jnp.where(lost, now.stride / 2, now.stride),
+        pace=stands,
         iterations=now.iterations + found.iterations,
         steps=now.steps + 1,
     )
     taken = Moment(
         time,
         following,
+        jnp.minimum(2 * now.stride, 1.0),
         found.state,
+        _pace(now.state, found.state, step),
         now.past.after(series, step, stress),
         rate,
         step,
@@ -250,9 +277,17 @@ def _step(
         largest,
         tried.iterations,
         tried.steps,
-        jnp.where(found.result == 0, 0, found.result).astype(now.result.dtype),
+        jnp.where(ends, found.result, jnp.where(runaway, index_of("limit_point"), 0)).astype(
+            now.result.dtype
+        ),
     )
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, tried)
+
+
+def _pace(before: State, after: State, step: Array) -> State:
+    """Change of a state by time; none over a jump."""
+    by = jnp.where(step > 0, 1 / jnp.where(step > 0, step, 1.0), 0.0)
+    return jax.tree.map(lambda a, b: by * (b - a), before, after)
 
 
 def _psi(x: Array) -> Array:
