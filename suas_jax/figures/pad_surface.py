@@ -1,6 +1,6 @@
 """Figure of a solved pad: its gap unrolled, and the deformed membrane in space."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 from mpl_toolkits.mplot3d import Axes3D
 
-from suas_jax.config import continuous_inputs
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad.shape import PadShape
@@ -63,7 +62,7 @@ def plot_pad_surface(solution: Solution) -> Figure:
         solution: a solution in three dimensions.
     """
     face, outer, height, angle = (np.asarray(x)[..., 0] for x in solution.read(_grid))
-    parts = scene_parts(solution.scene, continuous_inputs(solution.scene))
+    parts = scene_parts(solution.scene, solution.inputs)
     geometry = parts.skin.geometry
     at = jnp.asarray(angle)[..., None]
     gap = 1e3 * (height + np.asarray(geometry.gap(at))[..., 0])
@@ -80,6 +79,9 @@ def plot_pad_surface(solution: Solution) -> Figure:
     for load in parts.forces:
         assert isinstance(load, PadLoad)
         _draw_load(flat, load, geometry)
+    for entry in solution.report["loads"]:
+        if entry["kind"] == "body":
+            _draw_contact(flat, entry, geometry)
     flat.set(xlabel="angle [deg]", ylabel="position along the axis [mm]")
 
     space = figure.add_subplot(panels[1], projection="3d")
@@ -122,6 +124,21 @@ def _draw_taxels(axes: Axes, parts: SceneParts) -> None:
         offset_transform=axes.transData, facecolors="none", edgecolors="0.25", linewidths=0.5,
     )  # fmt: skip
     axes.add_collection(discs)
+
+
+def _draw_contact(axes: Axes, load: dict[str, Any], geometry: SkinGeometry) -> None:
+    """Mark where a body comes in, as large as what it touches, with its force."""
+    x, y = load["angle_deg"], 1e3 * load["axial_m"]
+    half = np.rad2deg(load["contact_half_width_m"] / float(geometry.outer_size[0]))
+    reach = 1e3 * load["contact_half_width_axial_m"]
+    axes.plot(x, y, "+", color="C1", ms=10, zorder=3)
+    axes.add_patch(
+        Ellipse((x, y), 2 * half, 2 * reach, fill=False, edgecolor="C1", lw=1.8, zorder=3)
+    )
+    axes.annotate(
+        f"body, {load['force_N']:.3g} N", (x + half, y + reach), xytext=(5, 5),
+        textcoords="offset points", color="k", fontsize=9,
+    )  # fmt: skip
 
 
 def _draw_load(axes: Axes, load: PadLoad, geometry: SkinGeometry) -> None:

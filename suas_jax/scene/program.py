@@ -90,7 +90,9 @@ def run_program(
         it was found.
     """
     if unloaded(static.scene):
-        report, state = COMPILED.run(_rest_program, static, meshes.whole, inputs, once=once)
+        touching = {f"load.{i}.depth": np.zeros(()) for i in driven_by_force(static.scene)}
+        at_touch = {**touching, **inputs}
+        report, state = COMPILED.run(_rest_program, static, meshes.whole, at_touch, once=once)
         report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}
         outcome = {"result": 0, "level": 1.0, "iterations": 0, "unknowns": 0}
         return report, state, state, at_rest(meshes.solved), outcome
