@@ -16,6 +16,7 @@ from suas_jax.scene.travel import driven_by_force, number, travels_of
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 _FINER_SHARE = 2 / 3
+_NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at rest
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
 
@@ -91,8 +92,10 @@ class Attempt(NamedTuple):
         return self._over(self.mesh_error, rtol)
 
     def parts_of_excess(self, rtol: float) -> tuple[float, ...]:
-        """The same for each mesh that it was compared with."""
-        parts = self.report["key_quantities"]["by_mesh"]
+        """The same for each mesh that it was compared with; under bodies, for another solve."""
+        parts = self.report.get("key_quantities", {}).get("by_mesh")
+        if not parts:
+            return (self.mesh_excess(rtol),)
         return tuple(self._over(number(part), rtol) for part in parts)
 
     def _over(self, error: float, rtol: float) -> float:
@@ -267,7 +270,7 @@ def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:
         elif spec.kind != "pressure":
             pairs.append((old["displacement_m"], new["displacement_m"], largest))
     pairs.append((a["max_displacement_m"], b["max_displacement_m"], largest))
-    sizes = [abs(number(x) - number(y)) / abs(z) for x, y, z in pairs if z]
+    sizes = [abs(number(x) - number(y)) / abs(z) for x, y, z in pairs if abs(z) > _NOTHING]
     return _FINER_SHARE * max(sizes, default=0.0)
 
 
