@@ -117,8 +117,6 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     require_float64()
     scene.require_plane_strain("a history")
     scene.require_no_bodies("a history")
-    if scene.bodies:
-        raise SweepError('a history moves dead loads; take the loads of kind "body" out')
     if is_prestressed(scene):
         raise SweepError(
             "a history begins free of stress: take out what gives the skin stress at rest "
