@@ -136,10 +136,10 @@ def test_blas_has_one_thread_unless_told_otherwise(wanted: int | None) -> None:
     assert (done.stdout, done.stderr) == (f"{{{wanted or 1}}}\n", "")
 
 
-def test_sweep_needs_forces_or_oil_pressures() -> None:
+def test_sweep_needs_one_kind_of_levels() -> None:
     scene = suas_jax.load_scene(ROOT / "configs" / "scenes" / "case_b.toml")
     for arguments in ({}, {"forces": [1.0], "oil_pressures": [1.0]}):
-        with pytest.raises(TypeError, match="either forces or oil_pressures"):
+        with pytest.raises(TypeError, match="one of forces, oil_pressures and depths"):
             suas_jax.sweep(scene, **arguments)
 
 

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from fitting.cli.app import app
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.live.serve import LineServer, host_and_port
 from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher
@@ -26,6 +27,7 @@ from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.stream import Stream
 from suas_jax.config import load_skin
+from suas_jax.skin.plain import plain_geometry
 
 SKIN = Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
 TAXELS = 8
@@ -45,7 +47,7 @@ class KnownLoads:
 
     def __init__(self) -> None:
         self.spec = load_skin(SKIN)
-        self.skin = SimpleNamespace(geometry=SimpleNamespace(half_angle=[np.pi / 2]))
+        self.along = ContactPlaces(self.spec.geometry, plain_geometry(self.spec.geometry))
         self.reading_noise, self.taxels, self.rest = 2.0, TAXELS, None
         self.input_errors = SimpleNamespace(text="")
         self.false_alarm, self.model_error, self.most_contacts = 0.01, 0.0025, 3

@@ -19,6 +19,7 @@ class ContactPlaces:
     Attributes:
         name: of the coordinate that is estimated: "arc", the arc length of the inner face from
             its middle [m], where the section knows no angle; else "angle" [rad].
+        edge: that coordinate of the right clamped edge.
 
     Args:
         spec: the [geometry] table.
@@ -34,6 +35,7 @@ class ContactPlaces:
             angle = np.linspace(-edge, edge, _POINTS)
             rows = _told(geometry, jnp.asarray(angle)[:, None])
             self._table = CubicSpline(angle, np.concatenate([np.asarray(x) for x in rows], 1))
+        self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0]))
 
     def angle(self, angle: Floats) -> Floats:
         """The angle that a scene calls so; of a path or spline that of the normal [rad]."""

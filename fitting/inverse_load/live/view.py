@@ -32,9 +32,7 @@ class LoadView(LiveTerminal, LiveWatcher):
 
     def __init__(self, estimator: LoadEstimator, title: str, *, show: bool) -> None:
         super().__init__(show and sys.stderr.isatty(), _REFRESH)
-        edge = np.asarray(estimator.skin.geometry.half_angle)[0]
-        self._by_arc = estimator.along.name == "arc"
-        self._edge = float(estimator.along.estimated(edge))
+        self._by_arc, self._edge = estimator.along.name == "arc", estimator.along.edge
         self._title = title
         self._times: deque[float] = deque()
 
