@@ -58,6 +58,7 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
+        spec.geometry.circle("`suas range`")
         check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
         settings = pad_settings(diameter, None)
@@ -69,7 +70,6 @@ def find_range(
 
             configure()
             if spec.geometry.dimension == 3:
-                spec.geometry.circle("`suas range` on pads")
                 from fitting.force_range.figure import plot_pad_range
                 from fitting.force_range.pad import pad_force_range
 
