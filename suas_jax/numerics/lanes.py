@@ -11,10 +11,16 @@ from typing import Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, PyTree
+import numpy as np
+from jaxtyping import Array, ArrayLike, PyTree
 
 Arguments = TypeVar("Arguments")
 Result = TypeVar("Result")
+
+
+def number(lane: ArrayLike) -> float:
+    """The value of the only lane; by NumPy, as JAX compiles programs for an index."""
+    return float(np.ravel(lane)[0])
 
 
 def in_chunks(solve: Callable[[Arguments], Result], arguments: Arguments, chunk: int) -> Result:

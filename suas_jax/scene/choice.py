@@ -10,9 +10,10 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
+from suas_jax.numerics.lanes import number
 from suas_jax.scene.program import prepared, run_program, structure_of
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
-from suas_jax.scene.travel import driven_by_force, number, travels_of
+from suas_jax.scene.travel import driven_by_force, travels_of
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 _FINER_SHARE = 2 / 3

@@ -142,16 +142,9 @@ class Curve:
         self, levels: np.ndarray, points: list[dict[str, Any]]
     ) -> dict[str, float] | None:
         """Close in on the load at which the smallest gap vanishes."""
-        hits = [
-            i
-            for i, point in enumerate(points)
-            if point["status"] == "converged" and point["wall_contact"]
-        ]
-        if not hits:
-            return None
-        after = hits[0]
-        if after == 0:
-            return contact_of(points[0])
+        after = first_touch(points)
+        if not after:
+            return None if after is None else contact_of(points[0])
         low, high = float(levels[after - 1]), float(levels[after])
         gaps = points[after - 1]["min_gap_m"], None
         best = points[after]
@@ -213,6 +206,12 @@ def _around_zero(
     root = low + (high - low) * above / (above - below)
     near = root + _SECANT_SHARE * (inner - (low + high) / 2)
     return np.clip(near, inner[0], inner[-1])
+
+
+def first_touch(points: list[dict[str, Any]]) -> int | None:
+    """The first converged point of a curve where the membrane is on the wall."""
+    touching = (p["status"] == "converged" and p["wall_contact"] for p in points)
+    return next((i for i, found in enumerate(touching) if found), None)
 
 
 def contact_of(report: dict[str, Any]) -> dict[str, float]:

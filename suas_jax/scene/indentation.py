@@ -13,11 +13,11 @@ from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan
 from suas_jax.mechanics.registry import MODELS
+from suas_jax.numerics.lanes import number
 from suas_jax.scene.choice import choose, difference
-from suas_jax.scene.curve import contact_of
+from suas_jax.scene.curve import contact_of, first_touch
 from suas_jax.scene.program import at_rest, prepared, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
-from suas_jax.scene.travel import number
 
 _CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
 _MOST_HALVINGS = 40
@@ -93,16 +93,9 @@ class IndentationCurve(NamedTuple):
         self, depths: np.ndarray, points: list[dict[str, Any]]
     ) -> dict[str, float] | None:
         """Close in on the travel at which the smallest gap vanishes."""
-        hits = [
-            i
-            for i, point in enumerate(points)
-            if point["status"] == "converged" and point["wall_contact"]
-        ]
-        if not hits:
-            return None
-        after = hits[0]
-        if after == 0:
-            return contact_of(points[0])
+        after = first_touch(points)
+        if not after:
+            return None if after is None else contact_of(points[0])
         low, high = float(depths[after - 1]), float(depths[after])
         start, best = None, points[after]
         for _ in range(_MOST_HALVINGS):

@@ -16,13 +16,14 @@ from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
+from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.assessment import assess
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import driven_by_force, number, under_forces
+from suas_jax.scene.travel import driven_by_force, under_forces
 from suas_jax.skin.prestress import is_prestressed
 
 

@@ -9,13 +9,13 @@ from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.buckling import stress_effect
 from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import build_problem
 from suas_jax.scene.choice import Attempt
 from suas_jax.scene.program import inputs_of, prepared, run_program, structure_of
 from suas_jax.scene.report import plain
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import number
 
 _KEPT = ("oil_pressure_Pa", "hoop_force_N_per_m", "max_displacement_m", "min_gap_m")
 

@@ -14,6 +14,7 @@ from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle
@@ -22,7 +23,7 @@ from suas_jax.scene.program import inputs_of, prepared, run_program, structure_o
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.rest import rest_of
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import number, travels_of
+from suas_jax.scene.travel import travels_of
 from suas_jax.skin.prestress import is_prestressed
 
 

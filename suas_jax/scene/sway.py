@@ -12,8 +12,8 @@ import numpy as np
 from suas_jax.config import SceneSpec, continuous_inputs
 from suas_jax.mechanics.model import Counts, Meshes
 from suas_jax.mesh.section import measures
+from suas_jax.numerics.lanes import number
 from suas_jax.scene.program import prepared, run_program, structure_of
-from suas_jax.scene.travel import number
 
 # By which loads are moved along the arc, as a share of half of it: the branch that is found
 # does not depend on it, from 0.1 to 3 %.

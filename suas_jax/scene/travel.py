@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from jaxtyping import ArrayLike
 
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.numerics.lanes import number
 from suas_jax.scene.structure import Inputs
 
 _TOLERANCE = 1e-11  # of a force
@@ -23,11 +23,6 @@ _POWER = 1.5  # with which a force grows with the travel, at first sight
 _LONGEST = 1.5  # step of a logarithm
 
 Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
-
-
-def number(lane: ArrayLike) -> float:
-    """The value of the only lane; by NumPy, as JAX compiles programs for an index."""
-    return float(np.ravel(lane)[0])
 
 
 def driven_by_force(scene: SceneSpec) -> list[int]:

@@ -10,13 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.config import SceneSpec, format_quantity
+from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.runtime.jit import jit
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.simulation.load_path import LoadPath
 from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances
+from suas_jax.skin.plain import clamped_edge
 from suas_jax.skin.section import AbstractSection
 
 # Frames solved in one call, and the shape that is compiled.
@@ -44,9 +45,10 @@ def capacitances(
     run = jit(forward)
     section = free.geometry.section
     loads = _loads(path, time, section)
-    edge = float(free.geometry.half_angle[0])
-    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= edge:
-        raise ValueError(f"a load leaves the skin, which ends at {_edge(path.scene, section)}")
+    end = float(free.geometry.half_angle[0])
+    if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= end:
+        _, edge = clamped_edge(section, by_arc=not path.scene.geometry.has_angle)
+        raise ValueError(f"a load leaves the skin, which ends at {edge}")
     blocks = []
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
@@ -66,14 +68,6 @@ def capacitances(
 
 def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:
     return loads.angle, loads.force, loads.turn, loads.external_pressure
-
-
-def _edge(scene: SceneSpec, section: AbstractSection) -> str:
-    """Where the skin ends, as its scenes state places."""
-    half = section.half_angle
-    if scene.geometry.has_angle:
-        return format_quantity(float(section.given_angle(half)[0]), "angle")
-    return format_quantity(float(section.arc(half)[0]), "length")
 
 
 def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) -> Loads:

@@ -125,12 +125,12 @@ def _check_columns(where: str, names: Sequence[str], scene: SceneSpec) -> None:
             raise ValueError(
                 f'{where}, column "{name}": a {load.kind} load has {", ".join(allowed)}'
             )
-        place = getattr(load, "arc", None)
-        other = "angle_deg" if place is not None else "arc_m"
+        by_arc = getattr(load, "arc", None) is not None
+        other = "angle_deg" if by_arc else "arc_m"
         if found[2] == other:
             raise ValueError(
                 f'{where}, column "{name}": the scene places this load by '
-                f"{'arc' if place is not None else 'angle'}, and so does its path"
+                f"{'arc' if by_arc else 'angle'}, and so does its path"
             )
         flat = scene.geometry.dimension == 2
         if flat and isinstance(load, LineLoadSpec) and load.spread is not None:

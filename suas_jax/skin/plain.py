@@ -13,6 +13,7 @@ from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.registry import build_geometry
+from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.section_checks import check_section
 
 
@@ -40,6 +41,21 @@ def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
     return geometry
 
 
+def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
+    """Where a section ends on the right, as its scenes state places.
+
+    Args:
+        section: of plain numbers.
+        by_arc: as an arc length from its middle [m]; else as the angle [rad] that it knows.
+
+    Returns:
+        The number, and what a person reads.
+    """
+    half = section.half_angle
+    end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
+    return end, format_quantity(end, "length" if by_arc else "angle")
+
+
 def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
     """Refuse what lies off a section that is no plain circle, whose table is checked alone.
 
@@ -53,13 +69,11 @@ def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:
     if spec.is_circle:
         return
     section, found = plain_geometry(spec).section, []
-    arc, angle = section.arc(section.half_angle), section.given_angle(section.half_angle)
     for key, place in places.items():
         by_arc = place.arc is not None
-        end = float((arc if by_arc else angle)[0])
         name = "arc" if by_arc else "angle"
+        end, edge = clamped_edge(section, by_arc)
         if abs(getattr(place, name)) > end * (1 + 1e-9):
-            edge = format_quantity(end, "length" if by_arc else "angle")
             advice = f"lies off the skin, whose clamped edges are at -{edge} and {edge}"
             found.append(Mistake("skin", f"{key}.{name}", advice))
     if found:
