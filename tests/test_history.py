@@ -107,6 +107,15 @@ def test_what_a_step_says_of_the_stress_is_what_the_past_then_has() -> None:
     np.testing.assert_allclose(at_once.parts, past.parts)
 
 
+def test_stiffness_of_a_held_material_relaxes_and_that_of_a_released_one_does_not() -> None:
+    held = stepped(np.array([0.0, 1e-3, 1e3]), lambda t: 1.0)
+    assert float(held.disturbed(SERIES).share) == pytest.approx(0.75, rel=1e-12)
+    released = held.after(SERIES, jnp.asarray(0.0), jnp.array([0.2]))
+    response = released.disturbed(SERIES)
+    assert float(response.share) == 1.0
+    assert float(response.share * 0.2 + response.rest[0]) == pytest.approx(total(released))
+
+
 @pytest.mark.parametrize("x", [1e-4, 0.02, 0.04, 1.0, 50.0])
 def test_weight_of_a_bend(x: float) -> None:
     wanted = quad(lambda v: np.exp(-x * (1 - v)) * (v - 0.5), 0, 1)[0]
@@ -216,7 +225,7 @@ def test_the_solid_creeps_like_the_independent_continuum(
 # Programs with the wall; its equilibria have tests of their own.
 @pytest.mark.long
 def test_the_wall_holds_what_creeps_onto_it() -> None:
-    points = follow([0, 0, 1e4], [0, 80, 80])
+    points = follow([0, 0, 1e4, 1e4, 10001, 11000], [0, 80, 80, 0, 0, 0])
     assert not points[1]["wall_contact"]
     assert points[2]["wall_contact"]
     held = with_inputs(load_scene(HOLD), {"load.0.force": 80.0})
@@ -224,6 +233,12 @@ def test_the_wall_holds_what_creeps_onto_it() -> None:
     # The wall's own small yield goes with the law's modulus, which is the instantaneous one.
     assert points[2]["wall"]["force_N"] == pytest.approx(report["wall"]["force_N"], rel=5e-4)
     assert points[2]["oil_pressure_Pa"] == pytest.approx(report["oil_pressure_Pa"], rel=1e-4)
+    # Released at once it keeps a dent, which does not buckle it, and recovers.
+    assert all(p["status"] == "converged" and p["stable"] for p in points)
+    left, later, end = (p["max_displacement_m"] for p in points[3:])
+    assert 2e-3 < left < 3e-3
+    assert 1e-3 < later < 0.7 * left
+    assert end < 1e-12
 
 
 def test_without_relaxation_a_history_is_a_curve() -> None:

@@ -136,6 +136,19 @@ class Past(NamedTuple):
         share = jnp.clip(jnp.where(size > 0, ratio, 1.0), series.long_term_share, 1.0)
         return Response(share, now - share * self.stress)
 
+    def disturbed(self, series: PronySeries) -> "Response":
+        """The stress of now, with the stiffness that small motions meet before it fades.
+
+        As `relaxed`, but of a material that has just been released, whose stress has not
+        relaxed but changed its sign, the instantaneous one.
+        """
+        remembered = jnp.sum(self.parts, 0)
+        size, left = jnp.sum(self.stress**2), jnp.sum(remembered**2)
+        ratio = jnp.sqrt(jnp.where(size > 0, left / jnp.where(size > 0, size, 1.0), jnp.inf))
+        share = jnp.minimum(series.long_term_share + ratio, 1.0)
+        now = series.long_term_share * self.stress + remembered
+        return Response(share, now - share * self.stress)
+
 
 class Response(NamedTuple):
     """Stress S = share S₀ + rest: what a step makes of an instantaneous law.

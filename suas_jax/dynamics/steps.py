@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.constitutive.relaxation import Past, PronySeries
+from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium
@@ -137,6 +137,12 @@ def _membrane(problem: Problem) -> Shell | Solid:
     return problem.mechanics
 
 
+def _answering(problem: Problem, response: Response) -> Problem:
+    """The problem of a membrane with a past."""
+    membrane = dataclasses.replace(_membrane(problem), response=response)
+    return dataclasses.replace(problem, mechanics=membrane)
+
+
 @eqx.filter_jit
 def through(
     scene: Structure,
@@ -177,15 +183,22 @@ def through(
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        relaxed = dataclasses.replace(_membrane(problem), response=now.past.relaxed(series))
-        settled = dataclasses.replace(problem, mechanics=relaxed)
+        settled = _answering(problem, now.past.relaxed(series))
         check, change = verify(settled, now.state)
         shown = now.state
         if change is not None:
             shown = jax.tree.map(lambda a, b: a + b, shown, change)
         report = observe(parts, settled, shown, now.state)
         report["volume_residual"] = volume_residual(settled, now.state)
-        report["stable"] = check.stable
+        report["stable"] = jax.lax.cond(
+            check.stable[0],
+            lambda: check.stable,
+            lambda: (
+                verify(
+                    _answering(problem, now.past.disturbed(series)), now.state, omitted=False
+                )[0].stable
+            ),
+        )
         del report["in_domain"]
         unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
         outcome = {
@@ -222,13 +235,13 @@ def _step(
         now.stride < 1, from_here + now.stride * (row.final - from_here), row.final
     )
     level = jnp.where(jumps, over, row.first + share * (row.final - row.first))
-    membrane = dataclasses.replace(_membrane(problem), response=now.past.seen(series, step))
+    stepped = _answering(problem, now.past.seen(series, step))
     target = jnp.broadcast_to(level, now.state.factor.shape)
     expected = jax.tree.map(lambda a, b: a + step * b, now.state, now.pace)
     guessed = (step > 0) & jnp.any(now.pace.q != 0)
     y = BorderedVector(expected.q, expected.pressure if problem.oil.trapped else None)
     root = follow(
-        dataclasses.replace(problem, mechanics=membrane),
+        stepped,
         y,
         jnp.where(guessed, target, now.state.factor),
         target,
@@ -241,7 +254,7 @@ def _step(
     length = jnp.where(jumps, now.stride, step / jnp.where(jumps, 1.0, row.end - row.begin))
     ends = failed & ~guessed & (length < _SHORTEST)
     lost = failed & ~ends
-    stress = membrane.deviator(found.state.q)
+    stress = _membrane(stepped).deviator(found.state.q)
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
     bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))
@@ -258,7 +271,7 @@ def _step(
     following = jnp.where(jnp.isnan(following) | (step == 0), now.step, following)
     stands = jax.tree.map(lambda x: jnp.where(lost, 0.0, x), now.pace)
     tried = now._replace(
-        step=jnp.where(lost, jnp.where(guessed, now.step, _SHORTER * step), following),
+        step=jnp.where(lost, jnp.where(guessed | jumps, now.step, _SHORTER * step), following),
         stride=jnp.where(lost, now.stride / 2, now.stride),
         pace=stands,
         iterations=now.iterations + found.iterations,
