@@ -8,6 +8,7 @@ import functools
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +26,7 @@ from suas_jax.config import (
 )
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.base import BodyContact
+from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.contact_zone import body_observables
 from suas_jax.scene.forward import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
@@ -32,6 +34,7 @@ from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.sweep import SweepError, sweep
 from suas_jax.scene.travel import under_forces
 from suas_jax.skin.body import AbstractShape, Box, Plate, Round, Wedge
+from suas_jax.skin.wall import Wall
 
 DATA = Path(__file__).parent / "data" / "indenter2d.csv"
 CYLINDER = {"shape": "cylinder", "radius": "10 mm"}
@@ -115,8 +118,60 @@ def test_the_shell_meets_the_reference_within_its_stated_error() -> None:
             abs(load["inner_displacement_m"] - row["inner_displacement_m"]) < 5e-3 * row["d_m"]
         )
         assert abs(load["tangential_force_N"]) < 1e-9 * load["force_N"]
+        # Narrower than an element, than the thickness, and than the reference tells at first.
+        apart = load["contact_half_width_m"] / row["contact_half_width_m"] - 1
+        assert abs(apart) < 0.05 + 1.5 * row["err_contact_half_width_m"] / 2e-4
+        assert abs(load["max_contact_pressure_Pa"] / row["max_pressure_Pa"] - 1) < 0.05
+        assert load["contact_resolved"]
         assert report["status"] == "converged"
         assert report["stable"]
+
+
+def test_a_zone_that_lies_flat_ends_in_the_thickness() -> None:
+    """As in the solid: 0.3 mm at 2 mm of travel, 6 mm at 4; pressed hardest at its ends."""
+
+    def strip_of(depth: float) -> list[float]:
+        problem = problem_of(scene(body(0, depth, **PLATE)), 64)
+        return [float(x[0]) for x in strip(problem, find(problem).state)]
+
+    half, pressure, told = strip_of(2.0)
+    assert told
+    assert abs(half - 0.33e-3) < 0.03e-3
+    assert abs(pressure - 1.45e5) < 0.1e5
+    half, pressure, told = strip_of(4.0)
+    assert told
+    assert abs(half - 6.1e-3) < 0.1e-3
+    assert abs(pressure - 8.2e4) < 0.4e4
+
+
+@quick
+def strip(problem: Problem, state: State) -> Any:
+    body = problem.mechanics.bodies[0].placed(state.factor)
+    return problem.mechanics.strip(state.q, body)
+
+
+def test_a_shell_between_two_rigid_surfaces_has_no_answer() -> None:
+    """Its error exceeds what it says; against a soft layer the layer gives way instead."""
+
+    @quick
+    def error(problem: Problem, state: State) -> Array:
+        return error_by_squeezing(problem, state)
+
+    def squeezed(**layer: Any) -> float:
+        spec = scene(body(0, 5.1))
+        free = problem_of(spec, 32)
+        wall = skin_parts(spec, continuous_inputs(spec)).wall
+        assert wall is not None
+        if layer:
+            thickness, stiffness = (jnp.full(1, x) for x in layer.values())
+            wall = Wall.of(
+                wall.geometry, free.mechanics.law.shear_modulus, (thickness, stiffness)
+            )
+        problem = eqx.tree_at(lambda p: p.mechanics, free, free.mechanics.with_wall(wall))
+        return float(error(problem, find(problem).state)[0])
+
+    assert squeezed() > 1
+    assert squeezed(thickness=1e-3, stiffness=1e5) < 1e-2
 
 
 def test_a_body_off_the_skin_leaves_it_at_rest() -> None:
@@ -207,6 +262,10 @@ def test_derivatives_of_the_force_are_those_of_differences() -> None:
         )
         difference = (high["force_N"] - low["force_N"]) / (2 * step)
         assert abs(slopes[path] / difference - 1) < 1e-4
+    (row,) = (r for r in references(30) if r["d_m"] == 2e-3)
+    tilt = row["force_tangential_N"] / row["force_radial_N"]
+    load = solution.report["loads"][0]
+    assert abs(load["tangential_force_N"] / load["force_N"] / tilt - 1) < 0.02
 
 
 def _lane(*numbers: float) -> list[Array]:

@@ -111,7 +111,11 @@ def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
 def corrected_touch(
     mechanics: AbstractMechanics, body: Body, shown: State, root: State | None
 ) -> BodyContact:
-    """Contact with a body, to first order where the state is; see `corrected_contact`.
+    """Contact with a body: where the equilibrium has it, with a force of first order.
+
+    To first order a zone far narrower than an element slides from point to point of the face,
+    which turns the force by more than the change itself does. So the force keeps the
+    equilibrium's direction.
 
     Args:
         mechanics: the membrane.
@@ -132,10 +136,11 @@ def corrected_touch(
             (root.q, none),
             (change, shift + none),
         )
-    near = jax.tree.map(lambda a, b: a + b, at, along)
-    closed = at.gap < 0
-    pressure, force = (jnp.where(closed, x, 0.0) for x in (near.pressure, near.force))
-    return near._replace(gap=at.gap, pressure=pressure, force=force)
+    out = body.frame[-1][:, None, None]
+    own = jnp.sum(at.force * out, (0, 1, 2))
+    more = jnp.sum(jnp.where(at.gap < 0, along.force * out, 0.0), (0, 1, 2))
+    ratio = 1 + jnp.where(own == 0, 0.0, more / jnp.where(own == 0, 1.0, own))
+    return at._replace(pressure=ratio * at.pressure, force=ratio * at.force)
 
 
 def corrected_contact(

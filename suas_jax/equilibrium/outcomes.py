@@ -54,6 +54,11 @@ class RESULTS(eqx.Enumeration):
         "A body reaches a clamped edge, which does not give way: its force has no meaning. "
         "Press it elsewhere, less deep, or give it a size that stays on the membrane."
     )
+    squeezed = (
+        "A body presses the membrane against the wall: between two rigid surfaces the membrane "
+        "itself is compressed, which no shell knows, and its force has no meaning. Press the "
+        "body less deep; on a section the solid knows more."
+    )
 
 
 # In the order of the enumeration: what is stored per lane is a position in this list.
@@ -69,6 +74,7 @@ NAMES: tuple[str, ...] = (
     "volume_not_kept",
     "unstable",
     "body_on_clamp",
+    "squeezed",
 )
 
 

@@ -162,6 +162,20 @@ class BodyContact(NamedTuple):
         return jnp.any(ends < 0, 0)
 
 
+class Strip(NamedTuple):
+    """The strip that a body touches, as a continuum does where a shell touches along lines.
+
+    Attributes:
+        half: half its width [m].
+        pressure: the largest on it [Pa].
+        told: whether both are good to a tenth.
+    """
+
+    half: Lanes
+    pressure: Lanes
+    told: Bool[Array, " lane"]
+
+
 class AbstractMechanics(eqx.Module):
     """A membrane: strain energy, enclosed volume, the work of its loads.
 
@@ -273,6 +287,18 @@ class AbstractMechanics(eqx.Module):
         """What the omitted energy adds to the gaps to a body, to first order [m].
 
         None where the model leaves out nothing there.
+
+        Args:
+            q: unknowns.
+            body: where it is.
+        """
+        del q, body
+        return None
+
+    def strip(self, q: StationVector, body: PlacedBody) -> Strip | None:
+        """What a body touches of a membrane thinner than the zone of contact is wide.
+
+        None where the points of the face tell it.
 
         Args:
             q: unknowns.

@@ -30,6 +30,9 @@ from suas_jax.scene.parts import SceneParts
 
 # Relative error by a penetration over that in the displacement: pressures go with its square.
 _BY_PENETRATION = 2.0
+# Relative error from which a body's force is no answer.
+_MEANINGLESS = 0.1
+_LEAST = 1e-300
 
 
 def assess(
@@ -143,6 +146,9 @@ def assess(
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
     verdict = off_clamps(problem, state, verdict)
+    if problem.mechanics.corrected and problem.mechanics.bodies and wall:
+        squeezed = error_by_squeezing(problem, state) > _MEANINGLESS
+        verdict = jnp.where(squeezed, index_of("squeezed"), verdict)
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
@@ -179,7 +185,49 @@ def error_beyond_first_order(
     )
     if mechanics.bodies:
         floor += mechanics.omitted_margin * body_change(parts, problem, state, report)
+        floor += error_by_squeezing(problem, state)
     return floor
+
+
+def error_by_squeezing(problem: Problem, state: State) -> Lanes:
+    """Largest relative error of a body's force by what no shell knows: how thin it is squeezed.
+
+    Between a body and the wall beneath it the membrane is thinner by f / (2 pi G), with the
+    force f per length that passes through it. The wall's own law says what that much travel
+    is worth: nothing on a soft layer, everything on a rigid wall.
+
+    Args:
+        problem: membrane with its bodies, wall, oil and loads.
+        state: the equilibrium.
+    """
+    mechanics, largest = problem.mechanics, jnp.zeros_like(state.pressure)
+    if mechanics.wall is None:
+        return largest
+    held = mechanics.contact(state.q, mechanics.wall)
+    push, depth = held.area * held.pressure, jnp.max(-held.gap, (0, 1))
+    thickness = mechanics.section.mean_thickness
+    margin = thickness / mechanics.section.size
+    for body in mechanics.bodies:
+        at = mechanics.touched(state.q, body.placed(state.factor))
+        near = _between(held.angle, at.angle, at.gap, margin)
+        length = jnp.ones_like(thickness)
+        if at.axial is not None and held.axial is not None:
+            near &= _between(held.axial, at.axial, at.gap, thickness)
+            length = 2 * thickness
+        through = jnp.sum(jnp.where(near, push, 0.0), (0, 1))
+        thinner = through / (2 * jnp.pi * mechanics.law.shear_modulus * length)
+        whole = jnp.sqrt(jnp.sum(jnp.sum(at.force, (1, 2)) ** 2, 0))
+        share = through / jnp.maximum(whole, _LEAST)
+        largest = jnp.maximum(largest, share * thinner / jnp.maximum(depth, _LEAST))
+    return largest
+
+
+def _between(place: Array, of: Array, gap: Array, margin: Lanes) -> Bool[Array, "..."]:
+    """Whether places lie within a margin of those where a gap is closed."""
+    of = jnp.broadcast_to(of, gap.shape)
+    low = jnp.min(jnp.where(gap < 0, of, jnp.inf), (0, 1)) - margin
+    high = jnp.max(jnp.where(gap < 0, of, -jnp.inf), (0, 1)) + margin
+    return (place >= low) & (place <= high)
 
 
 def body_change(

@@ -20,6 +20,12 @@ _FINER_SHARE = 2 / 3
 _NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at rest
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
+# Failures of the shell that need not be the solid's: its few fibres may leave the faces
+# beyond a limit that more layers keep to; it does not know how thin a membrane is squeezed.
+_SOLID_KNOWS = {
+    "outside_material_domain": "the shell's faces lie beyond the material's limit",
+    "squeezed": "a body presses the membrane against the wall",
+}
 
 
 class Tried(NamedTuple):
@@ -143,12 +149,12 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
             found = _attempt(scene, name, counts, once=once)
             return found, f"The mesh given is that of the {name}."
     shell = _attempt(scene, "shell", None, once=once)
-    if number(shell.outcome["result"]) == index_of("outside_material_domain"):
-        # Its few fibres may leave the faces beyond a limit that more layers keep to.
-        solid = _attempt(scene, "solid", None, once=once)
-        if solid.converged:
-            return solid, "Solid chosen: the shell's faces lie beyond the material's limit."
-        return shell, "The solid did not converge."
+    for result, why in _SOLID_KNOWS.items():
+        if number(shell.outcome["result"]) == index_of(result):
+            solid = _attempt(scene, "solid", None, once=once, wall=shell.wall)
+            if solid.converged:
+                return solid, f"Solid chosen: {why}."
+            return shell, "The solid did not converge."
     if not shell.converged:
         return shell, "Shell tried; the solid was not, as it starts no other path."
     if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
@@ -201,6 +207,7 @@ def _attempt(
     coarsest: Tried | None = None
     coarser: Attempt | None = None
     wanted: Counts | None = None
+    wall = wall or (scene.wall.contact and _deeper_than_film(scene))
     if scene.bodies:  # whose error is that between two meshes
         wanted, counts = counts, model.coarser(counts)
     while True:
@@ -240,6 +247,11 @@ def _attempt(
         if finer is None:
             return found
         counts = finer
+
+
+def _deeper_than_film(scene: SceneSpec) -> bool:
+    """Whether a body goes so far that without the wall it would go through it."""
+    return any((body.depth or 0.0) > scene.geometry.mean_gap for body in scene.bodies)
 
 
 def _at_travels_of(

@@ -6,7 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.mechanics.base import BodyContact, ContactState
+from suas_jax.mechanics.base import BodyContact, ContactState, Strip
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.body import Body
 from suas_jax.skin.circle import Circle
@@ -56,7 +56,11 @@ def contact_zone(contact: ContactState, geometry: SkinGeometry) -> dict[str, Any
 
 
 def body_observables(
-    contact: BodyContact, body: Body, factor: Lanes, geometry: SkinGeometry
+    contact: BodyContact,
+    body: Body,
+    factor: Lanes,
+    geometry: SkinGeometry,
+    strip: Strip | None = None,
 ) -> dict[str, Any]:
     """What a body does to the skin, and where it touches.
 
@@ -68,6 +72,7 @@ def body_observables(
         body: that is pressed on it.
         factor: on its travel.
         geometry: of the skin.
+        strip: that it touches, where the points do not tell it.
     """
     travel = factor * body.travel
     width = geometry.width if contact.axial is None else 1.0
@@ -77,7 +82,7 @@ def body_observables(
     lever = contact.position - _over(body.origin + (body.shape.centre - travel) * out)
     moment = jnp.sum(lever[0] * contact.force[1] - lever[1] * contact.force[0], (0, 1))
     touched = jnp.any(contact.gap < 0, (0, 1))
-    return {
+    found = {
         "depth_m": travel + jnp.zeros_like(moment),
         "force_N": -along[-1],
         "tangential_force_N": along[0],
@@ -85,6 +90,25 @@ def body_observables(
         **_extent(contact, body, geometry, touched),
         "max_contact_pressure_Pa": jnp.max(contact.pressure, (0, 1)),
         "contact_resolved": ~touched | (jnp.sum(contact.gap < 0, (0, 1)) >= _RESOLVED),
+    }
+    return found if strip is None else found | _as_strip(found, strip, touched, geometry)
+
+
+def _as_strip(
+    found: dict[str, Any], strip: Strip, touched: Bool[Array, " lane"], geometry: SkinGeometry
+) -> dict[str, Any]:
+    """Width and pressure of one zone of contact, told by a strip."""
+    one = found["zones"] == 1
+    half = jnp.where(one, strip.half, found["contact_half_width_m"])
+    middle = (found["contact_from_m"] + found["contact_to_m"]) / 2
+    peak = found["max_contact_pressure_Pa"]
+    return {
+        "contact_half_width_m": half,
+        "contact_from_m": middle - half,
+        "contact_to_m": middle + half,
+        "contact_area_m2": jnp.where(one, 2 * half * geometry.width, found["contact_area_m2"]),
+        "max_contact_pressure_Pa": jnp.where(one, strip.pressure, peak),
+        "contact_resolved": ~touched | (one & strip.told),
     }
 
 

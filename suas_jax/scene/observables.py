@@ -63,7 +63,9 @@ def load_observables(
             load = next(bodies)
             way = -load.frame[-1]
             touch = corrected_touch(held, load, state, root)
-            own = body_observables(touch, load, state.factor, geometry)
+            balanced = state if root is None else root
+            strip = held.strip(balanced.q, load.placed(state.factor))
+            own = body_observables(touch, load, state.factor, geometry, strip)
         else:
             load = next(forces)
             way, own = load.direction(section), {"force_N": load.force * state.factor}

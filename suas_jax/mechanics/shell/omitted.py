@@ -34,6 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.mechanics.base import Strip
 from suas_jax.mechanics.shell.contact import ContactFace
 from suas_jax.mechanics.shell.points import Moments, Points, mix
 from suas_jax.numerics.array_types import Lanes
@@ -47,6 +48,9 @@ _CLAMP_NORMAL, _CLAMP_MOMENT = -0.0142, -0.077
 _CLAMP_MOMENT_SHEAR, _CLAMP_NORMAL_SHEAR = 0.103, 0.0077
 # Least curvature of what touches, times thickness, and least half width over it.
 _FLAT, _NARROWEST = 1e-4, 1e-4
+_SPREAD = 1.1  # of the line forces at the ends of a zone that lies flat, in thicknesses
+_STEPS = 12
+_TINY = 1e-300
 
 
 class Resultants(NamedTuple):
@@ -196,28 +200,81 @@ def thinning(
     return (_LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness) / modulus
 
 
-def indentation(face: ContactFace, body: PlacedBody, modulus: Lanes) -> Lanes:
+def strip(
+    face: ContactFace,
+    bend: Float[Array, "point element lane"],
+    body: PlacedBody,
+    modulus: Lanes,
+) -> Strip:
+    """Where the continuum would be touched, from the shell's own zone and curvature.
+
+    A narrow strip of half width a is Hertz' on an incompressible half-space, with the force
+    per width f and the curvature k of both surfaces together, which grows away from the
+    force as the moment falls (K. L. Johnson, Contact Mechanics, section 4.2)::
+
+        f = pi G a^2 (k + f a / (6 D)),    D = G t^3 / 3
+
+    and its largest pressure is 2 f / (pi a). A zone in which the shell lies flat ends in line
+    forces. They are spread over about the thickness, and the zone reaches a quarter of it
+    further: both from the solid.
+
+    Args:
+        face: the outer face.
+        bend: current curvature of the mid-line at its points [1/m].
+        body: that is pressed on it.
+        modulus: small-strain shear modulus [Pa].
+    """
+    share = face.shares(face.inputs)
+    force = jnp.sum(share, (0, 1))
+    gap = face.gap(face.position(face.inputs))
+    flat = jnp.sum(jnp.where(gap < 0, face.area, 0.0), (0, 1)) / 2
+    thickness = face.section.mean_thickness
+    some = jnp.maximum(force, _TINY)
+    together = jnp.sum(share * bend, (0, 1)) / some + body.body.shape.curvature
+    together = jnp.maximum(together, _FLAT / thickness)
+    half = jnp.sqrt(some / (np.pi * modulus * together))
+    for _ in range(_STEPS):  # Newton's, from above: the cubic is convex
+        linear = np.pi * modulus * together * half**2
+        cubic = np.pi * force * half**3 / (2 * thickness**3)
+        slope = (2 * linear + 3 * cubic) / jnp.maximum(half, _TINY)
+        half = half - (linear + cubic - force) / jnp.maximum(slope, _TINY)
+    lies = flat > thickness / 2
+    inside = jnp.sum(
+        jnp.where(jnp.abs(_from_middle(face, share)) < flat / 2, share, 0.0), (0, 1)
+    )
+    level = inside / jnp.maximum(flat, _TINY)
+    ends = level + (force / 2 - level * flat) / (_SPREAD * thickness)
+    narrow = 2 * force / (np.pi * jnp.maximum(half, _NARROWEST * thickness))
+    return Strip(
+        jnp.where(lies, flat + thickness / 4, half),
+        jnp.where(lies, ends, narrow),
+        (half < thickness / 1.5) | (flat > 2 * thickness),
+    )
+
+
+def _from_middle(face: ContactFace, share: Array) -> Array:
+    """Arc length of the mid-line from the middle of what is touched [m]."""
+    along = face.section.size * face.at.angle
+    return along - jnp.sum(share * along, (0, 1)) / jnp.maximum(jnp.sum(share, (0, 1)), _TINY)
+
+
+def indentation(face: ContactFace, touched: Strip, modulus: Lanes) -> Lanes:
     """How far a body goes into the outer half of the membrane alone [m].
 
     That of a strip of width 2 a on an incompressible half-space, seen from half the thickness
     beneath (K. L. Johnson, Contact Mechanics, section 5.6), with the force per width f::
 
-        f / (4 pi G) (2 ln(t / a) - 1),    a^2 = f R / (pi G)
+        f / (4 pi G) (2 ln(t / a) - 1)
 
-    with the radius R of both surfaces together, or a as it is found where the body is flat. Its
-    energy is half of that times f.
+    Its energy is half of that times f.
 
     Args:
         face: the outer face.
-        body: that is pressed on it.
+        touched: the strip.
         modulus: small-strain shear modulus [Pa].
     """
     force = jnp.sum(face.shares(face.inputs), (0, 1))
-    gap = face.gap(face.position(face.inputs))
-    flat = jnp.sum(jnp.where(gap < 0, face.area, 0.0), (0, 1)) / 2
-    thickness, place = face.section.mean_thickness, body.body.angle
-    bend = jnp.maximum(face.section.curvature(place), 0.0) + body.body.shape.curvature
-    narrow = jnp.sqrt(force / (np.pi * modulus * (bend + _FLAT / thickness)))
-    half = jnp.maximum(jnp.maximum(narrow, flat), _NARROWEST * thickness)
+    thickness = face.section.mean_thickness
+    half = jnp.maximum(touched.half, _NARROWEST * thickness)
     deep = jnp.maximum(2 * jnp.log(thickness / half) - 1, 0.0)
     return force / (4 * np.pi * modulus) * jax.lax.stop_gradient(deep)

@@ -33,6 +33,7 @@ from suas_jax.mechanics.base import (
     ContactState,
     Displacements,
     Profile,
+    Strip,
     largest,
 )
 from suas_jax.mechanics.contact.term import by_travel
@@ -42,11 +43,13 @@ from suas_jax.mechanics.shell.elements import Elements, full_blocks
 from suas_jax.mechanics.shell.fibres import Fibres
 from suas_jax.mechanics.shell.loads import Loaded, load_terms, load_work, places, under
 from suas_jax.mechanics.shell.omitted import (
+    LinesOverElements,
     Resultants,
     indentation,
     relaxed_energy,
     resultants,
     resultants_transposed,
+    strip,
     thinning,
     thinning_work,
 )
@@ -279,7 +282,7 @@ class Shell(AbstractPlaneStrain):
         force = mix(tables.force, stress.reshape(-1, *stress.shape[2:]))
         for face, body in zip(faces, self.bodies, strict=True):
             shift = self._thinned(face, at)
-            shift = shift + indentation(face, body.placed(factor), self.law.shear_modulus)
+            shift = shift + self._indentation(face, points, body.placed(factor))
             force = force + face.pulled(jnp.broadcast_to(shift, face.area.shape))
         return self.elements.scatter(force)
 
@@ -351,7 +354,22 @@ class Shell(AbstractPlaneStrain):
         points, moments = self._at_gauss_points(q)
         face = self._outer_face(self.elements.gather(q), body)
         thinned = self._thinned(face, resultants(points, moments.first))
-        return thinned + indentation(face, body, self.law.shear_modulus)
+        return thinned + self._indentation(face, points, body)
+
+    def strip(self, q: StationVector, body: PlacedBody) -> Strip:
+        """See the base class."""
+        points, _ = self._at_gauss_points(q)
+        return self._strip(self._outer_face(self.elements.gather(q), body), points, body)
+
+    def _strip(self, face: ContactFace, points: Points, body: PlacedBody) -> Strip:
+        tables = element_tables(self.gauss)
+        bend = points.curvature + self._at_gauss.curvature
+        line = LinesOverElements.through(bend, tables.xi, tables.weights)
+        return strip(face, line.along(face.xi), body, self.law.shear_modulus)
+
+    def _indentation(self, face: ContactFace, points: Points, body: PlacedBody) -> Lanes:
+        touched = self._strip(face, points, body)
+        return indentation(face, touched, self.law.shear_modulus)
 
     def _thinned(self, face: ContactFace, at: Resultants) -> Array:
         tables, modulus = element_tables(self.gauss), self.law.shear_modulus
