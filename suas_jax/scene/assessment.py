@@ -145,10 +145,7 @@ def assess(
     }
     stretch, energy = report["stretch_min"], report["strain_energy_J"]
     verdict = validity(problem, state, forces, stretch, energy, report.pop("in_domain"))
-    verdict = off_clamps(problem, state, verdict)
-    if problem.mechanics.corrected and problem.mechanics.bodies and wall:
-        squeezed = error_by_squeezing(problem, state) > _MEANINGLESS
-        verdict = jnp.where(squeezed, index_of("squeezed"), verdict)
+    verdict = under_bodies(problem, state, verdict)
     if wall and problem.oil_pressure is not None:
         # Loads that grow against the wall hardly raise the pressure. To reach more of it the
         # solver finds states of a membrane crushed on the wall, which no growing load leads to.
@@ -158,13 +155,17 @@ def assess(
     return report, state, shown
 
 
-def off_clamps(
+def under_bodies(
     problem: Problem, state: State, verdict: Int[Array, " lane"]
 ) -> Int[Array, " lane"]:
-    """The verdict on a state, unless a body reaches a clamped edge."""
-    for body in problem.mechanics.bodies:
-        clamped = problem.mechanics.touched(state.q, body.placed(state.factor)).on_clamp
+    """The verdict on a state, unless a body meets what does not give way."""
+    mechanics = problem.mechanics
+    for body in mechanics.bodies:
+        clamped = mechanics.touched(state.q, body.placed(state.factor)).on_clamp
         verdict = jnp.where(clamped, index_of("body_on_clamp"), verdict)
+    if mechanics.bodies and mechanics.corrected:
+        squeezed = error_by_squeezing(problem, state) > _MEANINGLESS
+        verdict = jnp.where(squeezed, index_of("squeezed"), verdict)
     return verdict
 
 
