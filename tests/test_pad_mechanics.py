@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,6 +18,7 @@ from suas_jax.constitutive.laws.mooney_rivlin import MooneyRivlin
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.equilibrium import differentiable
+from suas_jax.mechanics.pad.faces import face_displacement
 from suas_jax.mechanics.pad.fibres import energy_density, layers, resultants
 from suas_jax.mechanics.pad.mid_surface import Rest, Surface, components, surface
 from suas_jax.mechanics.pad.net import Net, NetTopology
@@ -26,6 +28,7 @@ from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan, footprint, mirror_planes, plan_pad
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.scene.parts import skin_parts
+from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
@@ -167,11 +170,23 @@ def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
         np.testing.assert_allclose(product(got.tangent, v), wanted, rtol=0, atol=1e-7 * scale)
 
 
+PLACES_OF_SHEETS = ((0.0, 0.3, 1.0), (0.0, 0.4, 0.7, 1.0))
+
+
+def sheet(mean: float, change: float) -> Sheet:
+    """A length that varies along the arc and along the axis."""
+    values = mean + change * np.random.default_rng(3).uniform(-1, 1, (3, 4, 1))
+    return Sheet(PLACES_OF_SHEETS, jnp.asarray(values), 0.12 * ONE)
+
+
 def test_contact_with_the_wall_comes_from_its_energy() -> None:
+    """Of a membrane and a film that vary along the axis, too."""
     free_pad = small_pad(*CASES["sliding ends, half, kinked"])
+    free_pad = dataclasses.replace(free_pad, relief=sheet(4e-3, 1e-3).beyond_mean())
     q, directions, free = state_of(free_pad, 2e-3)
     law = RigidLimit(1e9 * ONE, 1e-4 * ONE)
-    pad = free_pad.with_wall(Wall(THICK, law))
+    uneven = dataclasses.replace(THICK, gap_along=sheet(2e-4, 1e-4))
+    pad = free_pad.with_wall(Wall(uneven, law))
     gap = quick(lambda pad, q: pad.contact(q, pad.wall).gap)(pad, q)
     assert 0.05 < np.mean(gap < 0) < 0.95
     without = assemble(free_pad, q, PRESSURE, FACTOR)
@@ -344,7 +359,33 @@ def test_in_plane_strain_a_fibre_is_the_section_s(law: AbstractLaw) -> None:
 # The pad between sliding ends.
 
 
-LEANING = {
+def test_a_membrane_is_the_same_from_any_surface_in_it() -> None:
+    """A tube that widens: from its middle, and from a surface nearer to its inner face."""
+    inner, thick, nearer, widened = 56e-3, 4e-3, 1e-3, 57e-3
+
+    def energy(radius: float, below: float) -> tuple[np.ndarray, np.ndarray]:
+        """Per angle, and the displacement of the outer face."""
+        section = half_cylinder(radius - below, 2 * below).section
+        now = np.sqrt(widened**2 + radius**2 - inner**2)  # keeps the volume below it
+        sine, cosine = np.sin(0.4), np.cos(0.4)
+        out, by_arc = (now - radius), (now - radius) / radius
+        rows = np.zeros((6, 3, 1))
+        rows[0, :2, 0] = out * sine, out * cosine
+        rows[1, :2, 0] = by_arc * cosine, -by_arc * sine
+        rows[3, :2, 0] = -by_arc / radius * sine, -by_arc / radius * cosine
+        rest = Rest.of(section, jnp.array([0.4]), thick - 2 * below)
+        s, fibres = surface(list(jnp.asarray(rows)), rest), layers(8, rest, None)
+        moved = jnp.stack(face_displacement(s, rest.above, None)[0])
+        return np.asarray(radius * energy_density(EPDM, s, fibres)), np.asarray(moved)
+
+    middle, other = (energy(inner + below, below) for below in (thick / 2, nearer))
+    np.testing.assert_allclose(other[0], middle[0], rtol=1e-9)
+    np.testing.assert_allclose(other[1], middle[1], rtol=1e-9)
+    outer = np.sqrt(widened**2 + (inner + thick) ** 2 - inner**2) - inner - thick
+    np.testing.assert_allclose(np.linalg.norm(middle[1]), outer, rtol=1e-9)
+
+
+LEANING: dict[str, Any] = {
     "section": "ellipse",
     "inner_semi_axes": ["57.5 mm", "45 mm"],
     "half_angle": "70 deg",
@@ -358,13 +399,30 @@ def leaning() -> SkinGeometry:
     return quick(lambda inputs: skin_parts(spec, inputs).geometry)(continuous_inputs(spec))
 
 
+def leaning_by_sheets() -> SkinGeometry:
+    """The same, its table and its gap written as tables along the axis as well."""
+    even = {"axial": [0, 0.4, 1]}
+    rows = [[value] * 3 for value in LEANING["thickness"]["value"]]
+    tables = {
+        "thickness": LEANING["thickness"] | even | {"value": rows},
+        "oil_gap": {"arc": [0, 1], "value": [["5 mm"] * 3] * 2} | even,
+        "ends": "clamped",
+    }
+    spec = shaped(LEANING | tables)
+    return quick(lambda inputs: skin_parts(spec, inputs).geometry)(continuous_inputs(spec))
+
+
 def grown() -> SkinGeometry:
     """The paper's skin with a membrane too short for its seat, too wide and too thick."""
     growth = Growth(*(jnp.array([x]) for x in (-1e-3, 2e-3, 5e-3)))
     return dataclasses.replace(half_cylinder(), growth=growth)
 
 
-@pytest.mark.parametrize("skin", [half_cylinder, leaning, grown])
+@pytest.mark.parametrize(
+    "skin",
+    # With even sheets the pad has another program; `leaning` holds the section.
+    [half_cylinder, leaning, grown, pytest.param(leaning_by_sheets, marks=pytest.mark.long)],
+)
 def test_a_line_load_between_sliding_ends_is_the_section_s_shell(
     skin: Callable[[], SkinGeometry],
 ) -> None:
@@ -400,6 +458,7 @@ def test_a_line_load_between_sliding_ends_is_the_section_s_shell(
         geometry.growth,
         (),
         gauss=gauss,
+        relief=geometry.relief,
     )
     section, whole = find(trapped(shell)), find(trapped(pad))
     pressure = float(section.state.pressure[0])

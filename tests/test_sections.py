@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from skins import half_cylinder, line, quick, shaped
+from skins import WIDTH, half_cylinder, line, quick, shaped
 
 from suas_jax.config import ConfigError, SceneSpec, continuous_inputs, structure
 from suas_jax.mesh.section import measures
@@ -172,13 +172,19 @@ def walked(line: Any, start: jax.Array, end: jax.Array) -> jax.Array:
     return (4 * chords(128) - chords(64)) / 3
 
 
-def enclosed(geometry: SkinGeometry) -> jax.Array:
+@quick
+def enclosed_at(geometry: SkinGeometry, axial: jax.Array) -> jax.Array:
+    """See `enclosed`, at a place along the axis."""
+    return enclosed(geometry, axial)
+
+
+def enclosed(geometry: SkinGeometry, axial: jax.Array | None = None) -> jax.Array:
     """Area between the inner face and its normals' ends on the wall, by polygons."""
 
     def polygon(count: int) -> jax.Array:
         angle = jnp.linspace(-1.0, 1.0, count + 1)[:, None] * geometry.half_angle
         face = geometry.section.inner_face(angle)
-        wall = face - geometry.gap(angle) * inner_normal(geometry.section, angle)
+        wall = face - geometry.gap(angle, axial) * inner_normal(geometry.section, angle)
         x, y = jnp.concatenate([face, wall[:, ::-1]], 1)
         return jnp.sum(jnp.roll(x, -1, 0) * y - x * jnp.roll(y, -1, 0), 0) / 2
 
@@ -306,6 +312,84 @@ def test_derivatives_are_those_of_differences_in_other_lanes(name: str) -> None:
     assert set(paths) - set(used) == {"geometry.width"}
     assert np.all(np.ptp(value[:, ::3], 1) == 0), "lanes that read others"
     np.testing.assert_allclose(central / scale, exact / scale, rtol=0, atol=1e-6)
+
+
+SHEET: dict[str, Any] = {
+    "arc": [0, 0.3, 0.6, 1],
+    "axial": [0, 0.4, 1],
+    "value": [[f"{1.2 + 0.1 * ((3 * i + k * k) % 5)} mm" for k in range(3)] for i in range(4)],
+}
+
+
+def test_tables_along_the_axis_are_products_of_splines() -> None:
+    gap = SHEET | {"value": [[x.replace("1.", "4.") for x in row] for row in SHEET["value"]]}
+    tables = {"thickness": SHEET, "oil_gap": gap, "ends": "clamped"}
+    spec = shaped(EXAMPLES["ellipse"] | tables)
+    inputs = {path: np.array([x]) for path, x in inputs_of(spec).items()}
+    geometry = quick(lambda inputs: build_geometry(spec.geometry, value_of(spec, inputs)))(
+        inputs
+    )
+    section, x = geometry.section, np.linspace(-0.5, 0.5, 41)
+    angle = jnp.linspace(-0.9, 0.9, 7)[:, None] * section.half_angle
+    share = np.asarray(section.fraction(angle))[:, 0]
+    for key, found in (
+        (
+            "thickness",
+            lambda z: section.thickness(angle) + geometry.thickness_beyond_mean(angle, z),
+        ),
+        ("oil_gap", lambda z: geometry.gap(angle, z)),
+    ):
+        values = np.array(getattr(spec.geometry, key).value)
+        by_arc = CubicSpline(SHEET["arc"], values)(share)
+        wanted = CubicSpline(SHEET["axial"], by_arc, axis=1)(x + 0.5)
+        got = np.stack([found(jnp.asarray([z * WIDTH]))[:, 0] for z in x], 1)
+        np.testing.assert_allclose(got, wanted, rtol=1e-12)
+    mean = CubicSpline(SHEET["axial"], by_arc, axis=1).integrate(0, 1)
+    np.testing.assert_allclose(geometry.gap(angle)[:, 0], mean, rtol=1e-12)
+    # The film's cross-sections at the middles of many slices.
+    count = 64
+    cuts = (np.arange(count) + 0.5) / count - 0.5
+    areas = [enclosed_at(geometry, jnp.asarray([z * WIDTH])) for z in cuts]
+    np.testing.assert_allclose(geometry.film_area, np.mean(areas, 0), rtol=1e-4)
+    assert not geometry.symmetric
+    assert not spec.geometry.mirrored_along_axis
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "text"),
+    [
+        ({"arc": [0, 0.5, 1]}, "geometry.thickness", "3 places (arc) and 4 rows of values"),
+        ({"axial": [0, 1]}, "geometry.thickness", "2 places (axial) and 3 values in row 0"),
+        ({"axial": [0, 0.4, 0.9]}, "geometry.thickness", "axial must rise from 0 to 1"),
+        ({"ends": "sliding"}, "geometry.thickness.axial", "three dimensions"),
+        ({"kind": "body"}, "load.0.kind", "the same along the axis"),
+    ],
+)
+def test_what_tables_along_the_axis_can_t_be(
+    change: dict[str, Any], key: str, text: str
+) -> None:
+    table = {name: change.get(name, value) for name, value in SHEET.items()}
+    geometry = {"thickness": table, "ends": change.get("ends", "clamped")}
+    load = {"kind": "patch", "arc": "5 mm", "force": "1 N", "diameter": "8 mm"}
+    if "kind" in change:
+        load = {
+            "kind": "body",
+            "shape": "sphere",
+            "radius": "9 mm",
+            "arc": "0 mm",
+            "depth": "1 mm",
+        }
+    with pytest.raises(ConfigError) as caught:
+        shaped(EXAMPLES["ellipse"] | geometry, load)
+    assert key in str(caught.value)
+    assert text in str(caught.value)
+
+
+def test_a_film_that_is_closed_somewhere_along_the_axis_is_refused_with_the_place() -> None:
+    thin = {"arc": [0, 1], "axial": [0, 0.1, 0.9, 1], "value": [["5 mm", "0.1 mm"] * 2] * 2}
+    geometry = EXAMPLES["ellipse"] | {"oil_gap": thin, "ends": "clamped"}
+    with pytest.raises(ConfigError, match=r"geometry.oil_gap.* is not above zero .*axial = "):
+        measures(shaped(geometry))
 
 
 # The circle as a limit of the other kinds.

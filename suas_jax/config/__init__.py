@@ -7,7 +7,7 @@ oils (`GentSpec`, `CompressibleOilSpec` ...) can be imported from here, too.
 from typing import Any
 
 from suas_jax.config.errors import ConfigError, Mistake
-from suas_jax.config.geometry import AlongSpec, GeometrySpec
+from suas_jax.config.geometry import AlongSpec, GeometrySpec, SheetSpec
 from suas_jax.config.input_errors import InputErrors, input_errors
 from suas_jax.config.inputs import continuous_inputs, structure, with_inputs, with_solve
 from suas_jax.config.law import LawSpec
@@ -61,6 +61,7 @@ __all__ = [
     "PressureLoadSpec",
     "ReferenceSpec",
     "SceneSpec",
+    "SheetSpec",
     "SkinSpec",
     "SoftLayerSpec",
     "SolveSpec",

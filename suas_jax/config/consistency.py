@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from suas_jax.config.errors import listed, show
@@ -68,6 +68,7 @@ def contradictions(tables: Mapping[str, Any]) -> list[Contradiction]:
                 found += _misplaced(f"load.{index}", geometry, load)
         if solve is not None:
             found += _of_another_dimension(geometry, solve)
+        found += _off_a_section(geometry, loads or ())
     if solve is not None and solve.oil_pressure is not None:
         found += _unreachable_pressure(solve, tables)
     if geometry is not None and geometry.mounting_axial is not None and geometry.dimension == 2:
@@ -250,6 +251,26 @@ def _of_no_shape(
             )
     if body.size is not None and body.edge > min(body.size) / 2:
         yield Contradiction(f"{key}.edge", "must not be more than half of the smaller size")
+
+
+def _off_a_section(
+    geometry: GeometrySpec, loads: Sequence[LoadSpec | None]
+) -> Iterator[Contradiction]:
+    """Check what tables along the axis belong to."""
+    for key in geometry.sheets:
+        if geometry.dimension == 2:
+            yield Contradiction(
+                f"geometry.{key}.axial",
+                "a table along the axis belongs to three dimensions; take axial out, or set "
+                'geometry.ends = "clamped"',
+            )
+    for index, load in enumerate(loads):
+        if load is not None and load.kind == "body" and "thickness" in geometry.sheets:
+            yield Contradiction(
+                f"load.{index}.kind",
+                "bodies press on skins whose thickness is the same along the axis; take "
+                "geometry.thickness.axial out",
+            )
 
 
 def _of_another_dimension(geometry: GeometrySpec, solve: SolveSpec) -> Iterator[Contradiction]:

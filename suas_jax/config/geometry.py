@@ -6,7 +6,9 @@ of the same name in `suas_jax.skin.sections`.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
 from pydantic import Field, ValidationInfo, model_validator
@@ -31,35 +33,87 @@ class AlongSpec(Spec):
 
     @model_validator(mode="after")
     def _a_value_for_each_place(self) -> Self:
-        if len(self.arc) != len(self.value) or len(self.arc) < 2:
-            raise ValueError(
-                f"{len(self.arc)} places (arc) and {len(self.value)} values: as many of both "
-                "are needed, at least two"
-            )
-        rising = all(a < b for a, b in zip(self.arc, self.arc[1:], strict=False))
-        if self.arc[0] != 0 or self.arc[-1] != 1 or not rising:
-            raise ValueError("arc must rise from 0 to 1, for example [0, 0.5, 1]")
+        _check_places("arc", self.arc, len(self.value), "values")
         return self
 
     @property
     def mirrored(self) -> bool:
         """Whether the right half is the mirror image of the left one."""
-        places = zip(self.arc, self.arc[::-1], strict=True)
-        return self.value == self.value[::-1] and all(
-            math.isclose(a, 1 - b, abs_tol=1e-12) for a, b in places
-        )
+        return self.value == self.value[::-1] and _even(self.arc)
 
     @property
     def mean(self) -> float:
         """Of the values joined by straight lines [m]."""
-        pairs = zip(self.arc, self.arc[1:], self.value, self.value[1:], strict=False)
-        return sum((b - a) * (u + v) / 2 for a, b, u, v in pairs)
+        return _mean(self.arc, self.value)
+
+
+class SheetSpec(Spec):
+    """A length that varies along the arc and along the axis of a pad.
+
+    Attributes:
+        arc: places as fractions of the inner face's arc, from 0 at the left clamp to 1.
+        axial: places as fractions of the pad's length, from 0 at its end towards -axial to 1.
+        value: a row for each place along the arc, of the lengths at the places along the
+            axis [m].
+    """
+
+    arc: Annotated[tuple[_Fraction, ...], AsList] = Field(examples=["[0, 0.5, 1]"])
+    axial: Annotated[tuple[_Fraction, ...], AsList] = Field(examples=["[0, 1]"])
+    value: Annotated[tuple[Annotated[tuple[PositiveLength, ...], AsList], ...], AsList] = Field(
+        examples=['[["1.2 mm", "1.3 mm"], ["1.5 mm", "1.5 mm"], ["1.2 mm", "1.3 mm"]]']
+    )
+
+    @model_validator(mode="after")
+    def _a_value_for_each_place(self) -> Self:
+        _check_places("arc", self.arc, len(self.value), "rows of values")
+        for k, row in enumerate(self.value):
+            _check_places("axial", self.axial, len(row), f"values in row {k} (from 0)")
+        return self
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the right half is the mirror image of the left one."""
+        return self.value == self.value[::-1] and _even(self.arc)
+
+    @property
+    def mirrored_along_axis(self) -> bool:
+        """Whether the half towards +axial is the mirror image of the other one."""
+        return all(row == row[::-1] for row in self.value) and _even(self.axial)
+
+    @property
+    def mean(self) -> float:
+        """Of the values joined by straight lines [m]."""
+        return _mean(self.arc, [_mean(self.axial, row) for row in self.value])
+
+
+def _check_places(key: str, places: Sequence[float], count: int, what: str) -> None:
+    if len(places) != count or count < 2:
+        raise ValueError(
+            f"{len(places)} places ({key}) and {count} {what}: as many of both are needed, at "
+            "least two"
+        )
+    rising = all(a < b for a, b in itertools.pairwise(places))
+    if places[0] != 0 or places[-1] != 1 or not rising:
+        raise ValueError(f"{key} must rise from 0 to 1, for example [0, 0.5, 1]")
+
+
+def _even(places: Sequence[float]) -> bool:
+    """Whether places are their own mirror image."""
+    pairs = zip(places, places[::-1], strict=True)
+    return all(math.isclose(a, 1 - b, abs_tol=1e-12) for a, b in pairs)
+
+
+def _mean(places: Sequence[float], values: Sequence[float]) -> float:
+    pairs = zip(itertools.pairwise(places), itertools.pairwise(values), strict=True)
+    return sum((b - a) * (u + v) / 2 for (a, b), (u, v) in pairs)
 
 
 _LENGTH = quantity("length", above=0.0)
 
 
-def _length_or_table(value: Any, info: ValidationInfo) -> float | AlongSpec:
+def _length_or_table(value: Any, info: ValidationInfo) -> float | AlongSpec | SheetSpec:
+    if isinstance(value, SheetSpec) or (isinstance(value, dict) and "axial" in value):
+        return SheetSpec.model_validate(value, context=info.context)
     if isinstance(value, dict | AlongSpec):
         return AlongSpec.model_validate(value, context=info.context)
     number: float = cast(Any, _LENGTH.func)(value, info)
@@ -67,7 +121,7 @@ def _length_or_table(value: Any, info: ValidationInfo) -> float | AlongSpec:
 
 
 LengthAlong = Annotated[
-    float | AlongSpec,
+    float | AlongSpec | SheetSpec,
     Quantity(_length_or_table, dimension="length", rules=_LENGTH.rules),
 ]
 
@@ -79,10 +133,11 @@ class GeometrySpec(Spec):
 
     Attributes:
         section: kind of curve.
-        thickness: of the membrane along its normal [m], or a table along the arc.
+        thickness: of the membrane along its normal [m], or a table along the arc, and along
+            the axis where the ends are clamped.
         width: extent along the axis [m].
         oil_gap: distance from the membrane's inner face to the rigid wall along the normal
-            [m], or a table along the arc.
+            [m], or a table as of the thickness.
         ends: whether the two curved ends are clamped too, so that the membrane is solved in
             three dimensions, or slide, which is plane strain.
         mounting: length of the membrane along the arc over that of its seat, less one.
@@ -127,9 +182,36 @@ class GeometrySpec(Spec):
     def mean_thickness(self) -> float:
         """Of the membrane [m]."""
         t = self.thickness
-        return t.mean if isinstance(t, AlongSpec) else t
+        return t if isinstance(t, float) else t.mean
 
     @property
     def mean_gap(self) -> float:
         """From the inner face to the wall [m]."""
-        return self.oil_gap.mean if isinstance(self.oil_gap, AlongSpec) else self.oil_gap
+        gap = self.oil_gap
+        return gap if isinstance(gap, float) else gap.mean
+
+    @property
+    def sheets(self) -> tuple[str, ...]:
+        """Keys of what varies along the axis too."""
+        keys = ("thickness", "oil_gap")
+        return tuple(key for key in keys if isinstance(getattr(self, key), SheetSpec))
+
+    def require_no_sheets(self, what: str) -> None:
+        """Refuse tables along the axis.
+
+        Args:
+            what: does without them; begins the message.
+
+        Raises:
+            ValueError: there is one.
+        """
+        if self.sheets:
+            raise ValueError(
+                f"{what} knows tables along the arc alone; take axial out of "
+                f"geometry.{self.sheets[0]}"
+            )
+
+    @property
+    def mirrored_along_axis(self) -> bool:
+        """Whether the half towards +axial is the mirror image of the other one."""
+        return all(getattr(self, key).mirrored_along_axis for key in self.sheets)

@@ -15,7 +15,10 @@ from suas_jax.config.validation import validate_table
 Leaf = str | int | float | None
 
 # How exactly to compute, and where tables have their values: constants of every derivative.
-_DISCRETE = ("solve.rtol", "geometry.thickness.arc.", "geometry.oil_gap.arc.")
+_DISCRETE = (
+    "solve.rtol",
+    *(f"geometry.{of}.{way}." for of in ("thickness", "oil_gap") for way in ("arc", "axial")),
+)
 # Says where numbers come from; the model doesn't read it.
 _RECORDS = frozenset({"calibration"})
 

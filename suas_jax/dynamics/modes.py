@@ -95,6 +95,7 @@ def modes(scene: SceneSpec, count: int = 6) -> Modes:
     if not 1 <= count <= MOST_MODES:
         raise ValueError(f"{count} modes; 1 to {MOST_MODES} can be asked for")
     scene.require_no_bodies("`modes`")
+    scene.geometry.require_no_sheets("`modes`")
     if not scene.oil.trapped:
         raise ValueError(
             "vented oil flows through an outlet that no file describes; modes need trapped "

@@ -45,8 +45,10 @@ def _grid(problem: Problem, state: State, shown: State) -> _Grid:
     pad = problem.mechanics
     assert isinstance(pad, Pad)
     faces, section = pad.sampled(shown.q, _SAMPLES), pad.section
-    rest = section.inner_face(faces.angle)
-    above = rest + section.thickness(faces.angle) * section.inner_normal(faces.angle)
+    rest, thick = section.inner_face(faces.angle), section.thickness(faces.angle)
+    if pad.relief is not None:
+        thick = thick + pad.relief(section.fraction(faces.angle), faces.axial)
+    above = rest + thick * section.inner_normal(faces.angle)
     inner, outer = (
         jnp.concatenate([x, faces.axial[None]]) + moved
         for x, moved in ((rest, faces.inner_displacement), (above, faces.outer_displacement))
@@ -65,7 +67,8 @@ def plot_pad_surface(solution: Solution) -> Figure:
     parts = scene_parts(solution.scene, solution.inputs)
     geometry = parts.skin.geometry
     at = jnp.asarray(angle)[..., None]
-    gap = 1e3 * (height + np.asarray(geometry.gap(at))[..., 0])
+    wall = geometry.gap(at, jnp.asarray(face[2])[..., None])
+    gap = 1e3 * (height + np.asarray(wall)[..., 0])
     place = np.rad2deg(np.asarray(geometry.section.given_angle(at))[..., 0]), 1e3 * face[2]
 
     figure = Figure(figsize=(13, 5.2), layout="constrained")

@@ -96,7 +96,8 @@ def _pad_mesh(solution: Solution) -> meshio.Mesh:
     moved = np.moveaxis(np.asarray(grid.inner_displacement)[..., 0], 0, -1)
     arc, along = axial.shape
     rest = np.stack([*place[..., 0], axial], -1)
-    gap = np.asarray(height + geometry.gap(angle))[..., 0]
+    now = grid.axial + grid.inner_displacement[2]
+    gap = np.asarray(height + geometry.gap(angle, now))[..., 0]
     index = np.arange(arc * along).reshape(arc, along)
     corners = [index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]]
     data = {

@@ -34,7 +34,7 @@ class AbstractFace(eqx.Module):
             rays: angles [rad] and axial positions [m] of the taxels, a pair a ray.
             geometry: says where the wall is.
         """
-        return [self.height(angle, axial) + geometry.gap(angle) for angle, axial in rays]
+        return [self.height(angle, axial) + geometry.gap(angle, axial) for angle, axial in rays]
 
     @abc.abstractmethod
     def height(

@@ -42,9 +42,9 @@ def pad_load_points(
     for load, spread, disc in zip(loads, plan.spread, plan.discs, strict=True):
         arc, length = load.extent()
         section = geometry.section
-        local = section.size * (
-            1 + section.curvature(load.angle) * section.thickness(load.angle) / 2
-        )
+        above = section.thickness(load.angle) / 2
+        above = above + geometry.thickness_beyond_mean(load.angle, load.axial)
+        local = section.size * (1 + section.curvature(load.angle) * above)
         inputs = (load.angle, load.axial, arc / local, length)
         rule = _disc_rule(spread, plan.mirrored) if disc else _rectangle_rule(spread)
         spread_out = [jnp.broadcast_to(x, (*x.shape[:-1], lanes)) for x in (*breaks, *inputs)]

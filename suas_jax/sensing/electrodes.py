@@ -70,7 +70,7 @@ class Electrodes(eqx.Module):
     @property
     def between(self) -> Dielectric:
         """What lies between electrodes and membrane."""
-        curvature = self.geometry.wall_curvature(self.taxels.angle)
+        curvature = self.geometry.wall_curvature(self.taxels.angle, self.taxels.axial)
         return Dielectric(self.permittivity, self.layers, curvature)
 
     def read(self, mechanics: AbstractMechanics, q: StationVector) -> Readings:

@@ -119,7 +119,7 @@ class Taxels(eqx.Module):
             height: above the wall [m].
         """
         section = geometry.section
-        below = geometry.gap(self.angle) - height
+        below = geometry.gap(self.angle, self.axial) - height
         x, y = section.inner_face(self.angle) - below * section.inner_normal(self.angle)
         return jnp.stack(jnp.broadcast_arrays(x, y, self.axial), 1)[..., 0]
 
@@ -132,7 +132,7 @@ class Taxels(eqx.Module):
         """
         radius = self.diameter / 2
         return [
-            (geometry.along_wall(self.angle, x * radius), self.axial + y * radius)
+            (geometry.along_wall(self.angle, x * radius, self.axial), self.axial + y * radius)
             for x, y in footprint.places
         ]
 
@@ -188,8 +188,8 @@ def taxels_of(
     x, y = np.moveaxis(module_places()[order], -1, 0)[..., None]  # [module, taxel, 1]
     x, y = x * pitch[:, None], y * pitch[:, None]
     cos, sin = jnp.cos(rotation)[:, None], jnp.sin(rotation)[:, None]
-    angle = geometry.along_wall(angle[:, None], x * cos - y * sin)
     axial = axial[:, None] + x * sin + y * cos
+    angle = geometry.along_wall(angle[:, None], x * cos - y * sin, axial)
     diameter = jnp.broadcast_to(diameter[:, None], axial.shape)
 
     def flat(x: Array) -> Array:

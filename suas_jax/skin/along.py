@@ -1,4 +1,4 @@
-"""A number that varies along the arc: a cubic spline through the values of a table."""
+"""A number that varies over the skin: cubic splines through the values of a table."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 
+from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.newton_polynomial import polynomial
 
 
@@ -28,9 +29,7 @@ class Along(eqx.Module):
     def __call__(self, fraction: Float[Array, "*shape #lane"]) -> Float[Array, "*shape lane"]:
         """The number at fractions of the arc."""
         knots = np.array(self.at)
-        # [power, interval, place], in distances from the knots.
-        powers = np.asarray(CubicSpline(knots, np.eye(len(knots))).c)[::-1]
-        table = jnp.einsum("pik,kl->pil", powers, self.values)
+        table = jnp.einsum("pik,kl->pil", _powers(self.at), self.values)
         inside = jnp.sum(fraction[..., None] >= knots[1:-1], -1)
         x = fraction - jnp.asarray(knots)[inside]
         lane = jnp.arange(table.shape[-1])
@@ -38,6 +37,58 @@ class Along(eqx.Module):
 
     def mean(self) -> Float[Array, " #lane"]:
         """Over the arc."""
-        knots = np.array(self.at)
-        weights = [float(CubicSpline(knots, row).integrate(0, 1)) for row in np.eye(len(knots))]
-        return jnp.asarray(weights) @ self.values
+        return jnp.asarray(_weights(self.at)) @ self.values
+
+
+class Sheet(eqx.Module):
+    """The product of two cubic splines, along the arc and along the axis; see `Along`.
+
+    Attributes:
+        at: fractions of the inner face's arc, and of the length along the axis.
+        values: there [place along the arc, place along the axis, lane].
+        width: the length along the axis [m].
+        mirrored: whether the right half is the mirror image of the left one.
+    """
+
+    at: tuple[tuple[float, ...], tuple[float, ...]] = eqx.field(static=True)
+    values: Float[Array, "arc axial #lane"]
+    width: Lanes
+    mirrored: bool = eqx.field(static=True, default=False)
+
+    def __call__(
+        self, fraction: Float[Array, "*shape #lane"], axial: Float[Array, "*shape #lane"]
+    ) -> Float[Array, "*shape lane"]:
+        """The number at fractions of the arc and positions along the axis from its middle."""
+        both = jnp.broadcast_arrays(fraction, 0.5 + axial / self.width)
+        shares = [_shares(at, x) for at, x in zip(self.at, both, strict=True)]
+        values = jnp.expand_dims(self.values, tuple(range(2, 1 + both[0].ndim)))
+        return jnp.sum(values * shares[0][:, None] * shares[1], (0, 1))
+
+    def mean(self) -> Along:
+        """Over the length, along the arc."""
+        values = jnp.einsum("b,abl->al", _weights(self.at[1]), self.values)
+        return Along(self.at[0], values, self.mirrored)
+
+    def beyond_mean(self) -> "Sheet":
+        """What is left without the mean over the length."""
+        rest = self.values - self.mean().values[:, None]
+        return Sheet(self.at, rest, self.width, self.mirrored)
+
+
+def _powers(at: tuple[float, ...]) -> Float[np.ndarray, "power interval place"]:
+    """Of the splines through one at a place and zero at the others, from the knots."""
+    return np.asarray(CubicSpline(np.array(at), np.eye(len(at))).c)[::-1]
+
+
+def _weights(at: tuple[float, ...]) -> Float[np.ndarray, " place"]:
+    """Of the values in their mean."""
+    spline = CubicSpline(np.array(at), np.eye(len(at)))
+    return np.asarray(spline.integrate(0, 1))
+
+
+def _shares(at: tuple[float, ...], x: Array) -> Float[Array, "place *shape"]:
+    """Of the values in the spline at fractions."""
+    knots = np.array(at)
+    inside = jnp.sum(x[..., None] >= knots[1:-1], -1)
+    table = jnp.moveaxis(jnp.asarray(_powers(at))[:, inside], -1, 1)  # [power, place, *shape]
+    return polynomial(list(table), x - jnp.asarray(knots)[inside])

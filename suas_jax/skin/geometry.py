@@ -7,11 +7,12 @@ between them. The wall is the inner face moved inwards along its normal.
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.along import Along
+from suas_jax.skin.along import Along, Sheet
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 
@@ -25,14 +26,17 @@ class SkinGeometry(eqx.Module):
         section: the membrane across its axis.
         width: extent along the axis [m].
         oil_gap: from the inner face to the rigid wall, its mean where it varies [m].
-        gap_along: the gap over the arc; None where it is even.
+        gap_along: the gap over the arc, or over arc and axis; None where it is even.
+        relief: of the outer face: the thickness beyond its mean over the axis [m]; None
+            where it is the same all along.
         growth: free size of the membrane over that of its seat; None where it fits.
     """
 
     section: AbstractSection
     width: Lanes
     oil_gap: Lanes
-    gap_along: Along | None = None
+    gap_along: Along | Sheet | None = None
+    relief: Sheet | None = None
     growth: Growth | None = None
 
     @property
@@ -50,6 +54,11 @@ class SkinGeometry(eqx.Module):
         """Whether the left half is the mirror image of the right one, gap and all."""
         even = self.gap_along is None or self.gap_along.mirrored
         return self.section.symmetric and even
+
+    @property
+    def varies_along_axis(self) -> bool:
+        """Whether thickness or gap do."""
+        return self.relief is not None or isinstance(self.gap_along, Sheet)
 
     @property
     def mid_size(self) -> Lanes:
@@ -72,11 +81,26 @@ class SkinGeometry(eqx.Module):
         """Length of the wall per angle, a mean over the arc [m]."""
         return self.mid_size - (self.thickness / 2 + self.oil_gap) * self._turning
 
-    def gap(self, angle: Array) -> Array:
-        """From the inner face to the wall along the normal at an angle [m]."""
-        if self.gap_along is None:
+    def gap(self, angle: Array, axial: Array | None = None) -> Array:
+        """From the inner face to the wall along the normal [m].
+
+        Args:
+            angle: where [rad].
+            axial: position along the axis [m]; by default a mean along it.
+        """
+        along = self.gap_along
+        if along is None:
             return self.oil_gap
-        return self.gap_along(self.section.fraction(angle))
+        fraction = self.section.fraction(angle)
+        if isinstance(along, Along):
+            return along(fraction)
+        return along.mean()(fraction) if axial is None else along(fraction, axial)
+
+    def thickness_beyond_mean(self, angle: Array, axial: Array | None) -> Array | float:
+        """Thickness of the membrane beyond its mean over the axis, on the outer face [m]."""
+        if self.relief is None or axial is None:
+            return 0.0
+        return self.relief(self.section.fraction(angle), axial)
 
     def outer_arc(self, angle: Array) -> Array:
         """Arc length of the outer face from its middle [m]."""
@@ -85,24 +109,25 @@ class SkinGeometry(eqx.Module):
         turn = section.direction(angle) - middle
         return section.size * angle + section.mean_thickness / 2 * turn
 
-    def along_wall(self, angle: Array, length: Array) -> Array:
-        """The angle a length further along the wall [rad]."""
-        return self.section.moved(angle, length, -self._wall_depth(angle))
+    def along_wall(self, angle: Array, length: Array, axial: Array | None = None) -> Array:
+        """The angle a length further along the wall [rad]; see `gap`."""
+        return self.section.moved(angle, length, -self._wall_depth(angle, axial))
 
-    def wall_curvature(self, angle: Array) -> Array:
-        """Curvature of the wall [1/m]."""
+    def wall_curvature(self, angle: Array, axial: Array | None = None) -> Array:
+        """Curvature of the wall [1/m]; see `gap`."""
         curvature = self.section.curvature(angle)
-        return curvature / (1 - curvature * self._wall_depth(angle))
+        return curvature / (1 - curvature * self._wall_depth(angle, axial))
 
-    def _wall_depth(self, angle: Array) -> Array:
+    def _wall_depth(self, angle: Array, axial: Array | None) -> Array:
         """From the mid-line to the wall along the normal [m]."""
-        return self.section.thickness(angle) / 2 + self.gap(angle)
+        return self.section.thickness(angle) / 2 + self.gap(angle, axial)
 
     @property
     def film_area(self) -> Lanes:
         """Cross-section of the undeformed oil film, between wall and membrane [m^2].
 
-        The integral of g (1 - k g / 2) over the inner face, k its curvature and g the gap.
+        The integral of g (1 - k g / 2) over the inner face, k its curvature and g the gap;
+        its mean along the axis.
         """
         section, half = self.section, self.half_angle
         if self.gap_along is None:
@@ -113,8 +138,19 @@ class SkinGeometry(eqx.Module):
         edges = jnp.sort(jnp.concatenate([even, *(x[None] for x in section.breakpoints)]), 0)
         step = jnp.diff(edges, axis=0)
         angle = edges[:-1] + jnp.asarray(x)[:, None, None] * step
-        gap, one = self.gap(angle), jnp.ones_like(angle)
+        one = jnp.ones_like(angle)
         _, length = jax.jvp(section.arc, (angle,), (one,))
         _, turn = jax.jvp(section.inner_direction, (angle,), (one,))
         weight = jnp.asarray(w)[:, None, None] * step
-        return jnp.sum(weight * gap * (length - gap * turn / 2), (0, 1))
+
+        def area(axial: Array | None) -> Lanes:
+            gap = self.gap(angle, axial)
+            return jnp.sum(weight * gap * (length - gap * turn / 2), (0, 1))
+
+        if not isinstance(self.gap_along, Sheet):
+            return area(None)
+        knots = np.array(self.gap_along.at[1])
+        place = (knots[:-1] + np.asarray(x)[:, None] * np.diff(knots)).reshape(-1, 1) - 0.5
+        share = (np.asarray(w)[:, None] * np.diff(knots)).reshape(-1, 1)
+        areas = jax.lax.map(area, place * self.width)
+        return jnp.sum(share * areas, 0)

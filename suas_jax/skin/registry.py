@@ -7,10 +7,10 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.config.geometry import AlongSpec, GeometrySpec
+from suas_jax.config.geometry import GeometrySpec, SheetSpec
 from suas_jax.config.oil import OilSpec
 from suas_jax.runtime.registry import model_classes
-from suas_jax.skin.along import Along
+from suas_jax.skin.along import Along, Sheet
 from suas_jax.skin.charted import AbstractCurve, ChartedSection
 from suas_jax.skin.circle import Circle
 from suas_jax.skin.geometry import SkinGeometry
@@ -51,14 +51,24 @@ def build_geometry(
             value = functools.partial(_scaled, value, scale)
         return dataclasses.replace(build_geometry(spec, value), growth=prestress.growth)
 
-    def along(key: str) -> Array | Along:
-        table = getattr(spec, key)
-        if not isinstance(table, AlongSpec):
-            return value(key)
-        values = [value(f"{key}.value.{k}") for k in range(len(table.value))]
-        return Along(table.arc, jnp.stack(jnp.broadcast_arrays(*values)), table.mirrored)
+    def stacked(key: str, count: int) -> Array:
+        values = [value(f"{key}.{k}") for k in range(count)]
+        return jnp.stack(jnp.broadcast_arrays(*values))
 
-    thickness, gap = along("thickness"), along("oil_gap")
+    def along(key: str) -> Array | Along | Sheet:
+        table = getattr(spec, key)
+        if isinstance(table, float):
+            return value(key)
+        rows, own = len(table.arc), f"{key}.value"
+        if not isinstance(table, SheetSpec):
+            return Along(table.arc, stacked(own, rows), table.mirrored)
+        values = [stacked(f"{own}.{k}", len(table.axial)) for k in range(rows)]
+        both = jnp.stack(jnp.broadcast_arrays(*values))
+        return Sheet((table.arc, table.axial), both, value("width"), table.mirrored)
+
+    thickness, gap, relief = along("thickness"), along("oil_gap"), None
+    if isinstance(thickness, Sheet):
+        relief, thickness = thickness.beyond_mean(), thickness.mean()
     if spec.section == "circle" and not isinstance(thickness, Along):
         section: AbstractSection = Circle(
             inner_radius=value("inner_radius"),
@@ -67,9 +77,10 @@ def build_geometry(
         )
     else:
         section = ChartedSection.of(CURVES[spec.section].of(spec, value), thickness)
-    if isinstance(gap, Along):
-        return SkinGeometry(section, value("width"), gap.mean(), gap)
-    return SkinGeometry(section, value("width"), gap)
+    even = gap.mean() if isinstance(gap, Sheet) else gap
+    mean = even.mean() if isinstance(even, Along) else even
+    uneven = gap if isinstance(gap, Along | Sheet) else None
+    return SkinGeometry(section, value("width"), mean, uneven, relief)
 
 
 def _scaled(value: Callable[[str], Array], scale: Array, key: str) -> Array:

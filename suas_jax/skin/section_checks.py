@@ -14,6 +14,7 @@ from suas_jax.config.quantities import format_quantity
 from suas_jax.skin.geometry import SkinGeometry
 
 _POINTS = 1601
+_ALONG = 33  # places along the axis, where a table varies along it
 _COARSE = 8  # of which every so many make the polygons whose sides may not cross
 
 
@@ -40,15 +41,22 @@ class Samples(NamedTuple):
 
 
 @eqx.filter_jit
-def samples(geometry: SkinGeometry) -> Samples:
-    """Sample a section from clamp to clamp."""
+def samples(geometry: SkinGeometry, share: float = 0.0) -> Samples:
+    """Sample a section from clamp to clamp.
+
+    Args:
+        geometry: with numbers.
+        share: position along the axis from its middle over its length.
+    """
     section = geometry.section
     angle = jnp.linspace(-1.0, 1.0, _POINTS)[:, None] * section.half_angle
-    thick, gap = section.thickness(angle), geometry.gap(angle)
+    axial = share * geometry.width
+    mean, gap = section.thickness(angle), geometry.gap(angle, axial)
+    thick = mean + geometry.thickness_beyond_mean(angle, axial)
     middle, inner, normal = (
         f(angle) for f in (section.curvature, section.inner_face, section.inner_normal)
     )
-    rows = (section.arc(angle), thick, gap, middle / (1 - middle * thick / 2))
+    rows = (section.arc(angle), thick, gap, middle / (1 - middle * mean / 2))
     arc, thick, gap, curvature = (jnp.broadcast_to(x, angle.shape)[:, 0] for x in rows)
     curves = (
         x[..., 0]
@@ -66,10 +74,14 @@ def check_section(geometry: SkinGeometry) -> None:
     Raises:
         ConfigError: names the key, the place and what is wrong there.
     """
-    at = Samples(*(np.asarray(x) for x in samples(geometry)))
-    found = [*_sizes(at), *_crossings(at)]
-    if found:
-        raise ConfigError(Mistake("skin", key, advice) for key, advice in found)
+    shares = np.linspace(-0.5, 0.5, _ALONG) if geometry.varies_along_axis else [0.0]
+    for share in shares:
+        at = Samples(*(np.asarray(x) for x in samples(geometry, share)))
+        found = [*_sizes(at), *_crossings(at)]
+        if found:
+            place = format_quantity(float(share * geometry.width[0]), "length")
+            where = f" (axial = {place})" if geometry.varies_along_axis else ""
+            raise ConfigError(Mistake("skin", key, text + where) for key, text in found)
 
 
 def _sizes(at: Samples) -> list[tuple[str, str]]:

@@ -176,7 +176,7 @@ class Wall(eqx.Module):
     def gap(
         self, position: Float[Array, "component *point"], near: Array
     ) -> Float[Array, "*point"]:
-        """See `Obstacle`; coordinates along the axis don't matter."""
+        """See `Obstacle`."""
         return self.seen_from(position, near)[1]
 
     def seen_from(
@@ -184,7 +184,8 @@ class Wall(eqx.Module):
     ) -> tuple[Float[Array, "*point"], Float[Array, "*point"]]:
         """Angle of the normal through points, and the gap there [rad, m]; see `gap`."""
         angle, height = self.geometry.section.foot(position, near)
-        return angle, height + self.geometry.gap(angle)
+        axial = position[2] if len(position) == 3 else None
+        return angle, height + self.geometry.gap(angle, axial)
 
 
 def _spring(compression: Array, stiffness: Lanes, onset: Lanes) -> Array:

@@ -191,10 +191,11 @@ def pad_parts(
     """
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
     skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
-    if not skin.geometry.symmetric:
+    if not (skin.geometry.symmetric and spec.geometry.mirrored_along_axis):
         raise ValueError(
-            "loads on a pad are estimated from a table of half its arc, which takes a section "
-            "that is its own mirror image, its thickness and oil gap too"
+            "loads on a pad are estimated from a table of a quarter of it, which takes a "
+            "section that is its own mirror image, and a thickness and an oil gap that are "
+            "the same on both sides of the crown and of mid-width"
         )
     tables = tuple(_table(spec, d, progress, workers, resolution) for d in diameters)
     interpolant = PadInterpolant(tables, direction=direction)

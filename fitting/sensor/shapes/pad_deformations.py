@@ -54,7 +54,7 @@ class TaxelFace(AbstractFace):
         """Gaps along the rays that the heights are of; see the base class."""
         assert len(rays) == len(self.heights)
         pairs = zip(self.heights, rays, strict=True)
-        return [height + geometry.gap(angle) for height, (angle, _) in pairs]
+        return [height + geometry.gap(angle, axial) for height, (angle, axial) in pairs]
 
     def height(self, angle: Array, axial: Array) -> Array:
         """See the base class.
@@ -174,7 +174,9 @@ def _respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
     rays = electrodes.taxels.rays(DISC, skin.geometry)
     gaps = pad.face(q).gaps(rays, skin.geometry)
     pairs = zip(gaps, rays, strict=True)
-    heights = jnp.stack([gap - skin.geometry.gap(angle) for gap, (angle, _) in pairs])[..., 0]
+    heights = jnp.stack(
+        [gap - skin.geometry.gap(angle, axial) for gap, (angle, axial) in pairs]
+    )[..., 0]
     mid, inner = [], []
     for load in skin.loads(patches):
         moved = pad.under(q, load)

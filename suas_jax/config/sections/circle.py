@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from suas_jax.config.fields import PlacedError, PositiveLength, quantity
-from suas_jax.config.geometry import AlongSpec, GeometrySpec
+from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
 
 
@@ -29,9 +29,7 @@ class CircleSpec(GeometrySpec):
     @property
     def is_circle(self) -> bool:
         """See the base class."""
-        return not isinstance(self.thickness, AlongSpec) and not isinstance(
-            self.oil_gap, AlongSpec
-        )
+        return isinstance(self.thickness, float) and isinstance(self.oil_gap, float)
 
     def circle(self, what: str) -> CircleSpec:
         """Itself; see the base class."""

@@ -137,7 +137,7 @@ class ContactFace:
         if self.side > 0:
             return self._on_rigid_normal(z, angle, axial)
         s = surface(vectors(z), Rest.of(self.section, angle))
-        (x, y, along), _ = face_displacement(s, -s.rest.thickness / 2, self.growth)
+        (x, y, along), _ = face_displacement(s, -s.rest.below, self.growth)
         rest = self.section.inner_face(angle)
         return jnp.stack([rest[0] + x, rest[1] + y, axial + along])
 
@@ -145,7 +145,7 @@ class ContactFace:
         rest, (u, us, uz) = Rest.of(self.section, angle), vectors(z)
         sine, cosine = rest.normal
         m = cross((us[0] + cosine, us[1] - sine, us[2]), (uz[0], uz[1], uz[2] + 1))
-        outward = self.side * rest.thickness / 2 / jnp.sqrt(dot(m, m))
+        outward = self.side * rest.above / jnp.sqrt(dot(m, m))
         middle = (rest.place[0] + u[0], rest.place[1] + u[1], axial + u[2])
         return jnp.stack([x - outward * n for x, n in zip(middle, m, strict=True)])
 

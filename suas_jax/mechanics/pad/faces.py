@@ -93,14 +93,14 @@ def faces(
         one = Layers(fibres.weight[:1], lever[None], 1 + offset[None] * curvature)
         return jnp.stack(fibre_strains(s, one.grown(growth))[0])[:, 0]
 
-    half = thickness / 2
+    below, above = -s.rest.below, s.rest.above
     return Faces(
         *place,
         mid_displacement=jnp.stack(s.u),
-        inner_displacement=jnp.stack(face_displacement(s, -half, growth)[0]),
-        outer_displacement=jnp.stack(face_displacement(s, half, growth)[0]),
-        inner_strain=strain(-half),
-        outer_strain=strain(half),
+        inner_displacement=jnp.stack(face_displacement(s, below, growth)[0]),
+        outer_displacement=jnp.stack(face_displacement(s, above, growth)[0]),
+        inner_strain=strain(below),
+        outer_strain=strain(above),
         energy_density=energy_density(law, s, fibres) / thickness,
     )
 

@@ -66,8 +66,8 @@ class Layers(NamedTuple):
 
 def layers(count: int, rest: Rest, growth: Growth | None) -> Layers:
     """Gauss points through the thickness."""
-    points, weights = gauss_legendre(count, -0.5, 0.5)
-    offset = jnp.asarray(points)[:, None] * rest.thickness
+    points, weights = gauss_legendre(count)
+    offset = jnp.asarray(points)[:, None] * rest.thickness - rest.below
     stretch = 1 + offset * rest.curvature
     lever = offset + offset**2 * rest.curvature / 2
     weight = jnp.asarray(weights)[:, None] * rest.thickness * stretch

@@ -25,6 +25,7 @@ from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
 from suas_jax.mechanics.pad.refinement import refined
 from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.numerics.quadrature import lagrange_slopes
+from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.pad_loads import PadLoadPoints
 from suas_jax.skin.prestress import Growth
@@ -46,6 +47,7 @@ class PadLane:
         points: PadLoadPoints,
         quadrature: tuple[int, int],
         growth: Growth | None,
+        relief: Sheet | None = None,
     ) -> None:
         """Prepare what sums need.
 
@@ -56,8 +58,9 @@ class PadLane:
             points: the loads.
             quadrature: points along either side of an element, and through the thickness.
             growth: of the membrane; None where it fits its seat.
+            relief: of its outer face; None where it is the same all along.
         """
-        self.growth = growth
+        self.growth, self.relief = growth, relief
         self.law, self.net, self.points = law, net, points
         self.section = section
         self.gauss, self.layer_count = quadrature
@@ -69,7 +72,7 @@ class PadLane:
         long, across = order(arc, axial)
         self.lengths = long[:, None], across[None]
         self.elements = (len(long), len(across))
-        self.rest = Rest.of(section, self.angle)
+        self.rest = self._rest(self.angle, self.axial)
         self.fibres: Layers = layers(self.layer_count, self.rest, growth)
 
     @property
@@ -81,13 +84,28 @@ class PadLane:
     @property
     def angle(self) -> Float[Array, " point"]:
         """Reference angle of the points [rad]."""
-        start, end = self.net.angles[:-1], self.net.angles[1:]
-        inside = start + jnp.asarray(self.tables.xi)[:, None] * (end - start)
-        g = self.gauss
-        shape = (g, g, *self.elements)
-        if self.topology.along_arc:
-            return jnp.broadcast_to(inside[:, None, :, None], shape).reshape(-1)
-        return jnp.broadcast_to(inside[None, :, None, :], shape).reshape(-1)
+        return self._spread(self.net.angles, along=self.topology.along_arc)
+
+    @property
+    def axial(self) -> Float[Array, " point"]:
+        """Reference position of the points along the axis [m]."""
+        return self._spread(self.net.axial, along=not self.topology.along_arc)
+
+    def _spread(self, breaks: Array, *, along: bool) -> Array:
+        """A coordinate of one direction, along the stations or across, at all points."""
+        inside = breaks[:-1] + jnp.asarray(self.tables.xi)[:, None] * jnp.diff(breaks)
+        shape = (self.gauss, self.gauss, *self.elements)
+        inside = inside[:, None, :, None] if along else inside[None, :, None, :]
+        return jnp.broadcast_to(inside, shape).reshape(-1)
+
+    def _beyond_mean(self, angle: Array, axial: Array) -> Array | float:
+        """Thickness beyond its mean along the axis [m]."""
+        if self.relief is None:
+            return 0.0
+        return self.relief(self.section.fraction(angle), axial)
+
+    def _rest(self, angle: Array, axial: Array) -> Rest:
+        return Rest.of(self.section, angle, self._beyond_mean(angle, axial))
 
     @property
     def areas(self) -> Float[Array, "gauss element"]:
@@ -117,8 +135,8 @@ class PadLane:
         """Growth of the membrane's lower half, which takes room below it, per area [m]."""
         if self.growth is None:
             return 0.0
-        thickness = self.rest.thickness
-        lower = thickness / 2 * (1 - thickness * self.rest.curvature / 4)
+        below = self.rest.below
+        lower = below * (1 - below * self.rest.curvature / 2)
         return (self.growth.volume - 1) * lower
 
     def _layers(self, rest: Rest) -> Layers:
@@ -150,7 +168,8 @@ class PadLane:
     def _spots(self) -> pad_loads.Spots:
         """Where the loads act."""
         at = (self.points.angle, self.points.axial)
-        return pad_loads.spots(self.net, self.section, at)
+        found = pad_loads.spots(self.net, self.section, at)
+        return found._replace(above=found.above + self._beyond_mean(*at))
 
     def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
         """See `Pad.faces`."""
@@ -179,7 +198,7 @@ class PadLane:
         """The mid-surface at places."""
         spots = pad_loads.spots(self.net, self.section, (angle, axial), KINDS)
         moved = pad_loads.interpolated(spots, qe)
-        return surface(list(moved), Rest.of(self.section, angle))
+        return surface(list(moved), self._rest(angle, axial))
 
     def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
         """See `Pad`: which material point lies on a ray is found by Newton's method."""
@@ -189,7 +208,7 @@ class PadLane:
         def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
             """Angle of the normal through the inner face's point, axial position, height."""
             s = self._at(qe, *place)
-            x, y, z = face_displacement(s, -s.rest.thickness / 2, self.growth)[0]
+            x, y, z = face_displacement(s, -s.rest.below, self.growth)[0]
             rest = self.section.inner_face(place[0])
             polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
             return polar, place[1] + z, height

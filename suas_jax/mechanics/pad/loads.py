@@ -34,11 +34,13 @@ class Spots(NamedTuple):
         shapes: polynomials by kind of derivative, by arc length and along the axis: itself,
             by s, by z [kind, 4 * 4, point].
         rest: the undeformed section there.
+        above: distance of the outer face from the mid-surface [m].
     """
 
     element: Int[Array, "2 point"]
     shapes: Float[Array, "kind 16 point"]
     rest: Frame
+    above: Array
 
 
 def locate(
@@ -75,7 +77,8 @@ def spots(
         first, second = net.topology.ordered(along[n], axially[m])
         shapes.append((first[:, None] * second[None]).reshape(16, -1))
     element = jnp.stack(net.topology.ordered(i, k))
-    return Spots(element, jnp.stack(shapes), section.frame(at[0]))
+    rest = section.frame(at[0])
+    return Spots(element, jnp.stack(shapes), rest, rest.thickness / 2)
 
 
 def interpolated(spots: Spots, qe: ElementVector) -> Float[Array, "kind 3 point"]:
@@ -110,7 +113,7 @@ def load_work(points: PadLoadPoints, spots: Spots, moved: Array) -> Array:
     """
     edges, n = _edges(spots, moved)
     arm = jnp.stack(_arm(edges)) - n
-    return jnp.sum(points.force * (moved[0] + spots.rest.thickness / 2 * arm))
+    return jnp.sum(points.force * (moved[0] + spots.above * arm))
 
 
 def load_terms(
@@ -122,7 +125,7 @@ def load_terms(
     def projected(r: Float[Array, "2 3"], force: Float[Array, "3"]) -> Array:
         return dot(components(force), _arm(r))
 
-    by_point, forces = (-1, -1), points.force * spots.rest.thickness / 2
+    by_point, forces = (-1, -1), points.force * spots.above
     gradient = jax.vmap(jax.grad(projected), by_point, -1)(edges, forces)
     hessian = jax.vmap(jax.hessian(projected), by_point, -1)(edges, forces)
     vector = points.force[:, None] * spots.shapes[0]

@@ -55,28 +55,43 @@ def cross(a: Vector, b: Vector) -> Vector:
 class Rest(NamedTuple):
     """The undeformed mid-surface at points.
 
+    Of a membrane whose thickness varies along the axis it is the one of the mean along it.
+
     Attributes:
         angle: as sections define it [rad].
         place: x and y [m].
         normal: x and y of the outward unit vector.
         curvature: of the section [1/m].
-        thickness: of the membrane [m].
+        below: distance of the inner face [m].
+        above: distance of the outer face [m].
     """
 
     angle: Scalar
     place: tuple[Scalar, Scalar]
     normal: tuple[Scalar, Scalar]
     curvature: Array
-    thickness: Array
+    below: Array
+    above: Array
+
+    @property
+    def thickness(self) -> Array:
+        """Of the membrane [m]."""
+        return self.below + self.above
 
     @classmethod
-    def of(cls, section: AbstractSection, angle: Scalar) -> "Rest":
-        """That of a section's angles."""
+    def of(cls, section: AbstractSection, angle: Scalar, relief: Array | float = 0.0) -> "Rest":
+        """That of a section's angles.
+
+        Args:
+            section: the membrane across the axis, its mean where it varies along it.
+            angle: reference angles [rad].
+            relief: how much further the outer face lies out there [m].
+        """
         x, y = section.mid_line(angle)
         direction = section.direction(angle)
         normal = jnp.sin(direction), jnp.cos(direction)
-        curvature, thickness = section.curvature(angle), section.thickness(angle)
-        return cls(angle, (x, y), normal, curvature, thickness)
+        curvature, half = section.curvature(angle), section.thickness(angle) / 2
+        return cls(angle, (x, y), normal, curvature, half, half + relief)
 
 
 class Surface(NamedTuple):

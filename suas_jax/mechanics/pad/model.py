@@ -113,7 +113,8 @@ class PadModel(AbstractModel):
                 planes[0] and all(image[0] for image in images),
                 planes[1] and all(image[1] for image in images),
             )
-            planes = planes[0] and measures(scene).symmetric, planes[1]
+            even = scene.geometry.mirrored_along_axis
+            planes = planes[0] and measures(scene).symmetric, planes[1] and even
             arc, axial = (
                 m and n % 2 == 0 and n >= 6 for m, n in zip(planes, elements, strict=True)
             )

@@ -39,6 +39,7 @@ from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.numerics.lanes import by_lane, lane_count
+from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
@@ -65,6 +66,7 @@ class Pad(AbstractMechanics):
         mirrored_planes: whether the part ends at the crown's plane, and at the middle's.
         gauss: quadrature points along either side of an element.
         layers: quadrature points through the thickness.
+        relief: of the outer face; see `SkinGeometry`.
     """
 
     per_width: ClassVar[bool] = False
@@ -80,6 +82,7 @@ class Pad(AbstractMechanics):
     mirrored_planes: tuple[bool, bool] = eqx.field(static=True, default=(False, False))
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
+    relief: Sheet | None = None
 
     @property
     def topology(self) -> NetTopology:
@@ -149,9 +152,8 @@ class Pad(AbstractMechanics):
         """The sums of a pad of one lane, scalars kept as arrays of one number."""
         points = jax.tree.map(lambda x: x[..., 0], self.points)
         quadrature = (self.gauss, self.layers)
-        return PadLane(
-            self.law, self.net.lane(0), self.section, points, quadrature, self.growth
-        )
+        own = (self.section, points, quadrature, self.growth, self.relief)
+        return PadLane(self.law, self.net.lane(0), *own)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
@@ -222,6 +224,7 @@ class Pad(AbstractMechanics):
             bodies=(),
             mirrored_planes=plan.mirrored,
             growth=geometry.growth,
+            relief=geometry.relief,
         )
 
     def with_more_fibres(self) -> Self:
@@ -384,7 +387,7 @@ class PadFace(AbstractFace):
         """Gaps along several rays for each taxel: one search for all; see the base class."""
         angle = jnp.concatenate([angle for angle, _ in rays])
         axial = jnp.concatenate([axial for _, axial in rays])
-        return jnp.split(self.height(angle, axial) + geometry.gap(angle), len(rays))
+        return jnp.split(self.height(angle, axial) + geometry.gap(angle, axial), len(rays))
 
     def height(
         self, angle: Float[Array, "ray #lane"], axial: Float[Array, "ray #lane"]

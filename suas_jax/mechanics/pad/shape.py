@@ -90,7 +90,7 @@ class PadShape(AbstractShape):
     def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
         height, angle, axial = self.inner_face(geometry.section)
-        negative, *at = peak(-height - geometry.gap(angle), angle, axial)
+        negative, *at = peak(-height - geometry.gap(angle, axial), angle, axial)
         return Extreme(-negative, *at)
 
     def largest_displacement(self) -> Extreme:
