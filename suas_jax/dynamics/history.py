@@ -9,14 +9,16 @@ A history is a table::
     60.2,0
 
 `force_N` is the sum of the loads' magnitudes, as for a curve, `factor` multiplies all loads as
-the scene has them; one of them is needed. Between rows it changes linearly; two rows of one
-time are a jump. The skin has been at rest before the first row.
+the scene has them, `depth_m` is the travel of the body that is pressed in most and
+`temperature_degC` that of the whole skin; one of them at least is needed. What no column names
+stays as the scene has it. Between rows everything changes linearly; two rows of one time are a
+jump. The skin has been at rest before the first row.
 """
 
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +27,7 @@ from jaxtyping import Float
 
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.config.csv_table import number_in, read_csv_table
+from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.registry import MODELS
@@ -36,10 +39,17 @@ from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.structure import Structure
 from suas_jax.scene.sweep import Sweep, SweepError
-from suas_jax.skin.prestress import is_prestressed
+from suas_jax.scene.travel import driven_by_force
 
 MOST_ROWS = 100_000
-_COLUMNS = ("force_N", "factor")
+_TEMPERATURE, _WARMTH, _FREEZING = "temperature_degC", "environment.temperature", 273.15
+_COLUMNS = ("force_N", "factor", "depth_m", _TEMPERATURE)
+_CHOICE = f"at least one of force_N (or factor), depth_m and {_TEMPERATURE}"
+_NOTHING = {
+    "force_N": "there is no load with a force to scale; add [[load]] with force",
+    "depth_m": "there is no body with a depth to change; give a [[load]] a depth",
+    _TEMPERATURE: "the scene has no temperature to change; give [environment] a temperature",
+}
 # Rows that one call follows, so that histories of any length share one program.
 _BLOCK = 8
 _FEW = 40
@@ -52,13 +62,11 @@ class History(NamedTuple):
 
     Attributes:
         time: of the rows [s], never falling.
-        name: of the column.
-        values: one for each row.
+        columns: values by name, one for each row.
     """
 
     time: Float[np.ndarray, " row"]
-    name: str
-    values: Float[np.ndarray, " row"]
+    columns: dict[str, Float[np.ndarray, " row"]]
 
 
 def read_history(file: Path) -> History:
@@ -69,14 +77,11 @@ def read_history(file: Path) -> History:
         OSError: the file can't be read.
     """
     table = read_csv_table(file)
-    known = ("t_s", *_COLUMNS)
-    unknown = [name for name in table.names if name not in known]
-    found = [name for name in _COLUMNS if name in table.names]
-    if unknown or "t_s" not in table.names or len(found) != 1 or not table.rows:
+    found = [name for name in table.names if name != "t_s"]
+    if "t_s" not in table.names or not _allowed(found) or not table.rows:
         listed = ", ".join(table.names) or "none"
         raise ValueError(
-            f"{file}: the columns are {listed}; t_s and one of {' and '.join(_COLUMNS)} are "
-            "needed, and at least one row"
+            f"{file}: the columns are {listed}; t_s and {_CHOICE} are needed, and a row"
         )
     if len(table.rows) > MOST_ROWS:
         raise ValueError(f"{file}: {len(table.rows)} rows; at most {MOST_ROWS} are followed")
@@ -86,46 +91,43 @@ def read_history(file: Path) -> History:
             raise ValueError(
                 f"{file}, line {line}: {','.join(fields)[:80]}: numbers are needed"
             )
-    time, values = (rows[:, table.names.index(name)] for name in ("t_s", found[0]))
+    columns = dict(zip(table.names, rows.T, strict=True))
+    time = columns.pop("t_s")
     falls = np.flatnonzero(np.diff(time) < 0)
     if len(falls):
         line = table.rows[falls[0] + 1][0]
         raise ValueError(f"{file}, line {line}: t_s is less than in the row before")
-    return History(time, found[0], values)
+    return History(time, columns)
+
+
+def _allowed(names: Sequence[str]) -> bool:
+    """Whether columns go together."""
+    known = bool(names) and len(set(names)) == len(names) and set(names) <= set(_COLUMNS)
+    return known and not {"factor", "force_N"} <= set(names)
 
 
 def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     """Follow a scene through its history.
 
-    The mesh is that of a curve. Its error and the model's are those of the elastic solve of the
-    largest load with the long-term law, which also says whether `auto` takes the solid;
-    `time_error` adds those of the time steps.
+    The mesh is that of a curve; with bodies and on pads, that of a solve. Its error and the
+    model's are those of the elastic solve of the largest load with the long-term law, which
+    also says whether `auto` takes the solid; `time_error` adds those of the time steps.
 
     Args:
-        scene: in plane strain; its material's `relaxation` is its memory, without one it
-            answers at once.
+        scene: its material's `relaxation` is its memory, without one it answers at once.
         history: its loads over time.
 
     Returns:
         A report for each row, with `t_s`.
 
     Raises:
-        SweepError: the loads can't be scaled so, or the skin carries stress at rest.
-        ValueError: the scene is three-dimensional.
-        Float64Error: float64 is off.
+        SweepError: the scene has nothing that the history could change.
     """
     require_float64()
-    scene.require_plane_strain("a history")
-    scene.require_no_bodies("a history")
-    if is_prestressed(scene):
-        raise SweepError(
-            "a history begins free of stress: take out what gives the skin stress at rest "
-            "([oil] fill, [geometry] mounting, [environment] temperature and depth)"
-        )
-    levels = _levels(scene, history)
     scene = with_solve(scene, oil_pressure=None)
-    errors = _Errors.at(scene, float(np.max(np.abs(levels))))
-    points = _Follower(scene, errors, len(levels) <= _FEW).points(history.time, levels)
+    course = Course.of(scene, history)
+    errors = _Errors.at(course.largest)
+    points = _Follower(course, errors, len(history.time) <= _FEW).points()
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
     contact = None
     if hits:
@@ -138,15 +140,105 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     return Sweep(points, contact, scene)
 
 
-def _levels(scene: SceneSpec, history: History) -> np.ndarray:
-    """Factors on all loads."""
-    if history.name == "factor":
-        return history.values
-    total = sum(abs(load.force) for load in scene.loads if load.kind in ("line", "patch"))
-    if total == 0:
-        raise SweepError("there is no load with a force to scale; add [[load]] with force")
-    levels: np.ndarray = history.values / total
-    return levels
+class Course(NamedTuple):
+    """A scene and how its numbers change.
+
+    Attributes:
+        scene: at full load.
+        time: of the rows [s].
+        values: of a factor on all loads, or of inputs by their paths; one a row each.
+        rest: the values before the first row.
+    """
+
+    scene: SceneSpec
+    time: Float[np.ndarray, " row"]
+    values: dict[str, Float[np.ndarray, " row"]]
+    rest: dict[str, float]
+
+    @classmethod
+    def of(cls, scene: SceneSpec, history: History) -> Self:
+        """That of a history: a factor if nothing but all loads change, together.
+
+        Raises:
+            SweepError: the scene has nothing that a column changes.
+        """
+        columns = history.columns
+        shares = {name: _driven(scene, name) for name in columns if name != "factor"}
+        for name, found in shares.items():
+            if not found:
+                raise SweepError(_NOTHING[name])
+        loads = _load_inputs(scene)
+        alone = set().union(*shares.values()) | (set(loads) if "factor" in columns else set())
+        others = set(loads) - alone
+        together = len(columns) == 1 and not others and not driven_by_force(scene)
+        if together and _TEMPERATURE not in columns:
+            ((name, values),) = columns.items()
+            if name == "factor":
+                return cls(scene, history.time, {FACTOR: values}, {FACTOR: 0.0})
+            top = float(values[np.argmax(np.abs(values))]) or 1.0
+            full = with_inputs(scene, {k: share * top for k, share in shares[name].items()})
+            return cls(full, history.time, {FACTOR: values / top}, {FACTOR: 0.0})
+        factor = columns.get("factor", np.ones(len(history.time)))
+        driven = {key: factor * value for key, value in loads.items()}
+        for name, found in shares.items():
+            offset = _FREEZING if name == _TEMPERATURE else 0.0
+            driven |= {key: share * columns[name] + offset for key, share in found.items()}
+        rest = dict.fromkeys(loads, 0.0)
+        if _TEMPERATURE in columns:
+            rest[_WARMTH] = float(driven[_WARMTH][0])
+        return cls(scene, history.time, driven, rest)
+
+    @property
+    def largest(self) -> SceneSpec:
+        """The scene with the largest value of everything that changes."""
+        known = continuous_inputs(self.scene)
+        if FACTOR in self.values:
+            level = float(np.max(np.abs(self.values[FACTOR])))
+            loads = {key: level * known[key] for key in _load_inputs(self.scene)}
+            return with_inputs(self.scene, loads)
+        middle = {_WARMTH: self.scene.reference.temperature}
+        peak = {
+            key: float(x[np.argmax(np.abs(x - middle.get(key, 0.0)))])
+            for key, x in self.values.items()
+        }
+        return with_inputs(self.scene, peak)
+
+    def block(self, first: int, count: int) -> tuple[Rows, int]:
+        """Some rows, and how many of them there are; the last one is repeated to fill up."""
+        index = np.minimum(np.arange(first, first + count), len(self.time) - 1)
+        before = np.maximum(index - 1, 0)
+        more = np.arange(first, first + count) >= len(self.time)
+        begin = np.where(more, self.time[index], self.time[before])
+        start = {
+            key: np.where(index == 0, self.rest[key], np.where(more, x[index], x[before]))
+            for key, x in self.values.items()
+        }
+        end = {key: x[index] for key, x in self.values.items()}
+        found = jax.tree.map(jnp.asarray, (begin, self.time[index], start, end))
+        return Rows(*found), int(np.sum(~more))
+
+
+def _load_inputs(scene: SceneSpec) -> dict[str, float]:
+    """Sizes of all loads, by the paths of their inputs."""
+    known = continuous_inputs(scene)
+    ends = (".force", ".pressure", ".depth")
+    return {k: x for k, x in known.items() if k.startswith("load.") and k.endswith(ends)}
+
+
+def _driven(scene: SceneSpec, column: str) -> dict[str, float]:
+    """Which inputs a column changes, and by how much for every unit of it."""
+    if column == _TEMPERATURE:
+        known = scene.environment is not None and scene.environment.temperature is not None
+        return {_WARMTH: 1.0} if known else {}
+    loads = _load_inputs(scene)
+    if column == "depth_m":
+        own = {key: x for key, x in loads.items() if key.endswith(".depth")}
+        top = max(map(abs, own.values()), default=0.0)
+        return {key: x / top if top else 1.0 for key, x in own.items()}
+    total = sum(abs(x) for key, x in loads.items() if key.endswith(".force"))
+    # What presses from all sides goes with the forces, as along a curve.
+    ends = (".force", ".pressure")
+    return {k: x / total for k, x in loads.items() if k.endswith(ends)} if total else {}
 
 
 class _Errors(NamedTuple):
@@ -163,28 +255,28 @@ class _Errors(NamedTuple):
     model: float
 
     @classmethod
-    def at(cls, scene: SceneSpec, level: float) -> "_Errors":
-        """Errors under a factor on the loads."""
-        inputs = continuous_inputs(scene)
-        loads = {
-            key: level * value
-            for key, value in inputs.items()
-            if key.startswith("load.") and key.endswith((".force", ".pressure"))
-        }
-        held = with_inputs(_responding(scene, "long-term"), loads)
+    def at(cls, scene: SceneSpec) -> "_Errors":
+        """Errors under a scene's loads."""
+        held, models = _responding(scene, "long-term"), MODELS[scene.geometry.dimension]
 
         def solved(name: str) -> Solution:
-            model = MODELS[2][name]
+            model = models[name]
             counts = model.given(scene) or model.first_of_sweep(scene)
             mesh = counts[0] if len(counts) == 1 else counts
-            meshes = {other.setting: None for other in MODELS[2].values()}
+            meshes = {other.setting: None for other in models.values()}
             settings: dict[str, Any] = {**meshes, "model": name, model.setting: mesh}
             return solve(with_solve(held, **settings))
 
         given, rtol = scene.solve.model, scene.rtol
-        found = solved("solid" if given == "solid" or scene.solve.mesh else "shell")
+        # What bodies touch asks for meshes of its own, as finely as a solve finds them.
+        whole = bool(scene.bodies) or scene.geometry.dimension == 3
+        found = (
+            solve(held)
+            if whole
+            else solved("solid" if given == "solid" or scene.solve.mesh else "shell")
+        )
         unmet = found.converged and not (found.report["model_error"] or 0.0) <= rtol
-        if given == "auto" and found.plan.model == "shell" and unmet:
+        if not whole and given == "auto" and found.plan.model == "shell" and unmet:
             found = solved("solid")
         report = found.report
         if found.converged and report["error_estimate"] is not None:
@@ -205,45 +297,42 @@ class _Follower:
     """Follows one scene on one mesh.
 
     Attributes:
-        scene: the scene.
+        course: the scene, and how it changes.
         errors: the mesh, and what it leaves.
         few: whether rows take less time to follow than to compile for speed.
     """
 
-    scene: SceneSpec
+    course: Course
     errors: _Errors
     few: bool = True
 
-    def points(self, time: np.ndarray, levels: np.ndarray) -> list[dict[str, Any]]:
+    def points(self) -> list[dict[str, Any]]:
         """Reports of all rows; with the wall from the block on in which it is reached."""
-        begin, first = np.append(time[0], time[:-1]), np.append(0.0, levels[:-1])
-        rows = np.stack([begin, time, first, levels])
         points: list[dict[str, Any]] = []
-        wall, moment = False, None
-        for k in range(0, len(time), _BLOCK):
-            own = rows[:, k : k + _BLOCK]
-            found, end = self._block(own, moment, wall=wall)
-            if not wall and self.scene.wall.contact and any(p["wall_contact"] for p in found):
+        held, moment = self.course.scene.wall.contact, None
+        wall = False
+        for first in range(0, len(self.course.time), _BLOCK):
+            found, end = self._block(first, moment, wall=wall)
+            if not wall and held and any(p["wall_contact"] for p in found):
                 wall = True
-                found, end = self._block(own, moment, wall=True)
+                found, end = self._block(first, moment, wall=True)
             points += found
             moment = end
         return points
 
     def _block(
-        self, rows: np.ndarray, moment: Moment | None, *, wall: bool
+        self, first: int, moment: Moment | None, *, wall: bool
     ) -> tuple[list[dict[str, Any]], Moment]:
-        spec = _responding(self.scene, "instantaneous")
+        course = self.course
+        spec = _responding(course.scene, "instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
+        rows, count = course.block(first, _BLOCK)
         if moment is None:
-            moment = COMPILED.run(at_rest, *known, rows[0, 0], once=True)
-        count = rows.shape[1]
-        end = rows[1::2, -1:]  # the last row again, without duration
-        after = np.concatenate([end[:1], end[:1], end[1:], end[1:]])
-        filled = np.concatenate([rows, np.repeat(after, _BLOCK - count, 1)], 1)
-        tolerance = np.asarray(_STEP_SHARE * self.scene.rtol)
+            values = {key: np.asarray(x) for key, x in course.rest.items()}
+            moment = COMPILED.run(at_rest, *known, rows.begin[0], values, once=True)
+        tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
         reports, outcomes, last = COMPILED.run(
-            through, *known, Rows(*filled), moment, tolerance, once=self.few
+            through, *known, rows, moment, tolerance, once=self.few
         )
         points = []
         for i in range(count):
@@ -253,7 +342,7 @@ class _Follower:
                 "model_error": self.errors.model,
             }
             told = {"model": self.errors.plan.model, "reason": ""}
-            report = report_of(self.scene, plain(reports, i) | errors, outcome | told)
+            report = report_of(course.scene, plain(reports, i) | errors, outcome | told)
             report["strain_energy_J"] = None  # what dissipates is no stored energy
             report |= {"time_error": outcome["time_error"], "time_steps": outcome["steps"]}
             points.append({"t_s": outcome["t_s"], **report})
@@ -261,12 +350,12 @@ class _Follower:
 
 
 def history_of(time: Sequence[float], **values: Sequence[float]) -> History:
-    """A history from Python: times [s] and one of `force_N` and `factor`.
+    """A history from Python: times [s] and any columns that a file may have.
 
     Raises:
-        ValueError: another name, not one name, or different lengths.
+        ValueError: another name, none, or different lengths.
     """
-    ((name, given),) = values.items() or (("", ()),)
-    if name not in _COLUMNS or len(given) != len(time):
-        raise ValueError(f"a value a time is needed, {' or '.join(_COLUMNS)}")
-    return History(np.asarray(time, float), name, np.asarray(given, float))
+    columns = {name: np.asarray(x, float) for name, x in values.items()}
+    if not _allowed(list(columns)) or any(len(x) != len(time) for x in columns.values()):
+        raise ValueError(f"a value a time is needed for {_CHOICE}")
+    return History(np.asarray(time, float), columns)

@@ -13,7 +13,6 @@ Steps are as long as that allows, and end at every row of the history. One progr
 histories of a scene.
 """
 
-import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,19 +20,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.constitutive.relaxation import Past, PronySeries, Response
+from suas_jax.constitutive.relaxation import Past, Response
+from suas_jax.dynamics.driven import DrivenSkin, Travels, Values, membrane_of, seen
 from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium
-from suas_jax.equilibrium.load_path import follow
+from suas_jax.equilibrium.load_path import follow, settled
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
-from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.mechanics.solid.solid import Solid
-from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.scene.build import problem_of
 from suas_jax.scene.observables import observe
-from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.structure import Inputs, Structure
 
 MOST_STEPS = 5_000
@@ -51,8 +46,11 @@ class Moment(NamedTuple):
         time: [s].
         step: that is tried next [s].
         stride: share of what is left of a jump that is tried next.
+        values: that the history changes.
+        travels: of bodies that are pressed by forces.
         state: the equilibrium.
-        pace: of the unknowns over the last step, per second: what is expected of the next one.
+        pace: of the unknowns over the last step, and of the travels, per second: what is
+            expected of the next one.
         past: what the material remembers.
         rate: of the instantaneous stress over the last step [Pa/s].
         last: length of that step [s]; zero where a jump makes the rate unknown.
@@ -66,8 +64,10 @@ class Moment(NamedTuple):
     time: Float[Array, ""]
     step: Float[Array, ""]
     stride: Float[Array, ""]
+    values: Values
+    travels: Travels
     state: State
-    pace: State
+    pace: tuple[State, Float[Array, " body"]]
     past: Past
     rate: Array
     last: Float[Array, ""]
@@ -84,63 +84,70 @@ class Rows(NamedTuple):
     Attributes:
         begin: time of the row before [s].
         end: time of the row [s].
-        first: factor on the loads at its begin.
+        first: values at its begin.
         final: the same at its end.
     """
 
     begin: Float[Array, " row"]
     end: Float[Array, " row"]
-    first: Float[Array, " row"]
-    final: Float[Array, " row"]
+    first: Values
+    final: Values
 
 
 @eqx.filter_jit
-def at_rest(scene: Structure, plan: AbstractPlan, inputs: Inputs, time: Array) -> Moment:
-    """A skin that has always been at rest."""
-    problem, series = _problem(scene, plan, inputs)
-    membrane = _membrane(problem)
-    zero, rest = jnp.zeros(1), membrane.rest()
-    past = Past.none(series, membrane.deviator(rest).shape)
+def at_rest(
+    scene: Structure, plan: AbstractPlan, inputs: Inputs, time: Array, values: Values
+) -> Moment:
+    """A skin that has always been at rest.
+
+    Args:
+        scene: with the instantaneous response of its material.
+        plan: mesh of the whole section.
+        inputs: the scene's numbers.
+        time: [s].
+        values: without loads.
+    """
+    skin = DrivenSkin.of(scene, plan, inputs, values)
+    series, travels = skin.series, skin.no_travels
     none, count = jnp.zeros(()), jnp.zeros(1, jnp.int32)
+
+    def held(rest: Array) -> Problem:
+        return skin.at(values, travels, Response(series.long_term_share, rest))[1]
+
+    membrane = membrane_of(held(jnp.zeros(1)))
+    shape = jax.eval_shape(membrane.deviator, membrane.rest()).shape
+    problem = held(jnp.zeros(shape))
+    state, result = _unloaded(problem, skin.level(values))
+    stress = membrane_of(problem).deviator(state.q)
+    past = Past(stress, Past.none(series, stress.shape).parts)
     return Moment(
         jnp.asarray(time, float),
         none + jnp.inf,
         none + 1,
-        State(rest, zero, zero),
-        State(rest, zero, zero),
+        values,
+        travels,
+        state,
+        jax.tree.map(jnp.zeros_like, (state, travels.length)),
         past,
         jnp.zeros_like(past.stress),
-        *(none, none, none),
+        *(none, none, jnp.max(jnp.abs(stress))),
         count,
         jnp.zeros((), jnp.int32),
-        count,
+        result,
     )
 
 
-def _problem(
-    scene: Structure, plan: AbstractPlan, inputs: Inputs
-) -> tuple[Problem, PronySeries]:
-    parts = scene_parts(scene.scene, inputs)
-    given = scene.scene.material.relaxation
-    count = 0 if given is None else len(given.g)
-
-    def terms(key: str) -> Array:
-        values = [inputs[f"material.relaxation.{key}.{i}"] for i in range(count)]
-        return jnp.stack([jnp.asarray(x, float) for x in values]) if values else jnp.zeros(0)
-
-    series = PronySeries(terms("g"), terms("tau"))
-    return problem_of(parts, plan, wall=scene.wall), series
-
-
-def _membrane(problem: Problem) -> Shell | Solid:
-    assert isinstance(problem.mechanics, Shell | Solid)
-    return problem.mechanics
-
-
-def _answering(problem: Problem, response: Response) -> Problem:
-    """The problem of a membrane with a past."""
-    membrane = dataclasses.replace(_membrane(problem), response=response)
-    return dataclasses.replace(problem, mechanics=membrane)
+def _unloaded(problem: Problem, level: Array) -> tuple[State, Array]:
+    """The state without loads, before bodies come near."""
+    free = eqx.tree_at(lambda p: p.mechanics, problem, problem.mechanics.with_bodies(()))
+    rest = settled(free, 1, LoadStepping())
+    result = rest.result
+    if free.prestressed and free.mechanics.touches:
+        start = rest.y, rest.level, rest.level
+        rest = follow(free, *start, LoadStepping(), near=True, rest=rest.y)
+        result = jnp.where(result != 0, result, rest.result)
+    state = Equilibrium.of(free, rest).state
+    return state._replace(factor=level), result
 
 
 @eqx.filter_jit
@@ -165,8 +172,7 @@ def through(
     Returns:
         What is observed at the end of every row, how it was found, and the end of the last one.
     """
-    parts = scene_parts(scene.scene, inputs)
-    problem, series = _problem(scene, plan, inputs)
+    skin = DrivenSkin.of(scene, plan, inputs, rows.final)
 
     def visit(now: Moment, row: Rows) -> tuple[Moment, tuple[Any, Any]]:
         now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
@@ -174,52 +180,50 @@ def through(
         now = now._replace(last=jnp.where(jumps, 0.0, now.last))
 
         def going(now: Moment) -> Bool[Array, ""]:
-            left = jnp.where(jumps, now.state.factor[0] != row.final, now.time < row.end)
+            apart = jnp.stack([jnp.any(now.values[k] != x) for k, x in row.final.items()])
+            left = jnp.where(jumps, jnp.any(apart), now.time < row.end)
             return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
 
-        now = jax.lax.while_loop(
-            going, lambda now: _step(problem, series, now, row, tolerance), now
-        )
+        now = jax.lax.while_loop(going, lambda now: _step(skin, now, row, tolerance), now)
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        settled = _answering(problem, now.past.relaxed(series))
-        check, change = verify(settled, now.state)
-        shown = now.state
-        if change is not None:
-            shown = jax.tree.map(lambda a, b: a + b, shown, change)
-        report = observe(parts, settled, shown, now.state)
-        report["volume_residual"] = volume_residual(settled, now.state)
-        report["stable"] = jax.lax.cond(
-            check.stable[0],
-            lambda: check.stable,
-            lambda: (
-                verify(
-                    _answering(problem, now.past.disturbed(series)), now.state, omitted=False
-                )[0].stable
-            ),
-        )
-        del report["in_domain"]
-        unknowns = problem.mechanics.unknowns() + int(problem.oil.trapped)
-        outcome = {
-            "result": now.result,
-            "level": now.state.factor,
-            "iterations": now.iterations,
-            "time_error": now.error[None],
-            "steps": now.steps[None],
-            "t_s": now.time[None],
-            "unknowns": jnp.full_like(now.result, unknowns),
-        }
-        return now, (report, outcome)
+        return now, _observed(skin, now)
 
     end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
     return reports, outcomes, end
 
 
-def _step(
-    problem: Problem, series: PronySeries, now: Moment, row: Rows, tolerance: Array
-) -> Moment:
+def _observed(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
+    """What is observed at a moment, and how it was found."""
+    relaxed, disturbed = now.past.relaxed(skin.series), now.past.disturbed(skin.series)
+    parts, settled = skin.at(now.values, now.travels, relaxed)
+    check, shown = seen(settled, now.state)
+    report = observe(parts, settled, shown, now.state)
+    report["volume_residual"] = volume_residual(settled, now.state)
+    other = skin.at(now.values, now.travels, disturbed)[1]
+    report["stable"] = jax.lax.cond(
+        check.stable[0],
+        lambda: check.stable,
+        lambda: verify(other, now.state, omitted=False)[0].stable,
+    )
+    del report["in_domain"]
+    unknowns = settled.mechanics.unknowns() + int(settled.oil.trapped)
+    outcome = {
+        "result": now.result,
+        "level": now.state.factor,
+        "iterations": now.iterations,
+        "time_error": now.error[None],
+        "steps": now.steps[None],
+        "t_s": now.time[None],
+        "unknowns": jnp.full_like(now.result, unknowns),
+    }
+    return report, outcome
+
+
+def _step(skin: DrivenSkin, now: Moment, row: Rows, tolerance: Array) -> Moment:
     """Try a step towards the end of a row, and take it where it is short enough."""
+    series = skin.series
     left = row.end - now.time
     fresh = now.last == 0
     shortest = _FIRST_STEP * jnp.min(series.tau, initial=jnp.inf)
@@ -230,31 +234,26 @@ def _step(
     time = jnp.where(arrived, row.end, now.time + step)
     share = (time - row.begin) / jnp.where(row.end > row.begin, row.end - row.begin, 1.0)
     jumps = row.end <= row.begin
-    from_here = now.state.factor[0]
-    over = jnp.where(
-        now.stride < 1, from_here + now.stride * (row.final - from_here), row.final
-    )
-    level = jnp.where(jumps, over, row.first + share * (row.final - row.first))
-    stepped = _answering(problem, now.past.seen(series, step))
-    target = jnp.broadcast_to(level, now.state.factor.shape)
-    expected = jax.tree.map(lambda a, b: a + step * b, now.state, now.pace)
-    guessed = (step > 0) & jnp.any(now.pace.q != 0)
-    y = BorderedVector(expected.q, expected.pressure if problem.oil.trapped else None)
-    root = follow(
-        stepped,
-        y,
-        jnp.where(guessed, target, now.state.factor),
-        target,
-        LoadStepping(),
-        near=True,
-    )
-    found = Equilibrium.of(problem, root)
+
+    def between(now_at: Array, first: Array, final: Array) -> Array:
+        over = jnp.where(now.stride < 1, now_at + now.stride * (final - now_at), final)
+        return jnp.where(
+            jumps, over, jnp.where(arrived, final, first + share * (final - first))
+        )
+
+    values = jax.tree.map(between, now.values, row.first, row.final)
+    here = now.state, now.travels.length
+    expected, length = jax.tree.map(lambda a, b: a + step * b, here, now.pace)
+    guessed = (step > 0) & jnp.any(now.pace[0].q != 0)
+    guess = expected, values, now.travels._replace(length=length), now.travels
+    found, travels = skin.balanced(*guess, now.past, step, guessed)
     # A step that leads nowhere is tried again without a guess, and then made shorter.
     failed = jnp.any(found.result != 0)
     length = jnp.where(jumps, now.stride, step / jnp.where(jumps, 1.0, row.end - row.begin))
     ends = failed & ~guessed & (length < _SHORTEST)
     lost = failed & ~ends
-    stress = _membrane(stepped).deviator(found.state.q)
+    membrane = membrane_of(skin.at(values, travels, now.past.seen(series, step))[1])
+    stress = membrane.deviator(found.state.q)
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
     bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))
@@ -270,19 +269,23 @@ def _step(
     following = jnp.where(good & arrived, jnp.maximum(following, now.step), following)
     following = jnp.where(jnp.isnan(following) | (step == 0), now.step, following)
     stands = jax.tree.map(lambda x: jnp.where(lost, 0.0, x), now.pace)
+    shorter = jnp.where(guessed | jumps, now.step, _SHORTER * step)
     tried = now._replace(
-        step=jnp.where(lost, jnp.where(guessed | jumps, now.step, _SHORTER * step), following),
+        step=jnp.where(lost, shorter, following),
         stride=jnp.where(lost, now.stride / 2, now.stride),
         pace=stands,
         iterations=now.iterations + found.iterations,
         steps=now.steps + 1,
     )
+    result = jnp.where(ends, found.result, jnp.where(runaway, index_of("limit_point"), 0))
     taken = Moment(
         time,
         following,
         jnp.minimum(2 * now.stride, 1.0),
+        values,
+        travels,
         found.state,
-        _pace(now.state, found.state, step),
+        _pace(here, (found.state, travels.length), step),
         now.past.after(series, step, stress),
         rate,
         step,
@@ -290,15 +293,13 @@ def _step(
         largest,
         tried.iterations,
         tried.steps,
-        jnp.where(ends, found.result, jnp.where(runaway, index_of("limit_point"), 0)).astype(
-            now.result.dtype
-        ),
+        result.astype(now.result.dtype),
     )
     return jax.tree.map(lambda a, b: jnp.where(good, a, b), taken, tried)
 
 
-def _pace(before: State, after: State, step: Array) -> State:
-    """Change of a state by time; none over a jump."""
+def _pace(before: Any, after: Any, step: Array) -> Any:
+    """Change of unknowns by time; none over a jump."""
     by = jnp.where(step > 0, 1 / jnp.where(step > 0, step, 1.0), 0.0)
     return jax.tree.map(lambda a, b: by * (b - a), before, after)
 

@@ -155,6 +155,7 @@ def follow(
     near: Bool[Array, "..."] | bool,
     finished: Bool[Array, " lane"] | None = None,
     rest: BorderedVector | None = None,
+    rest_level: Lanes | float = 0.0,
 ) -> Found:
     """Follow the path, to the wall and against it if the membrane has one, and under bodies.
 
@@ -167,7 +168,8 @@ def follow(
         pressure_given: see `balance.residual`.
         near: whether the start may be close enough for Newton's method as it is.
         finished: lanes that stay where they are.
-        rest: where paths begin under given loads, at no load; None for the undeformed state.
+        rest: where paths begin anew under given loads; None for the undeformed state.
+        rest_level: its load level.
     """
     if not problem.mechanics.touches:
         stepping = dataclasses.replace(stepping, finished=finished)
@@ -178,7 +180,8 @@ def follow(
         finished = jnp.zeros(target.shape, bool)
     goal = jnp.where(finished, start, target)
     phase = none + jnp.where(near, _ATTEMPT, _LOAD).astype(none.dtype)
-    return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given, rest)
+    anew = None if rest is None else (rest, rest_level + 0 * target)
+    return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given, anew)
 
 
 class _Standing(NamedTuple):
@@ -212,7 +215,7 @@ def _to_the_wall(
     done: Bool[Array, " lane"],
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None,
-    rest: BorderedVector | None = None,
+    anew: tuple[BorderedVector, Lanes] | None = None,
 ) -> Found:
     """Attempt, load and stiffen: one loop for all lanes, whatever their phase.
 
@@ -224,11 +227,11 @@ def _to_the_wall(
         done: lanes that stay where they are.
         stepping: settings of the load stepping.
         pressure_given: see `balance.residual`.
-        rest: see `follow`.
+        anew: where paths begin once more, and at which level; see `follow`.
     """
-    if rest is None:
+    if anew is None:
         border = None if begin.y.border is None else 0 * begin.level
-        rest = BorderedVector(problem.mechanics.rest(), border)
+        anew = BorderedVector(problem.mechanics.rest(), border), 0 * begin.level
 
     def go(at: _Standing) -> _Standing:
         attempts, loads, stiffens = (at.phase == k for k in (_ATTEMPT, _LOAD, _STIFFEN))
@@ -258,11 +261,11 @@ def _to_the_wall(
             # Under given loads the path begins anew at rest, against a stiffer wall if it
             # was lost at a softer one, where thin membranes buckle and vented arches
             # collapse. Under a given pressure it has no beginning but the start.
-            anew = (lost | (loads & ~good)) & (softest < 0)
-            again, lost = again | anew, lost & ~anew
-            softest = jnp.where(anew, jnp.minimum(softest + _HARDER, 0.0), softest)
-            stride = jnp.where(anew, _LONGEST, stride)
-            y, level = _where(again, (rest, 0 * level), (y, level))
+            harder = (lost | (loads & ~good)) & (softest < 0)
+            again, lost = again | harder, lost & ~harder
+            softest = jnp.where(harder, jnp.minimum(softest + _HARDER, 0.0), softest)
+            stride = jnp.where(harder, _LONGEST, stride)
+            y, level = _where(again, anew, (y, level))
         result = jnp.where(loads, after.result, at.found.result)
         result = jnp.where(lost, index_of("no_convergence"), result).astype(after.result.dtype)
         new = _Standing(

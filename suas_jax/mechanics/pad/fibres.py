@@ -13,17 +13,23 @@ of six numbers, a_ab and h_ab. Everything is written in differences from rest.
 
 A membrane that has grown by G against its seat keeps det G times the volume below, so that M
 is that much larger, and its law sees the metric over the stretches of G.
+
+In a material with a past (`suas_jax.constitutive.relaxation`) the stress of a step is a share
+of the instantaneous one and a rest H that is known, whose energy is H : C / 2, with
+C_33 = 1 / det C of the fibre's plane.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import InPlaneStrain
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.pad.mid_surface import Rest, Scalar, Surface, Vector, components, total
 from suas_jax.numerics.jet import second_order
 from suas_jax.numerics.quadrature import gauss_legendre
@@ -49,12 +55,15 @@ class Layers(NamedTuple):
         lever: M = Z + Z^2 / (2R) [m].
         stretch: 1 + Z/R, the length of the fibre along the arc relative to the mid-line.
         growth: of the membrane; None where it fits its seat.
+        response: of a material with a past, its rest by entries (11, 22, 12, 33) [Pa]; None
+            of an elastic one.
     """
 
     weight: Float[Array, "layer #lane"]
     lever: Float[Array, "layer #lane"]
     stretch: Float[Array, "layer #lane"]
     growth: Growth | None = None
+    response: Response | None = None
 
     def grown(self, growth: Growth | None) -> "Layers":
         """The same of a membrane that has grown."""
@@ -139,8 +148,46 @@ def _invariants(strain: Vector) -> tuple[Array, Array]:
 def energy_density(law: AbstractLaw, s: Surface, fibres: Layers) -> Scalar:
     """Strain energy per area of the undeformed mid-surface [J/m^2]."""
     strain, _, _ = fibre_strains(s, fibres)
-    energy = law.energy(InPlaneStrain(*_invariants(strain)))
+    energy = _energy(law, fibres, *_invariants(strain))
+    if fibres.response is not None:
+        along, axial, twist, _ = fibres.response.rest
+        energy = energy + (along * strain[0] + axial * strain[1]) / 2 + twist * strain[2]
     return jnp.sum(_over_layers(fibres.weight, s) * energy, 0)
+
+
+def _energy(law: AbstractLaw, fibres: Layers, trace: Array, determinant: Array) -> Array:
+    """Energy per volume that is a function of the invariants: all of it in an elastic body."""
+    energy = law.energy(InPlaneStrain(trace, determinant))
+    if fibres.response is None:
+        return energy
+    share, rest = fibres.response
+    return share * energy + rest[3] / (2 * (1 + trace + determinant))
+
+
+def deviator(law: AbstractLaw, s: Surface, fibres: Layers) -> Float[Array, "4 layer *point"]:
+    """Deviator of the law's stress, pulled back, by entries (11, 22, 12, 33) [Pa].
+
+    A membrane's stress, none across the thickness, less a third of its trace.
+    """
+    strain, _, _ = fibre_strains(s, fibres)
+
+    def energy(trace: Array, determinant: Array) -> Array:
+        return law.energy(InPlaneStrain(trace, determinant))
+
+    invariants = _invariants(strain)
+    ones = jnp.ones_like(strain[0])
+    by_trace = jax.jvp(energy, invariants, (ones, 0 * ones))[1]
+    by_determinant = jax.jvp(energy, invariants, (0 * ones, ones))[1]
+    along = 2 * (by_trace + by_determinant * strain[1])
+    axial = 2 * (by_trace + by_determinant * strain[0])
+    twist = -2 * by_determinant * strain[2]
+    c11, c22, c12 = 1 + strain[0], 1 + strain[1], strain[2]
+    area = 1 + invariants[0] + invariants[1]
+    third = (along * c11 + axial * c22 + 2 * twist * c12) / 3
+    less = third / area
+    return jnp.stack(
+        [along - less * c22, axial - less * c11, twist + less * c12, -third * area]
+    )
 
 
 class Resultants(NamedTuple):
@@ -184,14 +231,18 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
     strain, inverse, f = fibre_strains(s, fibres)
 
     def energy(trace: Array, determinant: Array) -> Array:
-        return law.energy(InPlaneStrain(trace, determinant))
+        return _energy(law, fibres, trace, determinant)
 
     jet = second_order(energy, *_invariants(strain), once=law.in_stretches)
     weight = _over_layers(fibres.weight, s)
     scales = _scales(fibres, s)
     co = (strain[1], strain[0], -2 * strain[2])
     unit = (1.0, 1.0, 0.0)
-    terms = [weight * scales[p] * (jet.x * unit[p] + jet.y * co[p]) for p in range(3)]
+    pulls = [jet.x * unit[p] + jet.y * co[p] for p in range(3)]
+    if fibres.response is not None:
+        along, axial, twist, _ = fibres.response.rest
+        pulls = [x + y for x, y in zip(pulls, (along / 2, axial / 2, twist), strict=True)]
+    terms = [weight * scales[p] * pulls[p] for p in range(3)]
     for p, q in _VOIGT:
         value = jet.xy * (unit[p] * co[q] + co[p] * unit[q]) + jet.yy * (co[p] * co[q])
         value = value + jet.xx * (unit[p] * unit[q]) + jet.y * _DETERMINANT[p, q]

@@ -6,10 +6,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces, face_displacement, faces
-from suas_jax.mechanics.pad.fibres import Layers, energy_density, layers, resultants
+from suas_jax.mechanics.pad.fibres import Layers, deviator, energy_density, layers, resultants
 from suas_jax.mechanics.pad.mid_surface import (
     KINDS,
     Rest,
@@ -48,6 +49,7 @@ class PadLane:
         quadrature: tuple[int, int],
         growth: Growth | None,
         relief: Sheet | None = None,
+        response: Response | None = None,
     ) -> None:
         """Prepare what sums need.
 
@@ -59,8 +61,12 @@ class PadLane:
             quadrature: points along either side of an element, and through the thickness.
             growth: of the membrane; None where it fits its seat.
             relief: of its outer face; None where it is the same all along.
+            response: of a material with a past at the quadrature points; None of an elastic
+                one.
         """
         self.growth, self.relief = growth, relief
+        modulus = law.shear_modulus
+        self.modulus = modulus if response is None else response.share * modulus
         self.law, self.net, self.points = law, net, points
         self.section = section
         self.gauss, self.layer_count = quadrature
@@ -73,7 +79,7 @@ class PadLane:
         self.lengths = long[:, None], across[None]
         self.elements = (len(long), len(across))
         self.rest = self._rest(self.angle, self.axial)
-        self.fibres: Layers = layers(self.layer_count, self.rest, growth)
+        self.fibres: Layers = self._layers(self.rest)._replace(response=response)
 
     @property
     def powers(self) -> list[Array]:
@@ -122,6 +128,10 @@ class PadLane:
         powers = jnp.stack(self.powers)[:, None, None]
         values = jnp.moveaxis(values * powers, 2, 1).reshape(3 * len(KINDS), -1)
         return surface(vectors(values), self.rest)
+
+    def deviator(self, q: Array) -> Array:
+        """See `Pad.deviator`."""
+        return deviator(self.law, self.surface(self.net.gather(q)), self.fibres)
 
     def strain_energy(self, q: Array) -> Array:
         """Strain energy [J]."""
@@ -188,7 +198,7 @@ class PadLane:
         by_long = jnp.einsum("hg,cgkef->chkef", slope, found) / long
         by_across = jnp.einsum("hk,cgkef->cghef", slope, found) / across
         by_arc, by_axial = self.topology.ordered(by_long, by_across)
-        stiffness = self.law.shear_modulus * jnp.broadcast_to(
+        stiffness = self.modulus * jnp.broadcast_to(
             self.rest.thickness, self.angle.shape
         ).reshape(g, g, *self.elements)
         density = shear_energy_density(by_arc, by_axial, stiffness)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import (
     AbstractMechanics,
     Assembly,
@@ -67,6 +68,8 @@ class Pad(AbstractMechanics):
         gauss: quadrature points along either side of an element.
         layers: quadrature points through the thickness.
         relief: of the outer face; see `SkinGeometry`.
+        response: of a material with a past at the quadrature points, see `Layers`; None of an
+            elastic one.
     """
 
     per_width: ClassVar[bool] = False
@@ -83,6 +86,7 @@ class Pad(AbstractMechanics):
     gauss: int = eqx.field(static=True, default=3)
     layers: int = eqx.field(static=True, default=3)
     relief: Sheet | None = None
+    response: Response | None = None
 
     @property
     def topology(self) -> NetTopology:
@@ -152,8 +156,15 @@ class Pad(AbstractMechanics):
         """The sums of a pad of one lane, scalars kept as arrays of one number."""
         points = jax.tree.map(lambda x: x[..., 0], self.points)
         quadrature = (self.gauss, self.layers)
-        own = (self.section, points, quadrature, self.growth, self.relief)
+        response = self.response
+        if response is not None:
+            response = Response(response.share, response.rest[..., 0])
+        own = (self.section, points, quadrature, self.growth, self.relief, response)
         return PadLane(self.law, self.net.lane(0), *own)
+
+    def deviator(self, q: StationVector) -> Float[Array, "4 layer point lane"]:
+        """Instantaneous stress that the material remembers; see `fibres.deviator`."""
+        return by_lane(self, lambda pad, q: pad.one_lane().deviator(q), q)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""

@@ -365,14 +365,14 @@ class Shell(AbstractPlaneStrain):
         tables = element_tables(self.gauss)
         bend = points.curvature + self._at_gauss.curvature
         line = LinesOverElements.through(bend, tables.xi, tables.weights)
-        return strip(face, line.along(face.xi), body, self.law.shear_modulus)
+        return strip(face, line.along(face.xi), body, self._shear_modulus)
 
     def _indentation(self, face: ContactFace, points: Points, body: PlacedBody) -> Lanes:
         touched = self._strip(face, points, body)
-        return indentation(face, touched, self.law.shear_modulus)
+        return indentation(face, touched, self._shear_modulus)
 
     def _thinned(self, face: ContactFace, at: Resultants) -> Array:
-        tables, modulus = element_tables(self.gauss), self.law.shear_modulus
+        tables, modulus = element_tables(self.gauss), self._shear_modulus
         gauss = tables.xi, tables.weights
         return thinning(at, *gauss, face.xi, face.at.thickness, modulus)
 
