@@ -28,6 +28,7 @@ from suas_jax.equilibrium.equilibrium import Equilibrium
 from suas_jax.equilibrium.load_path import follow, settled
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.scene.assessment import under_bodies
 from suas_jax.scene.observables import observe
 from suas_jax.scene.structure import Inputs, Structure
 
@@ -210,7 +211,7 @@ def _observed(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, 
     del report["in_domain"]
     unknowns = settled.mechanics.unknowns() + int(settled.oil.trapped)
     outcome = {
-        "result": now.result,
+        "result": under_bodies(settled, now.state, now.result),
         "level": now.state.factor,
         "iterations": now.iterations,
         "time_error": now.error[None],
