@@ -331,8 +331,10 @@ class _Follower:
             values = {key: np.asarray(x) for key, x in course.rest.items()}
             moment = COMPILED.run(at_rest, *known, rows.begin[0], values, once=True)
         tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
+        long = self.errors.plan.solves_long
+        effort = {"once": long or self.few, "long": long}
         reports, outcomes, last = COMPILED.run(
-            through, *known, rows, moment, tolerance, once=self.few
+            through, *known, rows, moment, tolerance, **effort
         )
         points = []
         for i in range(count):
