@@ -124,17 +124,9 @@ ROUND = {
 }
 # What works with circles alone, or takes a shorter way for them: the list only gets shorter.
 STILL_ROUND = {
-    "fitting/calibration/html_report.py",
-    "fitting/calibration/plan.py",
-    "fitting/calibration/run.py",
-    "fitting/cli/fit_sensor.py",
     "fitting/cli/force_range.py",
-    "fitting/cli/health.py",
     "fitting/cli/new.py",
     "fitting/inverse_load/estimate/place.py",
-    "fitting/robotics/messages.py",
-    "fitting/robotics/recording.py",
-    "fitting/sensor/logs/known_inputs.py",
     "fitting/view/grid.py",
     "fitting/view/membrane.py",
     "fitting/view/picture.py",
@@ -143,7 +135,6 @@ STILL_ROUND = {
     "suas_jax/mesh/section.py",
     "suas_jax/scene/observables.py",
     "suas_jax/sensing/tiling.py",
-    "suas_jax/simulation/true_loads.py",
 }
 
 

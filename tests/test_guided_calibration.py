@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from skins import shaped
 from typer.testing import CliRunner
 
-from fitting.calibration.html_report import Verification
-from fitting.calibration.plan import press_of, usual_presses
+from fitting.calibration.html_report import Verification, _drawing
+from fitting.calibration.plan import Press, Step, press_of, usual_presses
 from fitting.calibration.recording import REST_FRAMES, Rest, SteadyWindow
+from fitting.calibration.session import _known
 from fitting.cli.app import app
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.device.device import Device
@@ -209,7 +211,7 @@ def test_a_load_counts_once_it_is_held(moving: float, touched: bool, steady: boo
 
 def test_presses_from_the_command_line(skin: SkinSpec) -> None:
     press = press_of("-30 deg, 500 gf", skin, "--press")
-    assert (press.angle, press.force) == pytest.approx((np.radians(-30), 4.90333), rel=1e-5)
+    assert (press.place, press.force) == pytest.approx((np.radians(-30), 4.90333), rel=1e-5)
     pad = load_skin(SKIN.with_name("suas-pad.toml"))
     assert press_of("10 deg, -5 mm, 3 N", pad, "--press").axial == pytest.approx(-5e-3)
     assert {p.axial for group in usual_presses(pad, 5.0) for p in group} == {0.0}
@@ -222,3 +224,23 @@ def test_presses_from_the_command_line(skin: SkinSpec) -> None:
     ):
         with pytest.raises(ValueError, match=words):
             press_of(text, skin, "--press")
+
+
+def test_presses_on_a_path_are_told_by_the_arc(tmp_path: Path) -> None:
+    flat = [{"line": "20 mm"}, {"radius": "30 mm", "angle": "90 deg"}, {"line": "27.5 mm"}]
+    skin = shaped({"section": "path", "path": flat, "mirror": True})
+    press = press_of("-12 mm, 5 N", skin, "--press")
+    assert press == Press(pytest.approx(-12e-3), 5.0, None, "arc")
+    assert press.text == "at -12 mm with 5 N"
+    usual, _ = usual_presses(skin, 5.0)
+    half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
+    assert [p.place for p in usual] == pytest.approx([-half / 2, 0, half / 2])
+    for text, words in (("10 deg, 5 N", '"22 mm, 5 N"'), ("95 mm, 5 N", "an arc within 94.6")):
+        with pytest.raises(ValueError, match=words):
+            press_of(text, skin, "--press")
+    known = _known(Step("press_1", press))
+    assert known == {"load_0_force_N": "5", "load_0_arc_mm": "-12"}
+    drawing = _drawing(skin, [(0.0, 0.0)], [(Step("press_1", press), press)])
+    assert [float(x[0]) for x in (drawing["taxels"] + drawing["presses"])] == sorted(
+        [float(drawing["presses"][0][0]), drawing["width"] / 2], reverse=True
+    )

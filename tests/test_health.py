@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from skins import half_cylinder
+from skins import shaped
 from test_baseline import log_of as log_at
 from typer.testing import CliRunner
 
@@ -16,8 +16,10 @@ from suas_jax.acquisition.device.device import Device, log_readings
 from suas_jax.acquisition.health import FAULTS, Health, log_health
 from suas_jax.acquisition.log.convert import write_csv
 from suas_jax.acquisition.log.log_file import SoLog
-from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config import ConfigError, continuous_inputs, load_skin
+from suas_jax.scene.build import plan_for
 from suas_jax.sensing.taxels import taxel_places, taxels_of
+from suas_jax.skin.plain import plain_geometry
 
 FRAMES, MODULES, TAXELS, NOISE = 1000, 3, 10, 2.0
 
@@ -158,16 +160,41 @@ def test_the_command_listens_to_a_port(rest: np.ndarray, tmp_path: Path) -> None
     assert report["frames"] > 50
 
 
-def test_places_are_the_models() -> None:
-    """The places without JAX's arrays are those that the model reads."""
-    for name in ("suas.toml", "suas-pad.toml", "suas-rubber.toml"):
+ELLIPSE = {
+    "section": "ellipse",
+    "inner_semi_axes": ["57.5 mm", "40 mm"],
+    "half_angle": "90 deg",
+}
+OIL = {"model": "incompressible", "relative_permittivity": 2.2}
+
+
+@pytest.mark.parametrize("name", ["suas.toml", "suas-pad.toml", "suas-rubber.toml", "ellipse"])
+def test_places_are_the_models(name: str) -> None:
+    """Those on the unrolled wall are those that the model reads."""
+    electrodes = load_skin(Path("configs/skins/suas-pad.toml")).electrodes
+    geometry = shaped(ELLIPSE).geometry
+    if name != "ellipse":
         spec = load_skin(Path("configs/skins") / name)
-        assert spec.electrodes is not None
-        radius = spec.geometry.inner_radius - spec.geometry.oil_gap
-        stated = defaultdict(float, continuous_inputs(spec))
-        skin = half_cylinder(spec.geometry.inner_radius, oil_gap=spec.geometry.oil_gap)
-        taxels = taxels_of(spec.electrodes, stated, skin)
-        places = np.array([*taxel_places(spec.electrodes, radius).values()])
-        angle, axial = (np.asarray(x)[:, 0] for x in (taxels.angle, taxels.axial))
-        np.testing.assert_allclose(places[:, 0], radius * angle, atol=1e-12)
-        np.testing.assert_allclose(places[:, 1], axial, atol=1e-12)
+        electrodes, geometry = spec.electrodes, spec.geometry
+    assert electrodes is not None
+    inputs = continuous_inputs(electrodes)
+    stated = defaultdict(float, {f"electrodes.{key}": x for key, x in inputs.items()})
+    skin = plain_geometry(geometry)
+    taxels = taxels_of(electrodes, stated, skin)
+    places = np.array([*taxel_places(electrodes, geometry).values()])
+    np.testing.assert_allclose(places[:, 0], skin.wall_arc(taxels.angle)[:, 0], atol=1e-12)
+    np.testing.assert_allclose(places[:, 1], taxels.axial[:, 0], atol=1e-12)
+
+
+def test_taxels_off_a_section_are_refused_with_the_room_there_is() -> None:
+    """What the table of a circle tells alone."""
+    modules = {"angle": "80 deg", "axial": "0 mm", "pitch": "6.5 mm", "diameter": "4 mm"}
+    taxels = [{"arc": arc, "diameter": "4 mm", "axial": "0 mm"} for arc in ("20 mm", "90 mm")]
+    for table, key, text in (
+        ({"layout": "roboskin", "modules": [modules]}, "electrodes.modules.0.angle", "away"),
+        ({"taxels": taxels}, "electrodes.taxels.1.arc", "clamped edges are at -"),
+    ):
+        spec = shaped(ELLIPSE, oil=OIL, electrodes={"lsb": "0.305 fF"} | table)
+        with pytest.raises(ConfigError, match=key) as caught:
+            plan_for(spec, "shell", (16,))
+        assert text in str(caught.value)

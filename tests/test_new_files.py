@@ -37,7 +37,7 @@ def test_triangles_cover_the_whole_pad(tmp_path: Path) -> None:
     suas("skin", skin, "--pad", "4x8")
     spec = load_skin(skin)
     assert spec.electrodes is not None
-    places = np.array([*taxel_places(spec.electrodes, 52.5e-3).values()])
+    places = np.array([*taxel_places(spec.electrodes, spec.geometry).values()])
     assert len(places) == 320
     degrees = np.rad2deg(places[:, 0] / 52.5e-3)
     # The last discs end within one spacing of the taxels from all four edges.

@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
+from skins import shaped
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
@@ -17,6 +18,7 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.report.read_back import read_estimates
 from fitting.inverse_load.report.text import frame_json
 from fitting.json_text import json_text
+from fitting.robotics import messages
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
 from suas_jax.config import load_skin
 
@@ -194,3 +196,22 @@ def test_the_skin_of_the_file_is_the_one_attached(recording: Any, tmp_path: Path
     _, _, attached = recording
     (tmp_path / "skin.toml").write_bytes(attached["suas.toml"])
     assert load_skin(tmp_path / "skin.toml") == load_skin(SKIN)
+
+
+def test_contacts_lie_on_the_outer_face_of_any_section() -> None:
+    """A flat top: straight up over the line, at the middle of the corner's arc."""
+    corner = {"radius": "30 mm", "angle": "90 deg"}
+    path = [{"line": "20 mm"}, corner, {"line": "27.5 mm"}]
+    spec = shaped({"section": "path", "path": path, "mirror": True})
+    face = messages.OuterFace(spec.geometry)
+    for arc, place, direction in (
+        (12e-3, (12e-3, 51.5e-3), 0.0),
+        (
+            27.5e-3 + 30e-3 * np.pi / 4,
+            (27.5e-3 + 31.5e-3 * np.sqrt(0.5), 20e-3 + 31.5e-3 * np.sqrt(0.5)),
+            np.pi / 4,
+        ),
+    ):
+        found = face.at(Contact(0.0, 1.0, None, None, arc=arc, by_arc=True))
+        assert found.position[:2] == pytest.approx(place, abs=1e-9)
+        assert found.direction == pytest.approx(direction, abs=1e-9)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from skins import shaped
 from typer.testing import CliRunner
 
 from benchmarks.sensor_calibration import press, study
@@ -17,7 +18,8 @@ from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.logs.data import NoCalibration, load_sensor_data
 from fitting.sensor.report.skin_file import calibrated_skin
-from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
+from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin, with_solve
+from suas_jax.scene.solve import solve
 
 ROOT = Path(__file__).parent.parent
 SKIN = ROOT / "configs/skins/suas.toml"
@@ -452,3 +454,69 @@ def test_bad_input_is_named_and_nothing_written(
     assert message in result.output.replace("\n", " ")
     assert str(log) in result.output.replace("\n", "")
     assert not target.exists()
+
+
+# Another section: places by arc, a flat top, electrodes of a fine resolution.
+FLAT_TOPPED = {
+    "section": "path",
+    "path": [{"line": "20 mm"}, {"radius": "30 mm", "angle": "90 deg"}, {"line": "27.5 mm"}],
+    "mirror": True,
+}
+FINE = {
+    "lsb": "0.003 fF",
+    "taxels": [
+        {"arc": f"{x} mm", "axial": "0 mm", "diameter": "4 mm"} for x in (-60, -25, 5, 20)
+    ],
+}
+OIL = {"model": "incompressible", "relative_permittivity": 2.35}
+
+
+def fine_log(path: Path, *given: Any) -> Path:
+    """A log of those electrodes."""
+    log = write_log(path, *given)
+    log.write_text(log.read_text().replace("0.305 fF", "0.003 fF"))
+    return log
+
+
+def test_a_flat_topped_skin_is_calibrated_by_the_arc_of_its_loads(tmp_path: Path) -> None:
+    """Against `suas solve`, whose mesh is another one."""
+    forces, rows = np.array([0.0, 4.0, 8.0, 12.0]), []
+    for force in forces[1:]:
+        load = {"kind": "line", "arc": "12 mm", "force": f"{force} N"}
+        spec = shaped(FLAT_TOPPED | {"oil_gap": "5.2 mm"}, load, electrodes=FINE, oil=OIL)
+        report = solve(with_solve(spec, model="shell", elements=64)).report
+        rows.append([taxel["so"] for taxel in report["taxels"]])
+    rows.insert(0, [8.854187e-12 * 2.35 * np.pi * 4e-6 / 5.2e-3 / 3e-18] * 4)
+    known = {"load_0_force_N": forces, "load_0_arc_mm": 12.0}
+    log = fine_log(tmp_path / "a.csv", np.array(rows).T, known)
+    skin = shaped(FLAT_TOPPED, electrodes=FINE, oil=OIL | {"relative_permittivity": 2.2})
+    fit = fit_sensor(load_sensor_data(skin, [log]), model="shell")
+    for name, true in (("relative_permittivity", 2.35), ("oil_gap", 5.2e-3)):
+        assert value(fit, name)[0] == pytest.approx(true, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("columns", "text"),
+    [
+        ({"load_0_angle_deg": 5.0}, "load_0_arc_mm instead"),
+        ({"load_0_arc_mm": 200.0}, "is beyond what the skin allows"),
+        ({"load_0_arc_mm": 5.0, "load_0_angle_deg": 5.0}, "an angle and an arc"),
+        ({}, "no angle and no arc"),
+    ],
+)
+def test_places_of_known_loads_that_a_section_can_t_have(
+    columns: dict[str, float], text: str, tmp_path: Path
+) -> None:
+    skin = shaped(FLAT_TOPPED, electrodes=FINE, oil=OIL)
+    known = {"load_0_force_N": 1.0} | columns
+    log = fine_log(tmp_path / "a.csv", np.full((4, 3), 900.0), known)
+    with pytest.raises(ValueError, match=text):
+        load_sensor_data(skin, [log])
+
+
+def test_a_gap_that_is_a_table_is_no_one_constant(tmp_path: Path) -> None:
+    table = {"arc": [0, 0.5, 1], "value": ["5 mm", "4 mm", "5 mm"]}
+    skin = shaped(FLAT_TOPPED | {"oil_gap": table}, electrodes=FINE, oil=OIL)
+    log = fine_log(tmp_path / "a.csv", np.full((4, 3), 900.0))
+    with pytest.raises(ValueError, match=r"--fit oil_gap: geometry.oil_gap is a table"):
+        fit_sensor(load_sensor_data(skin, [log]), model="shell")

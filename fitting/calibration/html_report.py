@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from fitting.calibration.plan import Press, Step
@@ -18,8 +19,10 @@ from suas_jax.acquisition.health import FAULTS, Health
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.acquisition.missing import mean
 from suas_jax.config import SkinSpec
+from suas_jax.skin.plain import angles_at, plain_geometry
 
-_ANGLE, _AXIAL, _FORCE = math.radians(2.0), 2e-3, 0.1  # tolerated: angle, place, share of force
+_ANGLE, _ARC, _AXIAL = math.radians(2.0), 2e-3, 2e-3  # tolerated places
+_FORCE = 0.1  # and share of force
 _ERRORS = 3.0  # standard errors that are tolerated, too
 
 _WIDTH, _HEIGHT, _MARGIN = 640, 200, 20  # of the drawing [px]
@@ -32,16 +35,16 @@ class Verification:
     Attributes:
         press: the known load.
         status: of the estimate.
-        angle: estimated [rad]; NaN where nothing was found.
+        place: estimated, as the press tells it [rad or m]; NaN where nothing was found.
         force: likewise [N].
         axial: likewise on a pad [m].
-        passed: whether it is within 2 degrees, 2 mm and 10 % of the force, or three standard
-            errors.
+        passed: whether it is within 2 degrees (or 2 mm of arc), 2 mm and 10 % of the force,
+            or three standard errors.
     """
 
     press: Press
     status: str
-    angle: float
+    place: float
     force: float
     axial: float | None
     passed: bool
@@ -72,8 +75,12 @@ def verify(
             found.append(Verification(press, estimate.status, math.nan, math.nan, None, False))
             continue
         contact = max(estimate.contacts, key=lambda c: c.force)
+        place, tolerance = contact.angle, _ANGLE
+        if press.by == "arc":
+            assert contact.arc is not None  # a section without angles states arcs
+            place, tolerance = contact.arc, _ARC
         errors = {
-            "angle": abs(contact.angle - press.angle) / _allowed(contact, "angle", _ANGLE),
+            press.by: abs(place - press.place) / _allowed(contact, press.by, tolerance),
             "force": abs(contact.force - press.force)
             / _allowed(contact, "force", _FORCE * press.force),
         }
@@ -84,7 +91,7 @@ def verify(
             Verification(
                 press,
                 estimate.status,
-                contact.angle,
+                place,
                 contact.force,
                 contact.axial,
                 max(errors.values()) <= 1.0,
@@ -158,7 +165,7 @@ def _constant(name: str, report: dict[str, Any]) -> tuple[str, ...]:
 def _check(check: Verification) -> tuple[str, ...]:
     if math.isnan(check.force):
         return check.press.text, "no contact", check.status, "failed"
-    found = Press(check.angle, check.force, check.axial)
+    found = Press(check.place, check.force, check.axial, check.press.by)
     return check.press.text, found.text, check.status, "passed" if check.passed else "failed"
 
 
@@ -168,9 +175,8 @@ def _drawing(
     pressed: Sequence[tuple[Step, Press]],
 ) -> dict[str, Any]:
     """The unrolled wall with taxels, and where it was pressed [px]."""
-    geometry = spec.geometry.circle("`suas calibrate`")
-    half = geometry.half_angle * (geometry.inner_radius - geometry.mean_gap)
-    across = geometry.width / 2
+    geometry = plain_geometry(spec.geometry)
+    half, across = float(geometry.wall_arc(geometry.half_angle)[0]), spec.geometry.width / 2
 
     def point(arc: float, axial: float) -> tuple[str, str]:
         x = _MARGIN + (arc / half + 1) / 2 * (_WIDTH - 2 * _MARGIN)
@@ -178,7 +184,8 @@ def _drawing(
         return f"{x:.1f}", f"{y:.1f}"
 
     def place(press: Press) -> tuple[str, str]:
-        return point(half * press.angle / geometry.half_angle, press.axial or 0.0)
+        angle = angles_at(spec.geometry, press.by, np.array([press.place]))
+        return point(float(geometry.wall_arc(jnp.asarray(angle))[0]), press.axial or 0.0)
 
     return {
         "width": _WIDTH,

@@ -3,8 +3,11 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from suas_jax.config import SkinSpec, format_quantity, parse_quantity
+from suas_jax.config.quantities import DimensionName
+from suas_jax.skin.plain import clamped_edge, plain_geometry
 
 REST = "rest"
 _PARTS = re.compile(r"\s*[,;]\s*")
@@ -12,19 +15,37 @@ _PARTS = re.compile(r"\s*[,;]\s*")
 _PRESSED, _VERIFIED = (-0.5, 0.0, 0.5), (0.22,)
 
 
+PlaceName = Literal["angle", "arc"]
+DIMENSION: dict[PlaceName, DimensionName] = {"angle": "angle", "arc": "length"}
+"""What kind of quantity tells a place along the arc."""
+
+
+def place_name(spec: SkinSpec) -> PlaceName:
+    """What tells a place along the arc of a skin."""
+    return "angle" if spec.geometry.has_angle else "arc"
+
+
+def edge_of(spec: SkinSpec) -> tuple[float, str]:
+    """That of a skin's right clamp, as a number and for a person."""
+    section = plain_geometry(spec.geometry).section
+    return clamped_edge(section, by_arc=place_name(spec) == "arc")
+
+
 @dataclass(frozen=True)
 class Press:
     """A known load.
 
     Attributes:
-        angle: where it acts, from the symmetry axis [rad].
+        place: where it acts: its angle [rad], or arc [m], as scenes state it.
         force: inwards [N].
         axial: from the middle of a pad [m]; None in plane strain.
+        by: which of both `place` is.
     """
 
-    angle: float
+    place: float
     force: float
     axial: float | None = None
+    by: PlaceName = "angle"
 
     @property
     def text(self) -> str:
@@ -33,7 +54,7 @@ class Press:
             "" if self.axial is None else f", {format_quantity(self.axial, 'length')} axially"
         )
         return (
-            f"at {format_quantity(self.angle, 'angle')}{along} with "
+            f"at {format_quantity(self.place, DIMENSION[self.by])}{along} with "
             f"{format_quantity(self.force, 'force')}"
         )
 
@@ -70,9 +91,10 @@ def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tupl
         force: of all presses [N].
     """
     axial = 0.0 if spec.geometry.dimension == 3 else None
-    edge = spec.geometry.circle("`suas calibrate`").half_angle
+    by = place_name(spec)
+    edge, _ = edge_of(spec)
     pressed, verified = (
-        tuple(Press(share * edge, force, axial) for share in shares)
+        tuple(Press(share * edge, force, axial, by) for share in shares)
         for shares in (_PRESSED, _VERIFIED)
     )
     return pressed, verified
@@ -81,25 +103,27 @@ def usual_presses(spec: SkinSpec, force: float) -> tuple[tuple[Press, ...], tupl
 def press_of(text: str, spec: SkinSpec, option: str) -> Press:
     """A press from the command line: "45 deg, 5 N", on a pad "45 deg, 10 mm, 5 N".
 
+    On paths and splines it begins with an arc, "22 mm, 5 N".
+
     Raises:
         ValueError: naming what is expected.
     """
     parts = _PARTS.split(text.strip())
-    pad = spec.geometry.dimension == 3
+    pad, by = spec.geometry.dimension == 3, place_name(spec)
+    kind = DIMENSION[by]
     try:
         if len(parts) != 2 + pad:
             raise ValueError("so many quantities are not expected")
-        angle, force = parse_quantity(parts[0], "angle"), parse_quantity(parts[-1], "force")
+        place, force = parse_quantity(parts[0], kind), parse_quantity(parts[-1], "force")
         axial = parse_quantity(parts[1], "length") if pad else None
     except ValueError as error:
-        usual = '"45 deg, 10 mm, 5 N"' if pad else '"45 deg, 5 N"'
-        raise ValueError(f'{option} "{text}": {error}; expected {usual}') from None
-    half = spec.geometry.circle("`suas calibrate`").half_angle
-    if abs(angle) >= half or not force > 0:
-        edge = format_quantity(half, "angle")
+        usual = ("45 deg" if by == "angle" else "22 mm") + (", 10 mm" if pad else "") + ", 5 N"
+        raise ValueError(f'{option} "{text}": {error}; expected "{usual}"') from None
+    half, edge = edge_of(spec)
+    if abs(place) >= half or not force > 0:
         raise ValueError(
-            f'{option} "{text}": an angle within {edge} and a force above zero are expected'
+            f'{option} "{text}": an {by} within {edge} and a force above zero are expected'
         )
     if axial is not None and abs(axial) >= spec.geometry.width / 2:
         raise ValueError(f'{option} "{text}": the axial place is beyond the pad\'s end')
-    return Press(angle, force, axial)
+    return Press(place, force, axial, by)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fitting.calibration.html_report import Verification, html_report, verify
-from fitting.calibration.plan import Step
+from fitting.calibration.plan import Step, edge_of
 from fitting.calibration.recording import InterruptedStepError, Rest, StepRecorder
 from fitting.calibration.session import CalibrationFolder
 from fitting.inverse_load.live.view import picture
@@ -116,9 +116,7 @@ def _fitted(
     )
     report["verification"] = [_check_json(check) for check in checks]
     report["verified"] = all(check.passed for check in checks) if checks else None
-    circle = spec.geometry.circle("`suas calibrate`")
-    radius = circle.inner_radius - circle.mean_gap
-    places = [*taxel_places(spec.electrodes, radius).values()]
+    places = [*taxel_places(spec.electrodes, spec.geometry).values()]
     page = html_report(spec, places, report, options.steps, checks, health)
     write_text(options.page, page)
     return report
@@ -184,11 +182,14 @@ def _rest(
 def _drawn(spec: SkinSpec, step: Step) -> str:
     """Where to press, as lines of characters: along the arc, on a pad also along the axis."""
     assert step.press is not None
-    lines = picture([step.press.angle], spec.geometry.circle("`suas calibrate`").half_angle)
+    edge = edge_of(spec)[0]
+    millimetres: dict[str, Any] = {"unit": "mm", "scale": 1e3}
+    along = millimetres if step.press.by == "arc" else {}
+    lines = picture([step.press.place], edge, **along)
     if step.press.axial is None:
         return lines
     half = spec.geometry.width / 2
-    return f"{lines}\n{picture([step.press.axial], half, unit='mm', scale=1e3)}"
+    return f"{lines}\n{picture([step.press.axial], half, **millimetres)}"
 
 
 def _at_rest(folder: CalibrationFolder, options: CalibrationOptions) -> tuple[Baseline, Health]:
@@ -209,12 +210,14 @@ def _before(spec: SkinSpec, names: Sequence[str]) -> dict[str, float]:
 
 
 def _check_json(check: Verification) -> dict[str, Any]:
+    by_arc = check.press.by == "arc"
+    name, scale = ("arc_m", 1.0) if by_arc else ("angle_deg", math.degrees(1))
     return {
-        "angle_deg": math.degrees(check.press.angle),
+        name: scale * check.press.place,
         "force_N": check.press.force,
         "axial_m": check.press.axial,
         "status": check.status,
-        "estimated_angle_deg": math.degrees(check.angle),
+        f"estimated_{name}": scale * check.place,
         "estimated_force_N": check.force,
         "estimated_axial_m": check.axial,
         "passed": check.passed,

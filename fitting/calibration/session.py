@@ -108,11 +108,11 @@ def _known(step: Step) -> dict[str, str]:
     """The known load as header lines that `suas fit sensor` takes."""
     press = step.press
     if press is None:
-        return {"load_0_force_N": "0", "load_0_angle_deg": "0"}
-    known = {
-        "load_0_force_N": f"{press.force:.9g}",
-        "load_0_angle_deg": f"{math.degrees(press.angle):.9g}",
-    }
+        return {"load_0_force_N": "0", "load_0_arc_mm": "0"}
+    place = ("load_0_angle_deg", math.degrees(press.place))
+    if press.by == "arc":
+        place = ("load_0_arc_mm", 1e3 * press.place)
+    known = {"load_0_force_N": f"{press.force:.9g}", place[0]: f"{place[1]:.9g}"}
     if press.axial is not None:
         known["load_0_axial_mm"] = f"{1e3 * press.axial:.9g}"
     return known

@@ -44,7 +44,8 @@ def calibrate(
         typer.Option(
             metavar='"ANGLE, FORCE"',
             help='A known load to calibrate with, such as "45 deg, 5 N", on a pad "45 deg, '
-            '10 mm, 5 N". Repeatable; default: three places along the arc.',
+            '10 mm, 5 N"; on paths and splines by the arc, "22 mm, 5 N". Repeatable; default: '
+            "three places along the arc.",
         ),
     ] = None,
     verify: Annotated[

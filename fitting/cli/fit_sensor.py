@@ -123,7 +123,6 @@ def sensor(
 
         with fitting_spinner() as show:
             spec = load_skin(skin)
-            spec.geometry.circle("`suas fit sensor`")
             names = [name.strip() for name in fit.split(",") if name.strip()]
             if joint:
                 names += [k for k in continuous_inputs(spec) if k.startswith("material.")]

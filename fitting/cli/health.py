@@ -95,8 +95,7 @@ def _places(skin: Path) -> dict[tuple[int, int], tuple[float, float]]:
     spec = load_skin(skin)
     if spec.electrodes is None:
         raise ValueError(f"{skin}: no [electrodes]: the skin senses nothing")
-    circle = spec.geometry.circle("`suas health`")
-    return taxel_places(spec.electrodes, circle.inner_radius - circle.mean_gap)
+    return taxel_places(spec.electrodes, spec.geometry)
 
 
 def _print(found: "Health") -> None:

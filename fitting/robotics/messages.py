@@ -1,21 +1,27 @@
 """Taxels and contacts as ROS 2 messages: dictionaries that the recording encodes.
 
-The skin's frame has its origin in the middle of the axis of the half-cylinder: x towards
-growing angles, y to the crown, z along the axis. A contact's frame lies on the undeformed
-outer face: x towards growing angles, y along the axis, z inwards.
+The skin's frame has its origin at mid-width, where x and y of the section are zero (of a
+circle the axis): x towards growing angles, y to the crown, z along the axis. A contact's
+frame lies on the undeformed outer face: x towards growing angles, y along the axis, z inwards.
 
 Standard messages are those of `common_interfaces` and `tf2_msgs` (Apache 2.0), without their
 comments; messages of the package `suas_msgs` say what they mean in theirs.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from suas_jax.config import GeometrySpec
 from suas_jax.scene.taxel_film import TaxelFilm
+from suas_jax.skin.plain import plain_geometry
+
+_POINTS = 4001  # of the outer face: places between them are good to 1e-12 m
 
 _TIME = "builtin_interfaces/Time stamp\n"
 _HEADER = ("std_msgs/Header", _TIME + "string frame_id\n")
@@ -67,7 +73,8 @@ bool[] valid             # counts are there, not saturated, and the taxel is not
 """
 _CONTACT = """# A contact, where it is on the skin and how sure that is.
 
-float64 angle            # [rad] from the skin's symmetry axis
+float64 angle            # [rad] as scenes state it: on a circle from the symmetry axis
+float64 arc              # [m] of the inner face from its middle; NaN on a circle
 float64 axial            # [m] from the middle of the skin along its axis; NaN in plane strain
 float64 force            # [N] inwards; negative where the skin is pulled
 float64 diameter         # [m] of the contact; NaN where it was not estimated
@@ -177,35 +184,63 @@ def point_cloud(
     }
 
 
-def position(contact: Contact, outer_radius: float) -> tuple[float, float, float]:
-    """Where a contact is on the undeformed outer face, in the skin's frame [m]."""
-    x, y = outer_radius * np.sin(contact.angle), outer_radius * np.cos(contact.angle)
-    return float(x), float(y), contact.axial or 0.0
+class Place(NamedTuple):
+    """A place on the undeformed outer face, in the skin's frame.
+
+    Attributes:
+        position: [m].
+        direction: of the outward normal from the y axis, towards +x [rad].
+    """
+
+    position: tuple[float, float, float]
+    direction: float
+
+
+class OuterFace:
+    """The undeformed outer face of a skin, along whose arc contacts lie.
+
+    Args:
+        spec: the [geometry] table.
+    """
+
+    def __init__(self, spec: GeometrySpec) -> None:
+        section = plain_geometry(spec).section
+        half = float(section.half_angle[0])
+        angle = np.linspace(-half, half, _POINTS)[:, None]
+        at = jnp.asarray(angle)
+        outer = section.inner_face(at) + section.thickness(at) * section.inner_normal(at)
+        rows = [*np.asarray(outer)[..., 0], np.asarray(section.direction(at))[:, 0]]
+        along = section.given_angle(at) if spec.has_angle else section.arc(at)
+        self._table = CubicSpline(np.asarray(along)[:, 0], np.stack(rows, 1))
+
+    def at(self, contact: Contact) -> Place:
+        """Where a contact is."""
+        x, y, direction = self._table(contact.arc if contact.by_arc else contact.angle)
+        return Place((float(x), float(y), contact.axial or 0.0), float(direction))
 
 
 def transform(
     stamp: int,
     child: str,
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    angle: float | None = None,
+    place: Place | None = None,
 ) -> dict[str, Any]:
-    """The transform of a contact's frame, or without an angle of the skin's in the world.
+    """The transform of a contact's frame, or without a place of the skin's in the world.
 
     Args:
         stamp: nanoseconds since 1970.
         child: the frame.
-        place: of its origin [m].
-        angle: of a contact, from the skin's symmetry axis [rad].
+        place: of the contact.
     """
-    turn, parent = Rotation.identity(), WORLD_FRAME
-    if angle is not None:
-        c, s = np.cos(angle), np.sin(angle)
+    turn, parent, origin = Rotation.identity(), WORLD_FRAME, (0.0, 0.0, 0.0)
+    if place is not None:
+        c, s = np.cos(place.direction), np.sin(place.direction)
         turn, parent = Rotation.from_matrix([[c, 0, -s], [-s, 0, -c], [0, 1, 0]]), SKIN_FRAME
+        origin = place.position
     return {
         "header": header(stamp, parent),
         "child_frame_id": child,
         "transform": {
-            "translation": _named(place, "xyz"),
+            "translation": _named(origin, "xyz"),
             "rotation": _named(turn.as_quat().tolist(), "xyzw"),
         },
     }
@@ -225,7 +260,7 @@ def wrench(stamp: int, k: int, contact: Contact | None) -> dict[str, Any]:
 
 
 def contacts(
-    stamp: int, sequence: int, estimate: LoadEstimate, outer_radius: float
+    stamp: int, sequence: int, estimate: LoadEstimate, face: OuterFace
 ) -> dict[str, Any]:
     """An estimate with its status and covariances."""
     return {
@@ -239,21 +274,22 @@ def contacts(
         "chi2_per_dof": estimate.chi2_per_dof,
         "latency": estimate.latency,
         "left_out": list(estimate.left_out),
-        "contacts": [_contact(contact, outer_radius) for contact in estimate.contacts],
+        "contacts": [_contact(contact, face) for contact in estimate.contacts],
     }
 
 
-def _contact(contact: Contact, outer_radius: float) -> dict[str, Any]:
+def _contact(contact: Contact, face: OuterFace) -> dict[str, Any]:
     nan = float("nan")
     covariance = contact.covariance
     return {
         "angle": contact.angle,
+        "arc": nan if contact.arc is None else contact.arc,
         "axial": nan if contact.axial is None else contact.axial,
         "force": contact.force,
         "diameter": nan if contact.diameter is None else contact.diameter,
         "direction": contact.direction or 0.0,
         "tilt": contact.tilt or 0.0,
-        "position": _named(position(contact, outer_radius), "xyz"),
+        "position": _named(face.at(contact).position, "xyz"),
         "names": list(contact.names),
         "covariance": [] if covariance is None else covariance.reshape(-1).tolist(),
     }

@@ -27,8 +27,8 @@ from suas_jax.scene.taxel_film import TaxelFilm
 
 _CONVENTIONS = {
     "units": "SI: m, rad, N, Pa, s; sensor outputs in counts",
-    "frames": f"{messages.SKIN_FRAME}: origin in the middle of the half-cylinder's axis, x "
-    "towards growing angles, y to the crown, z along the axis; suas_contact_k: on the "
+    "frames": f"{messages.SKIN_FRAME}: origin at mid-width, where x and y of the section are "
+    "zero, x towards growing angles, y to the crown, z along the axis; suas_contact_k: on the "
     "undeformed outer face, x towards growing angles, y along the axis, z inwards",
     "gap": "of the even film of oil that gives a taxel's counts, between wall and membrane",
     "wrench": "force of the contact on the skin, in the contact's frame; zero once it has gone",
@@ -70,8 +70,7 @@ class Recording:
         from mcap_ros2.writer import Writer
 
         self._film = TaxelFilm(spec, rest)
-        circle = spec.geometry.circle("an MCAP recording")
-        self._outer = circle.inner_radius + circle.mean_thickness
+        self._face = messages.OuterFace(spec.geometry)
         self._shown = 0  # contacts that have a wrench
         with contextlib.ExitStack() as stack:
             draft = stack.enter_context(written(path))
@@ -135,15 +134,14 @@ class Recording:
             sequence: frame number.
             estimate: its contacts, with covariances.
         """
-        told = messages.contacts(stamp, sequence, estimate, self._outer)
+        told = messages.contacts(stamp, sequence, estimate, self._face)
         self._write("/suas/contacts", "suas_msgs/msg/Contacts", told, stamp, sequence)
         found = estimate.contacts
         moved = [
             messages.transform(
                 stamp,
                 messages.contact_frame(k),
-                messages.position(contact, self._outer),
-                contact.angle,
+                self._face.at(contact),
             )
             for k, contact in enumerate(found)
         ]

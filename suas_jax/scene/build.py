@@ -13,6 +13,7 @@ from suas_jax.mechanics.model import AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.mesh.section import measures
 from suas_jax.scene.parts import SceneParts, law_of, scene_parts
+from suas_jax.sensing.taxels import check_taxels
 from suas_jax.skin.prestress import water_rise
 
 
@@ -23,7 +24,12 @@ def plan_for(scene: SceneSpec, model: str, counts: Counts) -> AbstractPlan:
         scene: the scene.
         model: name of the model.
         counts: size of the mesh, as the model orders it.
+
+    Raises:
+        ConfigError: the section can't be, or a load or a taxel lies off it.
     """
+    if scene.electrodes is not None:
+        check_taxels(scene.electrodes, scene.geometry)
     return MODELS[scene.geometry.dimension][model].plan(scene, counts, decay_angle(scene))
 
 

@@ -33,10 +33,10 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.sensing.electrodes import Electrodes, Readings
+from suas_jax.sensing.taxels import check_taxels
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, LoadPoints
 from suas_jax.skin.oil import AbstractOil
-from suas_jax.skin.plain import plain_geometry
 from suas_jax.skin.wall import Wall
 
 ELEMENTS = 32
@@ -243,6 +243,7 @@ def skin_of(
             `Readings.touching`.
 
     Raises:
+        ConfigError: the section can't be, or a taxel lies off it.
         ValueError: the skin has no electrodes, or a path is none of its inputs.
         Float64Error: float64 is off.
     """
@@ -252,7 +253,8 @@ def skin_of(
     for path in inputs or ():
         if path not in known:
             raise ValueError(f'"{path}" is no continuous input of this skin')
-    plain_geometry(spec.geometry)  # refuses a section that can't be
+    if spec.electrodes is not None:
+        check_taxels(spec.electrodes, spec.geometry)
     parts = skin_parts(spec, {**known, **(inputs or {})})
     wall = parts.wall if contact else None
     return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)

@@ -33,6 +33,7 @@ from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.forward import SensorOutput
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
+from suas_jax.sensing.taxels import check_taxels
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import PadLoad
@@ -198,6 +199,8 @@ def pad_skin_of(
     require_float64()
     if spec.geometry.dimension != 3:
         raise ValueError('a pad needs geometry.ends = "clamped"; this skin is in plane strain')
+    if spec.electrodes is not None:
+        check_taxels(spec.electrodes, spec.geometry)
     parts = skin_parts(spec, {**continuous_inputs(spec), **(inputs or {})})
     wall = parts.wall if contact else None
     return PadSkin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)

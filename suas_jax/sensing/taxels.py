@@ -6,17 +6,29 @@ points along +axial and a row runs towards +angle until the module
 is turned (positive from +angle towards +axial).
 """
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.config import ElectrodesSpec, ModuleSpec, TaxelSpec
+from suas_jax.config import (
+    ConfigError,
+    ElectrodesSpec,
+    GeometrySpec,
+    ModuleSpec,
+    TaxelSpec,
+    format_quantity,
+)
+from suas_jax.config.errors import Mistake
 from suas_jax.config.schema_skin import MODULE_TAXELS
 from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.loads import angle_of
+from suas_jax.skin.plain import check_places, plain_geometry
 
 PAPER_NUMBERING = (1, 2, 3, 4, 10, 5, 6, 7, 8, 9)
 """Numbers of a module's places along its rows; the centroid's is 10, as in the paper."""
@@ -199,33 +211,75 @@ def taxels_of(
 
 
 def taxel_places(
-    electrodes: ElectrodesSpec, wall_size: float
+    electrodes: ElectrodesSpec, geometry: GeometrySpec
 ) -> dict[tuple[int, int], tuple[float, float]]:
     """Places of the taxels' centres on the unrolled wall, along arc and axis [m].
 
     Args:
         electrodes: the layout.
-        wall_size: length of the wall per angle [m].
+        geometry: of the skin.
 
     Returns:
         Places by module (from 0) and number in it (from 1).
+
+    Raises:
+        ConfigError: one of them is beyond the clamped edges.
     """
-    names = zip(*taxel_names(electrodes), strict=True)
-    if electrodes.layout == "list":
-        places = [(_arc(taxel, wall_size), taxel.axial) for taxel in electrodes.taxels]
-        return dict(zip(names, places, strict=True))
-    places = []
-    for module in electrodes.modules:
-        x, y = (module.pitch * module_places()[_places_by_number(module.numbering)]).T
-        cos, sin = np.cos(module.rotation), np.sin(module.rotation)
-        arc = _arc(module, wall_size) + x * cos - y * sin
-        axial = module.axial + x * sin + y * cos
-        places += list(zip(arc.tolist(), axial.tolist(), strict=True))
-    return dict(zip(names, places, strict=True))
+    own, half = _along_wall(geometry, _centres(electrodes))
+    places, found = [], []
+    for (key, spec), arc in zip(_centres(electrodes).items(), own, strict=True):
+        if isinstance(spec, TaxelSpec):
+            places.append((arc, spec.axial))
+            continue
+        x, y = (spec.pitch * module_places()[_places_by_number(spec.numbering)]).T
+        cos, sin = np.cos(spec.rotation), np.sin(spec.rotation)
+        arcs, axial = arc + x * cos - y * sin, spec.axial + x * sin + y * cos
+        if np.abs(arcs).max() > half * (1 + 1e-9):
+            lengths = np.abs(arcs - arc).max(), half - abs(arc)
+            reach, room = (format_quantity(float(x), "length") for x in lengths)
+            advice = (
+                f"its taxels reach {reach} along the wall, whose clamped edge is {room} away: "
+                "move the module"
+            )
+            name = "angle" if spec.arc is None else "arc"
+            found.append(Mistake("skin", f"{key}.{name}", advice))
+        places += list(zip(arcs.tolist(), axial.tolist(), strict=True))
+    if found:
+        raise ConfigError(found)
+    return dict(zip(zip(*taxel_names(electrodes), strict=True), places, strict=True))
 
 
-def _arc(place: TaxelSpec | ModuleSpec, size: float) -> float:
-    return place.arc if place.arc is not None else size * (place.angle or 0.0)
+@functools.lru_cache(maxsize=64)
+def check_taxels(electrodes: ElectrodesSpec, geometry: GeometrySpec) -> None:
+    """Refuse taxels off the section; see `taxel_places`."""
+    taxel_places(electrodes, geometry)
+
+
+def _centres(electrodes: ElectrodesSpec) -> dict[str, TaxelSpec | ModuleSpec]:
+    """Taxels of a list, or modules, by their keys."""
+    table = "taxels" if electrodes.layout == "list" else "modules"
+    specs = getattr(electrodes, table)
+    return {f"electrodes.{table}.{i}": spec for i, spec in enumerate(specs)}
+
+
+def _number(place: TaxelSpec | ModuleSpec, key: str) -> Any:
+    return np.array([getattr(place, key)])
+
+
+def _along_wall(spec: GeometrySpec, places: dict[str, Any]) -> tuple[list[float], float]:
+    """Arc length of the wall from its middle to places, and to the right clamp [m]."""
+    check_places(spec, places)
+    geometry = plain_geometry(spec)
+    section = geometry.section
+    with jax.ensure_compile_time_eval():
+        angles = [
+            angle_of(place, section, functools.partial(_number, place))
+            for place in places.values()
+        ]
+        # A circle's numbers stay NumPy's, which need no program.
+        at: Any = np.stack([np.asarray(x) for x in (*angles, section.half_angle)])
+        arcs = np.asarray(geometry.wall_arc(at))[:, 0].tolist()
+    return arcs[:-1], arcs[-1]
 
 
 def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from suas_jax.config import LoadSpec, SceneSpec
+from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec
 
 Columns = dict[str, NDArray[np.float64]]
 
@@ -34,7 +34,7 @@ def true_loads(
     columns: Columns = {}
     flat = scene.geometry.dimension == 2
     for i, load in enumerate(scene.loads):
-        _refuse_others(i, load, flat, scene.geometry.is_circle)
+        _refuse_others(i, load, flat, scene.geometry)
         assert load.kind in ("line", "patch")
         own: dict[str, float] = {"force_N": forces[i]}
         if load.angle is not None:
@@ -63,7 +63,7 @@ def true_loads(
     return columns
 
 
-def _refuse_others(i: int, load: LoadSpec, flat: bool, circle: bool) -> None:
+def _refuse_others(i: int, load: LoadSpec, flat: bool, geometry: GeometrySpec) -> None:
     why = ""
     if load.kind == "pressure":
         why = "a pressure"
@@ -75,7 +75,9 @@ def _refuse_others(i: int, load: LoadSpec, flat: bool, circle: bool) -> None:
         why = "a rectangle"
     elif load.tilt != 0.0:
         why = "tilted"
-    elif load.direction == "vertical" and not (circle and load.angle is not None):
+    elif load.direction == "vertical" and not (
+        geometry.section == "circle" and load.angle is not None
+    ):
         why = "vertical, not placed by the angle of a circle"
     if why:
         raise NotKnownInputsError(f"load {i} is {why}, for which there are no such columns")

@@ -104,10 +104,17 @@ class SkinGeometry(eqx.Module):
 
     def outer_arc(self, angle: Array) -> Array:
         """Arc length of the outer face from its middle [m]."""
+        return self._arc_beside(angle, self.section.mean_thickness / 2)
+
+    def wall_arc(self, angle: Array) -> Array:
+        """Arc length of the wall from its middle [m]."""
+        return self._arc_beside(angle, -(self.section.mean_thickness / 2 + self.oil_gap))
+
+    def _arc_beside(self, angle: Array, height: Lanes) -> Array:
+        """Arc length of a parallel to the mid-line from its middle [m]."""
         section = self.section
-        middle = section.direction(jnp.zeros_like(angle))
-        turn = section.direction(angle) - middle
-        return section.size * angle + section.mean_thickness / 2 * turn
+        turn = section.direction(angle) - section.direction(0 * angle)
+        return section.size * angle + height * turn
 
     def along_wall(self, angle: Array, length: Array, axial: Array | None = None) -> Array:
         """The angle a length further along the wall [rad]; see `gap`."""

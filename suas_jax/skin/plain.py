@@ -5,6 +5,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from suas_jax.config import continuous_inputs, structure
@@ -54,6 +55,20 @@ def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
     half = section.half_angle
     end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
     return end, format_quantity(end, "length" if by_arc else "angle")
+
+
+def angles_at(spec: GeometrySpec, name: str, places: np.ndarray) -> np.ndarray:
+    """Where places on a section are, as sections define angles [rad].
+
+    Args:
+        spec: the [geometry] table.
+        name: "angle" or "arc".
+        places: as scenes state them [rad or m], of any shape.
+    """
+    section = plain_geometry(spec).section
+    found = section.from_arc if name == "arc" else section.from_given_angle
+    flat = found(jnp.asarray(places, float).reshape(-1, 1))
+    return np.asarray(flat).reshape(np.shape(places))
 
 
 def check_places(spec: GeometrySpec, places: dict[str, Any]) -> None:

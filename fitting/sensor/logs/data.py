@@ -17,6 +17,7 @@ from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
+from suas_jax.skin.plain import angles_at
 
 
 class NoCalibration(ValueError):  # noqa: N818
@@ -128,8 +129,18 @@ def load_sensor_data(
     return _joined(spec, parts, joint)
 
 
-_PLACES = {"angle": 0, "direction": 1, "axial": 4, "diameter": 5}
-"""Rows of the table of known loads that every state has; force and displacement are 2, 3."""
+_PLACES = {"direction": 1, "axial": 4, "diameter": 5}
+"""Rows of the table of known loads that every state has; the place along the arc is row 0,
+force and displacement are 2, 3."""
+
+
+def _row(spec: SkinSpec, quantity: str, values: np.ndarray) -> tuple[int, np.ndarray]:
+    """The row of that table that a quantity belongs to, and its values there."""
+    if quantity in ("angle", "arc"):
+        return 0, angles_at(spec.geometry, quantity, np.nan_to_num(values))
+    if quantity in _PLACES:
+        return _PLACES[quantity], np.nan_to_num(values)
+    return 2 if quantity == "force" else 3, values
 
 
 def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorData:
@@ -143,13 +154,9 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
     for p, n in zip(parts, frames, strict=True):
         for (load, quantity), values in p.known.values.items():
             here = slice(begin, begin + n)
-            if quantity in _PLACES:
-                table[_PLACES[quantity], load, here] = np.nan_to_num(values)
-            elif quantity == "force":
-                table[2, load, here] = values
-            else:
-                table[3, load, here] = values
-                inner[load] |= quantity == "inner_displacement"
+            row, values = _row(spec, quantity, values)
+            table[row, load, here] = values
+            inner[load] |= quantity == "inner_displacement"
         for load in range(count):
             moved = {"displacement", "inner_displacement"} & {
                 q for k, q in p.known.values if k == load

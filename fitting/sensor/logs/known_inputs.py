@@ -1,9 +1,9 @@
 """Known inputs of a log: columns of loads, displacements and fluid.
 
 A column is a quantity of a load with its unit, such as `load_0_force_N`,
-`load_0_angle_deg`, `load_0_direction_deg`, `load_0_displacement_mm` (mid-surface) or
-`load_0_inner_displacement_mm` (inner face); on a pad also `load_0_axial_mm` and
-`load_0_diameter_mm`. `loads.0.force_N`, as in load paths, and
+`load_0_angle_deg` or `load_0_arc_mm`, `load_0_direction_deg`,
+`load_0_displacement_mm` (mid-surface) or `load_0_inner_displacement_mm` (inner face); on
+a pad also `load_0_axial_mm` and `load_0_diameter_mm`. `loads.0.force_N`, as in load paths, and
 `force_N`, where there is one load, mean the same. A column `fluid` names what fills the gap.
 They stand beside the counts of the log, in its header (`# load_0_angle_deg: 30`) where they
 are constant, or in a second file with a time column.
@@ -17,9 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from fitting.column_units import unit_size
-from suas_jax.config import SkinSpec, format_quantity
+from suas_jax.config import GeometrySpec, SkinSpec, format_quantity
 from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.config.oil import FLUIDS
+from suas_jax.skin.plain import clamped_edge, plain_geometry
 
 _FORCES, _ANGLES, _LENGTHS = (
     ("N", "mN", "kN", "gf", "kgf"),
@@ -30,6 +31,7 @@ _FORCES, _ANGLES, _LENGTHS = (
 _UNITS: dict[str, tuple[str, tuple[str, ...]]] = {
     "force": ("force", _FORCES),
     "angle": ("angle", _ANGLES),
+    "arc": ("length", _LENGTHS),
     "direction": ("angle", _ANGLES),
     "displacement": ("length", _LENGTHS),
     "inner_displacement": ("length", _LENGTHS),
@@ -38,7 +40,7 @@ _UNITS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 _COLUMN = re.compile(
     r"(?:loads?[._]?(?P<load>\d*)[._])?(?:mid_)?"
-    r"(?P<quantity>inner_displacement|displacement|force|angle|direction|axial|diameter)"
+    r"(?P<quantity>inner_displacement|displacement|force|angle|arc|direction|axial|diameter)"
     r"(?:[._ ]?[\[(]?(?P<unit>[A-Za-zµ]+)[\])]?)?",
     re.IGNORECASE,
 )
@@ -269,17 +271,14 @@ def check_known(spec: SkinSpec, known: Known, where: str) -> None:
                 f"{where}: load {load} has no force and no displacement; add "
                 f"load_{load}_force_N or load_{load}_displacement_mm"
             )
-        if "angle" not in have:
-            raise ValueError(
-                f"{where}: load {load} has no angle; add a column load_{load}_angle_deg, or "
-                f'a header line "# load_{load}_angle_deg: 0"'
-            )
-    circle = geometry.circle("a log with known loads")
+        _check_place(geometry, load, have, where)
+    section = plain_geometry(geometry).section
     limits: dict[str, tuple[float, str]] = {
-        "angle": (circle.half_angle, format_quantity(circle.half_angle, "angle")),
+        "angle": clamped_edge(section, by_arc=False),
+        "arc": clamped_edge(section, by_arc=True),
         "displacement": (
-            1.2 * circle.mean_gap,
-            f"the oil gap, {format_quantity(circle.mean_gap, 'length')}",
+            1.2 * geometry.mean_gap,
+            f"the oil gap, {format_quantity(geometry.mean_gap, 'length')}",
         ),
     }
     limits["inner_displacement"] = limits["displacement"]
@@ -295,3 +294,21 @@ def check_known(spec: SkinSpec, known: Known, where: str) -> None:
                 f"{where}, {known.names[load, quantity]}: {shown} is beyond what the skin "
                 f"allows ({text}): check the unit in the column's name"
             )
+
+
+def _check_place(geometry: GeometrySpec, load: int, have: set[str], where: str) -> None:
+    """Refuse a load without a place that the section knows."""
+    placed = [name for name in ("angle", "arc") if name in have]
+    if placed == ["angle"] and not geometry.has_angle:
+        raise ValueError(
+            f"{where}: load {load} has an angle, which means nothing on geometry.section = "
+            f'"{geometry.section}"; add a column load_{load}_arc_mm instead'
+        )
+    if len(placed) != 1:
+        own = f"load_{load}_angle_deg" if geometry.has_angle else f"load_{load}_arc_mm"
+        raise ValueError(
+            f"{where}: load {load} has an angle and an arc; leave one out"
+            if placed
+            else f"{where}: load {load} has no angle and no arc; add a column {own}, or a "
+            f'header line "# {own}: 0"'
+        )

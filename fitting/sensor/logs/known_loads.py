@@ -11,7 +11,7 @@ class KnownLoads:
     """What is known of the loads, state by state.
 
     Attributes:
-        angle: where they act, from the symmetry axis [load, state, rad].
+        angle: where they act, as sections define angles [load, state, rad].
         turn: of the force from the inward radial, counter-clockwise [load, state, rad].
         force: total over the width [load, state, N]; NaN where the displacement is known.
         displacement: of the material point under the load, along the load's direction

@@ -165,8 +165,9 @@ def read_aligned(
         if quantity in ("force", "displacement", "inner_displacement"):
             kept &= np.isfinite(values)
             # At rest a load needs no place.
-            placed = known.values.get((load, "angle"), np.zeros(1))
-            kept &= np.isfinite(placed) | (values == 0)
+            for name in ("angle", "arc"):
+                placed = known.values.get((load, name), np.zeros(1))
+                kept &= np.isfinite(placed) | (values == 0)
     if not kept.any():
         raise ValueError(f"{path}: no frame has known inputs: every row misses one")
     if not kept.all():

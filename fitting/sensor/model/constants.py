@@ -116,6 +116,11 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     gap, permittivity = spec.geometry.mean_gap, spec.oil.relative_permittivity or 2.0
     if own == PERMITTIVITY:
         return SensorConstant(own, "1", permittivity)
+    if own == GAP and not isinstance(spec.geometry.oil_gap, float):
+        raise ValueError(
+            f"--fit {name}: geometry.oil_gap is a table, not one number that can be found; "
+            "write its mean as one length, or fit other constants"
+        )
     if own == GAP:
         return SensorConstant(own, "m", gap)
     if own == SCALE:

@@ -67,7 +67,8 @@ def deform(
         NoDeformation: a state has no equilibrium, or its displacement is not met.
     """
     half_angle = float(geometry.half_angle[0])
-    meshes = Meshes.under(loads.angle, half_angle, _layer(geometry, law, loads))
+    kinks = [float(x[0]) for x in geometry.section.breakpoints]
+    meshes = Meshes.under(loads.angle, half_angle, _layer(geometry, law, loads), kinks)
     inner = jnp.asarray(loads.inner, float)[:, None]
     press = Press(meshes, jnp.asarray(loads.angle), jnp.asarray(loads.turn), inner)
     count = loads.states

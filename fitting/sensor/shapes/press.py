@@ -5,6 +5,7 @@ that the shape under the load is as exact as that of `suas solve`; all states sh
 compiled program.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -44,7 +45,12 @@ class Meshes(eqx.Module):
 
     @classmethod
     def under(
-        cls, angle: np.ndarray, half_angle: float, layer: float, elements: int = ELEMENTS
+        cls,
+        angle: np.ndarray,
+        half_angle: float,
+        layer: float,
+        kinks: Sequence[float] = (),
+        elements: int = ELEMENTS,
     ) -> "Meshes":
         """Mesh every state with a station at each load.
 
@@ -52,12 +58,13 @@ class Meshes(eqx.Module):
             angle: of the loads [load, state, rad].
             half_angle: of the skin [rad].
             layer: decay length of the boundary layers as an angle [rad].
+            kinks: where the section's curvature jumps [rad].
             elements: along the whole arc.
         """
         distinct, inverse = np.unique(angle, axis=1, return_inverse=True)
         stations, positions, elements_of = [], [], []
         for places in distinct.T:
-            numbers = [-half_angle, half_angle, *places]
+            numbers = [-half_angle, half_angle, *places, *kinks]
             plan = plan_mesh(numbers, [False] * len(places), elements, layer)
             row = plan.stations @ plan.values
             element = np.clip(np.searchsorted(row, places + 1e-9) - 1, 0, elements - 1)

@@ -113,6 +113,7 @@ def _correction(
     at = at[np.abs(at) > 1e-9 * np.abs(force).max()]
     count = len(at)
     angle, turn = float(loads.angle[0, here][0]), float(loads.turn[0, here][0])
+    arc = float(geometry.section.arc(jnp.array([angle]))[0])
     column = np.ones((1, count))
     try:
         shell = deform(
@@ -138,7 +139,7 @@ def _correction(
             geometry=spec.geometry,
             material=spec.material,
             oil=spec.oil,
-            load=(LineLoadSpec(kind="line", angle=angle, force=float(f), direction=turn),),
+            load=(LineLoadSpec(kind="line", arc=arc, force=float(f), direction=turn),),
             solve=SolveSpec(model="solid", mesh=_MESH),
         )
         solution = solve(scene)
