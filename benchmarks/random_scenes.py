@@ -3,7 +3,8 @@
 Thickness 0.1-5 mm, one or two loads within 80 degrees, 0 to 10 times the force of the
 paper's case A at 10 kPa, every law, every oil. A scene that fails must have left the model's
 validity before (wall contact, an unstable material) or have a limit point, as a vented arch
-does. Run: ``python -m benchmarks.random_scenes [COUNT]``.
+does. Run: ``python -m benchmarks.random_scenes [COUNT]``, or with ``--sections`` behind it for
+ellipses, flat tops and splines of any size instead of the paper's circle.
 """
 
 import dataclasses
@@ -21,7 +22,13 @@ from rich.console import Console
 from rich.table import Table
 
 from suas_jax import configure
-from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict, with_inputs
+from suas_jax.config import (
+    ConfigError,
+    SceneSpec,
+    continuous_inputs,
+    scene_from_dict,
+    with_inputs,
+)
 from suas_jax.equilibrium.balance import residual
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES
@@ -33,6 +40,7 @@ from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.report import plain
 from suas_jax.scene.structure import Structure
+from suas_jax.skin.plain import plain_geometry
 
 ELEMENTS = 32
 FORCE_AT_10_KPA = 24.4  # N, the paper's case A
@@ -59,11 +67,30 @@ OILS: dict[str, dict[str, Any]] = {
 }
 
 
+# Other sections: their tables, whose numbers are drawn anew for each scene.
+_CORNER = {"radius": "30 mm", "angle": "90 deg"}
+SECTIONS: dict[str, dict[str, Any]] = {
+    "circle": {"inner_radius": "57.5 mm", "half_angle": "90 deg"},
+    "ellipse": {
+        "section": "ellipse",
+        "inner_semi_axes": ["57.5 mm", "40 mm"],
+        "half_angle": "90 deg",
+    },
+    "path": {
+        "section": "path",
+        "path": [{"line": "20 mm"}, _CORNER, {"line": "27.5 mm"}],
+        "mirror": True,
+    },
+    "spline": {"section": "spline", "points": [[f"{x} mm", "0 mm"] for x in range(-4, 5)]},
+}
+
+
 @dataclasses.dataclass(frozen=True)
 class Outcome:
     """What became of one scene.
 
     Attributes:
+        section: of the skin.
         law: of the membrane.
         oil: model of the oil.
         inputs: continuous inputs, SI.
@@ -74,6 +101,7 @@ class Outcome:
         imbalance: its force residual relative to the load.
     """
 
+    section: str
     law: str
     oil: str
     inputs: dict[str, float]
@@ -97,20 +125,23 @@ class Outcome:
         return f"{self.result} after {cause}"
 
 
-def pattern(law: str, oil: str, loads: int) -> SceneSpec:
-    """A scene of the wanted structure around the paper's skin."""
+def pattern(law: str, oil: str, loads: int, section: str = "circle") -> SceneSpec:
+    """A scene of the wanted structure around the paper's skin, or another section."""
     angles = (20.0, -35.0)[:loads]
     tables = {
         "geometry": {
-            "inner_radius": "57.5 mm",
+            **SECTIONS[section],
             "thickness": "1.5 mm",
-            "half_angle": "90 deg",
             "width": "123 mm",
             "oil_gap": "5 mm",
         },
         "material": LAWS[law],
         "oil": OILS[oil],
-        "load": [{"kind": "line", "angle": f"{a} deg", "force": "10 N"} for a in angles],
+        "load": [
+            {"kind": "line", "force": "10 N"}
+            | ({"angle": f"{a} deg"} if section == "circle" else {"arc": f"{a / 10} mm"})
+            for a in angles
+        ],
         "solve": {"model": "shell"},
     }
     return scene_from_dict(tables)
@@ -126,6 +157,47 @@ def sample(rng: np.random.Generator, scene: SceneSpec) -> SceneSpec:
         drawn[f"load.{i}.angle"] = float(np.deg2rad(angle))
         drawn[f"load.{i}.force"] = float(rng.uniform(0, 10 * FORCE_AT_10_KPA))
     return with_inputs(scene, drawn)
+
+
+def sample_section(rng: np.random.Generator, scene: SceneSpec) -> SceneSpec:
+    """The pattern with another shape, thickness, places and forces.
+
+    Shapes that can't be are drawn again.
+    """
+    while True:
+        drawn = _shape(rng, scene.geometry.section)
+        drawn["geometry.thickness"] = float(np.exp(rng.uniform(np.log(5e-4), np.log(3e-3))))
+        drawn["geometry.oil_gap"] = float(rng.uniform(2e-3, 8e-3))
+        arcs = rng.uniform(-0.03, 0.03, len(scene.loads))
+        for i, arc in enumerate(arcs):
+            drawn[f"load.{i}.arc"] = float(arc)
+            drawn[f"load.{i}.force"] = float(rng.uniform(0, 3 * FORCE_AT_10_KPA))
+        if np.min(np.diff(np.sort(arcs)), initial=np.inf) < 3e-3:
+            continue
+        try:
+            found = with_inputs(scene, drawn)
+            plain_geometry(found.geometry)
+        except (ConfigError, ValueError):
+            continue
+        return found
+
+
+def _shape(rng: np.random.Generator, section: str) -> dict[str, float]:
+    """Numbers of the inner face."""
+    wide, high = rng.uniform(0.04, 0.07), rng.uniform(0.03, 0.07)
+    if section == "ellipse":
+        names = "inner_semi_axes.0", "inner_semi_axes.1", "half_angle"
+        values = [wide, high, rng.uniform(1.0, 1.8)]
+    elif section == "path":
+        names = "path.0.line", "path.1.radius", "path.2.line"
+        values = [*rng.uniform([0.005, 0.015, 0.01], [0.03, 0.045, 0.03])]
+    else:
+        turn = np.linspace(-np.pi / 2, np.pi / 2, 9)
+        bump = 1 + rng.uniform(-0.03, 0.03, 9)
+        x, y = wide * bump * np.sin(turn), high * bump * np.cos(turn)
+        names = [f"points.{k}.{i}" for k in range(9) for i in (0, 1)]
+        values = [*np.stack([x, y], 1).reshape(-1)]
+    return {f"geometry.{k}": float(v) for k, v in zip(names, values, strict=True)}
 
 
 @eqx.filter_jit
@@ -155,13 +227,20 @@ def _solve(
 
 
 ALL_PATTERNS = tuple((law, oil, n) for law in LAWS for oil in OILS for n in (1, 2))
+SHAPED_PATTERNS = tuple(
+    (law, "incompressible", 1, section)
+    for section in SECTIONS
+    if section != "circle"
+    for law in LAWS
+)
 
 
 def draw(
     rng: np.random.Generator, structure: SceneSpec, count: int
 ) -> tuple[AbstractPlan, list[dict[str, float]], dict[str, Array]]:
     """Random scenes of one structure: meshes stacked, inputs one by one and stacked."""
-    scenes = [sample(rng, structure) for _ in range(count)]
+    one = sample if structure.geometry.section == "circle" else sample_section
+    scenes = [one(rng, structure) for _ in range(count)]
     plans = [plan_for(scene, "shell", (ELEMENTS,)) for scene in scenes]
     stacked = jax.tree.map(lambda *x: np.stack(x), *plans)
     inputs = [continuous_inputs(scene) for scene in scenes]
@@ -170,35 +249,39 @@ def draw(
 
 
 def study(
-    count: int, seed: int = 0, patterns: Sequence[tuple[str, str, int]] = ALL_PATTERNS
+    count: int, seed: int = 0, patterns: Sequence[tuple[Any, ...]] = ALL_PATTERNS
 ) -> list[Outcome]:
-    """Solve `count` random scenes of each pattern: law, oil, number of loads."""
+    """Solve `count` random scenes of each pattern: law, oil, number of loads, section."""
     rng = np.random.default_rng(seed)
     outcomes = []
-    for law, oil, loads in patterns:
-        structure = pattern(law, oil, loads)
+    for law, oil, *rest in patterns:
+        structure = pattern(law, oil, *rest)
         plans, inputs, lanes = draw(rng, structure, count)
         solved = _solve(Structure(structure), plans, lanes)
         for i, values in enumerate(inputs):
             one = plain(solved, i)
             result = NAMES[one.pop("result")]
-            outcomes.append(Outcome(law, oil, values, result, **one))
+            section = structure.geometry.section
+            outcomes.append(Outcome(section, law, oil, values, result, **one))
     return outcomes
 
 
 def main() -> None:
     """Print a table of outcomes."""
     configure()
-    total = int(sys.argv[1]) if len(sys.argv) > 1 else 500
-    outcomes = study(-(-total // len(ALL_PATTERNS)))
+    numbers = [text for text in sys.argv[1:] if text != "--sections"]
+    total = int(numbers[0]) if numbers else 500
+    patterns = SHAPED_PATTERNS if "--sections" in sys.argv else ALL_PATTERNS
+    outcomes = study(-(-total // len(patterns)), patterns=patterns)
     labels = sorted({outcome.label for outcome in outcomes})
-    table = Table("law", "oil", *labels, "most corrections", title=f"{len(outcomes)} scenes")
-    for law in LAWS:
-        for oil in OILS:
-            group = [o for o in outcomes if (o.law, o.oil) == (law, oil)]
-            counts = Counter(o.label for o in group)
-            most = max(o.iterations for o in group)
-            table.add_row(law, oil, *(str(counts[label]) for label in labels), str(most))
+    table = Table(
+        "section", "law", "oil", *labels, "most corrections", title=f"{len(outcomes)} scenes"
+    )
+    for kind in dict.fromkeys((o.section, o.law, o.oil) for o in outcomes):
+        group = [o for o in outcomes if (o.section, o.law, o.oil) == kind]
+        counts = Counter(o.label for o in group)
+        most = max(o.iterations for o in group)
+        table.add_row(*kind, *(str(counts[label]) for label in labels), str(most))
     console = Console()
     console.print(table)
     worst = max(o.imbalance for o in outcomes if o.result == "converged")
@@ -206,7 +289,8 @@ def main() -> None:
     for o in outcomes:
         if o.oil != "vented" and o.valid and o.result != "converged":
             console.print(
-                f"valid, but {o.result} at {o.level:.4g}: {o.law}, {o.oil}, {o.inputs}"
+                f"valid, but {o.result} at {o.level:.4g}: {o.section}, {o.law}, {o.oil}, "
+                f"{o.inputs}"
             )
 
 

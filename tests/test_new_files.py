@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from fitting.cli.app import app
 from suas_jax.config import load_scene, load_skin
+from suas_jax.scene.build import plan_for
 from suas_jax.sensing.pad_layout import pad_layout
 from suas_jax.sensing.taxels import taxel_places
 
@@ -17,15 +18,22 @@ def suas(*arguments: object) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
-@pytest.mark.parametrize("pad", [None, "4x8", "1x1", "5x12", "3 x 10"])
-def test_new_files_load(pad: str | None, tmp_path: Path) -> None:
+PADS = ("4x8", "1x1", "5x12", "3 x 10")
+
+
+@pytest.mark.parametrize(
+    ("pad", "section"),
+    [*((pad, "circle") for pad in (None, *PADS)), (None, "ellipse"), (None, "flat-topped")],
+)
+def test_new_files_load(pad: str | None, section: str, tmp_path: Path) -> None:
     skin, scene = tmp_path / "skins" / "mine.toml", tmp_path / "scene.toml"
     skin.parent.mkdir()
-    options = () if pad is None else ("--pad", pad)
+    options = ("--section", section) if pad is None else ("--pad", pad)
     assert suas("skin", skin, *options)[0] == 0
     assert suas("scene", scene, "--skin", skin) == (0, f"{scene}: suas solve {scene}\n")
     spec = load_scene(scene)
     assert spec.geometry.dimension == (2 if pad is None else 3)
+    plan_for(spec, "shell", (16,) if pad is None else (16, 12))  # places lie on the section
     assert 'skin = "skins/mine.toml"' in scene.read_text()
     for file in (skin, scene):
         lines = [line for line in file.read_text().splitlines() if " = " in line[:40]]
@@ -79,3 +87,19 @@ def test_a_file_is_not_replaced_unasked(tmp_path: Path) -> None:
     assert suas("skin", skin)[0] == 2
     assert skin.read_text() == "mine"
     assert suas("skin", skin, "--overwrite")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (("--section", "square"), "allowed: circle"),
+        (("--section", "ellipse", "--pad", "4x8"), "leave"),
+    ],
+)
+def test_sections_that_no_skin_file_begins_with(
+    options: tuple[str, ...], text: str, tmp_path: Path
+) -> None:
+    status, said = suas("skin", tmp_path / "a.toml", *options)
+    assert status == 2
+    assert text in said
+    assert not (tmp_path / "a.toml").exists()

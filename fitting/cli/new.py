@@ -24,9 +24,7 @@ _SKIN = """\
 # Every quantity has its unit; what is not stated has a default (docs/scenes.md).
 
 [geometry]
-inner_radius = "57.5 mm"      # of the membrane's inner face, undeformed
-thickness    = "1.5 mm"       # of the membrane
-half_angle   = "90 deg"       # from the symmetry axis to a clamped edge
+{dimensions}thickness    = "1.5 mm"       # of the membrane
 width        = "123 mm"       # {width}
 oil_gap      = "5 mm"         # between membrane and rigid wall, at rest
 ends         = "{ends}"{ends_note}
@@ -47,8 +45,30 @@ lsb   = "0.305 fF"            # capacitance of one count
 noise = 2.0                   # standard deviation of a reading, counts: `suas health`
 {layout}"""
 
+_SECTIONS = {
+    "circle": """\
+inner_radius = "57.5 mm"      # of the membrane's inner face, undeformed
+half_angle   = "90 deg"       # from the symmetry axis to a clamped edge
+""",
+    "ellipse": """\
+section = "ellipse"           # the membrane's inner face, undeformed: x = a sin t, y = b cos t
+inner_semi_axes = ["57.5 mm", "45 mm"] # a, half the width at the base, and b, the height
+half_angle   = "90 deg"       # t at a clamped edge
+""",
+    "flat-topped": """\
+section = "path"              # the membrane's inner face, undeformed, from the left clamp on
+path = [                      # pieces with common tangents; arcs turn clockwise
+  { line = "20 mm" },
+  { radius = "30 mm", angle = "90 deg" },
+  { line = "27.5 mm" },
+]
+mirror = true                 # the path ends at the crown, its mirror image follows
+start = "90 deg"              # direction of the first piece, from +x
+""",
+}
+
 _ELECTRODES = """\
-layout = "list"               # electrodes one by one, from the symmetry axis
+layout = "list"               # electrodes one by one, by angle or arc from the middle
 taxels = [
 {rows}]
 """
@@ -66,7 +86,7 @@ skin = "{skin}"
 
 [[load]]
 kind = "{kind}
-angle = "20 deg"              # from the symmetry axis, positive towards +x
+{along}
 {place}force = "5 N"                 # in all; negative pulls outwards
 direction = "radial"          # or "vertical", or an angle such as "10 deg"
 
@@ -90,6 +110,9 @@ def skin(
             "axis and arc, such as 4x8; without it a section with eight taxels.",
         ),
     ] = None,
+    section: Annotated[
+        str, typer.Option(help=f"Its section across the axis: {', '.join(_SECTIONS)}.")
+    ] = "circle",
     overwrite: Overwrite = False,
 ) -> None:
     """Write a skin file: the paper's dimensions, every key explained.
@@ -98,7 +121,12 @@ def skin(
     """
     with bad_input():
         check_output(file, overwrite=overwrite)
-        write_text(file, _section_text() if pad is None else _pad_text(*_counts(pad)))
+        if section not in _SECTIONS:
+            raise ValueError(f'--section "{section}": allowed: {", ".join(_SECTIONS)}')
+        if pad is not None and section != "circle":
+            raise ValueError("--pad covers a circle; leave --section out")
+        text = _section_text(section) if pad is None else _pad_text(*_counts(pad))
+        write_text(file, text)
     say(f"{file}: change what differs in your skin, then suas new scene --skin {file}")
 
 
@@ -119,11 +147,13 @@ def scene(
         check_output(file, overwrite=overwrite)
         from suas_jax.config import load_skin
 
-        dimension = load_skin(skin).geometry.dimension
+        geometry = load_skin(skin).geometry
+        dimension = geometry.dimension
         text = _SCENE.format(
             name=file,
             skin=Path(os.path.relpath(skin.resolve(), file.parent.resolve())).as_posix(),
             kind=_KINDS[dimension],
+            along=_ALONG[geometry.has_angle],
             place=_PLACE if dimension == 3 else "",
             rtol="1e-2" if dimension == 3 else "1e-3",
         )
@@ -134,6 +164,10 @@ def scene(
 _KINDS = {
     2: 'line"                 # a dead force, even over the width',
     3: 'patch"                # a dead force, even over a patch',
+}
+_ALONG = {
+    True: 'angle = "20 deg"              # from the symmetry axis, positive towards +x',
+    False: 'arc = "20 mm"                 # of the inner face from its middle, towards +x',
 }
 _PLACE = """\
 axial = "10 mm"               # from the middle of the pad
@@ -151,13 +185,17 @@ def _counts(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def _section_text() -> str:
-    rows = [
-        f'  {{ angle = "{angle} deg", axial = "0 mm", diameter = "4 mm" }},\n'
-        for angle in range(-70, 71, 20)
-    ]
+def _section_text(section: str) -> str:
+    places = [f'angle = "{angle} deg"' for angle in range(-70, 71, 20)]
+    if section == "flat-topped":  # which knows no angles
+        places = [f'arc = "{arc} mm"' for arc in range(-77, 78, 22)]
+    rows = [f'  {{ {at}, axial = "0 mm", diameter = "4 mm" }},\n' for at in places]
+    shape = {"circle": "a half-cylinder", "ellipse": "half an ellipse"}.get(
+        section, "a flat top"
+    )
     return _SKIN.format(
-        title="A skin in plane strain: a half-cylinder over oil, its straight edges clamped.",
+        title=f"A skin in plane strain: {shape} over oil, its straight edges clamped.",
+        dimensions=_SECTIONS[section],
         width="over which loads are even",
         ends="sliding",
         ends_note='      # plane strain; "clamped": a pad in three dimensions',
@@ -190,6 +228,7 @@ def _pad_text(rows: int, columns: int) -> str:
     ]
     return _SKIN.format(
         title="A pad in three dimensions: a half-cylinder over oil, clamped on all four sides.",
+        dimensions=_SECTIONS["circle"],
         width="between the clamped ends",
         ends="clamped",
         ends_note='      # all four sides; "sliding": plane strain',
