@@ -127,7 +127,10 @@ def test_any_text_is_a_finite_quantity_or_an_explained_error(text):
 
 
 def test_every_shipped_file_is_covered():
-    assert {path.stem for path in SKINS} == {"suas", "suas-pad", "suas-rubber"}
+    assert {path.stem for path in SKINS} == {
+        *("suas", "suas-pad", "suas-rubber"),
+        *("suas-ellipse", "suas-flat-topped"),
+    }
     assert preset_names() == ["epdm-paper", "neo-hookean-epdm", "rubber-table1"]
     assert len(SCENES) == 16
 
@@ -146,7 +149,7 @@ def test_shipped_scene_survives_a_round_trip(path):
 @pytest.mark.parametrize("path", SKINS, ids=lambda path: path.stem)
 def test_shipped_skin_loads(path):
     skin = load_skin(path)
-    assert skin.geometry.inner_radius == 57.5e-3
+    assert skin.geometry.oil_gap == 5e-3
     assert skin.electrodes is not None
 
 
