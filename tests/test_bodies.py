@@ -25,6 +25,8 @@ from suas_jax.config import (
     with_solve,
 )
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.friction import equilibrium_with_friction
+from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.base import BodyContact
 from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.contact_zone import body_observables
@@ -208,6 +210,57 @@ def test_a_plate_opens_from_a_point_to_one_patch() -> None:
     assert pressure > 17e3
 
 
+held = quick(equilibrium_with_friction)
+
+
+@quick
+def on_body(problem: Problem, state: State) -> Array:
+    """Force per width of the skin on the first body [N/m]."""
+    mechanics, body = problem.mechanics, problem.mechanics.bodies[0]
+    contact = mechanics.touched(state.q, body.placed(state.factor))
+    return jnp.sum(contact.force, (1, 2))[:, 0]
+
+
+@functools.cache
+def dragged(friction: float, drag: float = 0.0) -> tuple[float, float, float]:
+    """Forces along the approach and across it [N/m], and the oil's pressure [Pa]."""
+    table = body(30, 2.0) | {"friction": friction, "drag": f"{drag!r} mm"}
+    problem = problem_of(scene(table), 64, 2)
+    zero = jnp.zeros(1)
+    found = held(problem, State(problem.mechanics.rest(), zero, zero))
+    assert found.result[0] == 0
+    out = np.asarray(problem.mechanics.bodies[0].frame)[..., 0]
+    force = -out @ np.asarray(on_body(problem, found.state))
+    return -float(force[1]), float(force[0]), float(found.state.pressure[0])
+
+
+def test_friction_goes_from_none_to_sticking() -> None:
+    """The skin slides by 0.9 mm beneath the cylinder without, and not at all with much."""
+    free, pressure, _ = pressed(scene(body(30, 2.0)), 64, 2)
+    normal, across, its_pressure = dragged(1e-9)
+    assert abs(normal * WIDTH / free["force_N"] - 1) < 1e-7
+    assert abs(across * WIDTH - free["tangential_force_N"]) < 1e-7 * free["force_N"]
+    assert abs(its_pressure / pressure - 1) < 1e-7
+    tilt = -free["tangential_force_N"] / free["force_N"]
+    for friction in (0.1, 0.3):
+        normal, across, _ = dragged(friction)
+        # Coulomb's ratio, along the surface of a cylinder that touches beside its tip.
+        assert 0.85 * friction < across / normal < friction
+        assert abs(across / normal - (friction - tilt)) < 0.01
+    sticks, firmly = dragged(3.0), dragged(10.0)
+    np.testing.assert_allclose(sticks, firmly, rtol=5e-3)
+    assert firmly[0] > 2 * normal
+
+
+def test_a_body_dragged_either_way_pulls_the_skin_along() -> None:
+    """By all that friction holds, once it slides."""
+    normal, across, _ = dragged(0.3, 0.5)
+    opposite, back, _ = dragged(0.3, -1.5)
+    for n, t, way in ((normal, across, 1), (opposite, back, -1)):
+        assert n > 0
+        assert 0.25 < way * t / n < 0.35
+
+
 def test_travels_are_found_from_forces() -> None:
     """Two bodies that feel each other, by a stand-in for the solve."""
     spec = scene(*(_by_force(angle, 1.0) for angle in (-30, 30)))
@@ -228,6 +281,34 @@ def test_travels_are_found_from_forces() -> None:
     found = [float(load["force_N"][0]) for load in report["loads"]]
     np.testing.assert_allclose(found, [3.0, 20.0], rtol=1e-10)
     assert len(runs) < 25
+
+
+def test_drags_are_found_from_tangential_forces() -> None:
+    """By a stand-in that sticks and then slides; more than it holds has a name."""
+
+    def solved(across: float) -> Any:
+        table = _by_force(0, 5.0) | {"tangential_force": f"{across!r} N", "friction": 0.3}
+        spec = scene(table)
+
+        def run(inputs: Any, start: Any) -> Any:
+            depth, drag = (1e3 * float(inputs[f"load.0.{key}"]) for key in ("depth", "drag"))
+            force = 2 * depth**1.7
+            along = 0.3 * force * np.tanh(8 * drag)
+            values = {"force_N": force, "tangential_force_N": along}
+            values |= {"depth_m": depth / 1e3, "drag_m": drag / 1e3}
+            load = {key: np.array([x]) for key, x in values.items()}
+            return {"loads": [load]}, start, start, start, {"result": np.zeros(1)}
+
+        inputs = {k: np.asarray(v) for k, v in continuous_inputs(spec).items()}
+        return under_forces(spec, inputs, None, run)
+
+    report, *_, outcome = solved(-1.2)
+    assert outcome["result"][0] == 0
+    (load,) = report["loads"]
+    assert abs(load["force_N"][0] / 5 - 1) < 1e-9
+    assert abs(load["tangential_force_N"][0] / -1.2 - 1) < 1e-9
+    outcome = solved(2.0)[-1]
+    assert outcome["result"][0] == index_of("sliding")
 
 
 def _by_force(angle: float, force: float) -> dict[str, Any]:
@@ -330,7 +411,9 @@ def test_first_touch_lies_beside_the_ray_where_the_skin_is_hollow() -> None:
         ({"radius": None}, "load.0.radius"),
         ({"force": "3 N"}, "load.0.depth"),
         ({"depth": None}, "load.0.depth"),
-        ({"friction": 0.3}, "load.0.friction"),
+        ({"friction": -0.3}, "load.0.friction"),
+        ({"tangential_force": "1 N"}, "load.0.tangential_force"),
+        ({"drag": "1 mm", "tangential_force": "1 N", "friction": 0.3}, "load.0.drag"),
         ({"turn": "10 deg"}, "load.0.turn"),
         ({"opening": "60 deg"}, "load.0.opening"),
         ({"angle": "95 deg"}, "load.0.angle"),

@@ -148,7 +148,7 @@ class PressureLoadSpec(Spec):
 
 
 class BodyLoadSpec(Spec):
-    """A rigid body that is pressed onto the outer face, without friction.
+    """A rigid body that is pressed onto the outer face, and may be dragged along it.
 
     Its reference point comes in along the inward normal of the place given; the body neither
     turns nor gives way.
@@ -171,7 +171,10 @@ class BodyLoadSpec(Spec):
         depth: travel beyond first touch of the undeformed outer face [m]; negative where the
             body is off it.
         force: instead of the depth: the component along the approach [N]; the travel is found.
-        friction: coefficient; none but zero is solved.
+        friction: Coulomb's coefficient; None for none.
+        drag: travel along growing angles, at right angles to the approach [m].
+        tangential_force: instead of the drag: what the body pulls the skin with along growing
+            angles [N]; the drag is found.
     """
 
     kind: Literal["body"] = Field(default="body", examples=['"body"'])
@@ -195,18 +198,16 @@ class BodyLoadSpec(Spec):
     force: Annotated[float, quantity("force", at_least=0.0)] | None = Field(
         default=None, examples=['"12 N"']
     )
-    friction: Annotated[float, quantity("number", at_least=0.0)] = Field(
-        default=0.0, examples=["0.0"]
+    friction: Annotated[float, quantity("number", at_least=0.0)] | None = Field(
+        default=None, examples=["0.3"]
     )
+    drag: Length | None = Field(default=None, examples=['"1 mm"'])
+    tangential_force: Force | None = Field(default=None, examples=['"2 N"'])
 
     @field_validator("friction")
     @classmethod
-    def _frictionless(cls, value: float) -> float:
-        if value != 0.0:
-            raise ValueError(
-                "bodies are solved without friction; take it out, or set it to 0.0"
-            )
-        return value
+    def _none_where_zero(cls, value: float | None) -> float | None:
+        return value or None
 
     @model_validator(mode="after")
     def _driven(self) -> Self:
@@ -218,6 +219,16 @@ class BodyLoadSpec(Spec):
                 'by which force = "12 N")'
                 if self.depth is None
                 else "a body is pressed by a depth or by a force; take one out",
+            )
+        if self.drag is not None and self.tangential_force is not None:
+            raise PlacedError(
+                "drag",
+                "a body is pulled along by a drag or by a tangential_force; take one out",
+            )
+        if self.tangential_force is not None and self.friction is None:
+            raise PlacedError(
+                "tangential_force",
+                "without friction nothing pulls along; add friction = 0.3, or use drag",
             )
         return self
 

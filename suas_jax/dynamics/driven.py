@@ -94,7 +94,7 @@ class DrivenSkin:
     @property
     def pressed(self) -> list[int]:
         """Which loads are bodies that are pressed by a force."""
-        return driven_by_force(self.scene.scene)
+        return [driven.load for driven in driven_by_force(self.scene.scene)]
 
     @property
     def no_travels(self) -> Travels:

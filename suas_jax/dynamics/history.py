@@ -121,9 +121,11 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
         A report for each row, with `t_s`.
 
     Raises:
-        SweepError: the scene has nothing that the history could change.
+        SweepError: the scene has nothing that the history could change, or has friction.
     """
     require_float64()
+    if any(body.friction is not None for body in scene.bodies):
+        raise SweepError("friction is known under monotone loading alone: take it out")
     scene = with_solve(scene, oil_pressure=None)
     course = Course.of(scene, history)
     errors = _Errors.at(course.largest)

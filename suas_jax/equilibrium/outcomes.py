@@ -59,6 +59,11 @@ class RESULTS(eqx.Enumeration):
         "itself is compressed, which no shell knows, and its force has no meaning. Press the "
         "body less deep; on a section the solid knows more."
     )
+    sliding = (
+        "A body is pulled along with more than friction holds: it slides, and no drag carries "
+        "the force. The state reported is the nearest to it. Pull less, press harder, or give "
+        "the drag instead of the force."
+    )
 
 
 # In the order of the enumeration: what is stored per lane is a position in this list.
@@ -75,6 +80,7 @@ NAMES: tuple[str, ...] = (
     "unstable",
     "body_on_clamp",
     "squeezed",
+    "sliding",
 )
 
 

@@ -21,7 +21,7 @@ from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.shape import AbstractShape
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
@@ -141,14 +141,25 @@ class BodyContact(NamedTuple):
         body: PlacedBody,
         angle: Array,
         position: Array,
+        rest: Array | None,
         area: Array,
         axial: Array | None,
         shift: Array | float = 0.0,
     ) -> "BodyContact":
-        """What a face's points say about a body; a shift adds to the gaps that they see."""
+        """What a face's points say about a body; a shift adds to the gaps that they see.
+
+        Args:
+            body: where it is.
+            angle: reference angle of the points [rad].
+            position: of the points [m].
+            rest: where they were at rest [m]; None without friction.
+            area: of the undeformed face that a point stands for.
+            axial: see the attribute.
+            shift: added to the gaps [m].
+        """
         gap = body.gap(position) + shift
         pressure = contact_pressure(body.law, gap)
-        force = push(body, position, angle, area, shift)
+        force = push(body, position, angle, area, shift, rest)
         return cls(angle, position, gap, pressure, force, area, axial)
 
     @property
@@ -382,6 +393,33 @@ class AbstractMechanics(eqx.Module):
     def with_bodies(self, bodies: Sequence[Body]) -> Self:
         """The same membrane, these bodies pressed on it."""
         return dataclasses.replace(self, bodies=tuple(bodies))
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether a body holds the skin by friction."""
+        return any(body.friction is not None for body in self.bodies)
+
+    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
+        """How a body's friction holds the outer face; None without friction.
+
+        Args:
+            q: unknowns.
+            body: where it is.
+        """
+        del q, body
+        return None
+
+    def gripped(self, q: StationVector, factor: Lanes) -> Self:
+        """The same membrane, the bound of friction that of a state.
+
+        Args:
+            q: unknowns.
+            factor: on the travel of bodies.
+        """
+        bodies = [body.holding(None) for body in self.bodies]
+        return self.with_bodies(
+            [body.holding(self.grip(q, body.placed(factor))) for body in bodies]
+        )
 
     @property
     def touches(self) -> bool:

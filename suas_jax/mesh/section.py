@@ -89,8 +89,9 @@ def _mirror_image(scene: SceneSpec, numbers: Sequence[float]) -> bool:
 
     def key(load: LineLoadSpec | BodyLoadSpec, middle: float, sign: int) -> tuple[Any, ...]:
         if isinstance(load, BodyLoadSpec):
-            own = (load.shape, load.radius, load.opening, load.depth, load.force)
-            return (str(own), sign * middle)
+            own = (load.shape, load.radius, load.opening, load.depth, load.force, load.friction)
+            along = (load.drag or 0.0, load.tangential_force or 0.0)
+            return (str(own), sign * middle, *(sign * x for x in along))
         turn = 0.0
         if load.direction == "vertical":
             turn = middle  # the turn that points a radial force down

@@ -77,20 +77,22 @@ def body_observables(
     travel = factor * body.travel
     width = geometry.width if contact.axial is None else 1.0
     force = -jnp.sum(contact.force, (1, 2)) * width
-    along = jnp.einsum("ij...,j...->i...", body.frame, force)
-    out = body.frame[-1]
-    lever = contact.position - _over(body.origin + (body.shape.centre - travel) * out)
+    out, along = body.frame[-1], body.along
+    centre = body.origin + factor * body.way + body.shape.centre * out
+    lever = contact.position - _over(centre)
     moment = jnp.sum(lever[0] * contact.force[1] - lever[1] * contact.force[0], (0, 1))
     touched = jnp.any(contact.gap < 0, (0, 1))
     found = {
         "depth_m": travel + jnp.zeros_like(moment),
-        "force_N": -along[-1],
-        "tangential_force_N": along[0],
+        "force_N": -jnp.sum(out * force, 0),
+        "tangential_force_N": jnp.sum(along * force[:2], 0),
         "moment_Nm": -moment * width,
         **_extent(contact, body, geometry, touched),
         "max_contact_pressure_Pa": jnp.max(contact.pressure, (0, 1)),
         "contact_resolved": ~touched | (jnp.sum(contact.gap < 0, (0, 1)) >= _RESOLVED),
     }
+    if body.drag is not None:
+        found["drag_m"] = factor * jnp.sum(along * body.drag, 0) + jnp.zeros_like(moment)
     return found if strip is None else found | _as_strip(found, strip, touched, geometry)
 
 

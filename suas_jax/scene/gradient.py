@@ -31,6 +31,10 @@ class SingularTangentError(ValueError):
     """No derivative exists at the equilibrium."""
 
 
+class FrictionError(ValueError):
+    """Derivatives under friction are not known."""
+
+
 def quantities(report: Any, prefix: str = "") -> list[str]:
     """Paths of the quantities in a report that can be differentiated."""
     if isinstance(report, dict):
@@ -86,14 +90,15 @@ def _program(
 
     def with_forces(inputs: Inputs) -> Array:
         loads = _observed(scene, plan, states, inputs)["loads"]
-        return jnp.stack([quantity(inputs), *(loads[i]["force_N"][0] for i in driven)])
+        forces = [loads[d.load][f"{d.force}_N"][0] for d in driven]
+        return jnp.stack([quantity(inputs), *forces])
 
     rows = jax.jacrev(with_forces)(inputs)
-    travels = jnp.stack([rows.pop(f"load.{i}.depth") for i in driven], -1)
+    travels = jnp.stack([rows.pop(d.path(d.travel)) for d in driven], -1)
     # The travels change until the forces are the given ones: dF = 0, or that of the input.
     shares = jnp.linalg.solve(travels[1:].T, travels[0])
-    for k, i in enumerate(driven):
-        rows[f"load.{i}.force"] = jnp.zeros(1 + len(driven)).at[1 + k].set(-1.0)
+    for k, d in enumerate(driven):
+        rows[d.path(d.force)] = jnp.zeros(1 + len(driven)).at[1 + k].set(-1.0)
     return {path: row[0] - shares @ row[1:] for path, row in rows.items()}
 
 
@@ -129,9 +134,15 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     Raises:
         UnknownQuantityError: the path is not a differentiable quantity of the report.
         SingularTangentError: the skin buckles at just this load.
+        FrictionError: a body has friction.
         Float64Error: float64 is off.
     """
     require_float64()
+    if any(body.friction is not None for body in solution.scene.bodies):
+        raise FrictionError(
+            "derivatives under friction are not known: take `friction` out of the bodies, or "
+            "compare solves"
+        )
     scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in solution.inputs.items()}
     known = (solution.plan, (solution.state, solution.shown), inputs)

@@ -147,7 +147,8 @@ def _value(numbers: Mapping[str, Any], path: str, name: str) -> Any:
 
 
 def _lane_of(value: Callable[[str], Any], key: str) -> Array:
-    return _lane(value(key))
+    found = value(key)
+    return _lane(0.0 if found is None else found)
 
 
 def _lane(value: Any) -> Array:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool
 from suas_jax.config import SceneSpec, continuous_inputs, with_solve
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.friction import equilibrium_with_friction
 from suas_jax.mechanics.model import AbstractPlan, Counts, Meshes
 from suas_jax.numerics.lanes import number
 from suas_jax.runtime.compiled import COMPILED
@@ -39,7 +40,9 @@ def _program(
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, meshes.solved, wall=scene.wall)
     near = start if problem.oil_pressure is None else None
-    found = equilibrium(problem, near)
+    found = (
+        equilibrium(problem, near) if near is None else equilibrium_with_friction(problem, near)
+    )
     report, state, shown = assess(parts, meshes, problem, found.state, judged, wall=scene.wall)
     outcome = {
         "result": jnp.where(found.result == 0, report.pop("validity"), found.result),
@@ -91,7 +94,8 @@ def run_program(
         it was found.
     """
     if unloaded(static.scene):
-        touching = {f"load.{i}.depth": np.zeros(()) for i in driven_by_force(static.scene)}
+        driven = driven_by_force(static.scene)
+        touching = {d.path(d.travel): np.zeros(()) for d in driven}
         at_touch = {**touching, **inputs}
         report, state = COMPILED.run(_rest_program, static, meshes.whole, at_touch, once=once)
         report |= {"discretisation_error": 0.0, "model_error": 0.0, "stable": True}

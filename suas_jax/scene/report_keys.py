@@ -80,6 +80,7 @@ LOAD_KEYS = {
     "depth_m": "travel of a body beyond first touch, given or found",
     "tangential_force_N": "of a body on the skin, along growing angles; its `force_N` is that "
     "along the approach",
+    "drag_m": "travel of a body along growing angles, given or found; of one that is dragged",
     "moment_Nm": "of that force about a round body's centre, or a flat one's reference point, "
     "counter-clockwise",
     "contact_area_m2": "of the undeformed outer face that a body touches",

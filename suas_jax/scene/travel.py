@@ -1,11 +1,12 @@
-"""Bodies that are pressed by a force: the travel at which they carry it.
+"""Bodies that are pressed or pulled along by a force: the travel at which they carry it.
 
-A solve takes travels; forces grow with them. Close to a power law, they are met by Newton's
-method in the logarithms of both, whose derivatives Broyden's formula learns on the way.
+A solve takes travels; forces grow with them. Close to a power law, those of the approach are
+met by Newton's method in the logarithms of both; those across it, which friction carries, in
+shares of the former. Broyden's formula learns the derivatives on the way.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,25 +22,101 @@ _MOST_RUNS = 60
 _FIRST = 0.25  # travel to begin with, in thicknesses
 _POWER = 1.5  # with which a force grows with the travel, at first sight
 _LONGEST = 1.5  # step of a logarithm
+_PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
+_LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
+_PATIENCE = 12  # runs without progress after which a body slides
 
 Solved = tuple[dict[str, Any], State, State, State, dict[str, Any]]
 
 
-def driven_by_force(scene: SceneSpec) -> list[int]:
-    """Which loads are bodies that are pressed by a force."""
+class Driven(NamedTuple):
+    """A force that a scene gives a body, and the travel that is found for it.
+
+    Attributes:
+        load: index of the body.
+        force: key of the force; its value in the report ends in ``_N``.
+        travel: key of the travel; in the report it ends in ``_m``.
+    """
+
+    load: int
+    force: str
+    travel: str
+
+    @property
+    def across(self) -> bool:
+        """Whether it is across the approach, where friction alone carries it."""
+        return self.force != "force"
+
+    def path(self, key: str) -> str:
+        """TOML path of one of the keys."""
+        return f"load.{self.load}.{key}"
+
+    def of(self, report: dict[str, Any], key: str) -> float:
+        """What a report says of one of the keys."""
+        unit = "N" if key == self.force else "m"
+        return number(report["loads"][self.load][f"{key}_{unit}"])
+
+
+_PAIRS = (("force", "depth"), ("tangential_force", "drag"))
+
+
+def driven_by_force(scene: SceneSpec) -> list[Driven]:
+    """The forces that bodies are pressed or pulled along by."""
     return [
-        i
+        Driven(i, force, travel)
         for i, load in enumerate(scene.loads)
-        if load.kind == "body" and load.force is not None
+        if load.kind == "body"
+        for force, travel in _PAIRS
+        if getattr(load, force) is not None
     ]
 
 
 def travels_of(scene: SceneSpec, report: dict[str, Any]) -> dict[str, np.ndarray]:
     """The travels that a report found, as inputs of the scene's program [m]."""
     return {
-        f"load.{i}.depth": np.asarray(number(report["loads"][i]["depth_m"]))
-        for i in driven_by_force(scene)
+        driven.path(driven.travel): np.asarray(driven.of(report, driven.travel))
+        for driven in driven_by_force(scene)
     }
+
+
+class _Search(NamedTuple):
+    """What is sought: travels, as numbers of the size of one, for forces, likewise."""
+
+    driven: list[Driven]
+    wanted: np.ndarray
+    length: float
+
+    def travels(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Inputs of the program from the numbers."""
+        return {
+            d.path(d.travel): np.asarray(self.length * (v if d.across else np.exp(v)))
+            for d, v in zip(self.driven, x, strict=True)
+        }
+
+    def apart(self, report: dict[str, Any]) -> np.ndarray | None:
+        """How far the forces are from those wanted; None where a body does not touch."""
+        loads = report["loads"]
+        pressed = [number(loads[d.load]["force_N"]) for d in self.driven]
+        if not all(force > 0 for force in pressed):
+            return None
+        found = [d.of(report, d.force) for d in self.driven]
+        return np.array(
+            [
+                (f - w) / n if d.across else np.log(f / w)
+                for d, f, w, n in zip(self.driven, found, self.wanted, pressed, strict=True)
+            ]
+        )
+
+    def stepped(
+        self, x: np.ndarray, step: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
+    ) -> np.ndarray:
+        """A step no longer than what is trusted, drags between those known to be too far."""
+        most = np.array([_ACROSS if d.across else _LONGEST for d in self.driven])
+        new, (low, high) = x + np.clip(step, -most, most), ends
+        outside = (new <= low) | (new >= high)
+        known = np.isfinite(low) & np.isfinite(high)
+        middle = (np.where(known, low, 0.0) + np.where(known, high, 0.0)) / 2
+        return np.where(outside & known, middle, new)
 
 
 def under_forces(
@@ -53,46 +130,60 @@ def under_forces(
         start: state to begin with.
         run: solves the scene with given travels.
     """
-    paths = {i: f"load.{i}" for i in driven_by_force(scene)}
-    wanted = {i: number(inputs[f"{path}.force"]) for i, path in paths.items()}
-    loaded = [i for i in paths if wanted[i] > 0]
-    target = np.log([wanted[i] for i in loaded])
-    first = _FIRST * scene.geometry.mean_thickness
-    travel = np.array([number(inputs.get(f"{paths[i]}.depth", first)) for i in loaded])
-    x = np.log(np.where(travel > 0, travel, first))
-    slope = np.eye(len(loaded)) * _POWER
-    best: tuple[float, Solved] | None = None
+    every = driven_by_force(scene)
+    none = {d.path(d.travel): np.zeros(()) for d in every}
+    loaded = [d for d in every if d.across or number(inputs[d.path(d.force)]) > 0]
+    wanted = np.array([number(inputs[d.path(d.force)]) for d in loaded])
+    length = scene.geometry.mean_thickness
+    search = _Search(loaded, wanted, length)
+    known = [number(inputs.get(d.path(d.travel), 0.0)) / length for d in loaded]
+    x = np.array(
+        [
+            v if d.across else np.log(v if v > 0 else _FIRST)
+            for d, v in zip(loaded, known, strict=True)
+        ]
+    )
+    best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
+    slope, idle = np.diag([0.0 if d.across else _POWER for d in loaded]), 0
+    unknown = [k for k, d in enumerate(loaded) if d.across]
+    across = np.array([d.across for d in loaded], bool)
+    low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
     for _ in range(_MOST_RUNS):
-        travels = {f"{path}.depth": np.zeros(()) for path in paths.values()}
-        travels |= {
-            f"{paths[i]}.depth": np.asarray(value)
-            for i, value in zip(loaded, np.exp(x), strict=True)
-        }
-        found = run({**inputs, **travels}, start)
-        forces = np.array([number(found[0]["loads"][i]["force_N"]) for i in loaded])
-        if number(found[-1]["result"]) != 0 or not np.all(forces > 0):
+        found = run({**inputs, **none, **search.travels(x)}, start)
+        y = search.apart(found[0])
+        if number(found[-1]["result"]) != 0 or y is None:
             # Not touched yet, or too far at once.
-            other = x + np.where(forces > 0, -1.0, 1.0) if before is None else before[0]
-            x = other if before is None else (x + other) / 2
+            away = np.array([0.0 if d.across else 1.0 for d in loaded])
+            x = x + (away if y is None else -away) if before is None else (x + before[0]) / 2
             continue
-        start, y = found[3], np.log(forces)
-        error = float(np.max(np.abs(y - target), initial=0.0))
+        start, error = found[3], float(np.max(np.abs(y), initial=0.0))
+        idle = 0 if best is None or error < 0.98 * best[0] else idle + 1
         if best is None or error < best[0]:
-            best = error, found
+            best = error, found, y
         elif best[0] < _LOOSE:
             break
-        if error < _TOLERANCE:
+        if error < _TOLERANCE or (unknown and idle > _PATIENCE):
             break
         if before is not None:
             dx, dy = x - before[0], y - before[1]
             slope = slope + np.outer(dy - slope @ dx, dx) / (dx @ dx)
         before = x, y
-        step = np.linalg.solve(slope, target - y)
-        x = x + np.clip(step, -_LONGEST, _LONGEST)
+        # Forces across grow with the drag, in a straight line until points slide.
+        low = np.where(across & (y < 0), np.maximum(low, x), low)
+        high = np.where(across & (y > 0), np.minimum(high, x), high)
+        if slope[np.diag_indices(len(x))].all():
+            rising = np.where(across, np.maximum(slope.diagonal(), _LEVEL), slope.diagonal())
+            matrix = slope + np.diag(rising - slope.diagonal())
+            x = search.stepped(x, np.linalg.solve(matrix, -y), (low, high))
+        else:  # what a drag does is not known yet
+            (k, *_) = (k for k in unknown if slope[k, k] == 0)
+            x = x + _PROBE * np.eye(len(x))[k]
     if best is None:
         return found
-    error, found = best
+    error, found, y = best
     if error > _LOOSE:
-        found[-1]["result"] = np.asarray([index_of("no_convergence")])
+        slides = any(d.across and abs(v) == error for d, v in zip(loaded, y, strict=True))
+        name = "sliding" if slides else "no_convergence"
+        found[-1]["result"] = np.asarray([index_of(name)])
     return found

@@ -6,8 +6,10 @@ signed distance in that frame, so contact needs no search and the skin may slide
 """
 
 import abc
+import dataclasses
 import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,6 +23,7 @@ from suas_jax.skin.circle import Circle
 from suas_jax.skin.section import AbstractSection, outward, tangent
 from suas_jax.skin.wall import AbstractPressureGap
 
+_STICK = 1e-3  # thicknesses of slip until friction is mobilised
 _ANGLES, _LENGTHS = 1601, 81  # places among which the first touch is sought
 
 
@@ -182,6 +185,18 @@ class Box(AbstractShape):
         return jnp.where(inside, self.edge - left, jnp.inf)
 
 
+class Grip(NamedTuple):
+    """How friction holds the points of a face to a body.
+
+    Attributes:
+        bound: largest force of friction of a point [N]; in plane strain per width [N/m].
+        normal: of the body's surface there, away from the body.
+    """
+
+    bound: Float[Array, "*point"]
+    normal: Float[Array, "component *point"]
+
+
 class Body(eqx.Module):
     """A rigid body on its way into the skin.
 
@@ -193,6 +208,10 @@ class Body(eqx.Module):
         origin: where its tip is at first touch [m].
         frame: its axes, row by row: along the arc, along the pad, away from the skin.
         law: pressure over gap.
+        drag: travel across the approach at full load [m]; None for none.
+        friction: Coulomb's coefficient; None for none.
+        stick: slip by which friction is as good as fully mobilised [m].
+        grip: of friction on the points of the face; None for that of the state at hand.
     """
 
     shape: AbstractShape
@@ -202,6 +221,10 @@ class Body(eqx.Module):
     origin: Float[Array, "component lane"]
     frame: Float[Array, "component component lane"]
     law: AbstractPressureGap
+    drag: Float[Array, "component lane"] | None = None
+    friction: Lanes | None = None
+    stick: Lanes | None = None
+    grip: Grip | None = None
 
     @classmethod
     def of(
@@ -239,11 +262,35 @@ class Body(eqx.Module):
             reference = jnp.stack(jnp.broadcast_arrays(*reference, axial))
         rise = _first_touch(shape, section, reference, frame)
         origin = reference + rise * frame[-1]
-        return cls(shape, angle, axial, value("depth"), origin, frame, law)
+        drag = stick = None
+        if spec.drag is not None or spec.tangential_force is not None:
+            drag = value("drag") * t
+        friction = None if spec.friction is None else value("friction")
+        if friction is not None:
+            stick = _STICK * section.mean_thickness
+        travel = value("depth")
+        return cls(shape, angle, axial, travel, origin, frame, law, drag, friction, stick)
 
     def placed(self, factor: Lanes | float) -> "PlacedBody":
         """The body where a factor on its travel has brought it."""
-        return PlacedBody(self, factor * self.travel)
+        drag = None if self.drag is None else factor * self.drag
+        return PlacedBody(self, factor * self.travel, drag)
+
+    @property
+    def way(self) -> Float[Array, "component lane"]:
+        """From first touch to where it is at full load [m]."""
+        inward = -self.travel * self.frame[-1]
+        return inward if self.drag is None else inward + self.drag
+
+    @property
+    def along(self) -> Float[Array, "2 lane"]:
+        """Direction of growing angles across the approach, in the section."""
+        out = self.frame[-1]
+        return jnp.stack([out[1], -out[0]])
+
+    def holding(self, grip: Grip | None) -> "Body":
+        """The same body with a given grip."""
+        return dataclasses.replace(self, grip=grip)
 
     def softened(self, factor: Array) -> "Body":
         """The same body with a law that is nowhere stiffer than a share of the rigid limit."""
@@ -256,10 +303,12 @@ class PlacedBody(eqx.Module):
     Attributes:
         body: at first touch.
         travel: so far [m].
+        drag: so far across the approach [m]; None for none.
     """
 
     body: Body
     travel: Lanes
+    drag: Float[Array, "component lane"] | None = None
 
     @property
     def law(self) -> AbstractPressureGap:
@@ -270,7 +319,8 @@ class PlacedBody(eqx.Module):
         self, position: Float[Array, "component *point"]
     ) -> Float[Array, "component *point"]:
         """Places in the body's frame [m]."""
-        return seen_from(self.body.origin, self.body.frame, position).at[-1].add(self.travel)
+        origin = self.body.origin if self.drag is None else self.body.origin + self.drag
+        return seen_from(origin, self.body.frame, position).at[-1].add(self.travel)
 
     def gap(
         self, position: Float[Array, "component *point"], near: Array | None = None
@@ -278,6 +328,46 @@ class PlacedBody(eqx.Module):
         """Distance of points from the body, wherever they have slid [m]."""
         del near
         return self.body.shape.distance(self.seen(position))
+
+    def grip(
+        self, position: Float[Array, "component *point"], area: Float[Array, "*#point"]
+    ) -> Grip:
+        """What friction can hold of points of a face where they are.
+
+        Args:
+            position: of the points [m].
+            area: of the undeformed face that a point stands for.
+        """
+
+        def gap(position: Array) -> Array:
+            return jnp.sum(self.gap(position))
+
+        pressure = -jax.grad(lambda g: jnp.sum(self.law.energy(g)))(self.gap(position))
+        friction = 0.0 if self.body.friction is None else self.body.friction
+        return Grip(friction * area * pressure, jax.grad(gap)(position))
+
+    def work_of_slip(
+        self,
+        moved: Float[Array, "component *point"],
+        normal: Float[Array, "component *point"],
+    ) -> Float[Array, "*point"]:
+        """Work against friction of a unit bound [m]: the slip, but for a short one.
+
+        With the slip s from first touch to the state at hand, whatever the way, and a short
+        length e the force is s / sqrt(s^2 + e^2) of the bound.
+
+        Args:
+            moved: displacement of points of the face [m].
+            normal: of the body's surface there.
+        """
+        body, drag = self.body, 0.0 if self.drag is None else self.drag
+        way = drag - self.travel * body.frame[-1]
+        apart = [x - w for x, w in zip(moved, way, strict=True)]
+        off = functools.reduce(jnp.add, [n * x for n, x in zip(normal, apart, strict=True)])
+        slip = [x - off * n for n, x in zip(normal, apart, strict=True)]
+        square = functools.reduce(jnp.add, [x**2 for x in slip])
+        assert body.stick is not None
+        return square / (jnp.sqrt(square + body.stick**2) + body.stick)
 
 
 def seen_from(

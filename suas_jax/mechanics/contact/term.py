@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from suas_jax.skin.body import Body
+from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.wall import AbstractPressureGap, Obstacle
 
 
@@ -103,13 +103,69 @@ def contact_terms(
     )
 
 
+def grip_of(
+    obstacle: Obstacle,
+    position: Float[Array, "component *point"],
+    area: Float[Array, "*#point"],
+) -> Grip | None:
+    """How friction holds points of a face; None without friction.
+
+    Args:
+        obstacle: what they touch.
+        position: of the points [m].
+        area: of the undeformed face that a point stands for.
+    """
+    if not isinstance(obstacle, PlacedBody) or obstacle.body.friction is None:
+        return None
+    known = obstacle.body.grip
+    return obstacle.grip(position, area) if known is None else known
+
+
+def held_terms(
+    terms: ContactTerms,
+    obstacle: Obstacle,
+    moved: Callable[[Float[Array, "input *point"]], Float[Array, "component *point"]],
+    inputs: Float[Array, "input *point"],
+    grip: Grip | None,
+) -> ContactTerms:
+    """Terms of contact with those of friction at a known bound.
+
+    Coulomb's law has no potential, as the bound changes with the pressure. The stiffness is
+    that at a given bound, which is symmetric.
+
+    Args:
+        terms: of contact without friction.
+        obstacle: what the points touch.
+        moved: displacement of the points of the face by their inputs [m].
+        inputs: leading axis over the inputs.
+        grip: of friction; None without.
+    """
+    if grip is None:
+        return terms
+    assert isinstance(obstacle, PlacedBody)
+    body, bound, normal = obstacle, grip.bound, grip.normal
+    work = expanded(lambda z: body.work_of_slip(moved(z), normal), inputs)
+    return ContactTerms(*(a + bound * b for a, b in zip(terms, work, strict=True)))
+
+
+def held_energy(
+    obstacle: Obstacle, moved: Float[Array, "component *point"], grip: Grip | None
+) -> Float[Array, "*point"] | float:
+    """Work against friction at a known bound; zero without friction."""
+    if grip is None:
+        return 0.0
+    assert isinstance(obstacle, PlacedBody)
+    if obstacle.body.grip is None:  # of the state at hand, whose change is no work
+        grip = jax.lax.stop_gradient(grip)
+    return grip.bound * obstacle.work_of_slip(moved, grip.normal)
+
+
 def by_travel(terms: ContactTerms, body: Body) -> Float[Array, "input *point"]:
     """Derivative of the force on the points by a factor on a body's travel.
 
-    A body that comes in by a length meets the points as if they had gone out by it.
+    A body that goes some way meets the points as if they had gone the opposite way.
     """
-    out = body.travel * body.frame[-1]
-    rows = [n * terms.stiffness[k] for k, n in enumerate(out)]
+    rows = [-x * terms.stiffness[k] for k, x in enumerate(body.way)]
     return functools.reduce(jnp.add, rows)
 
 
@@ -119,6 +175,7 @@ def push(
     near: Float[Array, "*#point"],
     area: Float[Array, "*#point"],
     shift: Array | float = 0.0,
+    rest: Float[Array, "component *point"] | None = None,
 ) -> Float[Array, "component *point"]:
     """Force of points of a face on an obstacle [N], in plane strain per width [N/m].
 
@@ -128,11 +185,16 @@ def push(
         near: angles close to theirs [rad].
         area: of the undeformed face that a point stands for.
         shift: added to the gaps [m].
+        rest: where the points were at rest, from where they slide on a body [m].
     """
+    grip = None if rest is None else grip_of(obstacle, position, area)
 
     def energy(position: Array) -> Array:
         gap = obstacle.gap(position, near) + shift
-        return jnp.sum(area * obstacle.law.energy(gap))
+        found = area * obstacle.law.energy(gap)
+        if rest is not None:
+            found = found + held_energy(obstacle, position - rest, grip)
+        return jnp.sum(found)
 
     return jax.grad(energy)(position)
 

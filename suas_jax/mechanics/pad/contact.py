@@ -245,7 +245,8 @@ class ContactFace:
     def touched(self, body: PlacedBody) -> BodyContact:
         """Where the face is, and how it pushes a body, on a grid [arc, axial]."""
         area = jnp.asarray(self.area)
-        found = BodyContact.of(body, self.angle, self._place(), area, self.axial)
+        place = self._place()
+        found = BodyContact.of(body, self.angle, place, None, area, self.axial)
         return jax.tree.map(
             lambda x: (
                 jnp.stack([self._gridded(row) for row in x])

@@ -22,12 +22,15 @@ from suas_jax.mechanics.contact.term import (
     contact_pressure,
     contact_terms,
     expanded,
+    grip_of,
+    held_energy,
+    held_terms,
 )
 from suas_jax.mechanics.shell.points import mix
 from suas_jax.mechanics.shell.shape import carried, fibre_position, turn
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.hermite import hermite
-from suas_jax.skin.body import PlacedBody
+from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall
@@ -131,12 +134,23 @@ class ContactFace:
     def terms(self) -> ContactTerms:
         """Contact at every point, by its inputs."""
         gap = expanded(lambda z: self.gap(self.position(z)), self.inputs)
-        return contact_terms(self.obstacle.law, gap, self.area)
+        terms = contact_terms(self.obstacle.law, gap, self.area)
+        return held_terms(terms, self.obstacle, self.moved, self.inputs, self.grip())
 
     def energy(self) -> Lanes:
-        """Energy of contact per width [J/m]."""
+        """Energy of contact per width, and work against friction at its bound [J/m]."""
         gap = self.gap(self.position(self.inputs))
-        return jnp.sum(self.area * self.obstacle.law.energy(gap), (0, 1))
+        energy = self.area * self.obstacle.law.energy(gap)
+        slipped = held_energy(self.obstacle, self.moved(self.inputs), self.grip())
+        return jnp.sum(energy + slipped, (0, 1))
+
+    def moved(self, z: Float[Array, "input *point"]) -> Float[Array, "2 *point"]:
+        """Displacements of the points of the face [m]."""
+        return self.position(z) - self.position(jnp.zeros_like(z))
+
+    def grip(self) -> Grip | None:
+        """How friction holds the points; None without friction."""
+        return grip_of(self.obstacle, self.position(self.inputs), self.area)
 
     def forces(self, by_inputs: Float[Array, "input point element lane"]) -> ElementVector:
         """Element forces from derivatives by the inputs."""
@@ -157,8 +171,8 @@ class ContactFace:
 
     def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact:
         """Where the face is, and how it pushes a body."""
-        position = self.position(self.inputs)
-        return BodyContact.of(body, self.at.angle, position, self.area, None, shift)
+        position, rest = self.position(self.inputs), self.position(0 * self.inputs)
+        return BodyContact.of(body, self.at.angle, position, rest, self.area, None, shift)
 
     def shares(self, z: Float[Array, "input point element lane"]) -> Array:
         """Force of every point, along its own normal, by its inputs [N/m]."""

@@ -73,7 +73,7 @@ from suas_jax.mechanics.shell.shape import (
 )
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
@@ -348,6 +348,10 @@ class Shell(AbstractPlaneStrain):
     ) -> BodyContact:
         """The outer face against a body; see the base class."""
         return self._outer_face(self.elements.gather(q), body).touched(body, shift)
+
+    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
+        """See the base class."""
+        return self._outer_face(self.elements.gather(q), body).grip()
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array:
         """By thinning, and by indentation beneath the body; see the base class."""

@@ -13,12 +13,15 @@ from suas_jax.mechanics.contact.term import (
     contact_pressure,
     contact_terms,
     expanded,
+    grip_of,
+    held_energy,
+    held_terms,
 )
 from suas_jax.mechanics.solid.element import NODES, quadratic
 from suas_jax.mechanics.solid.layout import FaceValues
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.body import PlacedBody
+from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.wall import Obstacle, Wall
 
 # Points on an edge of the inner face: enough that a zone shorter than an edge is seen, and that
@@ -81,20 +84,31 @@ class ContactFace:
         xi, weights, self.shapes = _RULES[face]
         self.angle = angles[:-1] + (xi[:, None, None] + 1) / 2 * span
         self.area = jnp.asarray(weights)[:, None, None] * length(self.angle) * span / 2
-        self.position = jnp.einsum("ag,acel->cgel", self.shapes, rest + moved)
+        self.rest, self.moved = (
+            jnp.einsum("ag,acel->cgel", self.shapes, x) for x in (rest, moved)
+        )
+        self.position = self.rest + self.moved
 
     def _gap(self, position: Array) -> Array:
         return self.obstacle.gap(position, self.angle)
 
     def energy(self) -> Lanes:
         """Energy of contact per width [J/m]."""
-        energy = self.obstacle.law.energy(self._gap(self.position))
-        return jnp.sum(self.area * energy, (0, 1))
+        energy = self.area * self.obstacle.law.energy(self._gap(self.position))
+        slipped = held_energy(self.obstacle, self.moved, self.grip())
+        return jnp.sum(energy + slipped, (0, 1))
+
+    def grip(self) -> Grip | None:
+        """How friction holds the points; None without friction."""
+        return grip_of(self.obstacle, self.position, self.area)
 
     def terms(self) -> ContactTerms:
         """Contact at every point, by its position."""
         gap = expanded(self._gap, self.position)
-        return contact_terms(self.obstacle.law, gap, self.area)
+        terms = contact_terms(self.obstacle.law, gap, self.area)
+        return held_terms(
+            terms, self.obstacle, lambda x: x - self.rest, self.position, self.grip()
+        )
 
     def forces(self, by_position: Float[Array, "2 point element lane"]) -> FaceValues:
         """Forces of the edges' nodes from derivatives by the points' positions."""
@@ -110,7 +124,8 @@ class ContactFace:
 
     def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact:
         """Where the face is, and how it pushes a body."""
-        return BodyContact.of(body, self.angle, self.position, self.area, None, shift)
+        position, rest = self.position, self.rest
+        return BodyContact.of(body, self.angle, position, rest, self.area, None, shift)
 
     def state(self) -> ContactState:
         """Where the face is, and how the wall pushes it."""

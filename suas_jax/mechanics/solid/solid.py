@@ -55,7 +55,7 @@ from suas_jax.mechanics.solid.shape import (
 )
 from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
@@ -265,6 +265,10 @@ class Solid(AbstractPlaneStrain):
     ) -> BodyContact:
         """The outer face against a body; see the base class."""
         return self._outer_face(self.layout.gather(q)[0], body).touched(body, shift)
+
+    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
+        """See the base class."""
+        return self._outer_face(self.layout.gather(q)[0], body).grip()
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""
