@@ -16,7 +16,8 @@ from test_cli import SCENES, suas
 
 from suas_jax import continuous_inputs, load_scene, solve, with_inputs, with_solve
 from suas_jax.config import BodyLoadSpec, SceneSpec
-from suas_jax.constitutive.relaxation import Past, PronySeries
+from suas_jax.config.schema_load import EnvironmentSpec
+from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics import history, steps
 from suas_jax.dynamics.driven import answering
 from suas_jax.dynamics.history import Course, history_of, history_sweep, read_history
@@ -90,6 +91,33 @@ def test_forces_of_what_the_past_leaves_are_those_of_its_energy(
     for found, wanted in ((force, slope), (product, change)):
         error = np.abs(found - wanted)[free].max()
         assert error < 1e-9 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("warm", [False, True])
+@pytest.mark.parametrize(
+    ("file", "counts"), [(HOLD, (4,)), (SCENES / "pad_crown.toml", (6, 6))]
+)
+def test_all_of_the_stress_remembered_balances_what_the_law_does(
+    file: Path, counts: Any, warm: bool
+) -> None:
+    scene = load_scene(file)
+    if warm:  # a membrane that is too large for its seat
+        grows = {"material": scene.material.model_copy(update={"expansion": 1.6e-4})}
+        warmth = {"environment": EnvironmentSpec(temperature="60 degC")}
+        scene = scene.model_copy(update=grows | warmth)
+    inputs = continuous_inputs(scene)
+    problem = build_problem(scene, plan_for(scene, "shell", counts), inputs)
+    membrane: Any = problem.mechanics
+    assert problem.prestressed == warm
+    random = np.random.default_rng(1)
+    q = jnp.asarray(2e-4 * random.standard_normal(membrane.rest().shape))
+    remembered = Response(jnp.asarray(0.0), membrane.deviator(q))
+    given = jnp.full(1, 3e3), jnp.ones(1)
+    own, same = (
+        np.asarray(x.assemble(q, *given).residual)
+        for x in (membrane, answering(problem, remembered).mechanics)
+    )
+    np.testing.assert_allclose(same, own, rtol=0, atol=1e-10 * np.abs(own).max())
 
 
 def test_the_update_is_of_order_two() -> None:

@@ -11,10 +11,12 @@ from fitting.cli.app import app
 from fitting.sensor.logs.data import load_sensor_data
 from suas_jax.acquisition.log.convert import convert, to_xarray
 from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
-from suas_jax.config import load_scene
+from suas_jax.config import load_scene, with_inputs
+from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.schema_load import PatchLoadSpec, PressureLoadSpec
 from suas_jax.scene.forward import Loads, forward, skin_of
-from suas_jax.simulation.load_path import load_path
+from suas_jax.simulation.capacitances import capacitances
+from suas_jax.simulation.load_path import LoadPath, load_path
 from suas_jax.simulation.true_loads import NotKnownInputsError, true_loads
 
 SCENE = """
@@ -230,3 +232,28 @@ def test_what_is_no_log_is_refused(folder: Path) -> None:
     for name in ("no.parquet", "no.nc", "played.xls"):
         with pytest.raises(ValueError, match=name.replace(".", r"\.")):
             convert(folder / name, folder / "out.csv")
+
+
+def test_a_skin_that_remembers_leaves_its_memory_in_a_log(folder: Path) -> None:
+    constants = {"material.C1": 20.7e6, "material.C2": -4.4e6, "material.C3": 77e3}
+    scene = with_inputs(load_scene(folder / "scene.toml"), constants)
+    relaxation = RelaxationSpec(g=(0.2,), tau=(1.0,))
+    rubber = scene.material.model_copy(update={"relaxation": relaxation})
+    creeping = with_inputs(
+        scene.model_copy(update={"material": rubber}),
+        {k: 0.8 * x for k, x in constants.items()},
+    )
+    softer = creeping.model_copy(
+        update={"material": rubber.model_copy(update={"relaxation": None})}
+    )
+    softer = with_inputs(softer, {k: 0.8 * x for k, x in constants.items()})
+    time = np.array([0.0, 1e-9, 1e3, 1e3 + 1e-9])
+    force, angle = np.array([0.0, 10.0, 10.0, 0.0]), np.array([5.0, 5.0, 5.0, 5.0])
+    columns = {"loads.0.force_N": force, "loads.0.angle_deg": angle}
+    found, at_once, for_good = (
+        capacitances(LoadPath(each, time, columns), time) for each in (creeping, scene, softer)
+    )
+    np.testing.assert_allclose(found[:2], at_once[:2], rtol=1e-7)
+    np.testing.assert_allclose(found[2], for_good[2], rtol=1e-7)
+    left = np.abs(found[3] - at_once[3]).max() / np.abs(found[2] - at_once[3]).max()
+    assert 0.1 < left < 0.4  # a ghost of the dent

@@ -9,6 +9,7 @@ to a power law, so that Newton's method in the logarithms of both meets them; Br
 learns the slopes, which the next moment begins with.
 """
 
+import abc
 import dataclasses
 from typing import Any, NamedTuple, Self
 
@@ -17,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from suas_jax.config import SkinSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.equilibrium.balance import Problem, State, Verification, verify
 from suas_jax.equilibrium.continuation import LoadStepping
@@ -59,64 +61,32 @@ class Travels(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class DrivenSkin:
-    """A scene on a mesh, some of whose numbers change.
+class AbstractDriven(abc.ABC):
+    """A skin on a mesh, some of whose numbers change.
 
     Attributes:
-        scene: with the instantaneous response of its material.
-        plan: of the mesh.
-        inputs: the scene's numbers.
         series: how the material's stress fades.
-        fixed: parts and problem where a factor alone changes.
     """
 
-    scene: Structure
-    plan: AbstractPlan
-    inputs: Inputs
     series: PronySeries
-    fixed: tuple[SceneParts, Problem] | None
-
-    @classmethod
-    def of(cls, scene: Structure, plan: AbstractPlan, inputs: Inputs, names: Any) -> Self:
-        """A skin of which the values of some names change."""
-        given = scene.scene.material.relaxation
-        count = 0 if given is None else len(given.g)
-
-        def terms(key: str) -> Array:
-            values = [inputs[f"material.relaxation.{key}.{i}"] for i in range(count)]
-            return jnp.stack([jnp.asarray(x, float) for x in values] or [jnp.zeros(())])[:count]
-
-        skin = cls(scene, plan, inputs, PronySeries(terms("g"), terms("tau")), None)
-        if set(names) != {FACTOR}:
-            return skin
-        return dataclasses.replace(skin, fixed=skin._built(inputs))
-
-    @property
-    def pressed(self) -> list[int]:
-        """Which loads are bodies that are pressed by a force."""
-        return [driven.load for driven in driven_by_force(self.scene.scene)]
 
     @property
     def no_travels(self) -> Travels:
         """Of bodies that have not been pressed."""
-        count = len(self.pressed)
-        return Travels(jnp.zeros(count), _POWER * jnp.eye(count))
+        return Travels(jnp.zeros(0), jnp.zeros((0, 0)))
 
-    def _built(self, inputs: Inputs) -> tuple[SceneParts, Problem]:
-        parts = scene_parts(self.scene.scene, inputs)
-        return parts, problem_of(parts, self.plan, wall=self.scene.wall)
+    @property
+    def touched(self) -> bool:
+        """Whether bodies are pressed on it."""
+        return False
 
-    def at(
-        self, values: Values, travels: Travels, response: Response
-    ) -> tuple[SceneParts, Problem]:
-        """Parts and problem at some values, of a membrane with a past."""
-        known = self.fixed
-        if known is None:
-            lengths = {f"load.{i}.depth": travels.length[k] for k, i in enumerate(self.pressed)}
-            own = {key: x for key, x in values.items() if key != FACTOR}
-            known = self._built({**self.inputs, **own, **lengths})
-        parts, problem = known
-        return parts, answering(problem, response)
+    @abc.abstractmethod
+    def problem(self, values: Values, travels: Travels) -> Problem:
+        """The problem at some values, of a membrane without a past."""
+
+    def answering(self, values: Values, travels: Travels, response: Response) -> Problem:
+        """The same of a membrane with a past."""
+        return answering(self.problem(values, travels), response)
 
     def level(self, values: Values) -> Lanes:
         """Factor on the loads of the problem."""
@@ -143,29 +113,99 @@ class DrivenSkin:
             step: its length [s].
             guessed: whether the start is expected at these values, no equilibrium of others.
         """
+        del before
+        problem = self.answering(values, travels, past.seen(self.series, step))
+        level = self.level(values)
+        y = BorderedVector(start.q, start.pressure if problem.oil.trapped else None)
+        # The residual is linear in dead loads, not in how far a body has come.
+        begin = level if self.touched else jnp.where(guessed, level, start.factor)
+        # A membrane with a past has no equilibrium without loads at hand: paths that are
+        # lost begin anew where they began.
+        path = problem, y, begin, level, LoadStepping()
+        root = follow(*path, near=True, rest=y, rest_level=begin)
+        return Equilibrium.of(problem, root), travels
+
+
+@dataclasses.dataclass(frozen=True)
+class DrivenSkin(AbstractDriven):
+    """A scene on a mesh, some of whose numbers change.
+
+    Attributes:
+        scene: with the instantaneous response of its material.
+        plan: of the mesh.
+        inputs: the scene's numbers.
+        fixed: parts and problem where a factor alone changes.
+    """
+
+    scene: Structure
+    plan: AbstractPlan
+    inputs: Inputs
+    fixed: tuple[SceneParts, Problem] | None
+
+    @classmethod
+    def of(cls, scene: Structure, plan: AbstractPlan, inputs: Inputs, names: Any) -> Self:
+        """A skin of which the values of some names change."""
+        skin = cls(series_of(scene.scene, inputs), scene, plan, inputs, None)
+        if set(names) != {FACTOR}:
+            return skin
+        return dataclasses.replace(skin, fixed=skin._built(inputs))
+
+    @property
+    def pressed(self) -> list[int]:
+        """Which loads are bodies that are pressed by a force."""
+        return [driven.load for driven in driven_by_force(self.scene.scene)]
+
+    @property
+    def no_travels(self) -> Travels:
+        """Of bodies that have not been pressed."""
+        count = len(self.pressed)
+        return Travels(jnp.zeros(count), _POWER * jnp.eye(count))
+
+    def _built(self, inputs: Inputs) -> tuple[SceneParts, Problem]:
+        parts = scene_parts(self.scene.scene, inputs)
+        return parts, problem_of(parts, self.plan, wall=self.scene.wall)
+
+    @property
+    def touched(self) -> bool:
+        """See the base class."""
+        return bool(self.scene.scene.bodies)
+
+    def parts(self, values: Values, travels: Travels) -> tuple[SceneParts, Problem]:
+        """Parts and problem at some values."""
+        if self.fixed is not None:
+            return self.fixed
+        lengths = {f"load.{i}.depth": travels.length[k] for k, i in enumerate(self.pressed)}
+        own = {key: x for key, x in values.items() if key != FACTOR}
+        return self._built({**self.inputs, **own, **lengths})
+
+    def problem(self, values: Values, travels: Travels) -> Problem:
+        """See the base class."""
+        return self.parts(values, travels)[1]
+
+    def balanced(
+        self,
+        start: State,
+        values: Values,
+        travels: Travels,
+        before: Travels,
+        past: Past,
+        step: Array,
+        guessed: Bool[Array, ""],
+    ) -> tuple[Equilibrium, Travels]:
+        """The equilibrium, and travels at which bodies carry their forces; see the base."""
+        find = super().balanced
 
         def found(start: State, travels: Travels) -> Equilibrium:
-            problem = self.at(values, travels, past.seen(self.series, step))[1]
-            level = self.level(values)
-            y = BorderedVector(start.q, start.pressure if problem.oil.trapped else None)
-            # The residual is linear in dead loads, not in how far a body has come.
-            begin = (
-                level if self.scene.scene.bodies else jnp.where(guessed, level, start.factor)
-            )
-            # A membrane with a past has no equilibrium without loads at hand: paths that are
-            # lost begin anew where they began.
-            path = problem, y, begin, level, LoadStepping()
-            root = follow(*path, near=True, rest=y, rest_level=begin)
-            return Equilibrium.of(problem, root)
+            return find(start, values, travels, before, past, step, guessed)[0]
 
         if not self.pressed:
             return found(start, travels), travels
 
         def forces(travels: Travels, at: Equilibrium) -> Array:
-            membrane = membrane_of(self.at(values, travels, past.seen(self.series, step))[1])
-            after = past.after(self.series, step, membrane.deviator(at.state.q))
-            parts, problem = self.at(values, travels, after.relaxed(self.series))
-            return self.forces(parts, problem, at.state)
+            parts, problem = self.parts(values, travels)
+            stress = membrane_of(problem).deviator(at.state.q)
+            after = past.after(self.series, step, stress).relaxed(self.series)
+            return self.forces(parts, answering(problem, after), at.state)
 
         wanted = jnp.stack([values[f"load.{i}.force"] for i in self.pressed])
         first = _FIRST * self.scene.scene.geometry.mean_thickness
@@ -184,6 +224,18 @@ class DrivenSkin:
                     own = body_observables(touch, body, state.factor, parts.skin.geometry)
                     rows.append(own["force_N"][0])
         return jnp.stack(rows)
+
+
+def series_of(skin: SkinSpec, inputs: Inputs) -> PronySeries:
+    """How a skin's stress fades; without terms where it does not."""
+    given = skin.material.relaxation
+    count = 0 if given is None else len(given.g)
+
+    def terms(key: str) -> Array:
+        values = [inputs[f"material.relaxation.{key}.{i}"] for i in range(count)]
+        return jnp.stack([jnp.asarray(x, float) for x in values] or [jnp.zeros(())])[:count]
+
+    return PronySeries(terms("g"), terms("tau"))
 
 
 def membrane_of(problem: Problem) -> Shell | Solid | Pad:

@@ -13,6 +13,7 @@ Steps are as long as that allows, and end at every row of the history. One progr
 histories of a scene.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -21,7 +22,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from suas_jax.constitutive.relaxation import Past, Response
-from suas_jax.dynamics.driven import DrivenSkin, Travels, Values, membrane_of, seen
+from suas_jax.dynamics.driven import (
+    AbstractDriven,
+    DrivenSkin,
+    Travels,
+    Values,
+    answering,
+    membrane_of,
+    seen,
+)
 from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.equilibrium import Equilibrium
@@ -108,14 +117,18 @@ def at_rest(
         time: [s].
         values: without loads.
     """
-    skin = DrivenSkin.of(scene, plan, inputs, values)
+    return begun(DrivenSkin.of(scene, plan, inputs, values), time, values)
+
+
+def begun(skin: AbstractDriven, time: Array, values: Values) -> Moment:
+    """A skin that has always been at rest; see `at_rest`."""
     series, travels = skin.series, skin.no_travels
     none, count = jnp.zeros(()), jnp.zeros(1, jnp.int32)
 
     def held(rest: Array) -> Problem:
-        return skin.at(values, travels, Response(series.long_term_share, rest))[1]
+        return skin.answering(values, travels, Response(series.long_term_share, rest))
 
-    membrane = membrane_of(held(jnp.zeros(1)))
+    membrane = membrane_of(skin.problem(values, travels))
     shape = jax.eval_shape(membrane.deviator, membrane.rest()).shape
     problem = held(jnp.zeros(shape))
     state, result = _unloaded(problem, skin.level(values))
@@ -175,7 +188,27 @@ def through(
     """
     skin = DrivenSkin.of(scene, plan, inputs, rows.final)
 
-    def visit(now: Moment, row: Rows) -> tuple[Moment, tuple[Any, Any]]:
+    def observed(now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
+        return _observed(skin, now)
+
+    end, (reports, outcomes) = followed(skin, rows, start, tolerance, observed)
+    return reports, outcomes, end
+
+
+def followed(
+    skin: AbstractDriven,
+    rows: Rows,
+    start: Moment,
+    tolerance: Float[Array, ""],
+    read: Callable[[Moment], Any],
+) -> tuple[Moment, Any]:
+    """Follow a history through some rows; see `through`.
+
+    Returns:
+        The end of the last one, and what is read at the end of every row.
+    """
+
+    def visit(now: Moment, row: Rows) -> tuple[Moment, Any]:
         now = now._replace(iterations=0 * now.iterations, steps=0 * now.steps)
         jumps = row.end <= row.begin
         now = now._replace(last=jnp.where(jumps, 0.0, now.last))
@@ -189,20 +222,19 @@ def through(
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
-        return now, _observed(skin, now)
+        return now, read(now)
 
-    end, (reports, outcomes) = jax.lax.scan(visit, start, rows)
-    return reports, outcomes, end
+    return jax.lax.scan(visit, start, rows)
 
 
 def _observed(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
     """What is observed at a moment, and how it was found."""
     relaxed, disturbed = now.past.relaxed(skin.series), now.past.disturbed(skin.series)
-    parts, settled = skin.at(now.values, now.travels, relaxed)
+    parts, problem = skin.parts(now.values, now.travels)
+    settled, other = (answering(problem, x) for x in (relaxed, disturbed))
     check, shown = seen(settled, now.state)
     report = observe(parts, settled, shown, now.state)
     report["volume_residual"] = volume_residual(settled, now.state)
-    other = skin.at(now.values, now.travels, disturbed)[1]
     report["stable"] = jax.lax.cond(
         check.stable[0],
         lambda: check.stable,
@@ -222,7 +254,7 @@ def _observed(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, 
     return report, outcome
 
 
-def _step(skin: DrivenSkin, now: Moment, row: Rows, tolerance: Array) -> Moment:
+def _step(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> Moment:
     """Try a step towards the end of a row, and take it where it is short enough."""
     series = skin.series
     left = row.end - now.time
@@ -253,8 +285,7 @@ def _step(skin: DrivenSkin, now: Moment, row: Rows, tolerance: Array) -> Moment:
     length = jnp.where(jumps, now.stride, step / jnp.where(jumps, 1.0, row.end - row.begin))
     ends = failed & ~guessed & (length < _SHORTEST)
     lost = failed & ~ends
-    membrane = membrane_of(skin.at(values, travels, now.past.seen(series, step))[1])
-    stress = membrane.deviator(found.state.q)
+    stress = membrane_of(skin.problem(values, travels)).deviator(found.state.q)
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
     bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))

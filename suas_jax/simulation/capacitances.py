@@ -4,6 +4,7 @@ Along a path the frames of a section are solved side by side, a lane a frame; th
 follow one another, see `pad_frames`.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -16,7 +17,8 @@ from suas_jax.runtime.jit import jit
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.simulation.load_path import LoadPath
-from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances
+from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances, pad_path
+from suas_jax.simulation.remembering import followed_pad, followed_section, instantaneous
 from suas_jax.skin.plain import clamped_edge
 from suas_jax.skin.section import AbstractSection
 
@@ -39,9 +41,13 @@ def capacitances(
     Raises:
         NoSolutionError: some loads have no equilibrium.
     """
-    if path.scene.geometry.dimension == 3:
+    remembers = path.scene.material.relaxation is not None
+    scene = instantaneous(path.scene) if remembers else path.scene
+    if scene.geometry.dimension == 3:
+        if remembers:
+            return _remembering_pad(dataclasses.replace(path, scene=scene), time, progress)
         return pad_capacitances(path, time, progress)
-    free, held = skin_of(path.scene, contact=False), skin_of(path.scene)
+    free, held = skin_of(scene, contact=False), skin_of(scene)
     run = jit(forward)
     section = free.geometry.section
     loads = _loads(path, time, section)
@@ -49,6 +55,8 @@ def capacitances(
     if loads.angle.size and float(jnp.max(jnp.abs(loads.angle))) >= end:
         _, edge = clamped_edge(section, by_arc=not path.scene.geometry.has_angle)
         raise ValueError(f"a load leaves the skin, which ends at {edge}")
+    if remembers:
+        return followed_section(scene, (free, held), time, loads, progress)
     blocks = []
     for begin in range(0, len(time), _BLOCK):
         index = np.minimum(np.arange(begin, begin + _BLOCK), len(time) - 1)
@@ -64,6 +72,22 @@ def capacitances(
         blocks.append(np.asarray(output.readings.capacitance).T)
         progress(min(begin + _BLOCK, len(time)))
     return np.concatenate(blocks)[: len(time)]
+
+
+def _remembering_pad(
+    path: LoadPath, time: NDArray[np.float64], progress: Callable[[int], None]
+) -> NDArray[np.float64]:
+    scene, moved, plans = pad_path(path, time)
+    first = plans[0].plan
+    if not all(
+        np.array_equal(p.plan.arc, first.arc) and np.array_equal(p.plan.axial, first.axial)
+        for p in plans
+    ):
+        raise ValueError(
+            "loads move over a pad whose material relaxes, which is not followed: keep their "
+            "places, or take `relaxation` out of [material]"
+        )
+    return followed_pad(scene, plans[0], time, moved, progress)
 
 
 def _fields(loads: Loads) -> tuple[jnp.ndarray, ...]:

@@ -66,13 +66,7 @@ def pad_capacitances(
         ConfigError: a load leaves the pad.
         NoSolutionError: some loads have no equilibrium.
     """
-    scene, moved = _moving(path, time)
-    scenes = [
-        with_inputs(_bare(scene), {k: float(v[i]) for k, v in moved.items()})
-        for i in range(len(time))
-    ]
-    counts = _counts(scenes, scene)
-    plans = _alike([_plan(each, counts) for each in scenes])
+    scene, moved, plans = pad_path(path, time)
     inputs = {k: jnp.asarray(v, float) for k, v in continuous_inputs(scene).items()}
     pattern = with_solve(scene, model="auto", rtol=None, elements=None, mesh=None)
     free, held = Structure(pattern), Structure(pattern, wall=True)
@@ -95,6 +89,19 @@ def pad_capacitances(
         rows.append(np.asarray(capacitance)[:, 0])
         progress(i + 1)
     return np.stack(rows)
+
+
+def pad_path(
+    path: LoadPath, time: NDArray[np.float64]
+) -> tuple[SceneSpec, dict[str, NDArray[np.float64]], list[PadMesh]]:
+    """The scene with what a path moves stated in it, those inputs, and a mesh a frame."""
+    scene, moved = _moving(path, time)
+    scenes = [
+        with_inputs(_bare(scene), {k: float(v[i]) for k, v in moved.items()})
+        for i in range(len(time))
+    ]
+    counts = _counts(scenes, scene)
+    return scene, moved, _alike([_plan(each, counts) for each in scenes])
 
 
 @eqx.filter_jit

@@ -7,7 +7,8 @@ reference offset Z has ::
 
 In a material with a past (`suas_jax.constitutive.relaxation`) the stress of a step is a share
 of the instantaneous one and a rest H that is known, whose energy is H : C / 2. In plane strain
-C is the square of the fibre's stretch along it and its inverse across.
+C is the square of the fibre's stretch along it and its inverse across; C is that which the law
+sees.
 
 A membrane that has grown by G against its seat keeps J = det G times its volume, and its law
 sees x = lambda / (g_hoop sqrt(g_axial)) beside the stretch 1 / g_axial along the axis::
@@ -75,34 +76,40 @@ class Fibres(eqx.Module):
         if self.response is None:
             return energy
         share, (along, across) = self.response
-        return share * energy + (along * green - across * green / (1 + green)) / 2
+        if self.growth is None:
+            return share * energy + (along * green - across * green / (1 + green)) / 2
+        length = jnp.exp(
+            self.growth.axial
+        )  # those of C along and across are x^2 and 1/x^2 times it
+        return share * energy + length * (along * green - across * green / (1 + green)) / 2
 
     def deviator(self, stretch: Array, curvature: Array) -> Float[Array, "2 layer *shape"]:
         """Deviator of the law's stress, pulled back: along and across the fibres [Pa].
-
-        Of a membrane that fits its seat.
 
         Args:
             stretch: A = |r'|^2 - 1.
             curvature: b = c / |r'|^2 - 1/R [1/m].
         """
-        _, lever, square, _ = self._layers()
-        green = (stretch + lever * curvature) / square
+        _, lever, square, free = self._layers()
+        green = (stretch + lever * curvature + free) / square
+        axial = jnp.zeros(1) if self.growth is None else -self.growth.axial
+        held, size = jnp.expm1(2 * axial), jnp.exp(-axial)
+        green = size * green + jnp.expm1(-axial)  # of C along the fibre
 
         def kirchhoff(axis: str) -> Array:
             """Of a membrane: stress along a direction, none across the thickness."""
 
             def energy(e: Array) -> Array:
-                along, aside = (green + e, 0 * e) if axis == "along" else (green, e)
+                along, aside = (green + e, held) if axis == "along" else (green, held + e)
                 return self.law.energy(InPlaneStrain(along + aside, along * aside))
 
             none = jnp.zeros_like(green)
             return 2 * jax.jvp(energy, (none,), (jnp.ones_like(green),))[1]
 
         length = 1 + green
-        along, aside = length * kirchhoff("along"), kirchhoff("aside")
+        along, aside = length * kirchhoff("along"), (1 + held) * kirchhoff("aside")
         mean = (along + aside) / 3
-        return jnp.stack([(along - mean) / length, -mean * length])
+        return jnp.stack([(along - mean) / length, -mean * length * (1 + held)])
 
     def moments(self, stretch: Array, curvature: Array) -> Moments:
         """Derivatives of the energy per area by A and b.
