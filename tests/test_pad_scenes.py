@@ -226,6 +226,28 @@ def test_a_patch_that_has_no_place_is_refused(
         assert word in str(error.value)
 
 
-def test_the_solid_is_refused_in_three_dimensions() -> None:
-    with pytest.raises(ConfigError, match="thin shell"):
-        pad({"angle": "0 deg"}, model="solid")
+@pytest.mark.parametrize("mesh", [[40, 32], [42, 32, 3], [40, 32, 5]])
+def test_a_mesh_that_no_solid_of_a_pad_has_is_refused(mesh: list[int]) -> None:
+    with pytest.raises(ConfigError, match=r"solve.mesh.*multiples of 4.*degree"):
+        pad({"angle": "0 deg"}, mesh=mesh)
+
+
+@pytest.mark.long  # a minute to compile; the solid itself in test_pad_solid
+def test_the_solid_is_the_continuum() -> None:
+    scene = pad({"angle": "0 deg"})
+    plan = plan_for(scene, "solid", (40, 32, 3)).reduced()
+
+    def answer(inputs: dict[str, jax.Array]) -> tuple[jax.Array, ...]:
+        parts = scene_parts(scene, inputs)
+        problem = problem_of(parts, plan)
+        found, (load,) = equilibrium(problem), parts.forces
+        moved = problem.mechanics.under(found.state.q, load).inner_displacement
+        way = load.direction(problem.mechanics.section)
+        return found.result, found.state.pressure, jnp.sum(moved * way, 0)
+
+    program, inputs = jax.jit(answer), numbers(scene)
+    for force, pressure, displacement in CROWN:
+        result, *found = program({**inputs, "load.0.force": jnp.asarray(force)})
+        assert int(result[0]) == 0
+        assert float(found[0][0]) == pytest.approx(pressure, rel=7e-4)
+        assert float(found[1][0]) == pytest.approx(displacement, rel=7e-4)

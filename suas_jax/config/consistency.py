@@ -286,12 +286,20 @@ def _of_another_dimension(geometry: GeometrySpec, solve: SolveSpec) -> Iterator[
                 "two numbers belong to three dimensions; in plane strain give one, along the "
                 "arc, for example 16",
             )
+        if solve.mesh is not None and len(solve.mesh) != 2:
+            yield Contradiction(
+                "solve.mesh",
+                "three numbers belong to three dimensions; in plane strain give two, along the "
+                "arc and through the thickness, for example [600, 4]",
+            )
         return
-    if solve.model == "solid" or solve.mesh is not None:
+    mesh = solve.mesh
+    if mesh and (len(mesh) != 3 or mesh[0] % 4 or mesh[1] % 4 or not 2 <= mesh[2] <= 4):
         yield Contradiction(
-            "solve.model" if solve.model == "solid" else "solve.mesh",
-            "the solid is a section in plane strain; with clamped ends (geometry.ends) the "
-            'thin shell is solved in three dimensions: use model = "auto" or "shell"',
+            "solve.mesh",
+            "three numbers are needed in three dimensions, elements along the arc and along "
+            "the axis, multiples of 4, and the degree through the thickness, 2 to 4, for "
+            "example [40, 32, 3]",
         )
     if isinstance(solve.elements, int):
         yield Contradiction(

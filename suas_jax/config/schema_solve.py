@@ -38,7 +38,9 @@ class SolveSpec(Spec):
             the loads as they are.
         elements: shell elements along the whole arc and, in three dimensions, along the
             axis; overrides ``rtol``.
-        mesh: solid elements along the arc and through the thickness; overrides ``rtol``.
+        mesh: solid elements along the arc and through the thickness; in three dimensions
+            elements along arc and axis, in fours, and the degree of the polynomials through the
+            thickness, 2 to 4; overrides ``rtol``.
         symmetry: whether a half or a quarter is solved where the scene has it.
     """
 
@@ -50,24 +52,25 @@ class SolveSpec(Spec):
         default=None, examples=['"10 kPa"']
     )
     elements: Elements | None = Field(default=None, examples=["16"])
-    mesh: Annotated[tuple[Count, Count], AsList] | None = Field(
+    mesh: Annotated[tuple[Count, Count] | tuple[Count, Count, Count], AsList] | None = Field(
         default=None, examples=["[600, 4]"]
     )
     symmetry: bool = Field(default=True, examples=["true"])
 
     @field_validator("mesh", mode="before")
     @classmethod
-    def _two_directions(cls, mesh: Any) -> Any:
-        if isinstance(mesh, list | tuple) and len(mesh) != 2:
+    def _directions(cls, mesh: Any) -> Any:
+        if isinstance(mesh, list | tuple) and len(mesh) not in (2, 3):
             raise ValueError(
                 "two numbers are expected, along the arc and through the thickness, for "
-                "example [600, 4]"
+                "example [600, 4]; in three dimensions three: elements along arc and axis, and "
+                "a degree, for example [40, 32, 3]"
             )
         return mesh
 
     @field_validator("elements", "mesh")
     @classmethod
-    def _not_too_many(cls, counts: int | tuple[int, int] | None) -> Any:
+    def _not_too_many(cls, counts: int | tuple[int, ...] | None) -> Any:
         size = math.prod(counts) if isinstance(counts, tuple) else counts or 0
         if size > _MOST_ELEMENTS:
             raise ValueError(f"{size} elements; at most {_MOST_ELEMENTS} are solved")
@@ -85,8 +88,8 @@ class SolveSpec(Spec):
     @field_validator("mesh")
     @classmethod
     def _mesh_of_a_solid(
-        cls, mesh: tuple[int, int] | None, info: ValidationInfo
-    ) -> tuple[int, int] | None:
+        cls, mesh: tuple[int, ...] | None, info: ValidationInfo
+    ) -> tuple[int, ...] | None:
         if mesh is not None and info.data.get("model") == "shell":
             raise ValueError('belongs to the solid, but model is "shell"; use elements instead')
         return mesh

@@ -6,7 +6,10 @@ power sums from trace functions of it, so that small strains keep their digits a
 may coincide.
 """
 
+import abc
+
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from suas_jax.constitutive.deformation import AbstractDeformation
@@ -14,7 +17,7 @@ from suas_jax.numerics.analytic import exp_minus_1_minus_x
 from suas_jax.numerics.spectral import trace_function
 
 
-class DeformationGradient(AbstractDeformation):
+class AbstractGeneralState(AbstractDeformation):
     """A general three-dimensional state; only its isochoric part counts.
 
     With C = Fᵀ F = (1 + g) (1 + d), d traceless, and Δ = det(1 + d) = 1 − d:d/2 + det d,
@@ -22,13 +25,18 @@ class DeformationGradient(AbstractDeformation):
         I₁ − 3 = 3 (Δ^(−1/3) − 1),    I₂ − 3 = 3 (Δ^(−2/3) − 1) − Δ^(−2/3) d:d/2,
 
     and power sums are trace functions of d. First and second derivatives with respect
-    to F are exact at coincident stretches; a third one is not defined there.
-
-    Attributes:
-        F: deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0.
+    to C are exact at coincident stretches; a third one is not defined there.
     """
 
-    F: Float[Array, "3 3 *batch"]
+    @property
+    @abc.abstractmethod
+    def strain(self) -> Float[Array, "3 3 *batch"]:
+        """C − 1, small strains with all their digits."""
+
+    @property
+    @abc.abstractmethod
+    def log_det(self) -> Float[Array, "*batch"]:
+        """Log det C, which need not be accurate near rest."""
 
     @property
     def I1_minus_3(self) -> Float[Array, "*batch"]:
@@ -45,9 +53,9 @@ class DeformationGradient(AbstractDeformation):
 
     def power_sum_minus_3(self, alpha: ArrayLike) -> Float[Array, "..."]:
         """Σλ̄_i^α − 3."""
-        shape = jnp.broadcast_shapes(jnp.shape(alpha), self.F.shape[2:])
-        half = jnp.broadcast_to(0.5 * jnp.asarray(alpha, self.F.dtype), shape)
         d, _, log_delta = self._split()
+        shape = jnp.broadcast_shapes(jnp.shape(alpha), d.shape[2:])
+        half = jnp.broadcast_to(0.5 * jnp.asarray(alpha, d.dtype), shape)
         ones = (1,) * (len(shape) + 2 - d.ndim)
         d = jnp.broadcast_to(d.reshape(3, 3, *ones, *d.shape[2:]), (3, 3, *shape))
         # With y the mean of n log(1 + d), Σexp(x_i − y) − 3 = e^−y (Σψ(x_i) − 3ψ(y)):
@@ -59,20 +67,62 @@ class DeformationGradient(AbstractDeformation):
 
     def _split(self) -> tuple[Array, Array, Array]:
         """Return d, its second invariant −d:d/2, and log Δ."""
-        F = self.F
-        # F − 1 is exact near rest, and C − 1 formed from it keeps small strains.
-        H = F - jnp.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
-        G = H + jnp.swapaxes(H, 0, 1) + jnp.einsum("ki...,kj...->ij...", H, H)
+        G = self.strain
         third = (G[0, 0] + G[1, 1] + G[2, 2]) / 3.0
-        deviator = G - third * jnp.eye(3, dtype=F.dtype).reshape(3, 3, *(1,) * (F.ndim - 2))
+        deviator = G - third * _unit(G)
         d = deviator / (1.0 + third)
         second = -0.5 * jnp.sum(d * d, axis=(0, 1))
         change = second + _det(d)
         # At large strain Δ is a small difference of these, but not of det F and tr C.
         large = change < -0.5
-        from_det = 2.0 * jnp.log(_det(F)) - 3.0 * jnp.log1p(third)
+        from_det = self.log_det - 3.0 * jnp.log1p(third)
         log_delta = jnp.where(large, from_det, jnp.log1p(jnp.where(large, 0.0, change)))
         return d, second, log_delta
+
+
+class DeformationGradient(AbstractGeneralState):
+    """A state given by F.
+
+    Attributes:
+        F: deformation gradient ∂x_i/∂X_j (Eq. 4), shape [3, 3, *batch], det F > 0.
+    """
+
+    F: Float[Array, "3 3 *batch"]
+
+    @property
+    def strain(self) -> Float[Array, "3 3 *batch"]:
+        """C − 1 formed from F − 1, which is exact near rest."""
+        H = self.F - _unit(self.F)
+        return H + jnp.swapaxes(H, 0, 1) + jnp.einsum("ki...,kj...->ij...", H, H)
+
+    @property
+    def log_det(self) -> Float[Array, "*batch"]:
+        """See the base class."""
+        return 2.0 * jnp.log(_det(self.F))
+
+
+class RightCauchyGreen(AbstractGeneralState):
+    """A state given by C.
+
+    Attributes:
+        entries: of C − 1: 11, 22, 33, 12, 13, 23, the last three those of either side.
+    """
+
+    entries: Float[Array, "6 *batch"]
+
+    @property
+    def strain(self) -> Float[Array, "3 3 *batch"]:
+        """C − 1."""
+        return self.entries[np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])]
+
+    @property
+    def log_det(self) -> Float[Array, "*batch"]:
+        """See the base class."""
+        return jnp.log(_det(self.strain + _unit(self.strain)))
+
+
+def _unit(matrix: Float[Array, "3 3 *batch"]) -> Float[np.ndarray, "3 3 *one"]:
+    return np.eye(3, dtype=matrix.dtype).reshape(3, 3, *(1,) * (matrix.ndim - 2))
 
 
 def _det(A: Float[Array, "3 3 *batch"]) -> Float[Array, "*batch"]:

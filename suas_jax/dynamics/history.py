@@ -271,7 +271,15 @@ class _Errors(NamedTuple):
 
         given, rtol = scene.solve.model, scene.rtol
         # What bodies touch asks for meshes of its own, as finely as a solve finds them.
-        whole = bool(scene.bodies) or scene.geometry.dimension == 3
+        pad = scene.geometry.dimension == 3
+        if pad and (scene.solve.model == "solid" or scene.solve.mesh):
+            raise SweepError(
+                '--history follows pads as thin shells: use solve.model = "auto" or "shell", '
+                "and elements instead of mesh"
+            )
+        if pad:
+            held = with_solve(held, model="shell")
+        whole = bool(scene.bodies) or pad
         found = (
             solve(held)
             if whole

@@ -13,7 +13,7 @@ from suas_jax.scene.solve import Solution
 
 FIGURES: dict[int, dict[str, Callable[[Solution], Figure]]] = {
     2: {"shell": plot_section, "solid": plot_solid},
-    3: {"shell": plot_pad_surface},
+    3: {"shell": plot_pad_surface, "solid": plot_pad_surface},
 }
 """How solutions of each model are drawn, by dimension and by its name."""
 

@@ -94,9 +94,12 @@ class AbstractModel(abc.ABC):
         dimension: of the scenes that it solves, 2 in plane strain.
         name: in scenes and reports.
         setting: key of [solve] that gives the mesh.
+        for_curves: whether `auto` takes it where another model's error is too large for a
+            curve; one that would take minutes has to be asked for by its name.
     """
 
     dimension: ClassVar[int]
+    for_curves: ClassVar[bool] = True
     name: ClassVar[str]
     setting: ClassVar[str]
 

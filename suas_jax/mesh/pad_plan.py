@@ -21,9 +21,24 @@ from suas_jax.skin.pad_loads import PadLoad
 
 Ends = Literal["clamped", "sliding"]
 
-# Element sizes in decay lengths of bending, sqrt(R t): along edges, under a load, far away;
-# and how fast they grow with the distance.
-_EDGE, _LOAD, _LARGEST, _GROWTH = 1.2, 0.32, 1.2, 0.2
+
+class ElementSizes(NamedTuple):
+    """Sizes of elements in decay lengths of bending, sqrt(R t).
+
+    Attributes:
+        edge: along clamped edges.
+        load: under a load.
+        largest: far away.
+        growth: how fast they grow with the distance.
+    """
+
+    edge: float
+    load: float
+    largest: float
+    growth: float
+
+
+SHELL_SIZES = ElementSizes(1.2, 0.32, 1.2, 0.2)
 # Places that loads may have between the middle and an edge, as far as the mesh knows.
 _PLACES = 48
 
@@ -118,6 +133,16 @@ class PadPlan(eqx.Module):
         )
         return dataclasses.replace(self, arc=arc, axial=axial, spread=spread)
 
+    def joined(self) -> "PadPlan":
+        """Pairs of elements joined: what `refined` has divided."""
+        spread = tuple(
+            (n, m) if disc else (-(-n // 2), -(-m // 2))
+            for (n, m), disc in zip(self.spread, self.discs, strict=True)
+        )
+        return dataclasses.replace(
+            self, arc=self.arc[::2], axial=self.axial[::2], spread=spread
+        )
+
 
 def footprint(load: PadLoad, outer_size: float, lane: int = 0) -> Footprint:
     """A load's place in one lane.
@@ -149,6 +174,7 @@ def plan_pad(
     mirrored: tuple[bool, bool] = (False, False),
     ends: Ends = "clamped",
     touched: Sequence[Footprint] = (),
+    sizes: ElementSizes = SHELL_SIZES,
 ) -> PadPlan:
     """Place breakpoints.
 
@@ -165,6 +191,7 @@ def plan_pad(
             middle's: half or a quarter of the pad is enough.
         ends: of the axis.
         touched: places of bodies.
+        sizes: of elements, relative to each other where their number is given.
 
     Raises:
         ValueError: an odd number of elements where the plan is to be mirrored.
@@ -175,17 +202,17 @@ def plan_pad(
     axial_marks = [(f.axial, f.length) for f in marked]
     wanted = elements or (None, None)
     arc = _breakpoints(
-        mid_size * half_angle, decay, arc_marks, wanted[0], scale, mirrored[0], True
+        mid_size * half_angle, decay, arc_marks, wanted[0], scale, mirrored[0], True, sizes
     )
     axial = _breakpoints(
-        length / 2, decay, axial_marks, wanted[1], scale, mirrored[1], ends == "clamped"
+        length / 2, decay, axial_marks, wanted[1], scale, mirrored[1], ends == "clamped", sizes
     )
     spread = []
     for f in footprints:
         if f.disc:
-            sizes = _smallest_near(arc * half_angle, f.angle, f.arc) * mid_size
-            sizes = min(sizes, _smallest_near(axial * length / 2, f.axial, f.length))
-            across = _even(f.length / sizes)
+            smallest = _smallest_near(arc * half_angle, f.angle, f.arc) * mid_size
+            smallest = min(smallest, _smallest_near(axial * length / 2, f.axial, f.length))
+            across = _even(f.length / smallest)
             spread.append((2 + 2 * across, 8 + 4 * across))
         else:
             spread.append(
@@ -236,20 +263,21 @@ def _breakpoints(
     scale: float,
     mirrored: bool,
     clamped: bool,
+    sizes: ElementSizes,
 ) -> np.ndarray:
     """Breakpoints as fractions of half the extent, by a density of elements."""
     # Lengths in decay lengths, rounded: scenes that differ by little are divided alike, so
     # that the difference of two solves is what the gradient says.
     extent = _stepped(half / decay)
     x = np.linspace(-extent, extent, 4001)
-    size = np.full_like(x, _LARGEST)
-    sources = [(-extent, 0.0, _EDGE), (extent, 0.0, _EDGE)] if clamped else []
+    size = np.full_like(x, sizes.largest)
+    sources = [(-extent, 0.0, sizes.edge), (extent, 0.0, sizes.edge)] if clamped else []
     for centre, reach in marks:
         place = np.round(centre / half * _PLACES) / _PLACES
-        sources.append((place * extent, _stepped(reach / half) * extent, _LOAD))
+        sources.append((place * extent, _stepped(reach / half) * extent, sizes.load))
     for centre, reach, smallest in sources:
         distance = np.maximum(np.abs(x - centre) - reach, 0)
-        size = np.minimum(size, smallest + _GROWTH * distance)
+        size = np.minimum(size, smallest + sizes.growth * distance)
     if mirrored:
         size = np.minimum(size, size[::-1])
         if elements is not None and elements % 2:

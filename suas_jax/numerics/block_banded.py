@@ -63,10 +63,13 @@ class BlockBanded(AbstractTangent):
             triangle; blocks beyond the last station are ignored (but must be finite).
         free: which unknowns are free, station by station; the equations of the others are
             replaced by those of the identity. All are free if None.
+        multipliers: unknowns among them that each bring a negative eigenvalue whatever the
+            state is; not counted.
     """
 
     bands: Bands
     free: tuple[tuple[bool, ...], ...] | None = eqx.field(static=True, default=None)
+    multipliers: int = eqx.field(static=True, default=0)
 
     @property
     def structure(self) -> jax.ShapeDtypeStruct:
@@ -94,7 +97,7 @@ class BlockBanded(AbstractTangent):
         lanes = solution.shape[-1:]
         return Sweep(
             solution,
-            jnp.broadcast_to(factors.negative, lanes),
+            jnp.broadcast_to(factors.negative - self.multipliers, lanes),
             jnp.broadcast_to(factors.smallest_pivot, lanes),
         )
 

@@ -133,6 +133,16 @@ class SplineAxis:
             inner = tuple(k for m in (*inner, 0) for k in (1, m) if k)
         return SplineAxis(2 * self.elements, self.left, self.right, inner)
 
+    def joined(self) -> "SplineAxis":
+        """Pairs of elements joined, the opposite of `halved`.
+
+        Raises:
+            ValueError: elements don't come in pairs.
+        """
+        if self.elements % 2 or self.multiplicity is not None:
+            raise ValueError(f"{self.elements} elements are no pairs")
+        return SplineAxis(self.elements // 2, self.left, self.right)
+
     def knots(
         self, breakpoints: Float[Array, "breakpoint *lane"]
     ) -> Float[Array, "knot *lane"]:
@@ -180,16 +190,26 @@ class SplineAxis:
         return matrix if parity is None else self.folded(matrix, parity)
 
     def folded(
-        self, extraction: Float[Array, "4 4 element"], parity: int
+        self, extraction: Float[Array, "4 4 element"], parity: int, held: bool = True
     ) -> Float[Array, "4 4 element"]:
-        """Rows of all control values with images added to their stations, the rest zero."""
+        """Rows of all control values with images added to their stations, the rest zero.
+
+        Args:
+            extraction: rows of all control values as they are.
+            parity: see `extraction`.
+            held: whether the value at an open end is zero; else it is that of the next station.
+        """
         element = np.arange(self.elements)
         first, last = element == 0, element == self.elements - 1
         outer, left, right, beyond = extraction
         if self.left == "mirror":
             right = right + parity * first * outer
+        elif not held:
+            left = left + first * outer
         if self.right == "mirror":
             left = left + parity * last * beyond
+        elif not held:
+            right = right + last * beyond
         return jnp.stack([outer * ~first, left, right, beyond * ~last])
 
     def matrix(

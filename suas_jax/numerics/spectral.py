@@ -31,6 +31,7 @@ ScalarFunction: TypeAlias = Callable[[Parameters, Array], Array]
 # Below this ratio of 1 + a to 1 + b a divided difference is the mean of the derivative,
 # by a quadrature that is exact to rounding there; above it the quotient itself is.
 _NEAR = 1.5
+_SWEEPS = 5  # of rotations: convergence is quadratic at least
 _GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(8)
 _NODES, _WEIGHTS = 0.5 * (1.0 + _GAUSS_NODES), 0.5 * _GAUSS_WEIGHTS
 
@@ -107,9 +108,37 @@ matrix_function.defjvp(_matrix_rule, symbolic_zeros=True)
 
 
 def _decompose(matrix: Symmetric) -> tuple[Eigenvalues, Float[Array, "3 3 *batch"]]:
-    """Eigenvalues [3, *batch] and eigenvectors [component, 3, *batch]."""
-    eigenvalues, vectors = jnp.linalg.eigh(jnp.moveaxis(matrix, (0, 1), (-2, -1)))
-    return jnp.moveaxis(eigenvalues, -1, 0), jnp.moveaxis(vectors, (-2, -1), (0, 1))
+    """Eigenvalues [3, *batch] and eigenvectors [component, 3, *batch], by Jacobi's rotations.
+
+    Without LAPACK: compiled programs that call a library can't be kept between runs, and one
+    3 x 3 matrix a call is slow.
+    """
+    unit = jnp.eye(3, dtype=matrix.dtype).reshape(3, 3, *(1,) * (matrix.ndim - 2))
+    start = matrix, jnp.broadcast_to(unit, matrix.shape)
+
+    def sweep(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        a, vectors = carry
+        for p, q in ((0, 1), (0, 2), (1, 2)):
+            apart, off = a[q, q] - a[p, p], 2 * a[p, q]
+            size = jnp.abs(apart) + jnp.sqrt(apart**2 + off**2)
+            safe = jnp.where(size > 0, size, 1.0)
+            tangent = jnp.where(apart < 0, -off, off) / safe
+            cosine = 1 / jnp.sqrt(1 + tangent**2)
+            sine = tangent * cosine
+
+            half = _rotated(a, p, q, cosine, sine)
+            a = _rotated(jnp.swapaxes(half, 0, 1), p, q, cosine, sine)
+            vectors = _rotated(vectors, p, q, cosine, sine)
+        return a, vectors
+
+    diagonal, vectors = jax.lax.fori_loop(0, _SWEEPS, sweep, start)
+    return jnp.stack([diagonal[k, k] for k in range(3)]), vectors
+
+
+def _rotated(x: Array, p: int, q: int, cosine: Array, sine: Array) -> Array:
+    """Two columns turned into each other."""
+    first, second = cosine * x[:, p] - sine * x[:, q], sine * x[:, p] + cosine * x[:, q]
+    return x.at[:, p].set(first).at[:, q].set(second)
 
 
 def _loewner(

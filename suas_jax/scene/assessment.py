@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from suas_jax.equilibrium.balance import Problem, State, verify, volume_residual
+from suas_jax.equilibrium.balance import Problem, State, Verification, verify, volume_residual
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import smallest_gap
 from suas_jax.equilibrium.outcomes import index_of
@@ -69,11 +69,11 @@ def assess(
         state = found._replace(q=solved.mechanics.mirrored(found.q))
     check = None
     if meshes.stability is not None:  # the error is judged on a part, which can't sway
-        check, change = verify(problem, state)
+        whole, part = (problem, state), (solved, found)
+        check, change, forces = _stability(meshes, parts, whole, part, wall=wall)
         shown = state if change is None else jax.tree.map(jnp.add, state, change)
         report = observe(parts, problem, shown, state)
         report["volume_residual"] = volume_residual(problem, state)  # of the equilibrium
-        forces = check.unbalanced, check.balanced
         origin, start = solved, found
     else:
         shown = corrected(problem, state).state
@@ -153,6 +153,28 @@ def assess(
         verdict = jnp.where(lost, index_of("unreachable_pressure"), verdict)
     report["validity"] = verdict
     return report, state, shown
+
+
+def _stability(
+    meshes: Meshes,
+    parts: SceneParts,
+    whole: tuple[Problem, State],
+    part: tuple[Problem, State],
+    *,
+    wall: bool,
+) -> tuple[Verification, State | None, tuple[Lanes, Lanes]]:
+    """Check a state of the whole membrane on the mesh that tells whether it is stable.
+
+    Returns:
+        The verdict, the effect of what the mechanics leaves out, and the balance of forces.
+    """
+    plan, (problem, state) = meshes.stability, whole
+    if plan is None or plan.counts == meshes.whole.counts:
+        check, change = verify(problem, state)
+        return check, change, (check.unbalanced, check.balanced)
+    q = problem.mechanics.to_comparison_mesh(state.q, plan.counts)
+    check, _ = verify(problem_of(parts, plan, wall=wall), state._replace(q=q))
+    return check, None, force_balance(*part)
 
 
 def under_bodies(

@@ -210,7 +210,8 @@ def _sweep(scene: SceneSpec, levels: np.ndarray) -> Sweep:
     while True:
         excess = best.error / max(rtol, 1.1 * best.model_error)
         wrong_model = best.model_error > rtol
-        solid_is_left = automatic and name == "shell" and not given[name] and "solid" in models
+        solid_is_left = automatic and name == "shell" and not given[name]
+        solid_is_left = solid_is_left and models["solid"].for_curves
         refined = excess > 1 and not (given[name] or (solid_is_left and wrong_model))
         counts = models[name].finer(best.curve.plan.counts, (excess,)) if refined else None
         finer = None if counts is None else _Attempt.of(scene, name, counts, levels)

@@ -8,7 +8,7 @@ elements touch; only those have terms, a chunk at a time.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -83,7 +83,12 @@ class ContactFace:
         section: the undeformed membrane across the axis.
         qe: Bernstein coefficients of the displacement.
         growth: of the membrane; None where it fits its seat.
+
+    Attributes:
+        kinds_of: kinds of derivatives that the place of a face's point depends on, by side.
     """
+
+    kinds_of: ClassVar[dict[int, tuple[tuple[int, int], ...]]] = {-1: KINDS, 1: KINDS[:3]}
 
     def __init__(
         self,
@@ -100,7 +105,7 @@ class ContactFace:
         span, axial = jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(section.size * span, axial)
         self.counts = len(long), len(across)
-        kinds = tuple(order(*kind) for kind in (KINDS if side < 0 else KINDS[:3]))
+        kinds = tuple(order(*kind) for kind in self.kinds_of[side])
         self.xi, along_side = _RULES[side]
         self.count = len(self.xi)
         self.shapes = _shapes(side, kinds)
@@ -225,7 +230,7 @@ class ContactFace:
         k = jnp.einsum("csldge,lgt->csdte", half, self.shapes)
         k = k.reshape(3, 4, 4, 3, 4, 4, -1)
         long, side = jnp.divmod(element, self.counts[1])
-        along, across = self.net.along[:, :, long], self.net.across[:, :, :, side]
+        along, across = self.net.along[:, :, long], self.net.across[:3, :, :, side]
         k = jnp.einsum("iae,cabdxye->cibdxye", along, k)
         k = jnp.einsum("lxe,cibdxye->cibdlye", along, k)
         k = jnp.einsum("cjbe,cibdlye->cijdlye", across, k)

@@ -1,9 +1,7 @@
-"""One lane of a pad: sums over its quadrature points, in arrays without lanes."""
+"""One lane of a pad as a thin shell: sums over its quadrature points."""
 
-import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
@@ -20,11 +18,11 @@ from suas_jax.mechanics.pad.mid_surface import (
     swept,
     vectors,
 )
-from suas_jax.mechanics.pad.net import ElementVector, Net, tables
+from suas_jax.mechanics.pad.net import ElementVector, Net
+from suas_jax.mechanics.pad.net_lane import AbstractLane
 from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
-from suas_jax.mechanics.pad.refinement import refined
-from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
+from suas_jax.mechanics.pad.stiffness import dense_bands
 from suas_jax.numerics.quadrature import lagrange_slopes
 from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body, PlacedBody
@@ -33,12 +31,9 @@ from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
-# Newton steps to the material point on a ray: displacements along the wall are small.
-_RAY_STEPS = 4
 
-
-class PadLane:
-    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one."""
+class PadLane(AbstractLane):
+    """One lane of a thin shell."""
 
     def __init__(
         self,
@@ -51,82 +46,20 @@ class PadLane:
         relief: Sheet | None = None,
         response: Response | None = None,
     ) -> None:
-        """Prepare what sums need.
-
-        Args:
-            law: the membrane's material.
-            net: control values.
-            section: the undeformed membrane across the axis.
-            points: the loads.
-            quadrature: points along either side of an element, and through the thickness.
-            growth: of the membrane; None where it fits its seat.
-            relief: of its outer face; None where it is the same all along.
-            response: of a material with a past at the quadrature points; None of an elastic
-                one.
-        """
-        self.growth, self.relief = growth, relief
+        """See the base class; `response` is that of a material with a past."""
+        given = law, net, section, points, quadrature, growth, relief
+        super().__init__(*given, kinds=KINDS, pairs=PAIRS)
         modulus = law.shear_modulus
         self.modulus = modulus if response is None else response.share * modulus
-        self.law, self.net, self.points = law, net, points
-        self.section = section
-        self.gauss, self.layer_count = quadrature
-        self.topology = net.topology
-        order = self.topology.ordered
-        self.kinds = tuple(order(*kind) for kind in KINDS)
-        self.tables = tables(self.gauss, self.kinds, tuple(both_ways(PAIRS)))
-        arc, axial = section.size * jnp.diff(net.angles), jnp.diff(net.axial)
-        long, across = order(arc, axial)
-        self.lengths = long[:, None], across[None]
-        self.elements = (len(long), len(across))
         self.rest = self._rest(self.angle, self.axial)
         self.fibres: Layers = self._layers(self.rest)._replace(response=response)
 
-    @property
-    def powers(self) -> list[Array]:
-        """What turns a derivative by local coordinates into one by length, for each kind."""
-        long, across = self.lengths
-        return [1 / (long**m * across**n).reshape(-1) for m, n in self.kinds]
-
-    @property
-    def angle(self) -> Float[Array, " point"]:
-        """Reference angle of the points [rad]."""
-        return self._spread(self.net.angles, along=self.topology.along_arc)
-
-    @property
-    def axial(self) -> Float[Array, " point"]:
-        """Reference position of the points along the axis [m]."""
-        return self._spread(self.net.axial, along=not self.topology.along_arc)
-
-    def _spread(self, breaks: Array, *, along: bool) -> Array:
-        """A coordinate of one direction, along the stations or across, at all points."""
-        inside = breaks[:-1] + jnp.asarray(self.tables.xi)[:, None] * jnp.diff(breaks)
-        shape = (self.gauss, self.gauss, *self.elements)
-        inside = inside[:, None, :, None] if along else inside[None, :, None, :]
-        return jnp.broadcast_to(inside, shape).reshape(-1)
-
-    def _beyond_mean(self, angle: Array, axial: Array) -> Array | float:
-        """Thickness beyond its mean along the axis [m]."""
-        if self.relief is None:
-            return 0.0
-        return self.relief(self.section.fraction(angle), axial)
-
     def _rest(self, angle: Array, axial: Array) -> Rest:
-        return Rest.of(self.section, angle, self._beyond_mean(angle, axial))
-
-    @property
-    def areas(self) -> Float[Array, "gauss element"]:
-        """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
-        long, across = self.lengths
-        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (
-            long * across
-        ).reshape(-1)
+        return Rest.of(self.section, angle, self.beyond_mean(angle, axial))
 
     def surface(self, qe: ElementVector) -> Surface:
         """The mid-surface at the quadrature points."""
-        values = jnp.asarray(self.tables.values) @ _leading(qe, 16)
-        values = values.reshape(len(KINDS), self.gauss**2, 3, -1)
-        powers = jnp.stack(self.powers)[:, None, None]
-        values = jnp.moveaxis(values * powers, 2, 1).reshape(3 * len(KINDS), -1)
+        values = jnp.moveaxis(self.values(qe), 2, 1).reshape(3 * len(KINDS), -1)
         return surface(vectors(values), self.rest)
 
     def deviator(self, q: Array) -> Array:
@@ -179,7 +112,7 @@ class PadLane:
         """Where the loads act."""
         at = (self.points.angle, self.points.axial)
         found = pad_loads.spots(self.net, self.section, at)
-        return found._replace(above=found.above + self._beyond_mean(*at))
+        return found._replace(above=found.above + self.beyond_mean(*at))
 
     def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
         """See `Pad.faces`."""
@@ -210,38 +143,10 @@ class PadLane:
         moved = pad_loads.interpolated(spots, qe)
         return surface(list(moved), self._rest(angle, axial))
 
-    def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
-        """See `Pad`: which material point lies on a ray is found by Newton's method."""
-        qe = self.net.gather(q)
-        ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
-
-        def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-            """Angle of the normal through the inner face's point, axial position, height."""
-            s = self._at(qe, *place)
-            x, y, z = face_displacement(s, -s.rest.below, self.growth)[0]
-            rest = self.section.inner_face(place[0])
-            polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
-            return polar, place[1] + z, height
-
-        def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
-            one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
-            here, by_angle = jax.jvp(position, (place,), ((one, zero),))
-            _, by_axial = jax.jvp(position, (place,), ((zero, one),))
-            off = angle - here[0], axial - here[1]
-            determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
-            turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
-            shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
-            moved = place[0] + turn, place[1] + shift
-            clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
-            return (clipped[0], clipped[1]), None
-
-        first, second = jnp.broadcast_arrays(angle, axial)
-        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
-        return position(place)[2]
-
-    def refined(self, q: Array) -> Array:
-        """See `Pad.to_comparison_mesh`."""
-        return refined(self.net, self.section, q)
+    def inner_displacement(self, qe: ElementVector, angle: Array, axial: Array) -> Vector:
+        """Displacement of the inner face at places."""
+        s = self._at(qe, angle, axial)
+        return face_displacement(s, -s.rest.below, self.growth)[0]
 
     def assemble(
         self,
@@ -251,19 +156,15 @@ class PadLane:
         wall: Wall | None,
         bodies: tuple[Body, ...],
     ) -> tuple[Array, ...]:
-        """Residual, bands, derivatives of volume and load, and volume change.
-
-        With bodies also the residual's derivative by their travel, its sign changed, and their
-        force.
-        """
+        """See the base class."""
         qe = self.net.gather(q)
         s = self.surface(qe)
         results = resultants(self.law, s, self.fibres)
         forces = stress(s, results.first)
         more, pulls = swept(s)
         more = more - self._swelling()
-        internal = self._forces(dict(zip(range(1, 6), forces, strict=True)))
-        gradient = self._forces(dict(zip(range(3), pulls, strict=True)))
+        internal = self._forces(dict(enumerate(map(jnp.stack, forces), 1)))
+        gradient = self._forces(dict(enumerate(map(jnp.stack, pulls))))
         points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
         vectors, hessian = pad_loads.load_terms(points, spots, moved)
@@ -287,31 +188,3 @@ class PadLane:
         if not bodies:
             return found
         return *found, -self.net.scatter(contact[1]), self.net.scatter(contact[0])
-
-    def _stiffness(self, blocks: Float[Array, "pair 3 3 point"]) -> Upper:
-        """Upper bands from second derivatives of a density by `PAIRS`."""
-        g = self.gauss
-        _, across = self.lengths
-        powers = [across[0] ** (1 - self.kinds[k][1] - self.kinds[m][1]) for k, m in PAIRS]
-        scale = jnp.stack(powers)[:, None, None, None, None, None]
-        blocks = blocks.reshape(len(PAIRS), 3, 3, g, g, *self.elements) * scale
-        orders = [kind[0] for kind in self.kinds]
-        lengths = self.lengths[0][:, 0]
-        return upper_bands(self.net, self.tables, PAIRS, orders, blocks, lengths)
-
-    def _forces(self, by_kind: dict[int, Vector]) -> ElementVector:
-        """Element vectors from derivatives of a density by the kinds of derivative."""
-        count = self.gauss**2
-        powers = self.powers
-        scale = (jnp.stack([powers[k] for k in by_kind])[:, None] * self.areas)[:, :, None]
-        rows = jnp.stack([x for vector in by_kind.values() for x in vector])
-        rows = rows.reshape(len(by_kind), 3, count, -1)
-        rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
-        values = self.tables.values.reshape(len(KINDS), count, 16)[list(by_kind)]
-        flat = jnp.asarray(values.reshape(-1, 16).T) @ rows
-        return jnp.moveaxis(flat.reshape(4, 4, 3, *self.elements), 2, 0)
-
-
-def _leading(qe: ElementVector, count: int) -> Float[Array, "16 rest"]:
-    """Element coefficients as columns of a matrix."""
-    return jnp.moveaxis(qe.reshape(3, count, -1), 0, 1).reshape(count, -1)

@@ -83,7 +83,7 @@ def spots(
 
 def interpolated(spots: Spots, qe: ElementVector) -> Float[Array, "kind 3 point"]:
     """The displacement and its derivatives at places."""
-    here = qe.reshape(3, 16, *qe.shape[3:])[:, :, spots.element[0], spots.element[1]]
+    here = qe.reshape(len(qe), 16, *qe.shape[3:])[:, :, spots.element[0], spots.element[1]]
     return jnp.sum(spots.shapes[:, None] * here, 2)
 
 

@@ -31,11 +31,13 @@ def breaks_on_both_sides(breaks: Float[Array, "breakpoint #lane"]) -> Array:
 
 
 def values_on_both_sides(
-    values: Float[Array, "arc axial direction lane"], plane: int
-) -> Float[Array, "arc axial direction lane"]:
-    """Control displacements up to a plane, and beyond it."""
+    values: Float[Array, "arc axial width lane"], plane: int, vectors: int
+) -> Float[Array, "arc axial width lane"]:
+    """Control values up to a plane, and beyond it: those of vectors, then of scalars."""
     part = values[-2::-1] if plane == 0 else values[:, -2::-1]
-    return jnp.concatenate([values, part * _SIGNS[plane][:, None]], plane)
+    signs = np.ones((values.shape[2], 1))
+    signs[: 3 * vectors, 0] = np.tile(_SIGNS[plane], vectors)
+    return jnp.concatenate([values, part * signs], plane)
 
 
 def image_in_part(

@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 
 from suas_jax.config import BodyLoadSpec, LineLoadSpec, PatchLoadSpec, SceneSpec
@@ -12,7 +13,15 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts, Meshes
 from suas_jax.mechanics.pad.net import NetTopology
 from suas_jax.mechanics.pad.pad import Pad
-from suas_jax.mesh.pad_plan import Footprint, PadPlan, footprint, mirror_planes, plan_pad
+from suas_jax.mesh.pad_plan import (
+    SHELL_SIZES,
+    ElementSizes,
+    Footprint,
+    PadPlan,
+    footprint,
+    mirror_planes,
+    plan_pad,
+)
 from suas_jax.mesh.section import measures
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
@@ -33,27 +42,29 @@ class PadMesh(AbstractPlan):
     Attributes:
         plan: where they lie.
         part: of a symmetric plan of the whole pad, the half or quarter that is solved.
+        degree: through the thickness of a solid; None of a shell.
     """
 
     dimension: ClassVar[int] = 3
     solves_long: ClassVar[bool] = True
     plan: PadPlan
     part: PadPlan | None = None
+    degree: int | None = eqx.field(static=True, default=None)
 
     @property
     def model(self) -> str:
         """See the base class."""
-        return PadModel.name
+        return "shell" if self.degree is None else "solid"
 
     @property
     def counts(self) -> Counts:
-        """Elements of the whole pad, along the arc and along the axis."""
-        return self.plan.elements
+        """Elements of the whole pad, along the arc and along the axis; a solid's degree."""
+        return self.plan.elements if self.degree is None else (*self.plan.elements, self.degree)
 
     @property
     def unknowns_shape(self) -> tuple[int, int]:
         """See the base class."""
-        dof, stations = NetTopology(*self.plan.axes).free.shape
+        dof, stations = NetTopology(*self.plan.axes, self.degree).free.shape
         return dof, stations
 
     @property
@@ -63,16 +74,29 @@ class PadMesh(AbstractPlan):
 
     def reduced(self) -> "PadMesh":
         """The half or quarter where the loads are symmetric."""
-        return self if self.part is None else PadMesh(self.part)
+        return self if self.part is None else PadMesh(self.part, degree=self.degree)
 
     def comparisons(self) -> tuple["PadMesh", ...]:
-        """Every element divided in four."""
-        return (PadMesh(self.plan.refined()),)
+        """A shell's elements divided in four; a solid's joined, and a degree less.
+
+        A finer solid would cost ten times the solve.
+        """
+        if self.degree is None:
+            return (PadMesh(self.plan.refined()),)
+        return PadMesh(self.plan.joined(), degree=self.degree), PadMesh(
+            self.plan, degree=self.degree - 1
+        )
 
     def meshes(self) -> Meshes:
-        """The error is judged on the part that is solved, stability and shear on the whole."""
-        part = self.reduced()
-        return Meshes(self, part, part.comparisons(), self)
+        """The error is judged on the part that is solved, stability and shear on the whole.
+
+        A solid's stability is that on pairs of elements joined: the whole pad has no sway that
+        they do not know.
+        """
+        part, whole = self.reduced(), self
+        if self.degree is not None:
+            whole = PadMesh(self.plan.joined(), degree=self.degree)
+        return Meshes(self, part, part.comparisons(), whole)
 
 
 class PadModel(AbstractModel):
@@ -84,7 +108,7 @@ class PadModel(AbstractModel):
 
     def first(self, scene: SceneSpec) -> Counts:
         """Elements sized by the membrane's bending length and by the loads."""
-        return _planned(scene, None, (False, False), scale=_FIRST).elements
+        return planned(scene, None, (False, False), scale=_FIRST).elements
 
     def first_of_sweep(self, scene: SceneSpec) -> Counts:
         """The same as for a solve."""
@@ -104,7 +128,7 @@ class PadModel(AbstractModel):
     def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> PadMesh:
         """Elements gathered at edges and loads; see the base class."""
         del decay  # bending decays over a length of the geometry alone
-        elements = (counts[0], counts[1])
+        elements, degree = (counts[0], counts[1]), counts[2] if counts[2:] else None
         mirrored = (False, False)
         if scene.solve.symmetry:
             planes = mirror_planes(_loads(scene))
@@ -119,8 +143,15 @@ class PadModel(AbstractModel):
                 m and n % 2 == 0 and n >= 6 for m, n in zip(planes, elements, strict=True)
             )
             mirrored = (arc, axial)
-        part = _planned(scene, elements, mirrored)
-        return PadMesh(part.unfolded(), part) if any(mirrored) else PadMesh(part)
+        part = self._planned(scene, elements, mirrored)
+        if not any(mirrored):
+            return PadMesh(part, degree=degree)
+        return PadMesh(part.unfolded(), part, degree)
+
+    def _planned(
+        self, scene: SceneSpec, elements: tuple[int, int], mirrored: tuple[bool, bool]
+    ) -> PadPlan:
+        return planned(scene, elements, mirrored)
 
     def build(
         self,
@@ -135,19 +166,27 @@ class PadModel(AbstractModel):
         return Pad.build(geometry, law, plan.plan, loads).with_bodies(bodies)
 
 
-def _planned(
+def planned(
     scene: SceneSpec,
     elements: tuple[int, int] | None,
     mirrored: tuple[bool, bool],
     scale: float = 1.0,
+    sizes: ElementSizes = SHELL_SIZES,
 ) -> PadPlan:
+    """Elements of the pad, or of the half or quarter of a symmetric one."""
     g, found = scene.geometry, measures(scene)
     outer = found.size + g.mean_thickness / 2
     places = [footprint(load, outer) for load in _loads(scene)]
     touched = [_touched(body, place, outer) for body, place in _bodies(scene)]
-    sizes = (found.half_angle, g.width, found.size, g.mean_thickness)
+    skin = (found.half_angle, g.width, found.size, g.mean_thickness)
     return plan_pad(
-        *sizes, places, elements=elements, mirrored=mirrored, scale=scale, touched=touched
+        *skin,
+        places,
+        elements=elements,
+        mirrored=mirrored,
+        scale=scale,
+        touched=touched,
+        sizes=sizes,
     )
 
 

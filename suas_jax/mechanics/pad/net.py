@@ -22,7 +22,7 @@ from suas_jax.skin.section import AbstractSection, outward
 # Signs of Cartesian components in the crown's mirror, and in a plane across the axis.
 ODD_ARC, ODD_AXIAL = (-1, 1, 1), (1, 1, -1)
 
-ElementVector = Float[Array, "3 4 4 long across"]
+ElementVector = Float[Array, "width 4 4 long across"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,10 +32,40 @@ class NetTopology:
     Attributes:
         arc: splines along the arc; mirrored at the crown of half a pad.
         axial: splines along the axis; mirrored at the middle, and where ends may slide.
+        degree: of the displacement's polynomials through the thickness of a solid; None of a
+            shell.
     """
 
     arc: SplineAxis
     axial: SplineAxis
+    degree: int | None = None
+
+    @property
+    def vectors(self) -> int:
+        """Fields of displacement: of a solid from the inner face outwards, of a shell one."""
+        return 1 if self.degree is None else self.degree + 1
+
+    @property
+    def scalars(self) -> int:
+        """Fields of pressure."""
+        return self.degree or 0
+
+    @property
+    def width(self) -> int:
+        """Unknowns of a control value: components of the vectors, then the scalars."""
+        return 3 * self.vectors + self.scalars
+
+    @property
+    def parities(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Signs of Cartesian components in mirror planes along the stations and across."""
+        even = (1,) * self.scalars
+        odd = self.ordered(ODD_ARC, ODD_AXIAL)
+        return odd[0] * self.vectors + even, odd[1] * self.vectors + even
+
+    @property
+    def held(self) -> tuple[bool, ...]:
+        """Which components an open end holds at zero; the others have no slope there."""
+        return (True,) * 3 * self.vectors + (False,) * self.scalars
 
     @property
     def along_arc(self) -> bool:
@@ -58,13 +88,13 @@ class NetTopology:
 
     def by_direction(
         self, q: Float[Array, "dof station *lane"]
-    ) -> Float[Array, "arc axial 3 *lane"]:
+    ) -> Float[Array, "arc axial width *lane"]:
         """A station vector by its columns along the arc and along the axis."""
-        q = q.reshape(self.across.stations, 3, *q.shape[1:])
+        q = q.reshape(self.across.stations, self.width, *q.shape[1:])
         return jnp.moveaxis(q, (2, 0, 1), (0, 1, 2) if self.along_arc else (1, 0, 2))
 
     def to_stations(
-        self, x: Float[Array, "arc axial 3 *lane"]
+        self, x: Float[Array, "arc axial width *lane"]
     ) -> Float[Array, "dof station *lane"]:
         """The inverse of `by_direction`."""
         q = jnp.moveaxis(x, (0, 1, 2) if self.along_arc else (1, 0, 2), (2, 0, 1))
@@ -79,14 +109,16 @@ class NetTopology:
     def free(self) -> Float[np.ndarray, "dof station"]:
         """Mask of the unknowns that may move.
 
-        Next to a clamp the normal component stays zero, which keeps the normal; on a mirror
-        plane the component across it does.
+        Next to a clamp a shell's normal component stays zero, which keeps the normal; on a
+        mirror plane the component across it does.
         """
-        free = np.ones((self.arc.stations, self.axial.stations, 3))
+        free = np.ones((self.arc.stations, self.axial.stations, self.width))
+        vectors = free[..., : 3 * self.vectors].reshape(*free.shape[:2], self.vectors, 3)
+        clamped = [1] if self.degree is None else []
         for end, index in ((self.arc.left, 0), (self.arc.right, -1)):
-            free[index, :, 1 if end == "open" else 0] = 0
+            vectors[index, ..., clamped if end == "open" else [0]] = 0
         for end, index in ((self.axial.left, 0), (self.axial.right, -1)):
-            free[:, index, 1 if end == "open" else 2] = 0
+            vectors[:, index, ..., clamped if end == "open" else [2]] = 0
         if self.along_arc:
             return np.moveaxis(free, 0, -1).reshape(-1, self.arc.stations)
         return np.moveaxis(free, 1, -1).reshape(-1, self.axial.stations)
@@ -152,9 +184,11 @@ class Net(eqx.Module):
     angles: Float[Array, "breakpoint *lane"]
     axial: Float[Array, "breakpoint *lane"]
     frames: Float[Array, "local 3 column *lane"]
-    matrices: tuple[Float[Array, "3 4 long row *lane"], Float[Array, "3 4 across column *lane"]]
+    matrices: tuple[
+        Float[Array, "width 4 long row *lane"], Float[Array, "width 4 across column *lane"]
+    ]
     along: Float[Array, "4 4 long *lane"]
-    across: Float[Array, "3 4 4 across *lane"]
+    across: Float[Array, "width 4 4 across *lane"]
     topology: NetTopology = eqx.field(static=True)
 
     @classmethod
@@ -188,21 +222,21 @@ class Net(eqx.Module):
         (x, y), zero = outward(direction), jnp.zeros_like(direction)
         rows = [[y, -x, zero], [x, y, zero], [zero, zero, zero + 1]]
         long, across = topology.ordered(angles, axial)
-        parities = topology.ordered(ODD_ARC, ODD_AXIAL)
+        signs = [[*zip(odd, topology.held, strict=True)] for odd in topology.parities]
         all_along = topology.long.extraction(long, None)
         folded = [
-            {p: axis.folded(extraction, p) for p in {*odd}}
-            for axis, extraction, odd in zip(
+            {sign: axis.folded(extraction, *sign) for sign in {*of}}
+            for axis, extraction, of in zip(
                 (topology.long, topology.across),
                 (all_along, topology.across.extraction(across, None)),
-                parities,
+                signs,
                 strict=True,
             )
         ]
         matrices = [
-            jnp.stack([axis.on_stations(by_parity[p]) for p in odd])
-            for axis, by_parity, odd in zip(
-                (topology.long, topology.across), folded, parities, strict=True
+            jnp.stack([axis.on_stations(by_sign[sign]) for sign in of])
+            for axis, by_sign, of in zip(
+                (topology.long, topology.across), folded, signs, strict=True
             )
         ]
         return cls(
@@ -211,7 +245,7 @@ class Net(eqx.Module):
             frames=jnp.stack([jnp.stack(row) for row in rows]),
             matrices=(matrices[0], matrices[1]),
             along=all_along,
-            across=jnp.stack([folded[1][p] for p in parities[1]]),
+            across=jnp.stack([folded[1][sign] for sign in signs[1]]),
             topology=topology,
         )
 
@@ -219,25 +253,26 @@ class Net(eqx.Module):
         """One lane's net."""
         return jax.tree.map(lambda x: x[..., index], self)
 
-    @property
-    def parities(self) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """Signs of Cartesian components in mirror planes along the stations and across."""
-        return self.topology.ordered(ODD_ARC, ODD_AXIAL)
-
-    def cartesian(self, q: Float[Array, "dof station"]) -> Float[Array, "3 station across"]:
+    def cartesian(self, q: Float[Array, "dof station"]) -> Float[Array, "width station across"]:
         """Control values in Cartesian components."""
-        q = q.reshape(self.topology.across.stations, 3, -1)
-        if self.topology.along_arc:
-            return jnp.einsum("kls,lcs->csk", q, self.frames)
-        return jnp.einsum("kls,lck->csk", q, self.frames)
+        t = self.topology
+        q = q.reshape(t.across.stations, t.width, -1)
+        vectors = q[:, : 3 * t.vectors].reshape(len(q), t.vectors, 3, -1)
+        way = "kvls,lcs->vcsk" if t.along_arc else "kvls,lck->vcsk"
+        x = jnp.einsum(way, vectors, self.frames).reshape(3 * t.vectors, -1, len(q))
+        if not t.scalars:
+            return x
+        return jnp.concatenate([x, jnp.moveaxis(q[:, 3 * t.vectors :], 0, 2)])
 
-    def local(self, x: Float[Array, "3 station across"]) -> Float[Array, "dof station"]:
+    def local(self, x: Float[Array, "width station across"]) -> Float[Array, "dof station"]:
         """Forces on control values in local components, zero where they are held."""
-        if self.topology.along_arc:
-            q = jnp.einsum("csk,lcs->kls", x, self.frames)
-        else:
-            q = jnp.einsum("csk,lck->kls", x, self.frames)
-        return q.reshape(-1, q.shape[-1]) * self.topology.free
+        t = self.topology
+        vectors = x[: 3 * t.vectors].reshape(t.vectors, 3, *x.shape[1:])
+        way = "vcsk,lcs->kvls" if t.along_arc else "vcsk,lck->kvls"
+        q = jnp.einsum(way, vectors, self.frames).reshape(x.shape[2], 3 * t.vectors, -1)
+        if t.scalars:
+            q = jnp.concatenate([q, jnp.moveaxis(x[3 * t.vectors :], 2, 0)], 1)
+        return q.reshape(-1, q.shape[-1]) * t.free
 
     def gather(self, q: Float[Array, "dof station"]) -> ElementVector:
         """Bernstein coefficients of the displacement."""

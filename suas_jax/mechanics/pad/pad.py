@@ -34,6 +34,7 @@ from suas_jax.mechanics.pad.mirroring import (
     values_on_both_sides,
 )
 from suas_jax.mechanics.pad.net import Net, NetTopology
+from suas_jax.mechanics.pad.net_lane import AbstractLane
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
 from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan
@@ -47,6 +48,17 @@ from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
+
+# What every lane is made of: the first arguments of `AbstractLane`.
+LaneParts = tuple[
+    AbstractLaw,
+    Net,
+    AbstractSection,
+    PadLoadPoints,
+    tuple[int, int],
+    Growth | None,
+    Sheet | None,
+]
 
 
 class Pad(AbstractMechanics):
@@ -152,19 +164,28 @@ class Pad(AbstractMechanics):
         """Largest component of a control value's displacement [m]."""
         return jnp.max(jnp.abs(q), (0, 1))
 
-    def one_lane(self) -> PadLane:
+    def one_lane(self) -> AbstractLane:
         """The sums of a pad of one lane, scalars kept as arrays of one number."""
-        points = jax.tree.map(lambda x: x[..., 0], self.points)
-        quadrature = (self.gauss, self.layers)
         response = self.response
         if response is not None:
             response = Response(response.share, response.rest[..., 0])
-        own = (self.section, points, quadrature, self.growth, self.relief, response)
-        return PadLane(self.law, self.net.lane(0), *own)
+        return PadLane(*self._lane_parts(), response=response)
+
+    def _lane_parts(self) -> LaneParts:
+        points = jax.tree.map(lambda x: x[..., 0], self.points)
+        quadrature = (self.gauss, self.layers)
+        net = self.net.lane(0)
+        return self.law, net, self.section, points, quadrature, self.growth, self.relief
 
     def deviator(self, q: StationVector) -> Float[Array, "4 layer point lane"]:
         """Instantaneous stress that the material remembers; see `fibres.deviator`."""
-        return by_lane(self, lambda pad, q: pad.one_lane().deviator(q), q)
+
+        def remembered(pad: "Pad", q: Array) -> Array:
+            lane = pad.one_lane()
+            assert isinstance(lane, PadLane)
+            return lane.deviator(q)
+
+        return by_lane(self, remembered, q)
 
     def strain_energy(self, q: StationVector) -> Lanes:
         """Strain energy [J]."""
@@ -187,7 +208,11 @@ class Pad(AbstractMechanics):
             pressure,
             factor,
         )
-        operator = BlockBanded(jnp.moveaxis(bands, -1, 0), self.topology.free_by_station)
+        operator = BlockBanded(
+            jnp.moveaxis(bands, -1, 0),
+            self.topology.free_by_station,
+            self.topology.scalars * self.topology.arc.stations * self.topology.axial.stations,
+        )
         return Assembly(residual, operator, gradient, load, volume, *contact)
 
     def imbalance(
@@ -214,7 +239,8 @@ class Pad(AbstractMechanics):
         law: AbstractLaw,
         plan: PadPlan,
         loads: Sequence[PadLoad],
-    ) -> "Pad":
+        degree: int | None = None,
+    ) -> Self:
         """Discretise a skin.
 
         Args:
@@ -222,13 +248,14 @@ class Pad(AbstractMechanics):
             law: material, its constants with a lane axis.
             plan: the mesh.
             loads: in the order of the plan.
+            degree: see `NetTopology`.
         """
         angles, axial = plan.breakpoints(geometry)
         parts = (1 + plan.mirrored[0]) * (1 + plan.mirrored[1])
         return cls(
             law=law,
             section=geometry.section,
-            net=Net.of(NetTopology(*plan.axes), geometry.section, angles, axial),
+            net=Net.of(NetTopology(*plan.axes, degree), geometry.section, angles, axial),
             points=pad_load_points(plan, geometry, loads),
             film_volume=geometry.film_area * geometry.width / parts,
             wall=None,
@@ -236,6 +263,7 @@ class Pad(AbstractMechanics):
             mirrored_planes=plan.mirrored,
             growth=geometry.growth,
             relief=geometry.relief,
+            layers=3 if degree is None else degree + 1,
         )
 
     def with_more_fibres(self) -> Self:
@@ -267,7 +295,9 @@ class Pad(AbstractMechanics):
             self,
             points=points,
             film_volume=self.film_volume * self.parts,
-            net=Net.of(NetTopology(arc, axial), self.section, *breaks),
+            net=Net.of(
+                dataclasses.replace(self.topology, arc=arc, axial=axial), self.section, *breaks
+            ),
             mirrored_planes=(False, False),
         )
 
@@ -275,7 +305,7 @@ class Pad(AbstractMechanics):
         """Unknowns of the whole pad from those of a half or a quarter."""
         x = self.topology.by_direction(q)  # [arc, axial, local, lane]
         for plane in self._planes():
-            x = values_on_both_sides(x, plane)
+            x = values_on_both_sides(x, plane, self.topology.vectors)
         return self.whole().topology.to_stations(x)
 
     def faces(
@@ -352,13 +382,25 @@ class Pad(AbstractMechanics):
     def to_comparison_mesh(self, q: StationVector, counts: tuple[int, ...]) -> StationVector:
         """The same deformation on elements half as long in both directions."""
         del counts  # there is one
-        return by_lane(self, lambda pad, q: pad.one_lane().refined(q), q)
+        return self._on_other_elements(q, finer=True)
+
+    def _on_other_elements(self, q: StationVector, *, finer: bool) -> StationVector:
+        def moved(pad: Self, q: Array) -> Array:
+            return pad.one_lane().on_other_elements(q, finer=finer)
+
+        return by_lane(self, moved, q)
 
     def omitted_energy(self, q: StationVector) -> Lanes:
         """Energy of transverse shear; see `omitted` [J]."""
-        return by_lane(self, lambda pad, q: pad.one_lane().omitted_energy(q), q)
 
-    def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector:
+        def energy(pad: "Pad", q: Array) -> Array:
+            lane = pad.one_lane()
+            assert isinstance(lane, PadLane)
+            return lane.omitted_energy(q)
+
+        return by_lane(self, energy, q)
+
+    def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector | None:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""
         del factor
         free = self.topology.free[..., None]

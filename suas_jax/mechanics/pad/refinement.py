@@ -1,11 +1,17 @@
-"""A pad's deformation on elements half as long: exact, as the finer splines contain it."""
+"""A pad's deformation on other elements.
+
+On elements half as long it is exact, as the finer splines contain it; on elements that join
+pairs it is the nearest one.
+"""
+
+import dataclasses
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from suas_jax.mechanics.pad.net import ODD_ARC, ODD_AXIAL, Net, NetTopology
+from suas_jax.mechanics.pad.net import Net
 from suas_jax.numerics.bspline import SplineAxis
 from suas_jax.skin.section import AbstractSection
 
@@ -13,24 +19,30 @@ from suas_jax.skin.section import AbstractSection
 _SPLIT = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 
 
-def refined(
-    net: Net, section: AbstractSection, q: Float[Array, "dof station"]
+def on_other_elements(
+    net: Net, section: AbstractSection, q: Float[Array, "dof station"], *, finer: bool
 ) -> Float[Array, "dof station"]:
-    """The same deformation on elements half as long in both directions.
+    """The same deformation on elements half or twice as long in both directions.
 
     Args:
         net: one lane's control net.
         section: the undeformed membrane across the axis.
         q: unknowns.
+        finer: whether elements are halved; else pairs of halves are joined.
     """
-    old = net.topology
-    new = NetTopology(old.arc.halved(), old.axial.halved())
-    finer = [_halved(x) for x in (net.angles, net.axial)]
-    fine = Net.of(new, section, *(x[:, None] for x in finer)).lane(0)
+    old, breaks = net.topology, (net.angles, net.axial)
+    if finer:
+        new = dataclasses.replace(old, arc=old.arc.halved(), axial=old.axial.halved())
+        breaks = _halved(net.angles), _halved(net.axial)
+    else:
+        new = dataclasses.replace(old, arc=old.arc.joined(), axial=old.axial.joined())
+        breaks = net.angles[::2], net.axial[::2]
+    fine = Net.of(new, section, *(x[:, None] for x in breaks)).lane(0)
     # The two directions may change places in the order of elimination.
-    coarse, finest = old.ordered(*net.matrices), new.ordered(*fine.matrices)
-    arc = _prolongation(coarse[0], finest[0], new.arc, ODD_ARC)
-    axial = _prolongation(coarse[1], finest[1], new.axial, ODD_AXIAL)
+    mine, other = old.ordered(*net.matrices), new.ordered(*fine.matrices)
+    signs = new.ordered(*new.parities)
+    arc = _nearest(mine[0], other[0], new.arc, signs[0], finer=finer)
+    axial = _nearest(mine[1], other[1], new.axial, signs[1], finer=finer)
     x = net.cartesian(q)  # [component, long, across]
     x = x if old.along_arc else jnp.swapaxes(x, 1, 2)
     y = jnp.einsum("cKk,ckm,cMm->cKM", arc, x, axial)
@@ -43,24 +55,31 @@ def _halved(x: Float[Array, " breakpoint"]) -> Array:
     return jnp.concatenate([woven, x[-1:]])
 
 
-def _prolongation(
-    coarse: Float[Array, "3 4 element station"],
-    fine: Float[Array, "3 4 element station"],
+def _nearest(
+    given: Float[Array, "width 4 element station"],
+    wanted: Float[Array, "width 4 element station"],
     axis: SplineAxis,
-    parities: tuple[int, int, int],
-) -> Float[Array, "3 fine coarse"]:
-    """Stations' values on the finer elements from those on the coarser ones.
+    parities: tuple[int, ...],
+    *,
+    finer: bool,
+) -> Float[Array, "width wanted given"]:
+    """Stations' values on other elements from those on the given ones, by least squares.
 
     Args:
-        coarse: Bernstein coefficients by component from the stations' values.
-        fine: the same on the finer elements.
-        axis: the finer splines.
+        given: Bernstein coefficients by component from the stations' values.
+        wanted: the same on the other elements.
+        axis: the splines on them.
         parities: of the components.
+        finer: whether they are halves of the given ones; else pairs of them.
     """
     halves = np.array([_SPLIT, _SPLIT[::-1, ::-1]])
-    split = jnp.einsum("hab,cbes->caehs", halves, coarse)
-    a, b = (x.reshape(3, 4 * axis.elements, -1) for x in (fine, split))
-    # The finer splines contain the coarser ones: the least squares have no remainder.
+
+    def split(x: Float[Array, "width 4 element station"]) -> Array:
+        return jnp.einsum("hab,cbes->caehs", halves, x)
+
+    # The finer splines contain the coarser ones: towards them there is no remainder.
+    rows = (wanted, split(given)) if finer else (split(wanted), given)
+    a, b = (x.reshape(len(parities), -1, x.shape[-1]) for x in rows)
     normal = jnp.einsum("crs,crt->cst", a, a) + np.stack([_held(axis, p) for p in parities])
     return jax.vmap(_solved_definite)(normal, jnp.einsum("crs,crt->cst", a, b))
 

@@ -21,10 +21,10 @@ from suas_jax.numerics.bspline import SplineAxis
 
 # Upper bands of a matrix on all control values along the stations, in Cartesian components:
 # by offset along, control value of the row, offset across, components, station across.
-Upper = Float[Array, "4 control 7 3 3 across"]
+Upper = Float[Array, "4 control 7 width width across"]
 
 # The same with components last, as single blocks are added to it.
-Blocks = Float[Array, "4 control across 7 3 3"]
+Blocks = Float[Array, "4 control across 7 width width"]
 
 # Pairs of an element's control values, row first, by offset.
 SLOTS = [(i, i + o) for o in range(4) for i in range(4 - o)]
@@ -37,7 +37,7 @@ def upper_bands(
     tables: Tables,
     pairs: Sequence[tuple[int, int]],
     orders: Sequence[int],
-    blocks: Float[Array, "pair 3 3 gauss gauss long across"],
+    blocks: Float[Array, "pair width width gauss gauss long across"],
     lengths: Float[Array, " long"],
 ) -> Upper:
     """Sum the elements.
@@ -65,7 +65,8 @@ def upper_bands(
     bernstein = jnp.asarray(np.transpose(tables.across, (2, 0, 1)))  # [16, pair, gauss]
     count = topology.across.elements
     # Extraction across for the components of rows and of columns.
-    shape = (4, 4, 3, 3, count)
+    width = topology.width
+    shape = (4, 4, width, width, count)
     by_slot = jnp.moveaxis(across, 0, 2)  # [control, Bernstein, component, element]
     of_rows = jnp.broadcast_to(by_slot[:, :, :, None], shape).reshape(4, 4, -1)
     of_columns = jnp.broadcast_to(by_slot[:, :, None], shape).reshape(4, 4, -1)
@@ -74,13 +75,13 @@ def upper_bands(
         element, mine = at
         block = jax.lax.dynamic_index_in_dim(blocks, element, 5, keepdims=False)
         block = jnp.concatenate([block, jnp.swapaxes(block[mixed], 1, 2)])
-        block = jnp.transpose(block, (0, 3, 4, 1, 2, 5)).reshape(-1, 9 * count)
+        block = jnp.transpose(block, (0, 3, 4, 1, 2, 5)).reshape(-1, width**2 * count)
         product = mine[:, None, :, :, None] * bernstein[:, :, None]
         k = product.reshape(len(SLOTS) * 16, -1) @ block
-        k = k.reshape(len(SLOTS), 4, 4, 9 * count)
+        k = k.reshape(len(SLOTS), 4, 4, width**2 * count)
         k = total(k[:, a, None] * of_rows[:, a, None] for a in range(4))
         k = total(k[:, :, a, None] * of_columns[:, a] for a in range(4))
-        k = k.reshape(len(SLOTS), 4, 4, 3, 3, count)
+        k = k.reshape(len(SLOTS), 4, 4, width, width, count)
         return None, jnp.stack([_by_diagonal(k, o, topology.across) for o in _ACROSS], 1)
 
     _, found = jax.lax.scan(row, None, (jnp.arange(len(lengths)), table))
@@ -189,16 +190,28 @@ def _transposed(x: Float[Array, "7 3 3 across"]) -> Array:
 
 def _folded(upper: Upper, net: Net) -> Upper:
     """Add what belongs to images beyond mirror planes to what they are images of."""
-    axis, odd = net.topology.long, np.array(net.parities[0], float)
-    rows, columns = odd[:, None, None], odd[:, None]
+    axis, odd = net.topology.long, np.array(net.topology.parities[0], float)
+    loose = 1.0 - np.array(net.topology.held)
     add: list[tuple[int, int, Any]] = []
+    last = axis.stations + 1
+    if np.any(loose):
+        # The first control value at an open end is that of the next one.
+        rows, columns = loose[:, None, None], loose[:, None]
+        if axis.left == "open":
+            one = upper[1, 0] * rows
+            add.append((0, 1, upper[0, 0] * rows * columns + one + _transposed(one)))
+            add += [(o - 1, 1, upper[o, 0] * rows) for o in (2, 3)]
+        if axis.right == "open":
+            one = upper[1, last - 1] * columns
+            add.append((0, last - 1, upper[0, last] * rows * columns + one + _transposed(one)))
+            add += [(o - 1, last - o, upper[o, last - o] * columns) for o in (2, 3)]
+    rows, columns = odd[:, None, None], odd[:, None]
     if axis.left == "mirror":
         itself, two = upper[0, 0] * rows * columns, upper[2, 0] * rows
         add.append((0, 2, itself + two + _transposed(two)))
         add.append((1, 1, _transposed(upper[1, 0] * rows)))
         add.append((1, 2, upper[3, 0] * rows))
     if axis.right == "mirror":
-        last = axis.stations + 1
         itself, two = upper[0, last] * rows * columns, upper[2, last - 2] * columns
         add.append((0, last - 2, itself + two + _transposed(two)))
         add.append((1, last - 2, _transposed(upper[1, last - 1] * columns)))
@@ -208,7 +221,7 @@ def _folded(upper: Upper, net: Net) -> Upper:
     return upper
 
 
-def _turned(x: Float[Array, "4 station 7 3 3 across"], net: Net) -> Array:
+def _turned(x: Float[Array, "4 station 7 width width across"], net: Net) -> Array:
     """Turn Cartesian components into local ones."""
     frames = net.frames[:2, 1]  # sine and cosine, with their signs, of the arc's columns
     if net.topology.along_arc:
@@ -220,20 +233,25 @@ def _turned(x: Float[Array, "4 station 7 3 3 across"], net: Net) -> Array:
         ahead = jnp.stack([jnp.roll(frames, -o, 1) for o in _ACROSS], 1)
         columns = ahead[:, None, None, :, None, None]
     for axis, (sine, cosine) in ((3, rows), (4, columns)):
-        parts = [jax.lax.slice_in_dim(x, c, c + 1, axis=axis) for c in range(3)]
-        tangential = cosine * parts[0] + sine * parts[1]
-        normal = cosine * parts[1] - sine * parts[0]
-        x = jnp.concatenate([tangential, normal, parts[2]], axis)
+        parts = [
+            jax.lax.slice_in_dim(x, c, c + 1, axis=axis) for c in range(net.topology.width)
+        ]
+        for k in range(0, 3 * net.topology.vectors, 3):
+            across, up = parts[k : k + 2]
+            parts[k : k + 2] = cosine * across + sine * up, cosine * up - sine * across
+        x = jnp.concatenate(parts, axis)
     return x
 
 
-def _dense(x: Float[Array, "4 station 7 3 3 across"]) -> Float[Array, "station 4 dof dof"]:
+def _dense(
+    x: Float[Array, "4 station 7 width width across"],
+) -> Float[Array, "station 4 dof dof"]:
     """Lower dense blocks from upper bands."""
-    count, width, n = x.shape[1], x.shape[2], x.shape[5]
+    count, diagonals, n, width = x.shape[1], x.shape[2], x.shape[5], x.shape[3]
     x = jnp.transpose(x, (1, 0, 4, 3, 5, 2))  # [..., row, diagonal]
     others = x.shape[:-2]
     # Read with rows one shorter than they are, every row moves on by one more column.
-    wide = jnp.pad(x, [(0, 0)] * 5 + [(0, n)]).reshape(*others, n * (n + width))
-    rows = wide[..., : n * (n + width - 1)].reshape(*others, n, n + width - 1)
+    wide = jnp.pad(x, [(0, 0)] * 5 + [(0, n)]).reshape(*others, n * (n + diagonals))
+    rows = wide[..., : n * (n + diagonals - 1)].reshape(*others, n, n + diagonals - 1)
     square = rows[..., REACH : REACH + n]  # [station, offset, column c, row c, row, column]
-    return jnp.transpose(square, (0, 1, 5, 2, 4, 3)).reshape(count, 4, 3 * n, 3 * n)
+    return jnp.transpose(square, (0, 1, 5, 2, 4, 3)).reshape(count, 4, width * n, width * n)

@@ -1,0 +1,222 @@
+"""Sums over the quadrature points of a control net, in arrays without lanes."""
+
+import abc
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.pad.contact import ContactFace
+from suas_jax.mechanics.pad.faces import Faces
+from suas_jax.mechanics.pad.mid_surface import Vector
+from suas_jax.mechanics.pad.net import ElementVector, Net, tables
+from suas_jax.mechanics.pad.refinement import on_other_elements
+from suas_jax.mechanics.pad.stiffness import Upper, both_ways, upper_bands
+from suas_jax.skin.along import Sheet
+from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.prestress import Growth
+from suas_jax.skin.section import AbstractSection
+from suas_jax.skin.wall import Wall
+
+# Newton steps to the material point on a ray: displacements along the wall are small.
+_RAY_STEPS = 4
+
+Kinds = tuple[tuple[int, int], ...]
+
+
+class AbstractLane(abc.ABC):
+    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one.
+
+    Args:
+        law: the membrane's material.
+        net: control values.
+        section: the undeformed membrane across the axis.
+        points: the loads.
+        quadrature: points along either side of an element, and through the thickness.
+        growth: of the membrane; None where it fits its seat.
+        relief: of its outer face; None where it is the same all along.
+        kinds: of derivatives that energies depend on, by arc length and along the axis.
+        pairs: of kinds that the tangent couples: each once, and each kind with itself.
+    """
+
+    def __init__(
+        self,
+        law: AbstractLaw,
+        net: Net,
+        section: AbstractSection,
+        points: PadLoadPoints,
+        quadrature: tuple[int, int],
+        growth: Growth | None,
+        relief: Sheet | None,
+        *,
+        kinds: Kinds,
+        pairs: Sequence[tuple[int, int]],
+    ) -> None:
+        self.growth, self.relief = growth, relief
+        self.law, self.net, self.points = law, net, points
+        self.section = section
+        self.gauss, self.layer_count = quadrature
+        self.topology = net.topology
+        order = self.topology.ordered
+        self.pairs = pairs
+        self.kinds = tuple(order(*kind) for kind in kinds)
+        self.tables = tables(self.gauss, self.kinds, tuple(both_ways(pairs)))
+        arc, axial = section.size * jnp.diff(net.angles), jnp.diff(net.axial)
+        long, across = order(arc, axial)
+        self.lengths = long[:, None], across[None]
+        self.elements = (len(long), len(across))
+
+    @property
+    def powers(self) -> list[Array]:
+        """What turns a derivative by local coordinates into one by length, for each kind."""
+        long, across = self.lengths
+        return [1 / (long**m * across**n).reshape(-1) for m, n in self.kinds]
+
+    @property
+    def angle(self) -> Float[Array, " point"]:
+        """Reference angle of the points [rad]."""
+        return self._spread(self.net.angles, along=self.topology.along_arc)
+
+    @property
+    def axial(self) -> Float[Array, " point"]:
+        """Reference position of the points along the axis [m]."""
+        return self._spread(self.net.axial, along=not self.topology.along_arc)
+
+    def _spread(self, breaks: Array, *, along: bool) -> Array:
+        """A coordinate of one direction, along the stations or across, at all points."""
+        inside = breaks[:-1] + jnp.asarray(self.tables.xi)[:, None] * jnp.diff(breaks)
+        shape = (self.gauss, self.gauss, *self.elements)
+        inside = inside[:, None, :, None] if along else inside[None, :, None, :]
+        return jnp.broadcast_to(inside, shape).reshape(-1)
+
+    def beyond_mean(self, angle: Array, axial: Array) -> Array | float:
+        """Thickness beyond its mean along the axis [m]."""
+        if self.relief is None:
+            return 0.0
+        return self.relief(self.section.fraction(angle), axial)
+
+    @property
+    def areas(self) -> Float[Array, "gauss element"]:
+        """Weights of the points in integrals over the undeformed mid-surface [m^2]."""
+        long, across = self.lengths
+        return np.outer(self.tables.weights, self.tables.weights).reshape(-1, 1) * (
+            long * across
+        ).reshape(-1)
+
+    def values(self, qe: ElementVector) -> Float[Array, "kind gauss width element"]:
+        """Control values' fields at the points, by the kinds of derivative."""
+        width = self.topology.width
+        columns = jnp.moveaxis(qe.reshape(width, 16, -1), 0, 1).reshape(16, -1)
+        values = jnp.asarray(self.tables.values) @ columns
+        values = values.reshape(len(self.kinds), self.gauss**2, width, -1)
+        return values * jnp.stack(self.powers)[:, None, None]
+
+    @abc.abstractmethod
+    def strain_energy(self, q: Array) -> Array:
+        """Strain energy [J]."""
+
+    @abc.abstractmethod
+    def volume_change(self, q: Array) -> Array:
+        """Enclosed volume less its value at rest [m^3]."""
+
+    @abc.abstractmethod
+    def work(self, q: Array) -> Array:
+        """Work of the loads at unit factor [J]."""
+
+    @abc.abstractmethod
+    def energies(self, q: Array) -> tuple[Array, Array, Array]:
+        """Potential of the membrane, volume change and work of the loads.
+
+        The potential of a solid is stationary, the strain energy of a shell.
+        """
+
+    @abc.abstractmethod
+    def inner_face(self, q: Array, wall: Wall) -> ContactFace:
+        """The inner face against a wall."""
+
+    @abc.abstractmethod
+    def outer_face(self, q: Array, body: PlacedBody) -> ContactFace:
+        """The outer face against a body."""
+
+    @abc.abstractmethod
+    def assemble(
+        self,
+        q: Array,
+        pressure: Array,
+        factor: Array,
+        wall: Wall | None,
+        bodies: tuple[Body, ...],
+    ) -> tuple[Array, ...]:
+        """Residual, bands, derivatives of volume and load, and volume change.
+
+        With bodies also the residual's derivative by their travel, its sign changed, and their
+        force.
+        """
+
+    @abc.abstractmethod
+    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
+        """See `Pad.faces`."""
+
+    @abc.abstractmethod
+    def inner_displacement(self, qe: ElementVector, angle: Array, axial: Array) -> Vector:
+        """Displacement of the inner face at places."""
+
+    def height_at(self, q: Array, angle: Array, axial: Array) -> Array:
+        """See `Pad`: which material point lies on a ray is found by Newton's method."""
+        qe = self.net.gather(q)
+        ends = jax.lax.stop_gradient((self.net.angles, self.net.axial))
+
+        def position(place: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+            """Angle of the normal through the inner face's point, axial position, height."""
+            x, y, z = self.inner_displacement(qe, *place)
+            rest = self.section.inner_face(place[0])
+            polar, height = self.section.foot(rest + jnp.stack([x, y]), place[0])
+            return polar, place[1] + z, height
+
+        def step(place: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
+            one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
+            here, by_angle = jax.jvp(position, (place,), ((one, zero),))
+            _, by_axial = jax.jvp(position, (place,), ((zero, one),))
+            off = angle - here[0], axial - here[1]
+            determinant = by_angle[0] * by_axial[1] - by_axial[0] * by_angle[1]
+            turn = (by_axial[1] * off[0] - by_axial[0] * off[1]) / determinant
+            shift = (by_angle[0] * off[1] - by_angle[1] * off[0]) / determinant
+            moved = place[0] + turn, place[1] + shift
+            clipped = [jnp.clip(x, e[0], e[-1]) for x, e in zip(moved, ends, strict=True)]
+            return (clipped[0], clipped[1]), None
+
+        first, second = jnp.broadcast_arrays(angle, axial)
+        place, _ = jax.lax.scan(step, (first, second), None, length=_RAY_STEPS)
+        return position(place)[2]
+
+    def on_other_elements(self, q: Array, *, finer: bool) -> Array:
+        """The same deformation on elements half or twice as long in both directions."""
+        return on_other_elements(self.net, self.section, q, finer=finer)
+
+    def _stiffness(self, blocks: Float[Array, "pair width width point"]) -> Upper:
+        """Upper bands from second derivatives of a density by the pairs of kinds."""
+        g = self.gauss
+        _, across = self.lengths
+        powers = [across[0] ** (1 - self.kinds[k][1] - self.kinds[m][1]) for k, m in self.pairs]
+        scale = jnp.stack(powers)[:, None, None, None, None, None]
+        blocks = (
+            blocks.reshape(len(self.pairs), *blocks.shape[1:3], g, g, *self.elements) * scale
+        )
+        orders = [kind[0] for kind in self.kinds]
+        lengths = self.lengths[0][:, 0]
+        return upper_bands(self.net, self.tables, self.pairs, orders, blocks, lengths)
+
+    def _forces(self, by_kind: dict[int, Float[Array, "width point"]]) -> ElementVector:
+        """Element vectors from derivatives of a density by the kinds of derivative."""
+        count, width = self.gauss**2, self.topology.width
+        powers = self.powers
+        scale = (jnp.stack([powers[k] for k in by_kind])[:, None] * self.areas)[:, :, None]
+        rows = jnp.stack(list(by_kind.values())).reshape(len(by_kind), width, count, -1)
+        rows = (jnp.moveaxis(rows, 1, 2) * scale).reshape(len(by_kind) * count, -1)
+        values = self.tables.values.reshape(len(self.kinds), count, 16)[list(by_kind)]
+        flat = jnp.asarray(values.reshape(-1, 16).T) @ rows
+        return jnp.moveaxis(flat.reshape(4, 4, width, *self.elements), 2, 0)

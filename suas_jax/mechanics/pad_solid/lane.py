@@ -1,0 +1,319 @@
+"""One lane of a pad as a solid: sums over its quadrature points.
+
+Unknowns of a control value are the displacements of its levels through the thickness, from
+the inner face to the outer one, then the multipliers of J = 1. A multiplier is a length, in
+units of the shear modulus over the thickness.
+"""
+
+import functools
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.mechanics.pad import loads as pad_loads
+from suas_jax.mechanics.pad.contact import ContactFace
+from suas_jax.mechanics.pad.faces import Faces
+from suas_jax.mechanics.pad.mid_surface import Vector, components
+from suas_jax.mechanics.pad.net import ElementVector, Net
+from suas_jax.mechanics.pad.net_lane import AbstractLane
+from suas_jax.mechanics.pad.stiffness import dense_bands
+from suas_jax.mechanics.pad_solid import inner_volume, points
+from suas_jax.mechanics.pad_solid.thickness import shapes_at, thickness
+from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.along import Sheet
+from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.pad_loads import PadLoadPoints
+from suas_jax.skin.prestress import Growth
+from suas_jax.skin.section import AbstractSection
+from suas_jax.skin.wall import Wall
+
+# The displacement, its derivatives by arc length and along the axis.
+KINDS = ((0, 0), (1, 0), (0, 1))
+PAIRS = tuple((k, m) for k in range(3) for m in range(k, 3))
+
+
+class SolidLane(AbstractLane):
+    """One lane of a solid."""
+
+    def __init__(
+        self,
+        law: AbstractLaw,
+        net: Net,
+        section: AbstractSection,
+        points: PadLoadPoints,
+        quadrature: tuple[int, int],
+        growth: Growth | None,
+        relief: Sheet | None,
+    ) -> None:
+        """See the base class."""
+        given = law, net, section, points, quadrature, growth, relief
+        super().__init__(*given, kinds=KINDS, pairs=PAIRS)
+        degree = net.topology.degree
+        assert degree is not None
+        self.degree = degree
+        self.through = thickness(degree, self.layer_count)
+
+    @property
+    def unit(self) -> Array:
+        """What a multiplier of one stands for [Pa/m]."""
+        return self.law.shear_modulus / self.section.mean_thickness
+
+    @functools.cached_property
+    def frame(self) -> Float[Array, "3 3 place"]:
+        """Tangent, normal and axis at the points' places [which, component]."""
+        return _frame(self.section, self.angle)
+
+    @functools.cached_property
+    def geometry(self) -> points.Geometry:
+        """The undeformed membrane at the points."""
+        table = self.through
+        return self._geometry(self.angle, self.axial, table.eta, table.weights)
+
+    def _geometry(
+        self, angle: Array, axial: Array, eta: np.ndarray, weights: np.ndarray
+    ) -> points.Geometry:
+        place = jnp.broadcast_arrays(angle, axial)
+        return points.geometry(self.section, self.beyond_mean, place, (eta, weights))
+
+    def _fields(self, qe: ElementVector) -> tuple[Array, Array]:
+        """Displacement by the coordinates, in local components, and pressure at the points."""
+        values = jnp.moveaxis(self.values(qe), 2, 1)  # [kind, width, gauss, element]
+        values = values.reshape(3, values.shape[1], -1)
+        count = self.degree + 1
+        moved = values[:, : 3 * count].reshape(3, count, 3, -1)
+        local = jnp.einsum("icp,kvcp->kvip", self.frame, moved)
+        pressure = jnp.einsum("mp,me->ep", values[0, 3 * count :], self.through.modes)
+        return points.at_points(self.through, local), self.unit * pressure
+
+    def strain_energy(self, q: Array) -> Array:
+        """Strain energy [J]."""
+        moved, _ = self._fields(self.net.gather(q))
+        return self._stored(moved)
+
+    def _stored(self, moved: Array) -> Array:
+        L = points.displacement_gradient(moved, self.geometry.inverse)
+        density = points.energy_density(self.law, points.green(L), self.growth)
+        return jnp.sum(self.areas.reshape(-1) * self.geometry.volume * density)
+
+    def volume_change(self, q: Array) -> Array:
+        """Enclosed volume less its value at rest [m^3]."""
+        return self._enclosed(self.net.gather(q))[0]
+
+    def _enclosed(self, qe: ElementVector) -> tuple[Array, inner_volume.Swept]:
+        values = self.values(qe)
+        inner = jnp.moveaxis(values[:, :, :3], 2, 1).reshape(3, 3, -1)
+        found = inner_volume.swept(self.section, self.angle, inner)
+        return jnp.sum(self.areas.reshape(-1) * found.more), found
+
+    def energies(self, q: Array) -> tuple[Array, Array, Array]:
+        """Potential of the membrane, volume change and work of the loads."""
+        qe = self.net.gather(q)
+        moved, pressure = self._fields(qe)
+        L = points.displacement_gradient(moved, self.geometry.inverse)
+        change = points.swelling(L, self.growth)
+        modulus = self.law.shear_modulus
+        bound = pressure * change + modulus * (
+            points.PENALTY * change**2 / 2 - (pressure / modulus) ** 2 / points.MULTIPLIER / 2
+        )
+        held = jnp.sum(self.areas.reshape(-1) * self.geometry.volume * bound)
+        return self._stored(moved) + held, self._enclosed(qe)[0], self._work(qe)
+
+    def work(self, q: Array) -> Array:
+        """Work of the loads at unit factor [J]."""
+        return self._work(self.net.gather(q))
+
+    def _spots(self) -> pad_loads.Spots:
+        at = self.points.angle, self.points.axial
+        return pad_loads.spots(self.net, self.section, at, KINDS[:1])
+
+    def _work(self, qe: ElementVector) -> Array:
+        moved = pad_loads.interpolated(self._spots(), self._level(qe, -1))
+        return jnp.sum(self.points.force * moved[0])
+
+    def _level(self, qe: ElementVector, index: int) -> ElementVector:
+        """The displacement of one level: 0 is the inner face, -1 the outer one."""
+        first = 3 * (index % (self.degree + 1))
+        return qe[first : first + 3]
+
+    def inner_face(self, q: Array, wall: Wall) -> "SolidFace":
+        """The inner face against a wall."""
+        return self._face(q, wall, 0)
+
+    def outer_face(self, q: Array, body: PlacedBody) -> "SolidFace":
+        """The outer face against a body."""
+        return self._face(q, body, -1)
+
+    def _face(self, q: Array, obstacle: Wall | PlacedBody, index: int) -> "SolidFace":
+        qe = self._level(self.net.gather(q), index)
+        return SolidFace(self.net, obstacle, 1 if index else -1, self.section, qe, self.growth)
+
+    def assemble(
+        self,
+        q: Array,
+        pressure: Array,
+        factor: Array,
+        wall: Wall | None,
+        bodies: tuple[Body, ...],
+    ) -> tuple[Array, ...]:
+        """See `PadLane.assemble`."""
+        qe = self.net.gather(q)
+        moved, multiplier = self._fields(qe)
+        found = points.terms(self.law, self.geometry, moved, multiplier, self.growth)
+        volume, swept = self._enclosed(qe)
+        internal = self._forces(self._internal(found, multiplier))
+        gradient = self._forces({k: self._at_level(x, 0) for k, x in enumerate(swept.first)})
+        spots = self._spots()
+        load = jnp.zeros_like(qe)
+        pulled = pad_loads.add_vectors(
+            self._level(load, -1), spots, self.points.force[:, None] * spots.shapes[0]
+        )
+        load = self._at_level(pulled, -1)
+        blocks = self._blocks(found)
+        corner = jnp.stack([pressure * swept.second[pair] for pair in PAIRS])
+        upper = self._stiffness(blocks.at[:, :3, :3].add(-corner))
+        if wall is not None:
+            pushes, more_bands = self.inner_face(q, wall).element_terms()
+            internal = internal + self._at_level(pushes[0], 0)
+            upper = upper + self._within(more_bands, 0)
+        contact = jnp.zeros((2, *qe.shape), qe.dtype)
+        for body in bodies:
+            pushes, more_bands = self.outer_face(q, body.placed(factor)).element_terms(body)
+            contact = contact + jnp.stack([self._at_level(push, -1) for push in pushes])
+            upper = upper + self._within(more_bands, -1)
+        if bodies:
+            internal = internal + contact[0]
+        bands = dense_bands(self.net, upper)
+        scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
+        residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
+        outcome = residual, bands, scattered[1], scattered[2], volume
+        if not bodies:
+            return outcome
+        return *outcome, -self.net.scatter(contact[1]), self.net.scatter(contact[0])
+
+    def _at_level(self, x: Array, index: int) -> Array:
+        """Components of one level among all unknowns, the others zero."""
+        first = 3 * (index % (self.degree + 1))
+        after = self.topology.width - first - 3
+        return jnp.pad(x, [(first, after), *((0, 0) for _ in x.shape[1:])])
+
+    def _within(self, bands: Array, index: int) -> Array:
+        """Bands of one level among those of all unknowns."""
+        first = 3 * (index % (self.degree + 1))
+        room = (first, self.topology.width - first - 3)
+        return jnp.pad(bands, [(0, 0), (0, 0), (0, 0), room, room, (0, 0)])
+
+    def _internal(self, found: points.Terms, multiplier: Array) -> dict[int, Array]:
+        """Derivatives of the potential by the unknowns, by kind of derivative."""
+        table = self.through
+        own = found.swelling - multiplier * self.geometry.volume / (
+            self.law.shear_modulus * points.MULTIPLIER
+        )
+        held = self.unit * jnp.einsum("me,ep->mp", table.modes, own)
+        rows: dict[int, Array] = {}
+        for coordinate, kind in enumerate(points.KIND_OF):
+            shapes = table.shapes if kind else table.slopes
+            force = jnp.einsum("ve,cep->vcp", shapes, found.stress[coordinate])
+            force = jnp.einsum("icp,vip->vcp", self.frame, force)
+            force = force.reshape(3 * len(shapes), -1)
+            rows[kind] = jnp.concatenate([force, jnp.zeros_like(held) if kind else held])
+        return rows
+
+    def _blocks(self, found: points.Terms) -> Float[Array, "pair width width place"]:
+        """Second derivatives of the potential by the unknowns, for each of `PAIRS`."""
+        table, count = self.through, self.degree + 1
+        coordinate = {kind: a for a, kind in enumerate(points.KIND_OF)}
+        shapes = {k: table.shapes if k else table.slopes for k in range(3)}
+        own = self.geometry.volume / (self.law.shear_modulus * points.MULTIPLIER)
+        places = own.shape[-1]
+        corner = -(self.unit**2) * jnp.einsum("me,ne,ep->mnp", table.modes, table.modes, own)
+        coupling = {}
+        for k in range(3):
+            rows = jnp.einsum(
+                "ve,me,cep->vmcp", shapes[k], table.modes, found.cofactor[coordinate[k]]
+            )
+            rows = self.unit * jnp.einsum("icp,vmip->vcmp", self.frame, rows)
+            coupling[k] = rows.reshape(3 * count, self.degree, places)
+        blocks = []
+        for k, m in PAIRS:
+            product = np.einsum("ve,we->vwe", shapes[k], shapes[m]).reshape(count**2, -1)
+            part = found.tangent[coordinate[k], :, coordinate[m]]  # [c, d, eta, place]
+            part = jnp.moveaxis(part, 2, 0).reshape(len(table.eta), -1)
+            part = (jnp.asarray(product) @ part).reshape(count, count, 3, 3, places)
+            part = jnp.einsum("icp,vwijp->vwcjp", self.frame, part)
+            part = jnp.einsum("jdp,vwcjp->vcwdp", self.frame, part)
+            part = part.reshape(3 * count, 3 * count, places)
+            zero = jnp.zeros_like(coupling[0])
+            right = coupling[0] if k == m == 0 else zero
+            below = coupling[m] if k == 0 else zero
+            last = corner if k == m == 0 else jnp.zeros_like(corner)
+            top = jnp.concatenate([part, right], 1)
+            bottom = jnp.concatenate([jnp.swapaxes(below, 0, 1), last], 1)
+            blocks.append(jnp.concatenate([top, bottom]))
+        return jnp.stack(blocks)
+
+    def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Array:
+        """Displacement of the levels and its derivatives at places [kind, level, 3, place]."""
+        spots = pad_loads.spots(self.net, self.section, (angle, axial), KINDS)
+        count = self.degree + 1
+        moved = pad_loads.interpolated(spots, qe[: 3 * count])
+        return moved.reshape(3, count, 3, -1)
+
+    def inner_displacement(self, qe: ElementVector, angle: Array, axial: Array) -> Vector:
+        """See the base class."""
+        spots = pad_loads.spots(self.net, self.section, (angle, axial), KINDS[:1])
+        return components(pad_loads.interpolated(spots, self._level(qe, 0))[0])
+
+    def faces(self, q: Array, angle: Array, axial: Array) -> Faces:
+        """See `Pad.faces`."""
+        values = self._at(self.net.gather(q), angle, axial)
+        local = jnp.einsum("icp,kvcp->kvip", _frame(self.section, angle), values)
+        inside, weights = gauss_legendre(self.layer_count, -1.0, 1.0)
+        eta = np.concatenate([[-1.0, 1.0], inside])
+        at = self._geometry(angle, axial, eta, np.concatenate([[0, 0], weights]))
+        shapes, slopes = (shapes_at(self.degree, eta, n) for n in range(2))
+        moved = jnp.stack(
+            [
+                jnp.einsum("ve,vcp->cep", shapes if kind else slopes, local[kind])
+                for kind in points.KIND_OF
+            ]
+        )
+        L = points.displacement_gradient(moved, at.inverse)
+        entries = points.green(L)
+        seen = points.elastic(entries, self.growth)
+        in_plane = jnp.stack([seen[0], seen[2], seen[4]])
+        density = points.energy_density(self.law, entries[:, 2:], self.growth)
+        volume = at.volume[2:]
+        middle = jnp.einsum("v,vcp->cp", shapes_at(self.degree, np.zeros(1))[:, 0], values[0])
+        place = jnp.broadcast_arrays(angle, axial)
+        return Faces(
+            place[0],
+            place[1],
+            mid_displacement=middle,
+            inner_displacement=values[0, 0],
+            outer_displacement=values[0, -1],
+            inner_strain=in_plane[:, 0],
+            outer_strain=in_plane[:, 1],
+            energy_density=jnp.sum(volume * density, 0) / jnp.sum(volume, 0),
+        )
+
+
+class SolidFace(ContactFace):
+    """One face of a solid at its contact points: it moves as its own level does."""
+
+    kinds_of: ClassVar[dict[int, tuple[tuple[int, int], ...]]] = {-1: KINDS[:1], 1: KINDS[:1]}
+
+    def position(self, z: Array, angle: Array, axial: Array) -> Array:
+        """See the base class."""
+        at = self.section.frame(angle)
+        rest = self.section.mid_line(angle) + self.side * at.thickness / 2 * at.normal
+        return jnp.stack([rest[0] + z[0], rest[1] + z[1], axial + z[2]])
+
+
+def _frame(section: AbstractSection, angle: Array) -> Float[Array, "3 3 place"]:
+    at = section.frame(angle)
+    zero = jnp.zeros_like(at.tangent[0])
+    rows = [[*at.tangent, zero], [*at.normal, zero], [zero, zero, zero + 1]]
+    return jnp.stack([jnp.stack(row) for row in rows])

@@ -1,0 +1,274 @@
+"""The solid at its quadrature points: kinematics, stress, tangent.
+
+A point X = r(s, z) + eta (h/2) n moves by u(s, z, eta). All components are those of the
+undeformed membrane's tangent, normal and axis (t, n, z) at that place, where
+L = grad u is the sum of u,a times the gradient of each coordinate a = s, z, eta and
+
+    C - 1 = L + L^T + L^T L,      J - 1 = tr L + (sum of principal minors) + det L.
+
+The energy is the law's, of the six entries of C - 1, with the multiplier p of J = 1 and a
+penalty that vanishes with J - 1::
+
+    Psi(C) + p (J - 1) + gamma mu (J - 1)^2 / 2 - p^2 / (2 kappa)
+
+kappa is so large that p is a multiplier to rounding; it makes every pivot of the tangent one
+of a definite sign. A membrane that has grown by G has Psi(G^-1 C G^-1) det G and J - det G.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation_gradient import RightCauchyGreen
+from suas_jax.mechanics.pad.mid_surface import total
+from suas_jax.mechanics.pad_solid.thickness import Thickness
+from suas_jax.numerics.staging import staged
+from suas_jax.skin.prestress import Growth
+from suas_jax.skin.section import AbstractSection
+
+PENALTY = 2.0  # gamma: on the square of the change of volume, in shear moduli
+MULTIPLIER = 1e8  # kappa over the shear modulus
+
+# Entries of a symmetric matrix as `RightCauchyGreen` lists them.
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+# Coordinates s, z, eta: the kind of derivative by length that each one has.
+KIND_OF = (1, 2, 0)
+
+
+class Geometry(NamedTuple):
+    """The undeformed membrane at points [eta, place].
+
+    Attributes:
+        inverse: gradients of s, z, eta in (t, n, z) [coordinate, component].
+        volume: per area of the mid-surface, the weight through the thickness included [m].
+    """
+
+    inverse: Float[Array, "3 3 eta place"]
+    volume: Float[Array, "eta place"]
+
+
+def geometry(
+    section: AbstractSection,
+    relief: Callable[[Array, Array], Array | float],
+    place: Sequence[Array],
+    through: tuple[np.ndarray, np.ndarray],
+) -> Geometry:
+    """Map of the undeformed membrane.
+
+    Args:
+        section: across the axis; its mean where the thickness varies along it.
+        relief: how much further the outer face lies out, over angle and axial position [m].
+        place: angles [rad] and axial positions [m].
+        through: eta of the points through the thickness, and their weights.
+    """
+    angle, axial = place
+    at, eta = section.frame(angle), jnp.asarray(through[0])[:, None]
+
+    def offset(angle: Array, axial: Array) -> Array:
+        thickness = section.thickness(angle) + jnp.zeros_like(angle)
+        return (eta * thickness + (eta + 1) * relief(angle, axial)) / 2
+
+    one, zero = jnp.ones_like(angle), jnp.zeros_like(angle)
+    height, by_angle = jax.jvp(offset, (angle, axial), (one, zero))
+    by_axial = jax.jvp(offset, (angle, axial), (zero, one))[1]
+    along = 1 + at.curvature * height  # X,s . t
+    half = (section.thickness(angle) + relief(angle, axial)) / 2 + 0 * along  # X,eta . n
+    none = jnp.zeros_like(along)
+    rows = [
+        [1 / along, none, none],
+        [none, none, none + 1],
+        [-by_angle / section.size / (along * half), 1 / half, -by_axial / half],
+    ]
+    volume = jnp.asarray(through[1])[:, None] * along * half
+    return Geometry(jnp.stack([jnp.stack(row) for row in rows]), volume)
+
+
+def displacement_gradient(
+    moved: Float[Array, "3 3 *point"], inverse: Float[Array, "3 3 *point"]
+) -> Float[Array, "3 3 *point"]:
+    """L [component, by component] from u by the coordinates [coordinate, component]."""
+    return jnp.sum(moved[:, :, None] * inverse[:, None], 0)
+
+
+def green(L: Float[Array, "3 3 *point"]) -> Float[Array, "6 *point"]:
+    """Entries of C - 1."""
+    return jnp.stack(
+        [L[i, j] + L[j, i] + sum(L[k, i] * L[k, j] for k in range(3)) for i, j in ENTRIES]
+    )
+
+
+def dilatation(L: Float[Array, "3 3 *point"]) -> Float[Array, "*point"]:
+    """J - 1."""
+    minors = sum(L[i, i] * L[j, j] - L[i, j] * L[j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
+    det = (
+        L[0, 0] * (L[1, 1] * L[2, 2] - L[1, 2] * L[2, 1])
+        + L[0, 1] * (L[1, 2] * L[2, 0] - L[1, 0] * L[2, 2])
+        + L[0, 2] * (L[1, 0] * L[2, 1] - L[1, 1] * L[2, 0])
+    )
+    return L[0, 0] + L[1, 1] + L[2, 2] + minors + det
+
+
+def elastic(
+    entries: Float[Array, "6 *point"], growth: Growth | None
+) -> Float[Array, "6 *point"]:
+    """Entries of C - 1 as the law of a membrane that has grown sees them."""
+    if growth is None:
+        return entries
+    g = growth.hoop, growth.radial, growth.axial
+    logs = [-g[i] - g[j] for i, j in ENTRIES]
+    unit = [jnp.expm1(x) if i == j else 0 * x for x, (i, j) in zip(logs, ENTRIES, strict=True)]
+    grown = zip(logs, entries, unit, strict=True)
+    return jnp.stack([jnp.exp(x) * entry + more for x, entry, more in grown])
+
+
+def energy_density(
+    law: AbstractLaw, entries: Float[Array, "6 *point"], growth: Growth | None
+) -> Float[Array, "*point"]:
+    """Strain energy per volume of the undeformed membrane [J/m^3]."""
+    density = law.energy(RightCauchyGreen(elastic(entries, growth)))
+    return density if growth is None else growth.volume * density
+
+
+def swelling(L: Float[Array, "3 3 *point"], growth: Growth | None) -> Float[Array, "*point"]:
+    """J less its stress-free value."""
+    if growth is None:
+        return dilatation(L)
+    return dilatation(L) - jnp.expm1(growth.hoop + growth.radial + growth.axial)
+
+
+class Terms(NamedTuple):
+    """Derivatives of the potential by u by the coordinates, volume weights included.
+
+    Attributes:
+        stress: [coordinate, component, eta, place].
+        tangent: [coordinate, component, coordinate, component, eta, place].
+        cofactor: derivative of J [coordinate, component, eta, place].
+        swelling: J less its stress-free value, weighted [eta, place].
+    """
+
+    stress: Array
+    tangent: Array
+    cofactor: Array
+    swelling: Array
+
+
+def terms(
+    law: AbstractLaw,
+    at: Geometry,
+    moved: Float[Array, "3 3 eta place"],
+    pressure: Float[Array, "eta place"],
+    growth: Growth | None,
+) -> Terms:
+    """Stress and tangent.
+
+    Args:
+        law: the material.
+        at: the undeformed membrane.
+        moved: displacement by the coordinates [coordinate, component].
+        pressure: multiplier of J = 1 [Pa].
+        growth: of the membrane; None where it fits its seat.
+    """
+    L, inverse = displacement_gradient(moved, at.inverse), at.inverse
+    change = swelling(L, growth)
+    first, second = _by_entries(law, green(L), growth)
+    first, second = first * at.volume, second * at.volume
+    F = L + np.eye(3)[:, :, None, None]
+    # Derivatives of the entries of C by u by the coordinates.
+    by = [
+        F[None, :, i] * inverse[:, None, j] + F[None, :, j] * inverse[:, None, i]
+        if i != j
+        else 2 * F[None, :, i] * inverse[:, None, i]
+        for i, j in ENTRIES
+    ]
+    cofactor = jnp.stack(
+        [sum(_cofactor(F, c, j) * inverse[:, j] for j in range(3)) for c in range(3)],
+        1,
+    )
+    modulus = PENALTY * law.shear_modulus
+    bulk = (pressure + modulus * change) * at.volume
+    stress = sum(first[k] * by[k] for k in range(6)) + bulk * cofactor
+    half = [sum(second[k, m] * by[m] for m in range(6)) for k in range(6)]
+    tangent = sum(by[k][:, :, None, None] * half[k] for k in range(6))
+    volumetric = modulus * at.volume * cofactor
+    tangent = tangent + cofactor[:, :, None, None] * volumetric
+    metric = total(
+        first[k]
+        * (
+            inverse[:, None, i] * inverse[None, :, j]
+            + inverse[:, None, j] * inverse[None, :, i]
+        )
+        for k, (i, j) in enumerate(ENTRIES)
+    )
+    turning = _second_of_volume(F, inverse) * bulk
+    unit = np.eye(3)[None, :, None, :, None, None]
+    tangent = tangent + metric[:, None, :, None] * unit + turning
+    return Terms(stress, tangent, cofactor * at.volume, change * at.volume)
+
+
+def _by_entries(
+    law: AbstractLaw, entries: Float[Array, "6 *point"], growth: Growth | None
+) -> tuple[Float[Array, "6 *point"], Float[Array, "6 6 *point"]]:
+    """First and second derivatives of the energy by the entries of C."""
+
+    def slope(e: Array) -> Array:
+        return jax.grad(lambda e: jnp.sum(energy_density(law, e, growth)))(e)
+
+    unit = jnp.eye(6).reshape(6, 6, *(1,) * (entries.ndim - 1)) + jnp.zeros_like(entries)
+    first = slope(entries)
+    second = jax.vmap(lambda way: jax.jvp(slope, (entries,), (way,))[1])(unit)
+    rows = staged([*first, *(second[i, j] for i in range(6) for j in range(i, 6))])
+    matrix: list[list[Array]] = [[rows[0]] * 6 for _ in range(6)]
+    rest = iter(rows[6:])
+    for i in range(6):
+        for j in range(i, 6):
+            matrix[i][j] = matrix[j][i] = next(rest)
+    return jnp.stack(rows[:6]), jnp.stack([jnp.stack(row) for row in matrix])
+
+
+def _cofactor(F: Array, i: int, j: int) -> Array:
+    (a, b), (c, d) = [[(i + 1) % 3, (i + 2) % 3], [(j + 1) % 3, (j + 2) % 3]]
+    return F[a, c] * F[b, d] - F[a, d] * F[b, c]
+
+
+def _second_of_volume(F: Array, inverse: Array) -> Array:
+    """Second derivative of J by u by the coordinates [coordinate, component, ...]."""
+    # Vector products of the coordinates' gradients, carried along by F.
+    cross = jnp.stack(
+        [
+            inverse[:, None, (k + 1) % 3] * inverse[None, :, (k + 2) % 3]
+            - inverse[:, None, (k + 2) % 3] * inverse[None, :, (k + 1) % 3]
+            for k in range(3)
+        ]
+    )
+    carried = [sum(F[e, k] * cross[k] for k in range(3)) for e in range(3)]
+    zero = jnp.zeros_like(carried[0])
+    rows = [
+        [zero, carried[2], -carried[1]],
+        [-carried[2], zero, carried[0]],
+        [carried[1], -carried[0], zero],
+    ]
+    matrix = jnp.stack([jnp.stack(row) for row in rows])  # [c, d, a, b, ...]
+    return jnp.transpose(matrix, (2, 0, 3, 1, *range(4, matrix.ndim)))
+
+
+def at_points(tables: Thickness, values: Float[Array, "kind value 3 place"]) -> Array:
+    """Displacement by the coordinates at the points [coordinate, component, eta, place].
+
+    Args:
+        tables: through the thickness.
+        values: by kind of derivative and value through the thickness.
+    """
+    return jnp.stack(
+        [
+            jnp.einsum(
+                "ke,kcp->cep", tables.slopes if kind == 0 else tables.shapes, values[kind]
+            )
+            for kind in KIND_OF
+        ]
+    )

@@ -1,0 +1,73 @@
+"""Polynomials through the thickness: displacement of one degree, pressure of one less.
+
+The displacement is interpolated between values at Gauss-Lobatto points, of which the first lies
+on the inner face and the last on the outer one; the pressure is a sum of Legendre polynomials.
+"""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial import Legendre, Polynomial
+
+from suas_jax.numerics.quadrature import gauss_legendre
+
+
+class Thickness(NamedTuple):
+    """Tables at the quadrature points through the thickness, eta from -1 to 1.
+
+    Attributes:
+        eta: the points.
+        weights: of the points.
+        shapes: of the displacement [value, point].
+        slopes: their derivatives by eta.
+        modes: of the pressure [mode, point].
+    """
+
+    eta: Float[np.ndarray, " point"]
+    weights: Float[np.ndarray, " point"]
+    shapes: Float[np.ndarray, "value point"]
+    slopes: Float[np.ndarray, "value point"]
+    modes: Float[np.ndarray, "mode point"]
+
+
+def levels(degree: int) -> Float[np.ndarray, " value"]:
+    """Where the displacement's values are: eta of the Gauss-Lobatto points."""
+    inside = Legendre.basis(degree).deriv().roots()
+    return np.concatenate([[-1.0], np.sort(np.real(inside)), [1.0]])
+
+
+def _polynomials(degree: int) -> list[Polynomial]:
+    at = levels(degree)
+    others = [np.delete(at, k) for k in range(degree + 1)]
+    return [
+        Polynomial.fromroots(rest) / np.prod(own - rest)
+        for own, rest in zip(at, others, strict=True)
+    ]
+
+
+def shapes_at(
+    degree: int, eta: Float[np.ndarray, " point"], derivative: int = 0
+) -> Float[np.ndarray, "value point"]:
+    """The displacement's polynomials, or their derivatives, at places.
+
+    Args:
+        degree: of the polynomials.
+        eta: places.
+        derivative: order of differentiation.
+    """
+    return np.stack([p.deriv(derivative)(eta) for p in _polynomials(degree)])
+
+
+@functools.cache
+def thickness(degree: int, points: int) -> Thickness:
+    """Tables for a degree of the displacement.
+
+    Args:
+        degree: of the displacement.
+        points: of the quadrature.
+    """
+    eta, weights = gauss_legendre(points, -1.0, 1.0)
+    modes = np.stack([Legendre.basis(k)(eta) for k in range(degree)])
+    return Thickness(eta, weights, shapes_at(degree, eta), shapes_at(degree, eta, 1), modes)
