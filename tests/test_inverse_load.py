@@ -742,7 +742,7 @@ def test_known_loads_verify_a_calibration(
     checks = verify(estimator.spec, rest, [(press, log) for press in known])
     assert [check.passed for check in checks] == [True, False, False]
     assert checks[0].force == pytest.approx(8.0, rel=0.02)
-    assert checks[0].angle == pytest.approx(0.2, abs=0.01)
+    assert checks[0].place == pytest.approx(0.2, abs=0.01)
 
 
 def test_loads_as_an_array_with_what_is_not_known() -> None:

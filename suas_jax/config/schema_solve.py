@@ -52,7 +52,7 @@ class SolveSpec(Spec):
         default=None, examples=['"10 kPa"']
     )
     elements: Elements | None = Field(default=None, examples=["16"])
-    mesh: Annotated[tuple[Count, Count] | tuple[Count, Count, Count], AsList] | None = Field(
+    mesh: Annotated[tuple[Count, ...], AsList] | None = Field(
         default=None, examples=["[600, 4]"]
     )
     symmetry: bool = Field(default=True, examples=["true"])

@@ -475,6 +475,14 @@ class AbstractMechanics(eqx.Module):
         """Relative error that may remain where first-order effects cancel by chance."""
         return 5e-5
 
+    @property
+    def omitted_at_wall(self) -> float:
+        """Relative error that remains where the wall carries all of the loads.
+
+        Less where it carries a share of them.
+        """
+        return 0.0
+
     def potential(self, q: StationVector, pressure: Lanes, factor: Lanes) -> Lanes:
         """Total potential energy per width at given pressure and load factor [J/m].
 

@@ -206,6 +206,10 @@ def error_beyond_first_order(
     floor = mechanics.omitted_floor + error_beyond_wall(
         problem, state, report["min_gap_m"], report["max_displacement_m"]
     )
+    if mechanics.omitted_at_wall and mechanics.wall is not None and parts.forces:
+        loads = state.factor * sum(jnp.abs(load.force) for load in parts.forces)
+        carried = report["wall"]["force_N"] / jnp.where(loads > 0, loads, 1.0)
+        floor += mechanics.omitted_at_wall * jnp.minimum(carried, 1.0)
     if mechanics.bodies:
         floor += mechanics.omitted_margin * body_change(parts, problem, state, report)
         floor += error_by_squeezing(problem, state)

@@ -20,10 +20,15 @@ from suas_jax.mechanics.pad.mid_surface import (
 )
 from suas_jax.mechanics.pad.net import ElementVector, Net
 from suas_jax.mechanics.pad.net_lane import AbstractLane
-from suas_jax.mechanics.pad.omitted import moments, shear_energy_density
+from suas_jax.mechanics.pad.omitted import (
+    Elements,
+    Resultants,
+    relaxed_energy,
+    thinning_work,
+)
+from suas_jax.mechanics.pad.omitted import resultants as resultants_of
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
 from suas_jax.mechanics.pad.stiffness import dense_bands
-from suas_jax.numerics.quadrature import lagrange_slopes
 from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.pad_loads import PadLoadPoints
@@ -121,21 +126,30 @@ class PadLane(AbstractLane):
         return faces(self.law, s, (place[0], place[1]), self._layers(s.rest))
 
     def omitted_energy(self, q: Array) -> Array:
-        """Of transverse shear; polynomials join the moments at the points of an element."""
-        s = self.surface(self.net.gather(q))
-        found = moments(self.law, s, self.fibres)
-        g = self.gauss
-        found = found.reshape(3, g, g, *self.elements)
-        long, across = self.lengths
-        slope = lagrange_slopes(self.tables.xi)
-        by_long = jnp.einsum("hg,cgkef->chkef", slope, found) / long
-        by_across = jnp.einsum("hk,cgkef->cghef", slope, found) / across
-        by_arc, by_axial = self.topology.ordered(by_long, by_across)
-        stiffness = self.modulus * jnp.broadcast_to(
-            self.rest.thickness, self.angle.shape
-        ).reshape(g, g, *self.elements)
-        density = shear_energy_density(by_arc, by_axial, stiffness)
-        return jnp.sum(self.areas.reshape(-1) * density.reshape(-1))
+        """See `omitted`; straight lines join the resultants at the points of an element."""
+        qe, g = self.net.gather(q), self.gauss
+        found = resultants_of(self.law, self.surface(qe), self.fibres)
+        thickness = jnp.broadcast_to(self.rest.thickness, self.angle.shape)
+
+        def gridded(x: Array) -> Array:
+            x = x.reshape(*x.shape[:-1], g, g, *self.elements)
+            return (
+                x if self.topology.along_arc else jnp.swapaxes(jnp.swapaxes(x, -1, -2), -3, -4)
+            )
+
+        arc, axial = self.topology.ordered(self.lengths[0][:, 0], self.lengths[1][0])
+        axes = self.topology.arc, self.topology.axial
+        clamped = [(axis.left == "open", axis.right == "open") for axis in axes]
+        elements = Elements(
+            self.tables.xi, self.tables.weights, arc, axial, (clamped[0], clamped[1])
+        )
+        at = Resultants(*(gridded(x) for x in found))
+        energy = relaxed_energy(at, elements, gridded(thickness), self.modulus, self.growth)
+        points = self.points
+        under = self._at(qe, points.angle, points.axial)
+        below = resultants_of(self.law, under, self._layers(under.rest))
+        inward = -jnp.sum(points.force * jnp.stack(jnp.broadcast_arrays(*under.n)), 0)
+        return energy + thinning_work(below, inward, under.rest.thickness, self.modulus)
 
     def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
         """The mid-surface at places."""

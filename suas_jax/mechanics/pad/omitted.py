@@ -1,30 +1,64 @@
 """What the pad's thin shell leaves out, as energy: the source of its modelling error.
 
-Normals that stay normal forbid transverse shear. With the moments M of the shell and the
-transverse force Q = div M it stores, in a membrane of shear modulus G and thickness t::
+As in the section's shell (`suas_jax.mechanics.shell.omitted`): normals that stay normal forbid
+transverse shear, loads do no work where the membrane thins beneath them, and a clamp holds a
+line where it should hold a face. With the shell's moments M and membrane forces N per width,
+Q = div M, shear modulus G and thickness t, under inward forces f on the outer face::
 
-    E = integral of A |Q|^2 / (G t) dA
+    E = 27/40 integral |Q|^2 / (G t) dA
+        + sum over loads f (tr N / 12 + tr M / (4 t)) / G
+        + integral over clamped edges (c1 N^2 + c2 (M / t)^2 + c3 Q M / t + c4 N Q) / G ds
 
-with A = 0.525, fitted to the solid in plane strain. To first order the solution of the
-potential less E is one more substitution with the tangent at hand. The field of a patch
-itself, and how a clamp holds a face, are not part of it.
+where the last three are those across the edge. Traces are what thins an incompressible
+membrane in two directions; in plane strain, where those along the axis are half of those along
+the arc, every term is the section's. To first order the solution of the potential less E is
+one more substitution with the tangent at hand.
 """
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad.fibres import Layers, energy_density
 from suas_jax.mechanics.pad.mid_surface import Surface, Vector
+from suas_jax.mechanics.shell.omitted import (
+    CLAMP_MOMENT,
+    CLAMP_MOMENT_SHEAR,
+    CLAMP_NORMAL,
+    CLAMP_NORMAL_SHEAR,
+    SHEAR,
+)
+from suas_jax.numerics.quadrature import lagrange_slopes
+from suas_jax.skin.prestress import Growth
 
-_SHEAR = 0.525
+_LOAD_NORMAL, _LOAD_MOMENT = 1 / 12, 1 / 4
 
-Moments = Float[Array, "3 point"]
+Forces = Float[Array, "3 *point"]
 
 
-def moments(law: AbstractLaw, s: Surface, fibres: Layers) -> Moments:
-    """Derivatives of the energy density by h_11 h_22 h_12: M_11, M_22 and 2 M_12 [N].
+class Resultants(NamedTuple):
+    """Resultants by entries (11, 22, 12) of arc and axis.
+
+    Attributes:
+        normal: membrane forces [N/m].
+        moment: moments [N].
+    """
+
+    normal: Forces
+    moment: Forces
+
+    @property
+    def thinning(self) -> tuple[Array, Array]:
+        """Traces of the membrane forces and of the moments."""
+        return self.normal[0] + self.normal[1], self.moment[0] + self.moment[1]
+
+
+def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
+    """Derivatives of the energy density by metric and curvature, as at small strain.
 
     Args:
         law: the material.
@@ -32,22 +66,124 @@ def moments(law: AbstractLaw, s: Surface, fibres: Layers) -> Moments:
         fibres: through the thickness.
     """
 
-    def energy(bending: Vector) -> Array:
-        return jnp.sum(energy_density(law, s._replace(bending=bending), fibres))
+    def energy(metric: Vector, bending: Vector) -> Array:
+        moved = s._replace(metric=metric, bending=bending)
+        return jnp.sum(energy_density(law, moved, fibres))
 
-    return jnp.stack(jax.grad(energy)(s.bending))
+    by_metric, by_bending = jax.grad(energy, (0, 1))(s.metric, s.bending)
+    normal = jnp.stack([2 * by_metric[0], 2 * by_metric[1], by_metric[2]])
+    return Resultants(normal, jnp.stack([*by_bending[:2], by_bending[2] / 2]))
 
 
-def shear_energy_density(
-    by_arc: Float[Array, "3 *point"], by_axial: Float[Array, "3 *point"], stiffness: Array
-) -> Float[Array, "*point"]:
-    """Energy of transverse shear per area of the mid-surface [J/m^2].
+class Elements(NamedTuple):
+    """Elements and their Gauss points, along the arc first.
+
+    Attributes:
+        xi: Gauss points on the unit interval.
+        weights: their weights there.
+        arc: lengths along the arc [m].
+        axial: along the axis [m].
+        clamped: whether the first and the last edge are, along the arc and along the axis.
+    """
+
+    xi: np.ndarray
+    weights: np.ndarray
+    arc: Float[Array, " arc"]
+    axial: Float[Array, " axial"]
+    clamped: tuple[tuple[bool, bool], tuple[bool, bool]]
+
+
+def relaxed_energy(
+    at: Resultants,
+    elements: Elements,
+    thickness: Float[Array, "gauss gauss arc axial"],
+    modulus: Array,
+    growth: Growth | None,
+) -> Array:
+    """The part of E by which the membrane itself is softer [J].
 
     Args:
-        by_arc: derivatives of the moments by arc length [N/m].
-        by_axial: along the axis.
-        stiffness: G t [N/m].
+        at: resultants at the Gauss points [3, gauss, gauss, arc, axial].
+        elements: where they are.
+        thickness: of the membrane there [m].
+        modulus: small-strain shear modulus [Pa].
+        growth: of the membrane; None where it fits its seat.
     """
-    along = by_arc[0] + by_axial[2] / 2
-    across = by_arc[2] / 2 + by_axial[1]
-    return _SHEAR * (along**2 + across**2) / stiffness
+    slope, weights = lagrange_slopes(elements.xi), elements.weights
+    moment = at.moment
+    by_arc = jnp.einsum("hg,cgkef->chkef", slope, moment) / elements.arc[:, None]
+    by_axial = jnp.einsum("hk,cgkef->cghef", slope, moment) / elements.axial
+    along, across = by_arc[0] + by_axial[2], by_arc[2] + by_axial[1]
+    sizes = jnp.einsum("g,k,e,f->gkef", weights, weights, elements.arc, elements.axial)
+    total = SHEAR * jnp.sum(sizes * (along**2 + across**2) / thickness)
+    for way, lengths in enumerate((elements.arc, elements.axial)):
+        turned = [x if way == 0 else _swapped(x) for x in (*at, thickness)]
+        beside = elements.axial if way == 0 else elements.arc
+        grown: Array | float = 0.0
+        if growth is not None:  # too thick by itself for the clamp
+            along_edge = growth.axial if way == 0 else growth.hoop
+            grown = 4 * modulus * (growth.radial + along_edge / 2)
+        for index, held in ((0, elements.clamped[way][0]), (-1, elements.clamped[way][1])):
+            if held:
+                edge = [x[..., index, :] for x in turned]
+                at_end = way, index, lengths[index], beside
+                total = total + jnp.sum(_clamp(edge, at_end, elements, grown))
+    return total / modulus
+
+
+def _swapped(x: Array) -> Array:
+    """With the axis in the place of the arc."""
+    return jnp.swapaxes(jnp.swapaxes(x, -1, -2), -3, -4)
+
+
+def _clamp(
+    edge: list[Array],
+    at_end: tuple[int, int, Array, Array],
+    elements: Elements,
+    grown: Array | float,
+) -> Array:
+    """Integral along a clamped edge, times the shear modulus.
+
+    Args:
+        edge: resultants and thickness in the elements there.
+        at_end: direction across the edge, which end, and lengths of the elements across it and
+            along it.
+        elements: their Gauss points.
+        grown: membrane force over thickness of one that keeps its free thickness there [Pa].
+    """
+    (way, index, length, beside), xi, weights = at_end, elements.xi, elements.weights
+    side = 1.0 if index == 0 else -1.0
+    fit = np.stack([weights, 12 * weights * (xi - 0.5)])
+
+    def at_edge(x: Array) -> tuple[Array, Array]:
+        """Value at the edge and slope across it [gauss, beside], of a straight line."""
+        mean, rise = jnp.tensordot(jnp.asarray(fit), x, 1)
+        return mean - side * rise / 2, rise / length
+
+    normal, moment, thickness = edge
+    t = thickness[0 if index == 0 else -1]
+    n = at_edge(normal[way])[0] - t * grown
+    m, rising = at_edge(moment[way])
+    twist, _ = at_edge(moment[2])
+    twisting = jnp.einsum("hk,kf->hf", lagrange_slopes(xi), twist) / beside
+    q = side * (rising + twisting)
+    m = m / t
+    density = CLAMP_NORMAL * n**2 + CLAMP_MOMENT * m**2
+    density = density + q * (CLAMP_MOMENT_SHEAR * m + CLAMP_NORMAL_SHEAR * n)
+    return jnp.sum(weights[:, None] * beside * density)
+
+
+def thinning_work(
+    at: Resultants, inward: Float[Array, " point"], thickness: Array, modulus: Array
+) -> Array:
+    """The part of E that loads do where the membrane thins beneath them [J].
+
+    Args:
+        at: resultants under the loads.
+        inward: their components along the inward normal [N].
+        thickness: of the membrane there [m].
+        modulus: small-strain shear modulus [Pa].
+    """
+    normal, moment = at.thinning
+    thinning = _LOAD_NORMAL * normal + _LOAD_MOMENT * moment / thickness
+    return jnp.sum(inward * thinning) / modulus

@@ -42,10 +42,10 @@ from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
 
-_SHEAR = 27 / 40
+SHEAR = 27 / 40
 _LOAD_NORMAL, _LOAD_MOMENT = 1 / 8, 3 / 8
-_CLAMP_NORMAL, _CLAMP_MOMENT = -0.0142, -0.077
-_CLAMP_MOMENT_SHEAR, _CLAMP_NORMAL_SHEAR = 0.103, 0.0077
+CLAMP_NORMAL, CLAMP_MOMENT = -0.0142, -0.077
+CLAMP_MOMENT_SHEAR, CLAMP_NORMAL_SHEAR = 0.103, 0.0077
 # Least curvature of what touches, times thickness, and least half width over it.
 _FLAT, _NARROWEST = 1e-4, 1e-4
 _SPREAD = 1.1  # of the line forces at the ends of a zone that lies flat, in thicknesses
@@ -136,7 +136,7 @@ def relaxed_energy(
     """
     normal, moment = (LinesOverElements.through(x, xi, weights) for x in at)
     shear = moment.rise / lengths
-    total = _SHEAR * jnp.sum(lengths * shear**2 / jnp.mean(thickness, 0), 0)
+    total = SHEAR * jnp.sum(lengths * shear**2 / jnp.mean(thickness, 0), 0)
     # Outwards along the arc Q changes its sign with the side of the clamp.
     for element, side, held in ((0, 1.0, clamped[0]), (-1, -1.0, clamped[1])):
         if held:
@@ -146,8 +146,8 @@ def relaxed_energy(
                 n = n - 4 * modulus * edge * (growth.radial + growth.axial / 2)
             m = (moment.mean[element] - side * moment.rise[element] / 2) / edge
             q = side * shear[element]
-            total = total + _CLAMP_NORMAL * n**2 + _CLAMP_MOMENT * m**2
-            total = total + q * (_CLAMP_MOMENT_SHEAR * m + _CLAMP_NORMAL_SHEAR * n)
+            total = total + CLAMP_NORMAL * n**2 + CLAMP_MOMENT * m**2
+            total = total + q * (CLAMP_MOMENT_SHEAR * m + CLAMP_NORMAL_SHEAR * n)
     return total / modulus
 
 
