@@ -72,7 +72,7 @@ class AbstractGeneralState(AbstractDeformation):
         deviator = G - third * _unit(G)
         d = deviator / (1.0 + third)
         second = -0.5 * jnp.sum(d * d, axis=(0, 1))
-        change = second + _det(d)
+        change = second + determinant(d)
         # At large strain Δ is a small difference of these, but not of det F and tr C.
         large = change < -0.5
         from_det = self.log_det - 3.0 * jnp.log1p(third)
@@ -98,7 +98,7 @@ class DeformationGradient(AbstractGeneralState):
     @property
     def log_det(self) -> Float[Array, "*batch"]:
         """See the base class."""
-        return 2.0 * jnp.log(_det(self.F))
+        return 2.0 * jnp.log(determinant(self.F))
 
 
 class RightCauchyGreen(AbstractGeneralState):
@@ -118,14 +118,15 @@ class RightCauchyGreen(AbstractGeneralState):
     @property
     def log_det(self) -> Float[Array, "*batch"]:
         """See the base class."""
-        return jnp.log(_det(self.strain + _unit(self.strain)))
+        return jnp.log(determinant(self.strain + _unit(self.strain)))
 
 
 def _unit(matrix: Float[Array, "3 3 *batch"]) -> Float[np.ndarray, "3 3 *one"]:
     return np.eye(3, dtype=matrix.dtype).reshape(3, 3, *(1,) * (matrix.ndim - 2))
 
 
-def _det(A: Float[Array, "3 3 *batch"]) -> Float[Array, "*batch"]:
+def determinant(A: Float[Array, "3 3 *batch"]) -> Float[Array, "*batch"]:
+    """Determinant, by the first row: no factorisation, exact derivatives of any order."""
     return (
         A[0, 0] * (A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1])
         + A[0, 1] * (A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2])

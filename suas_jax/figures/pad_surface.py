@@ -17,7 +17,7 @@ from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.solve import Solution
-from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.geometry import SkinGeometry, thickness_beyond_mean
 from suas_jax.skin.pad_loads import PadLoad
 
 _SAMPLES = 3  # intervals along either side of an element
@@ -45,9 +45,9 @@ def _grid(problem: Problem, state: State, shown: State) -> _Grid:
     pad = problem.mechanics
     assert isinstance(pad, Pad)
     faces, section = pad.sampled(shown.q, _SAMPLES), pad.section
-    rest, thick = section.inner_face(faces.angle), section.thickness(faces.angle)
-    if pad.relief is not None:
-        thick = thick + pad.relief(section.fraction(faces.angle), faces.axial)
+    rest = section.inner_face(faces.angle)
+    beyond = thickness_beyond_mean(section, pad.relief, faces.angle, faces.axial)
+    thick = section.thickness(faces.angle) + beyond
     above = rest + thick * section.inner_normal(faces.angle)
     inner, outer = (
         jnp.concatenate([x, faces.axial[None]]) + moved

@@ -140,9 +140,6 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     models = MODELS[scene.geometry.dimension]
     if model != "auto":
         return _attempt(scene, model, models[model].given(scene), once=once), ""
-    if len(models) == 1:
-        (name,) = models
-        return _attempt(scene, name, models[name].given(scene), once=once), ""
     given = {name: m.given(scene) for name, m in models.items()}
     for name, counts in reversed(given.items()):
         if counts is not None:

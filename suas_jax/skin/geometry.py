@@ -98,9 +98,7 @@ class SkinGeometry(eqx.Module):
 
     def thickness_beyond_mean(self, angle: Array, axial: Array | None) -> Array | float:
         """Thickness of the membrane beyond its mean over the axis, on the outer face [m]."""
-        if self.relief is None or axial is None:
-            return 0.0
-        return self.relief(self.section.fraction(angle), axial)
+        return thickness_beyond_mean(self.section, self.relief, angle, axial)
 
     def outer_arc(self, angle: Array) -> Array:
         """Arc length of the outer face from its middle [m]."""
@@ -161,3 +159,19 @@ class SkinGeometry(eqx.Module):
         share = (np.asarray(w)[:, None] * np.diff(knots)).reshape(-1, 1)
         areas = jax.lax.map(area, place * self.width)
         return jnp.sum(share * areas, 0)
+
+
+def thickness_beyond_mean(
+    section: AbstractSection, relief: Sheet | None, angle: Array, axial: Array | None
+) -> Array | float:
+    """Thickness of a membrane beyond its mean over the axis, on the outer face [m].
+
+    Args:
+        section: of the mean thickness.
+        relief: over fraction of the arc and axial position; None where there is none.
+        angle: where [rad].
+        axial: position along the axis [m]; None for the mean.
+    """
+    if relief is None or axial is None:
+        return 0.0
+    return relief(section.fraction(angle), axial)

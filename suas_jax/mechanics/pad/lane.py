@@ -1,9 +1,10 @@
 """One lane of a pad as a thin shell: sums over its quadrature points."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import ContactFace
@@ -18,43 +19,31 @@ from suas_jax.mechanics.pad.mid_surface import (
     swept,
     vectors,
 )
-from suas_jax.mechanics.pad.net import ElementVector, Net
-from suas_jax.mechanics.pad.net_lane import AbstractLane
+from suas_jax.mechanics.pad.net import ElementVector
+from suas_jax.mechanics.pad.net_lane import AbstractLane, Kinds, LaneParts, Sums
 from suas_jax.mechanics.pad.omitted import (
     Elements,
-    Resultants,
+    Forces,
+    forces_of,
     relaxed_energy,
     thinning_work,
+    with_sides_swapped,
 )
-from suas_jax.mechanics.pad.omitted import resultants as resultants_of
 from suas_jax.mechanics.pad.points import PAIRS, stress, tangent
-from suas_jax.mechanics.pad.stiffness import dense_bands
-from suas_jax.skin.along import Sheet
-from suas_jax.skin.body import Body, PlacedBody
-from suas_jax.skin.pad_loads import PadLoadPoints
-from suas_jax.skin.prestress import Growth
-from suas_jax.skin.section import AbstractSection
+from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.wall import Wall
 
 
 class PadLane(AbstractLane):
     """One lane of a thin shell."""
 
-    def __init__(
-        self,
-        law: AbstractLaw,
-        net: Net,
-        section: AbstractSection,
-        points: PadLoadPoints,
-        quadrature: tuple[int, int],
-        growth: Growth | None,
-        relief: Sheet | None = None,
-        response: Response | None = None,
-    ) -> None:
+    kinds_of_derivative: ClassVar[Kinds] = KINDS
+    pairs: ClassVar[Kinds] = PAIRS
+
+    def __init__(self, parts: LaneParts, response: Response | None = None) -> None:
         """See the base class; `response` is that of a material with a past."""
-        given = law, net, section, points, quadrature, growth, relief
-        super().__init__(*given, kinds=KINDS, pairs=PAIRS)
-        modulus = law.shear_modulus
+        super().__init__(parts)
+        modulus = parts.law.shear_modulus
         self.modulus = modulus if response is None else response.share * modulus
         self.rest = self._rest(self.angle, self.axial)
         self.fibres: Layers = self._layers(self.rest)._replace(response=response)
@@ -128,14 +117,12 @@ class PadLane(AbstractLane):
     def omitted_energy(self, q: Array) -> Array:
         """See `omitted`; straight lines join the resultants at the points of an element."""
         qe, g = self.net.gather(q), self.gauss
-        found = resultants_of(self.law, self.surface(qe), self.fibres)
+        found = forces_of(self.law, self.surface(qe), self.fibres)
         thickness = jnp.broadcast_to(self.rest.thickness, self.angle.shape)
 
         def gridded(x: Array) -> Array:
             x = x.reshape(*x.shape[:-1], g, g, *self.elements)
-            return (
-                x if self.topology.along_arc else jnp.swapaxes(jnp.swapaxes(x, -1, -2), -3, -4)
-            )
+            return x if self.topology.along_arc else with_sides_swapped(x)
 
         arc, axial = self.topology.ordered(self.lengths[0][:, 0], self.lengths[1][0])
         axes = self.topology.arc, self.topology.axial
@@ -143,11 +130,11 @@ class PadLane(AbstractLane):
         elements = Elements(
             self.tables.xi, self.tables.weights, arc, axial, (clamped[0], clamped[1])
         )
-        at = Resultants(*(gridded(x) for x in found))
+        at = Forces(*(gridded(x) for x in found))
         energy = relaxed_energy(at, elements, gridded(thickness), self.modulus, self.growth)
         points = self.points
         under = self._at(qe, points.angle, points.axial)
-        below = resultants_of(self.law, under, self._layers(under.rest))
+        below = forces_of(self.law, under, self._layers(under.rest))
         inward = -jnp.sum(points.force * jnp.stack(jnp.broadcast_arrays(*under.n)), 0)
         return energy + thinning_work(below, inward, under.rest.thickness, self.modulus)
 
@@ -162,43 +149,21 @@ class PadLane(AbstractLane):
         s = self._at(qe, angle, axial)
         return face_displacement(s, -s.rest.below, self.growth)[0]
 
-    def assemble(
-        self,
-        q: Array,
-        pressure: Array,
-        factor: Array,
-        wall: Wall | None,
-        bodies: tuple[Body, ...],
-    ) -> tuple[Array, ...]:
+    def sums(self, qe: ElementVector, pressure: Array, factor: Array) -> Sums:
         """See the base class."""
-        qe = self.net.gather(q)
         s = self.surface(qe)
         results = resultants(self.law, s, self.fibres)
         forces = stress(s, results.first)
         more, pulls = swept(s)
         more = more - self._swelling()
-        internal = self._forces(dict(enumerate(map(jnp.stack, forces), 1)))
-        gradient = self._forces(dict(enumerate(map(jnp.stack, pulls))))
         points, spots = self.points, self._spots()
         moved = pad_loads.interpolated(spots, qe)
         vectors, hessian = pad_loads.load_terms(points, spots, moved)
-        load = pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors)
         upper = self._stiffness(tangent(s, results, pressure))
-        upper = upper - factor * pad_loads.load_bands(self.net, spots, hessian)
-        if wall is not None:
-            pushes, more_bands = self.inner_face(q, wall).element_terms()
-            internal, upper = internal + pushes[0], upper + more_bands
-        contact = jnp.zeros((2, *qe.shape), qe.dtype)
-        for body in bodies:
-            pushes, more_bands = self.outer_face(q, body.placed(factor)).element_terms(body)
-            contact, upper = contact + pushes, upper + more_bands
-        if bodies:
-            internal = internal + contact[0]
-        bands = dense_bands(self.net, upper)
-        scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
-        residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
-        volume = jnp.sum(self.areas.reshape(-1) * more)
-        found = residual, bands, scattered[1], scattered[2], volume
-        if not bodies:
-            return found
-        return *found, -self.net.scatter(contact[1]), self.net.scatter(contact[0])
+        return Sums(
+            self._forces(dict(enumerate(map(jnp.stack, forces), 1))),
+            self._forces(dict(enumerate(map(jnp.stack, pulls)))),
+            pad_loads.add_vectors(jnp.zeros_like(qe), spots, vectors),
+            upper - factor * pad_loads.load_bands(self.net, spots, hessian),
+            jnp.sum(self.areas.reshape(-1) * more),
+        )

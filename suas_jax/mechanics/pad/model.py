@@ -88,15 +88,15 @@ class PadMesh(AbstractPlan):
         )
 
     def meshes(self) -> Meshes:
-        """The error is judged on the part that is solved, stability and shear on the whole.
+        """The error is judged on the part that is solved, stability on the whole.
 
-        A solid's stability is that on pairs of elements joined: the whole pad has no sway that
-        they do not know.
+        A solid's stability is judged on pairs of elements joined, as a whole pad of all
+        elements would cost several solves.
         """
-        part, whole = self.reduced(), self
+        part, judged = self.reduced(), self
         if self.degree is not None:
-            whole = PadMesh(self.plan.joined(), degree=self.degree)
-        return Meshes(self, part, part.comparisons(), whole)
+            judged = PadMesh(self.plan.joined(), degree=self.degree)
+        return Meshes(self, part, part.comparisons(), judged)
 
 
 class PadModel(AbstractModel):
@@ -105,6 +105,7 @@ class PadModel(AbstractModel):
     dimension: ClassVar[int] = 3
     name: ClassVar[str] = "shell"
     setting: ClassVar[str] = "elements"
+    mechanics: ClassVar[type[Pad]] = Pad
 
     def first(self, scene: SceneSpec) -> Counts:
         """Elements sized by the membrane's bending length and by the loads."""
@@ -163,7 +164,8 @@ class PadModel(AbstractModel):
     ) -> Pad:
         """The pad on a mesh; see the base class."""
         assert isinstance(plan, PadMesh)
-        return Pad.build(geometry, law, plan.plan, loads).with_bodies(bodies)
+        pad = self.mechanics.build(geometry, law, plan.plan, loads, plan.degree)
+        return pad.with_bodies(bodies)
 
 
 def planned(

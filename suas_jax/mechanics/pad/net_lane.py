@@ -1,7 +1,7 @@
 """Sums over the quadrature points of a control net, in arrays without lanes."""
 
 import abc
-from collections.abc import Sequence
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,10 @@ from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.mid_surface import Vector
 from suas_jax.mechanics.pad.net import ElementVector, Net, tables
 from suas_jax.mechanics.pad.refinement import on_other_elements
-from suas_jax.mechanics.pad.stiffness import Upper, both_ways, upper_bands
+from suas_jax.mechanics.pad.stiffness import Upper, both_ways, dense_bands, upper_bands
 from suas_jax.skin.along import Sheet
 from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.geometry import thickness_beyond_mean
 from suas_jax.skin.pad_loads import PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
@@ -28,10 +29,10 @@ _RAY_STEPS = 4
 Kinds = tuple[tuple[int, int], ...]
 
 
-class AbstractLane(abc.ABC):
-    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one.
+class LaneParts(NamedTuple):
+    """What a lane is made of.
 
-    Args:
+    Attributes:
         law: the membrane's material.
         net: control values.
         section: the undeformed membrane across the axis.
@@ -39,33 +40,55 @@ class AbstractLane(abc.ABC):
         quadrature: points along either side of an element, and through the thickness.
         growth: of the membrane; None where it fits its seat.
         relief: of its outer face; None where it is the same all along.
-        kinds: of derivatives that energies depend on, by arc length and along the axis.
+    """
+
+    law: AbstractLaw
+    net: Net
+    section: AbstractSection
+    points: PadLoadPoints
+    quadrature: tuple[int, int]
+    growth: Growth | None
+    relief: Sheet | None
+
+
+class Sums(NamedTuple):
+    """The membrane's share of a system, before contact.
+
+    Attributes:
+        internal: derivatives of the potential by the unknowns.
+        gradient: of the enclosed volume.
+        load: of the loads' work at unit factor.
+        upper: bands of the tangent.
+        volume: enclosed volume less its value at rest [m^3].
+    """
+
+    internal: ElementVector
+    gradient: ElementVector
+    load: ElementVector
+    upper: Upper
+    volume: Array
+
+
+class AbstractLane(abc.ABC):
+    """One lane of a pad; arrays without lanes, inputs with a lane axis of length one.
+
+    Attributes:
+        kinds_of_derivative: that energies depend on, by arc length and along the axis.
         pairs: of kinds that the tangent couples: each once, and each kind with itself.
     """
 
-    def __init__(
-        self,
-        law: AbstractLaw,
-        net: Net,
-        section: AbstractSection,
-        points: PadLoadPoints,
-        quadrature: tuple[int, int],
-        growth: Growth | None,
-        relief: Sheet | None,
-        *,
-        kinds: Kinds,
-        pairs: Sequence[tuple[int, int]],
-    ) -> None:
-        self.growth, self.relief = growth, relief
-        self.law, self.net, self.points = law, net, points
-        self.section = section
-        self.gauss, self.layer_count = quadrature
+    kinds_of_derivative: ClassVar[Kinds]
+    pairs: ClassVar[Kinds]
+
+    def __init__(self, parts: LaneParts) -> None:
+        self.law, self.net, self.section, self.points = parts[:4]
+        self.growth, self.relief = parts.growth, parts.relief
+        self.gauss, self.layer_count = parts.quadrature
+        net, order = self.net, self.net.topology.ordered
         self.topology = net.topology
-        order = self.topology.ordered
-        self.pairs = pairs
-        self.kinds = tuple(order(*kind) for kind in kinds)
-        self.tables = tables(self.gauss, self.kinds, tuple(both_ways(pairs)))
-        arc, axial = section.size * jnp.diff(net.angles), jnp.diff(net.axial)
+        self.kinds = tuple(order(*kind) for kind in self.kinds_of_derivative)
+        self.tables = tables(self.gauss, self.kinds, tuple(both_ways(self.pairs)))
+        arc, axial = self.section.size * jnp.diff(net.angles), jnp.diff(net.axial)
         long, across = order(arc, axial)
         self.lengths = long[:, None], across[None]
         self.elements = (len(long), len(across))
@@ -95,9 +118,7 @@ class AbstractLane(abc.ABC):
 
     def beyond_mean(self, angle: Array, axial: Array) -> Array | float:
         """Thickness beyond its mean along the axis [m]."""
-        if self.relief is None:
-            return 0.0
-        return self.relief(self.section.fraction(angle), axial)
+        return thickness_beyond_mean(self.section, self.relief, angle, axial)
 
     @property
     def areas(self) -> Float[Array, "gauss element"]:
@@ -143,6 +164,9 @@ class AbstractLane(abc.ABC):
         """The outer face against a body."""
 
     @abc.abstractmethod
+    def sums(self, qe: ElementVector, pressure: Array, factor: Array) -> Sums:
+        """What the membrane adds to a system, from the elements' control values."""
+
     def assemble(
         self,
         q: Array,
@@ -156,6 +180,46 @@ class AbstractLane(abc.ABC):
         With bodies also the residual's derivative by their travel, its sign changed, and their
         force.
         """
+        qe = self.net.gather(q)
+        internal, gradient, load, upper, volume = self.sums(qe, pressure, factor)
+        if wall is not None:
+            pushes, more = self.inner_face(q, wall).element_terms()
+            internal, upper = (
+                internal + self._at_level(pushes[0], 0),
+                upper + self._within(more, 0),
+            )
+        contact = jnp.zeros((2, *qe.shape), qe.dtype)
+        for body in bodies:
+            pushes, more = self.outer_face(q, body.placed(factor)).element_terms(body)
+            contact = contact + jnp.stack([self._at_level(push, -1) for push in pushes])
+            upper = upper + self._within(more, -1)
+        if bodies:
+            internal = internal + contact[0]
+        forces, by_volume, by_load = (self.net.scatter(f) for f in (internal, gradient, load))
+        residual = forces - pressure * by_volume - factor * by_load
+        found = residual, dense_bands(self.net, upper), by_volume, by_load, volume
+        if not bodies:
+            return found
+        return *found, -self.net.scatter(contact[1]), self.net.scatter(contact[0])
+
+    def _room(self, index: int) -> tuple[int, int]:
+        """Unknowns of a control value before and after those of one level."""
+        first = 3 * (index % self.topology.vectors)
+        return first, self.topology.width - first - 3
+
+    def _at_level(self, x: Array, index: int) -> Array:
+        """Components of one level among all unknowns, the others zero.
+
+        Args:
+            x: components of a vector, leading.
+            index: of the level: 0 has the inner face, -1 the outer one. A shell has one level.
+        """
+        return jnp.pad(x, [self._room(index), *((0, 0) for _ in x.shape[1:])])
+
+    def _within(self, bands: Upper, index: int) -> Upper:
+        """Bands of one level among those of all unknowns; see `_at_level`."""
+        room = self._room(index)
+        return jnp.pad(bands, [(0, 0), (0, 0), (0, 0), room, room, (0, 0)])
 
     @abc.abstractmethod
     def faces(self, q: Array, angle: Array, axial: Array) -> Faces:

@@ -37,10 +37,8 @@ from suas_jax.skin.prestress import Growth
 
 _LOAD_NORMAL, _LOAD_MOMENT = 1 / 12, 1 / 4
 
-Forces = Float[Array, "3 *point"]
 
-
-class Resultants(NamedTuple):
+class Forces(NamedTuple):
     """Resultants by entries (11, 22, 12) of arc and axis.
 
     Attributes:
@@ -48,8 +46,8 @@ class Resultants(NamedTuple):
         moment: moments [N].
     """
 
-    normal: Forces
-    moment: Forces
+    normal: Float[Array, "3 *point"]
+    moment: Float[Array, "3 *point"]
 
     @property
     def thinning(self) -> tuple[Array, Array]:
@@ -57,7 +55,7 @@ class Resultants(NamedTuple):
         return self.normal[0] + self.normal[1], self.moment[0] + self.moment[1]
 
 
-def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
+def forces_of(law: AbstractLaw, s: Surface, fibres: Layers) -> Forces:
     """Derivatives of the energy density by metric and curvature, as at small strain.
 
     Args:
@@ -72,7 +70,7 @@ def resultants(law: AbstractLaw, s: Surface, fibres: Layers) -> Resultants:
 
     by_metric, by_bending = jax.grad(energy, (0, 1))(s.metric, s.bending)
     normal = jnp.stack([2 * by_metric[0], 2 * by_metric[1], by_metric[2]])
-    return Resultants(normal, jnp.stack([*by_bending[:2], by_bending[2] / 2]))
+    return Forces(normal, jnp.stack([*by_bending[:2], by_bending[2] / 2]))
 
 
 class Elements(NamedTuple):
@@ -94,7 +92,7 @@ class Elements(NamedTuple):
 
 
 def relaxed_energy(
-    at: Resultants,
+    at: Forces,
     elements: Elements,
     thickness: Float[Array, "gauss gauss arc axial"],
     modulus: Array,
@@ -117,7 +115,7 @@ def relaxed_energy(
     sizes = jnp.einsum("g,k,e,f->gkef", weights, weights, elements.arc, elements.axial)
     total = SHEAR * jnp.sum(sizes * (along**2 + across**2) / thickness)
     for way, lengths in enumerate((elements.arc, elements.axial)):
-        turned = [x if way == 0 else _swapped(x) for x in (*at, thickness)]
+        turned = [x if way == 0 else with_sides_swapped(x) for x in (*at, thickness)]
         beside = elements.axial if way == 0 else elements.arc
         grown: Array | float = 0.0
         if growth is not None:  # too thick by itself for the clamp
@@ -127,11 +125,11 @@ def relaxed_energy(
             if held:
                 edge = [x[..., index, :] for x in turned]
                 at_end = way, index, lengths[index], beside
-                total = total + jnp.sum(_clamp(edge, at_end, elements, grown))
+                total = total + _clamp(edge, at_end, elements, grown)
     return total / modulus
 
 
-def _swapped(x: Array) -> Array:
+def with_sides_swapped(x: Array) -> Array:
     """With the axis in the place of the arc."""
     return jnp.swapaxes(jnp.swapaxes(x, -1, -2), -3, -4)
 
@@ -174,7 +172,7 @@ def _clamp(
 
 
 def thinning_work(
-    at: Resultants, inward: Float[Array, " point"], thickness: Array, modulus: Array
+    at: Forces, inward: Float[Array, " point"], thickness: Array, modulus: Array
 ) -> Array:
     """The part of E that loads do where the membrane thins beneath them [J].
 

@@ -34,7 +34,7 @@ from suas_jax.mechanics.pad.mirroring import (
     values_on_both_sides,
 )
 from suas_jax.mechanics.pad.net import Net, NetTopology
-from suas_jax.mechanics.pad.net_lane import AbstractLane
+from suas_jax.mechanics.pad.net_lane import AbstractLane, LaneParts
 from suas_jax.mechanics.pad.shape import SAMPLES, PadShape
 from suas_jax.mesh.pad_load_points import pad_load_points
 from suas_jax.mesh.pad_plan import PadPlan
@@ -48,17 +48,6 @@ from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
-
-# What every lane is made of: the first arguments of `AbstractLane`.
-LaneParts = tuple[
-    AbstractLaw,
-    Net,
-    AbstractSection,
-    PadLoadPoints,
-    tuple[int, int],
-    Growth | None,
-    Sheet | None,
-]
 
 
 class Pad(AbstractMechanics):
@@ -169,13 +158,15 @@ class Pad(AbstractMechanics):
         response = self.response
         if response is not None:
             response = Response(response.share, response.rest[..., 0])
-        return PadLane(*self._lane_parts(), response=response)
+        return PadLane(self._lane_parts(), response)
 
     def _lane_parts(self) -> LaneParts:
         points = jax.tree.map(lambda x: x[..., 0], self.points)
         quadrature = (self.gauss, self.layers)
         net = self.net.lane(0)
-        return self.law, net, self.section, points, quadrature, self.growth, self.relief
+        return LaneParts(
+            self.law, net, self.section, points, quadrature, self.growth, self.relief
+        )
 
     def deviator(self, q: StationVector) -> Float[Array, "4 layer point lane"]:
         """Instantaneous stress that the material remembers; see `fibres.deviator`."""

@@ -4,6 +4,8 @@ First and second derivatives of strain energy less pressure times volume, per ar
 undeformed mid-surface, by u,s  u,z  u,ss  u,zz  u,sz.
 """
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -18,7 +20,7 @@ PAIRS = ((1, 1), (1, 2), (2, 2), *((k, a) for k in (1, 2) for a in (3, 4, 5)))
 PAIRS += ((3, 3), (3, 4), (3, 5), (4, 4), (4, 5), (5, 5), (0, 1), (0, 2))
 
 
-def _skew(v: Vector) -> Float[Array, "3 3 *point"]:
+def skew(v: Sequence[Array] | Array) -> Float[Array, "3 3 *point"]:
     """The matrix of v x."""
     zero = jnp.zeros_like(v[0])
     entries = jnp.stack([zero, -v[2], v[1], v[2], zero, -v[0], -v[1], v[0], zero])
@@ -70,10 +72,10 @@ def tangent(s: Surface, found: Resultants, pressure: Array) -> Float[Array, "pai
     half = pressure / 2
     pull = _pull(s, first)
     x, y = (pull[k] + half * (s.rest.place[k] + s.u[k]) for k in (0, 1))
-    skew_s, skew_z = _skew(s.rs), _skew(s.rz)
+    skew_s, skew_z = skew(s.rs), skew(s.rz)
     blocks = {
         (1, 1): joint(s_weighed, by_s) + 2 * first[0] * eye,
-        (1, 2): joint(s_weighed, by_z) + first[2] * eye - _skew((x, y, pull[2])),
+        (1, 2): joint(s_weighed, by_z) + first[2] * eye - skew((x, y, pull[2])),
         (2, 2): joint(z_weighed, by_z) + 2 * first[1] * eye,
         (0, 1): -half * across * skew_z,
         (0, 2): half * across * skew_s,

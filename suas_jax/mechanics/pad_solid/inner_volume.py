@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from suas_jax.mechanics.pad.points import skew
 from suas_jax.skin.section import AbstractSection
 
 
@@ -56,10 +57,10 @@ def swept(section: AbstractSection, angle: Array, moved: Float[Array, "3 3 place
     none = jnp.zeros((3, 3, *zero.shape))
     second = {
         (0, 0): none,
-        (0, 1): flat[:, None] * _skew(z) / 2,
-        (0, 2): -flat[:, None] * _skew(s) / 2,
+        (0, 1): flat[:, None] * skew(z) / 2,
+        (0, 2): -flat[:, None] * skew(s) / 2,
         (1, 1): none,
-        (1, 2): _skew(here) / 2,
+        (1, 2): skew(here) / 2,
         (2, 2): none,
     }
     return Swept(more, first, second)
@@ -67,10 +68,3 @@ def swept(section: AbstractSection, angle: Array, moved: Float[Array, "3 3 place
 
 def _cross(a: Array, b: Array) -> Array:
     return jnp.cross(a, b, axis=0)
-
-
-def _skew(v: Array) -> Float[Array, "3 3 place"]:
-    """The matrix of v x."""
-    zero = jnp.zeros_like(v[0])
-    rows = [[zero, -v[2], v[1]], [v[2], zero, -v[0]], [-v[1], v[0], zero]]
-    return jnp.stack([jnp.stack(row) for row in rows])

@@ -12,21 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad import loads as pad_loads
 from suas_jax.mechanics.pad.contact import ContactFace
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.mid_surface import Vector, components
-from suas_jax.mechanics.pad.net import ElementVector, Net
-from suas_jax.mechanics.pad.net_lane import AbstractLane
-from suas_jax.mechanics.pad.stiffness import dense_bands
+from suas_jax.mechanics.pad.net import ElementVector
+from suas_jax.mechanics.pad.net_lane import AbstractLane, Kinds, Sums
 from suas_jax.mechanics.pad_solid import inner_volume, points
-from suas_jax.mechanics.pad_solid.thickness import shapes_at, thickness
+from suas_jax.mechanics.pad_solid.thickness import Thickness, shapes_at, thickness
 from suas_jax.numerics.quadrature import gauss_legendre
-from suas_jax.skin.along import Sheet
-from suas_jax.skin.body import Body, PlacedBody
-from suas_jax.skin.pad_loads import PadLoadPoints
-from suas_jax.skin.prestress import Growth
+from suas_jax.skin.body import PlacedBody
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Wall
 
@@ -38,23 +33,18 @@ PAIRS = tuple((k, m) for k in range(3) for m in range(k, 3))
 class SolidLane(AbstractLane):
     """One lane of a solid."""
 
-    def __init__(
-        self,
-        law: AbstractLaw,
-        net: Net,
-        section: AbstractSection,
-        points: PadLoadPoints,
-        quadrature: tuple[int, int],
-        growth: Growth | None,
-        relief: Sheet | None,
-    ) -> None:
-        """See the base class."""
-        given = law, net, section, points, quadrature, growth, relief
-        super().__init__(*given, kinds=KINDS, pairs=PAIRS)
-        degree = net.topology.degree
-        assert degree is not None
-        self.degree = degree
-        self.through = thickness(degree, self.layer_count)
+    kinds_of_derivative: ClassVar[Kinds] = KINDS
+    pairs: ClassVar[Kinds] = PAIRS
+
+    @property
+    def degree(self) -> int:
+        """Of the displacement through the thickness."""
+        return self.topology.vectors - 1
+
+    @property
+    def through(self) -> Thickness:
+        """Tables through the thickness."""
+        return thickness(self.degree, self.layer_count)
 
     @property
     def unit(self) -> Array:
@@ -86,7 +76,9 @@ class SolidLane(AbstractLane):
         moved = values[:, : 3 * count].reshape(3, count, 3, -1)
         local = jnp.einsum("icp,kvcp->kvip", self.frame, moved)
         pressure = jnp.einsum("mp,me->ep", values[0, 3 * count :], self.through.modes)
-        return points.at_points(self.through, local), self.unit * pressure
+        return points.at_points(
+            self.through.shapes, self.through.slopes, local
+        ), self.unit * pressure
 
     def strain_energy(self, q: Array) -> Array:
         """Strain energy [J]."""
@@ -150,60 +142,22 @@ class SolidLane(AbstractLane):
         qe = self._level(self.net.gather(q), index)
         return SolidFace(self.net, obstacle, 1 if index else -1, self.section, qe, self.growth)
 
-    def assemble(
-        self,
-        q: Array,
-        pressure: Array,
-        factor: Array,
-        wall: Wall | None,
-        bodies: tuple[Body, ...],
-    ) -> tuple[Array, ...]:
-        """See `PadLane.assemble`."""
-        qe = self.net.gather(q)
+    def sums(self, qe: ElementVector, pressure: Array, factor: Array) -> Sums:
+        """See the base class."""
+        del factor  # loads act at places of the face, whose work is linear
         moved, multiplier = self._fields(qe)
         found = points.terms(self.law, self.geometry, moved, multiplier, self.growth)
         volume, swept = self._enclosed(qe)
-        internal = self._forces(self._internal(found, multiplier))
-        gradient = self._forces({k: self._at_level(x, 0) for k, x in enumerate(swept.first)})
-        spots = self._spots()
-        load = jnp.zeros_like(qe)
-        pulled = pad_loads.add_vectors(
-            self._level(load, -1), spots, self.points.force[:, None] * spots.shapes[0]
-        )
-        load = self._at_level(pulled, -1)
-        blocks = self._blocks(found)
+        spots, still = self._spots(), jnp.zeros_like(self._level(qe, -1))
+        pulls = self.points.force[:, None] * spots.shapes[0]
         corner = jnp.stack([pressure * swept.second[pair] for pair in PAIRS])
-        upper = self._stiffness(blocks.at[:, :3, :3].add(-corner))
-        if wall is not None:
-            pushes, more_bands = self.inner_face(q, wall).element_terms()
-            internal = internal + self._at_level(pushes[0], 0)
-            upper = upper + self._within(more_bands, 0)
-        contact = jnp.zeros((2, *qe.shape), qe.dtype)
-        for body in bodies:
-            pushes, more_bands = self.outer_face(q, body.placed(factor)).element_terms(body)
-            contact = contact + jnp.stack([self._at_level(push, -1) for push in pushes])
-            upper = upper + self._within(more_bands, -1)
-        if bodies:
-            internal = internal + contact[0]
-        bands = dense_bands(self.net, upper)
-        scattered = [self.net.scatter(f) for f in (internal, gradient, load)]
-        residual = scattered[0] - pressure * scattered[1] - factor * scattered[2]
-        outcome = residual, bands, scattered[1], scattered[2], volume
-        if not bodies:
-            return outcome
-        return *outcome, -self.net.scatter(contact[1]), self.net.scatter(contact[0])
-
-    def _at_level(self, x: Array, index: int) -> Array:
-        """Components of one level among all unknowns, the others zero."""
-        first = 3 * (index % (self.degree + 1))
-        after = self.topology.width - first - 3
-        return jnp.pad(x, [(first, after), *((0, 0) for _ in x.shape[1:])])
-
-    def _within(self, bands: Array, index: int) -> Array:
-        """Bands of one level among those of all unknowns."""
-        first = 3 * (index % (self.degree + 1))
-        room = (first, self.topology.width - first - 3)
-        return jnp.pad(bands, [(0, 0), (0, 0), (0, 0), room, room, (0, 0)])
+        return Sums(
+            self._forces(self._internal(found, multiplier)),
+            self._forces({k: self._at_level(x, 0) for k, x in enumerate(swept.first)}),
+            self._at_level(pad_loads.add_vectors(still, spots, pulls), -1),
+            self._stiffness(self._blocks(found).at[:, :3, :3].add(-corner)),
+            volume,
+        )
 
     def _internal(self, found: points.Terms, multiplier: Array) -> dict[int, Array]:
         """Derivatives of the potential by the unknowns, by kind of derivative."""
@@ -274,12 +228,7 @@ class SolidLane(AbstractLane):
         eta = np.concatenate([[-1.0, 1.0], inside])
         at = self._geometry(angle, axial, eta, np.concatenate([[0, 0], weights]))
         shapes, slopes = (shapes_at(self.degree, eta, n) for n in range(2))
-        moved = jnp.stack(
-            [
-                jnp.einsum("ve,vcp->cep", shapes if kind else slopes, local[kind])
-                for kind in points.KIND_OF
-            ]
-        )
+        moved = points.at_points(shapes, slopes, local)
         L = points.displacement_gradient(moved, at.inverse)
         entries = points.green(L)
         seen = points.elastic(entries, self.growth)

@@ -1,18 +1,14 @@
 """The pad's solid as a model that scenes can ask for."""
 
 import math
-from collections.abc import Sequence
 from typing import ClassVar
 
 from suas_jax.config import SceneSpec
-from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.mechanics.model import AbstractPlan, Counts
-from suas_jax.mechanics.pad.model import PadMesh, PadModel, planned
+from suas_jax.mechanics.model import Counts
+from suas_jax.mechanics.pad.model import PadModel, planned
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad_solid.solid import PadSolid
 from suas_jax.mesh.pad_plan import ElementSizes, PadPlan
-from suas_jax.skin.body import Body
-from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.pad_loads import PadLoad
 
 _MOST_DEGREES = 4
 _MOST_ELEMENTS = 96  # along either direction
@@ -28,6 +24,7 @@ class PadSolidModel(PadModel):
 
     name: ClassVar[str] = "solid"
     setting: ClassVar[str] = "mesh"
+    mechanics: ClassVar[type[Pad]] = PadSolid
     for_curves: ClassVar[bool] = False
 
     def first(self, scene: SceneSpec) -> Counts:
@@ -57,18 +54,6 @@ class PadSolidModel(PadModel):
     def coarser(self, counts: Counts) -> Counts:
         """Two thirds of the elements, in fours; see the base class."""
         return *(max(8, 4 * (n // 6)) for n in counts[:2]), counts[2]
-
-    def build(
-        self,
-        plan: AbstractPlan,
-        geometry: SkinGeometry,
-        law: AbstractLaw,
-        loads: Sequence[PadLoad],
-        bodies: Sequence[Body] = (),
-    ) -> PadSolid:
-        """The solid on a mesh; see the base class."""
-        assert isinstance(plan, PadMesh)
-        return PadSolid.build(geometry, law, plan.plan, loads, plan.degree).with_bodies(bodies)
 
 
 PAD_SOLID = PadSolidModel()

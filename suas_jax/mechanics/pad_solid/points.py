@@ -24,9 +24,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.constitutive.base import AbstractLaw
-from suas_jax.constitutive.deformation_gradient import RightCauchyGreen
+from suas_jax.constitutive.deformation_gradient import RightCauchyGreen, determinant
 from suas_jax.mechanics.pad.mid_surface import total
-from suas_jax.mechanics.pad_solid.thickness import Thickness
 from suas_jax.numerics.staging import staged
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
@@ -106,12 +105,7 @@ def green(L: Float[Array, "3 3 *point"]) -> Float[Array, "6 *point"]:
 def dilatation(L: Float[Array, "3 3 *point"]) -> Float[Array, "*point"]:
     """J - 1."""
     minors = sum(L[i, i] * L[j, j] - L[i, j] * L[j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
-    det = (
-        L[0, 0] * (L[1, 1] * L[2, 2] - L[1, 2] * L[2, 1])
-        + L[0, 1] * (L[1, 2] * L[2, 0] - L[1, 0] * L[2, 2])
-        + L[0, 2] * (L[1, 0] * L[2, 1] - L[1, 1] * L[2, 0])
-    )
-    return L[0, 0] + L[1, 1] + L[2, 2] + minors + det
+    return L[0, 0] + L[1, 1] + L[2, 2] + minors + determinant(L)
 
 
 def elastic(
@@ -257,18 +251,21 @@ def _second_of_volume(F: Array, inverse: Array) -> Array:
     return jnp.transpose(matrix, (2, 0, 3, 1, *range(4, matrix.ndim)))
 
 
-def at_points(tables: Thickness, values: Float[Array, "kind value 3 place"]) -> Array:
-    """Displacement by the coordinates at the points [coordinate, component, eta, place].
+def at_points(
+    shapes: Float[np.ndarray, "value eta"],
+    slopes: Float[np.ndarray, "value eta"],
+    values: Float[Array, "kind value 3 place"],
+) -> Float[Array, "3 3 eta place"]:
+    """Displacement by the coordinates at the points [coordinate, component].
 
     Args:
-        tables: through the thickness.
+        shapes: of the displacement through the thickness.
+        slopes: their derivatives by eta.
         values: by kind of derivative and value through the thickness.
     """
     return jnp.stack(
         [
-            jnp.einsum(
-                "ke,kcp->cep", tables.slopes if kind == 0 else tables.shapes, values[kind]
-            )
+            jnp.einsum("ve,vcp->cep", shapes if kind else slopes, values[kind])
             for kind in KIND_OF
         ]
     )
