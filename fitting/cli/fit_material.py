@@ -169,6 +169,13 @@ def material(
             "with the stretches of this scene."
         ),
     ] = None,
+    up_to: Annotated[
+        float | None,
+        typer.Option(
+            help="Largest stretch of which the prediction tells (and the inverse of the "
+            "smallest), such as 1.2; without it, those of --scene, or of the data."
+        ),
+    ] = None,
     plot: Plot = None,
     report_file: Annotated[
         Path | None,
@@ -228,17 +235,12 @@ def material(
                     prony=int(prony) if prony.isdigit() else prony,
                     mullins=mullins,
                     scene=scene,
+                    up_to=up_to,
                 )
             except NoFit as error:
                 message = {"law": law, "status": "no_fit", "message": str(error)}
                 found = Calibration(None, None, message)
             fit, report = found.fit, found.report
-            if fit is not None and scene is not None:
-                from fitting.material.calibration import compare_with_scene
-
-                show("solving the scene")
-                report["scene"], remark = compare_with_scene(fit, scene)
-                report["warnings"] += remark
             if fit is not None and sample:
                 from fitting.material.report.posterior_files import sample_and_write
                 from fitting.statistics.posterior import Settings

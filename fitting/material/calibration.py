@@ -49,6 +49,7 @@ def calibrate(
     *,
     progress: Callable[[str], None] = lambda title: None,
     scene: Path | None = None,
+    up_to: float | None = None,
     prony: int | str = 0,
     **options: Any,
 ) -> Calibration:
@@ -61,7 +62,10 @@ def calibrate(
         law: a value of `law` in [material], or "auto".
         terms: number of terms, if the law has any.
         progress: called with the name of the law that is fitted next.
-        scene: of a skin in whose stretches a law that is chosen must be stable.
+        scene: of a skin in whose stretches a law that is chosen must be stable; the prediction
+            tells of them.
+        up_to: largest stretch that the prediction tells of; None for that of the scene, or of
+            the data.
         prony: number of Prony terms, or "auto" for as many as the data determine.
         options: as for `fit_material`.
 
@@ -69,6 +73,10 @@ def calibrate(
         ValueError: law, terms or an option are not allowed.
         NoFit: no constants were found.
     """
+    if up_to is not None and not up_to > 1.0:
+        raise ValueError(
+            f"--up-to {up_to:g}: a stretch greater than 1 is expected, such as 1.2"
+        )
     volumetric = [data for data in sets if isinstance(data, VolumetricTest)]
     rest = [data for data in sets if not isinstance(data, VolumetricTest)]
     bulk, fit, report = None, None, _report_of_bulk_alone()
@@ -81,9 +89,30 @@ def calibrate(
             thin=options.get("thin", 0),
         )
     if rest or not volumetric:
-        fit, report = _calibrated(
-            rest, law, terms, progress=progress, scene=scene, prony=prony, **options
+        fit, comparison = _calibrated(
+            rest,
+            law,
+            terms,
+            progress=progress,
+            scene=scene,
+            up_to=up_to,
+            prony=prony,
+            **options,
         )
+        reached: dict[str, Any] | None = None
+        remarks: list[str] = []
+        if scene is not None:
+            progress("solving the scene")
+            reached, remarks = compare_with_scene(fit, scene)
+            if up_to is None and reached["stretch_max"] is not None:
+                up_to = max(reached["stretch_max"], 1.0 / reached["stretch_min"])
+        fit = dataclasses.replace(fit, up_to=up_to)
+        report = material_report(fit)
+        if comparison is not None:
+            report |= _compared(comparison)
+        if reached is not None:
+            report["scene"] = reached
+            report["warnings"] += remarks
     if bulk is not None:
         modulus = None if fit is None else fit.shear_modulus()[0]
         report |= bulk.report(modulus)
@@ -106,10 +135,11 @@ def _calibrated(
     *,
     progress: Callable[[str], None],
     scene: Path | None,
+    up_to: float | None,
     prony: int | str,
     **options: Any,
-) -> tuple[MaterialFit, dict[str, Any]]:
-    """The law and its report; see `calibrate`."""
+) -> tuple[MaterialFit, Comparison | None]:
+    """The law, and what it was chosen from; see `calibrate`."""
     if isinstance(prony, str) or not 0 <= prony <= MOST_PRONY_TERMS:
         if prony != COMPARE_ALL:
             raise ValueError(f"--prony {prony}: allowed: auto, or 0 to {MOST_PRONY_TERMS}")
@@ -119,8 +149,7 @@ def _calibrated(
     options["prony"] = prony
     if law != COMPARE_ALL:
         progress(law)
-        fit = fit_material(sets, law, terms, **options)
-        return fit, material_report(fit)
+        return fit_material(sets, law, terms, **options), None
     if terms is not None:
         raise ValueError("--terms: --law auto chooses the number of terms itself")
     if options.pop("bounds", None):
@@ -134,23 +163,34 @@ def _calibrated(
         return ""
 
     comparison = compare_laws(
-        sets, progress=progress, refuses=None if scene is None else refuses, **options
+        sets,
+        progress=progress,
+        refuses=None if scene is None else refuses,
+        up_to=up_to,
+        **options,
     )
     return _recommended(comparison)
 
 
-def _recommended(comparison: Comparison) -> tuple[MaterialFit, dict[str, Any]]:
-    """The best of several fits, and its report with what was rejected and why."""
+def _recommended(comparison: Comparison) -> tuple[MaterialFit, Comparison]:
+    """The best of several fits, which the others are kept beside for its predictions."""
     best = comparison.best
+    others = tuple(fit for fit in comparison.fits if fit is not best)
     reasons = comparison.against(best)
+    remarks = best.remarks
     if reasons:
         text = f"no law is without objection; against {best.family.title}: {'; '.join(reasons)}"
-        best = dataclasses.replace(best, remarks=(*best.remarks, text))
-    report = material_report(best)
-    report["candidates"] = comparison.table
-    report["candidates_failed"] = comparison.failed
-    report["effective_readings"] = comparison.effective_number
-    return best, report
+        remarks = (*remarks, text)
+    return dataclasses.replace(best, remarks=remarks, others=others), comparison
+
+
+def _compared(comparison: Comparison) -> dict[str, Any]:
+    """What was rejected and why, for the report."""
+    return {
+        "candidates": comparison.table,
+        "candidates_failed": comparison.failed,
+        "effective_readings": comparison.effective_number,
+    }
 
 
 def with_material(scene: SceneSpec, fit: MaterialFit) -> SceneSpec:

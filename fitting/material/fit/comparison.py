@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.measurements import PATHS, Dataset
+from fitting.material.fit.band import Belief, asked_stretches, half_width, nominal_factors
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.result import MaterialFit
@@ -36,11 +37,13 @@ class Comparison:
         failed: reasons, by title, of those that could not: too few readings, no finite
             stresses, no convergence, no stiffness at rest.
         refused: further reasons against laws, by title, such as a scene's stretches.
+        up_to: largest stretch that is asked for; None for that of the data.
     """
 
     fits: tuple[MaterialFit, ...]
     failed: dict[str, str]
     refused: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    up_to: float | None = None
 
     @functools.cached_property
     def effective_number(self) -> float:
@@ -72,26 +75,54 @@ class Comparison:
         reasons += [f"unstable: {text}" for text in fit.instabilities(STABILITY_MARGIN)]
         if fit.family.title in self.refused:
             reasons.append(self.refused[fit.family.title])
+        reasons += [
+            f"{mode}, not measured: {ratio:.3g} times the middle of the 95 % band"
+            for mode, ratio in self.beyond_band(fit).items()
+        ]
         if count := fit.uncertainty.spare:
             reasons.append(
                 f"{count} combination{'s' if count > 1 else ''} of constants not determined"
             )
         return reasons
 
+    def beyond_band(self, fit: MaterialFit) -> dict[str, float]:
+        """Modes not measured in which a law leaves the 95 % band: stress over the middle."""
+        found = {}
+        for mode, (stretch, middle, half) in self._bands.items():
+            law, _ = fit.stress(nominal_factors(mode, stretch))
+            off = np.nan_to_num(np.abs(law - middle) / half, nan=np.inf)
+            if np.max(off) > 1.0:
+                at = int(np.argmax(off))
+                found[mode] = float(law[at] / middle[at])
+        return found
+
+    @functools.cached_property
+    def _bands(self) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Stretches, middle and half width of each mode that was not measured."""
+        belief = Belief.of(self.fits)
+        found = {}
+        for mode in PATHS:
+            if mode not in belief.measured:
+                stretch = asked_stretches(self.fits[0], mode, self.up_to)
+                middle, deviation = belief.stress(mode, stretch)
+                found[mode] = stretch, middle, half_width(deviation)
+        return found
+
     @property
     def best(self) -> MaterialFit:
         """The lowest AICc among laws against which nothing stands.
 
-        Where something stands against every law, stability goes first, then convergence,
-        then constants that are determined.
+        Where something stands against every law, stability goes first, then convergence, then
+        how far modes that were not measured are off, then constants that are determined.
         """
         return min(self.fits, key=self._faults)
 
-    def _faults(self, fit: MaterialFit) -> tuple[bool, bool, bool]:
+    def _faults(self, fit: MaterialFit) -> tuple[bool, bool, float, bool]:
         unstable = bool(fit.instabilities(STABILITY_MARGIN)) or fit.family.title in self.refused
         return (
             unstable,
             fit.status == "not_converged",
+            max(map(_times, self.beyond_band(fit).values()), default=0.0),
             fit.uncertainty.spare > 0,
         )
 
@@ -126,6 +157,11 @@ class Comparison:
         return lines
 
 
+def _times(ratio: float) -> float:
+    """How far a ratio is from one, either way; infinite for what is no stress."""
+    return abs(float(np.log(ratio))) if 0.0 < ratio < np.inf else np.inf
+
+
 def _aicc(fit: MaterialFit, effective: float) -> float:
     """AICc with a number of independent readings; infinite if they are too few."""
     count = float(fit.problem.residuals.used.sum())
@@ -146,6 +182,7 @@ def compare_laws(
     candidates: Sequence[tuple[str, int]] | None = None,
     progress: Callable[[str], None] = lambda title: None,
     refuses: Callable[[MaterialFit], str] | None = None,
+    up_to: float | None = None,
     **options: Any,
 ) -> Comparison:
     """Fit several laws and rank them by AICc.
@@ -155,6 +192,7 @@ def compare_laws(
         candidates: laws and numbers of terms; None for those that the laws declare.
         progress: called with each law's title before it is fitted.
         refuses: a reason against a fit that is about to be recommended; "" for none.
+        up_to: largest stretch that is asked for; None for that of the data.
         options: as for `fit_material`.
 
     Raises:
@@ -180,7 +218,7 @@ def compare_laws(
     if not fits:
         reasons = (f"{title}: {reason}" for title, reason in failed.items())
         raise NoFit("no law could be fitted: " + "; ".join(reasons))
-    comparison = ranked(fits, failed)
+    comparison = dataclasses.replace(ranked(fits, failed), up_to=up_to)
     refused: dict[str, str] = {}
     while refuses is not None and len(refused) < len(fits):
         best = comparison.best

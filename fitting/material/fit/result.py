@@ -14,6 +14,7 @@ from scipy import stats
 from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
+from fitting.material.fit.band import Band, Belief, half_width, nominal_factors
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem, readings
@@ -27,23 +28,9 @@ from suas_jax.config.schema_material import LAWS
 from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range
 
 _DISTINCT = 0.02
+_LANES = 64  # readings of one compiled evaluation
 STABLE_LIMITS = (0.01, 100.0)
 """Stretches between which the ends of stability are looked for."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Band:
-    """Predicted stress of a mode with its uncertainty.
-
-    Attributes:
-        stretch: λ, shape [n].
-        nominal: nominal stress [Pa], shape [n].
-        half_width: half width of the interval [Pa], shape [n].
-    """
-
-    stretch: np.ndarray
-    nominal: np.ndarray
-    half_width: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +51,9 @@ class MaterialFit:
         suspects: artefacts that the data seem to have.
         bounds: hard bounds by constant, SI units.
         specimens: factors of several specimens of one mode; None where there is one each.
+        others: fits of other laws to the same data, which `predict` averages with this one.
+        up_to: largest stretch, and inverse of the smallest, that is asked for; None for those
+            of the data.
     """
 
     sets: tuple[Dataset, ...]
@@ -79,6 +69,8 @@ class MaterialFit:
     suspects: tuple[Suspect, ...] = ()
     bounds: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     specimens: Specimens | None = None
+    others: tuple["MaterialFit", ...] = ()
+    up_to: float | None = None
 
     @property
     def family(self) -> AbstractFamily:
@@ -126,20 +118,43 @@ class MaterialFit:
         known = self.problem.kind == "noise"
         return information_criteria(2.0 * self.cost, count, self.family.size, known_noise=known)
 
+    @functools.cached_property
+    def belief(self) -> Belief:
+        """What the data say of every mode, averaged over this law and the others."""
+        return Belief.of([self, *self.others])
+
     def predict(self, mode: str, stretch: np.ndarray, level: float = 0.95) -> Band:
-        """Predict a mode, measured or not, with the uncertainty of the constants.
+        """Stress of a mode, measured or not, with an interval that no law's form narrows.
 
         Args:
             mode: "uniaxial", "equibiaxial" or "pure_shear".
             stretch: λ > 0, shape [n].
-            level: probability that the interval covers the law's mean stress.
+            level: probability that the interval covers the stress.
         """
-        e1, e2, c1, c2 = mode_factors(PATHS[mode], stretch)
-        test = Homogeneous(*(padded(x) for x in (e1, e2, c1 / stretch, c2 / stretch)))
-        value, slope = _prediction(self.family, test, jnp.asarray(self.constants))
-        half = self.uncertainty.spread_of(np.asarray(slope)) * self.uncertainty.quantile(level)
-        count = len(stretch)
-        return Band(np.asarray(stretch), np.asarray(value)[:count], half[:count])
+        stretch = np.asarray(stretch, float)
+        middle, deviation = self.belief.stress(mode, stretch)
+        law, _ = self.stress(nominal_factors(mode, stretch))
+        return Band(stretch, middle, half_width(deviation, level), law)
+
+    def stress(
+        self, factors: np.ndarray, constants: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Readings of the law's homogeneous tests [Pa], and derivatives by its constants.
+
+        Args:
+            factors: e₁, e₂, c₁, c₂ of each reading, shape [4, n].
+            constants: SI units; None for the fitted ones.
+        """
+        at = jnp.asarray(self.constants if constants is None else constants)
+        found = []
+        for first in range(0, factors.shape[1], _LANES):
+            part = factors[:, first : first + _LANES]
+            test = Homogeneous(*(padded(x) for x in part))
+            found.append(
+                [np.asarray(x)[: part.shape[1]] for x in _prediction(self.family, test, at)]
+            )
+        values, slopes = zip(*found, strict=True)
+        return np.concatenate(values), np.concatenate(slopes)
 
     def intervals(self, level: float) -> np.ndarray:
         """Intervals of the constants, SI units, shape [2, p]; see `interval_ends`."""
@@ -259,13 +274,8 @@ class MaterialFit:
     def _fingerprint(self, constants: np.ndarray) -> np.ndarray:
         """Stresses of the three modes at a few stretches of the data's range."""
         h = np.asarray(self.problem.residuals.scales.strain) * np.array([0.1, 0.4, 0.7])
-        parts = []
-        for path in PATHS.values():
-            e1, e2, c1, c2 = mode_factors(path, np.exp(h))
-            parts.append(np.stack([e1, e2, c1, c2]))
-        test = Homogeneous(*(padded(x) for x in np.concatenate(parts, axis=1)))
-        value, _ = _prediction(self.family, test, jnp.asarray(constants))
-        return np.asarray(value)[: 3 * len(h)]
+        parts = [np.stack(mode_factors(path, np.exp(h))) for path in PATHS.values()]
+        return self.stress(np.concatenate(parts, axis=1), constants)[0]
 
 
 @eqx.filter_jit

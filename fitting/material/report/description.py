@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from fitting.material.cards.card import card
 from fitting.material.fit.result import MaterialFit
 from fitting.report.description import (
@@ -71,6 +73,7 @@ def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
             f"{modulus}, the long-term share {share:.4g}"
         )
     yield _modes(report)
+    yield _prediction(report["prediction"])
     criteria = ""
     if "candidates" in report:
         yield _candidates(report)
@@ -124,6 +127,23 @@ def _modes(report: dict[str, Any]) -> ReportTable:
         )
     names = ("mode", "points", "RMS", "relative RMS", "stable for stretches")
     return ReportTable("Modes and windows of stability", names, rows)
+
+
+def _prediction(prediction: dict[str, Any]) -> ReportTable:
+    """Nominal stress of each mode half the way and all the way that is asked for."""
+    rows = []
+    for mode, band in prediction["modes"].items():
+        name = mode if band["measured"] else f"{mode} (not measured)"
+        log = np.log(band["stretch"])
+        for i in (int(np.argmin(np.abs(log - 0.5 * log[-1]))), len(log) - 1):
+            middle, high = band["nominal_Pa"][i], band["high95_Pa"][i]
+            share = 100.0 * (high - middle) / max(abs(middle), 1e-300)
+            law = quantity_text(band["law_Pa"][i], "Pa")
+            stress = f"{quantity_text(middle, 'Pa')} ± {share:.2g} %"
+            rows.append((name, f"{band['stretch'][i]:.4g}", stress, law))
+            name = ""
+    names = ("mode", "stretch", "nominal stress (95 %)", "law alone")
+    return ReportTable("Prediction, averaged over laws", names, rows)
 
 
 def _candidates(report: dict[str, Any]) -> ReportTable:

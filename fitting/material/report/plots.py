@@ -10,6 +10,7 @@ from fitting.material.data.tables import Table
 from fitting.material.experiments.history import HistoryTest
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.fit.band import asked_stretches
 from fitting.material.fit.bulk_modulus import ENERGY, BulkModulus
 from fitting.material.fit.result import MaterialFit
 from suas_jax.config.quantities import format_quantity
@@ -149,17 +150,17 @@ def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -
         high = max(float(np.exp(data.states[0].max())) for data in sets)
         stretch = np.linspace(min(low, 1.0), max(high, 1.0), _POINTS)
     else:
-        largest = float(np.exp(fit.problem.residuals.scales.strain))
-        end = np.sqrt(largest) if mode == "equibiaxial" else largest
-        stretch = np.linspace(1.0, end, _POINTS)
+        asked = asked_stretches(fit, mode, fit.up_to)
+        stretch = np.linspace(min(asked.min(), 1.0), asked.max(), _POINTS)
     band = fit.predict(mode, stretch)
     middle, half = band.nominal / 1e6, band.half_width / 1e6
-    axes.plot(stretch, middle, "k-", lw=1.2, label="law")
+    axes.plot(stretch, band.law / 1e6, "k-", lw=1.2, label="law")
     axes.fill_between(stretch, middle - half, middle + half, color="0.8", label="95 %")
     axes.set_ylabel("nominal stress [MPa]")
     if not sets:
-        top = 1.5 * float(np.max(np.abs(middle)))
-        axes.set_ylim(min(0.0, -0.3 * top), 1.5 * top)
+        # A law that leaves the band leaves the figure, too.
+        low, high = float((middle - half).min()), float((middle + half).max())
+        axes.set_ylim(low - 0.1 * (high - low), high + 0.3 * (high - low))
 
 
 def plot_data(table: Table, data: Dataset | None, file: Path | None = None) -> Figure:

@@ -1,6 +1,5 @@
 """The JSON of `suas fit material`, with warnings of what to doubt in a fit."""
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -8,12 +7,12 @@ import numpy as np
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import PATHS
 from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, SkinTest
+from fitting.material.fit.band import asked_stretches
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.suspects import zero_in_units, zeros_of
 from fitting.material.laws.blocks import TestZeros, block_of
 from fitting.material.report.effects import effects_report
 
-_EQUIBIAXIAL_TESTS = frozenset(["balloon", "bulge"])
 _UNKNOWN = 0.3
 # What a law becomes where a constant has no upper limit.
 _LIMITS = {("gent", "Jm"): "neo-Hookean", ("arruda-boyce", "lambda_m"): "neo-Hookean"}
@@ -25,7 +24,8 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
     aicc, bic = fit.criteria
     size = family.law_size
     stable = fit.stable
-    unknown_modes, extrapolated = _extrapolations(fit)
+    prediction = prediction_report(fit)
+    unknown_modes, extrapolated = _doubts_about_modes(prediction)
     report: dict[str, Any] = {
         "law": family.law_name,
         "parameters": family.tree(map(float, fit.constants)),
@@ -65,6 +65,7 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
         "noise_model": fit.noise.report(fit.sets) if fit.noise is not None else [],
         "suspects": [suspect.report for suspect in fit.suspects],
         "zeros": zeros_report(fit),
+        "prediction": prediction,
         "starts": fit.starts,
         "starts_converged": int(fit.minima.converged.sum()),
         "starts_agreeing": fit.minima.agreeing,
@@ -194,60 +195,58 @@ def _doubts(fit: MaterialFit) -> list[str]:
     return doubts
 
 
-def _extrapolations(fit: MaterialFit) -> tuple[list[str], list[str]]:
-    """Modes that the data leave open, and a warning about all that were not measured.
+def prediction_report(fit: MaterialFit) -> dict[str, Any]:
+    """The 95 % band of every mode, measured or not, averaged over the laws."""
+    found: dict[str, Any] = {"laws": fit.belief.weights(), "modes": {}}
+    for mode in PATHS:
+        band = fit.predict(mode, asked_stretches(fit, mode, fit.up_to))
+        found["modes"][mode] = {
+            "measured": mode in fit.belief.measured,
+            "stretch": band.stretch.tolist(),
+            "nominal_Pa": band.nominal.tolist(),
+            "low95_Pa": (band.nominal - band.half_width).tolist(),
+            "high95_Pa": (band.nominal + band.half_width).tolist(),
+            "law_Pa": band.law.tolist(),
+        }
+    return found
 
-    The prediction of a mode is as uncertain as its 95 % band, or as far as other
-    minima that fit as well predict it, whichever is more.
-    """
-    modes = {data.mode for data in fit.sets}
-    measured = modes & set(PATHS)
-    if modes & _EQUIBIAXIAL_TESTS:
-        measured.add("equibiaxial")
-    missing = [mode for mode in PATHS if mode not in measured]
-    if not missing or not all(data.is_curve for data in fit.sets):
-        return [], []
-    if fit.misfit.significant:
-        # A band assumes that the law is right.
-        return [
-            f"{mode} stress: not measured, and not to be had from a law that does not follow "
-            f"the data"
-            for mode in missing
-        ], [
-            f"only {', '.join(sorted(modes))} was measured, and the law does not follow it: "
-            f"what it says of {', '.join(missing)} has no known accuracy"
-        ]
-    largest = float(np.exp(np.asarray(fit.problem.residuals.scales.strain)))
-    ends = {"uniaxial": largest, "equibiaxial": np.sqrt(largest), "pure_shear": largest}
-    parts, unknown = [], []
-    for mode in missing:
-        stretch = np.linspace(1.0, ends[mode], 9)[1:]
-        band = fit.predict(mode, stretch)
-        half = band.half_width
-        for other in fit.rivals:
-            half = np.maximum(half, np.abs(_nominal(fit, mode, stretch, other) - band.nominal))
-        ratio = float(np.max(half / np.maximum(np.abs(band.nominal), 1e-300)))
-        amount = f"+-{100.0 * ratio:.2g} %" if ratio < 10.0 else "no useful accuracy"
-        parts.append(f"{mode} to {amount} up to a stretch of {ends[mode]:.2f}")
-        if not ratio < _UNKNOWN:
+
+def _doubts_about_modes(prediction: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Modes of which little is known, and warnings about those that were not measured."""
+    unknown, parts, off = [], [], []
+    for mode, band in prediction["modes"].items():
+        if band["measured"]:
+            continue
+        stretch, middle, high, law = (
+            np.array(band[key]) for key in ("stretch", "nominal_Pa", "high95_Pa", "law_Pa")
+        )
+        half = (high - middle) / np.maximum(np.abs(middle), 1e-300)
+        worst, at = float(np.max(half)), float(stretch[int(np.argmax(half))])
+        amount = f"+-{100.0 * worst:.2g} %" if worst < 10.0 else "no useful accuracy"
+        parts.append(f"{mode} to {amount} (at a stretch of {at:.3g})")
+        if not worst < _UNKNOWN:
             unknown.append(
-                f"{mode} stress: not measured, and known to {amount} only (95 %, up to "
-                f"a stretch of {ends[mode]:.2f})"
+                f"{mode} stress: not measured, and known to {amount} only (95 %, at a stretch "
+                f"of {at:.3g})"
             )
-    advice = "measure it" if unknown else "the band assumes that the law itself is right"
-    warning = (
-        f"only {', '.join(sorted(modes))} was measured, other modes are extrapolated: "
-        f"{', '.join(parts)}; {advice}"
-    )
-    return unknown, [warning]
-
-
-def _nominal(
-    fit: MaterialFit, mode: str, stretch: np.ndarray, constants: np.ndarray
-) -> np.ndarray:
-    """Nominal stress of a mode for other constants of the law [Pa]."""
-    changed = dataclasses.replace(fit, constants=constants)
-    return changed.predict(mode, stretch).nominal
+        outside = np.abs(law - middle) > high - middle
+        if outside.any():
+            ratio = law[outside] / middle[outside]
+            most = float(ratio[int(np.argmax(np.abs(np.log(np.maximum(ratio, 1e-12)))))])
+            off.append(f"{most:.3g} times the middle of the band of {mode}")
+    warnings = []
+    if parts:
+        done = [mode for mode, band in prediction["modes"].items() if band["measured"]]
+        warnings.append(
+            f"{', '.join(parts)}: not measured, predicted from "
+            f"{', '.join(done) or 'other tests'} (95 %){'; measure it' if unknown else ''}"
+        )
+    if off:
+        warnings.append(
+            f"the law itself leaves the 95 % band: up to {', '.join(off)}; the band is what is "
+            f"known, and a law that keeps within it is the better one for a skin (--law auto)"
+        )
+    return unknown, warnings
 
 
 def _rms(values: np.ndarray) -> float:

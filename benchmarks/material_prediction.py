@@ -1,0 +1,78 @@
+"""Bands of modes that were not measured: how often they hold the readings, how wide they are.
+
+`python benchmarks/material_prediction.py [law] [replicas]`: a law (yeoh) is fitted to one or
+two modes of published rubbers, and to the uniaxial test of rubbers that are no law of the list;
+the 95 % bands of the other modes are compared with their readings.
+"""
+
+import pathlib
+import sys
+import tempfile
+
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).parent.parent / "tests"))
+from rubbers import DATA, Curves, made, published, test_of, unlisted
+
+from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.measurements import PATHS
+from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.fit.band import half_width
+from fitting.material.fit.fit import fit_material
+from suas_jax.runtime.settings import configure
+
+PUBLISHED = ("treloar1944", "kawabata1981", "meunier2008")
+MEASURED = (("uniaxial",), ("equibiaxial",), ("pure_shear",), ("uniaxial", "pure_shear"))
+
+
+def judged(curves: Curves, measured: tuple[str, ...], law: str) -> dict[str, tuple[float, ...]]:
+    """Share of readings within the band, and its median half width, relative, by mode."""
+    with tempfile.TemporaryDirectory() as folder:
+        sets = [test_of(curves, mode, pathlib.Path(folder)) for mode in measured]
+    fit = fit_material(sets, law, starts=16, doubt=False)
+    found = {}
+    for mode in PATHS:
+        if mode not in measured:
+            band = fit.predict(mode, curves[mode][:, 0])
+            off = np.abs(curves[mode][:, 1] - band.nominal)
+            width = float(np.median(band.half_width / np.abs(band.nominal)))
+            found[mode] = (float(np.mean(off <= band.half_width)), width)
+    return found
+
+
+def biaxial(law: str) -> None:
+    """Jones and Treloar's differences of stress in general biaxial states, from tension."""
+    tension, states = (
+        load_dataset(mode, DATA / f"jones_treloar1975_{mode}.csv")
+        for mode in ("uniaxial", "biaxial_difference")
+    )
+    assert isinstance(states, StressTest)
+    belief = fit_material([tension], law, starts=16, doubt=False).belief
+    middle, deviation = belief.reading(states.factors, belief.repeats)
+    half = half_width(deviation)
+    share = np.mean(np.abs(states.value - middle) <= half)
+    width = np.median(half / np.abs(middle))
+    print(f"jones_treloar1975 uniaxial biaxial_difference {share:4.0%} +-{width:.0%}")
+
+
+def main(law: str = "yeoh", replicas: str = "20") -> None:
+    """Print the tables."""
+    configure()
+    for measured in MEASURED:
+        for name in PUBLISHED:
+            for mode, (share, width) in judged(published(name), measured, law).items():
+                print(f"{name:14} {'+'.join(measured):22} {mode:12} {share:4.0%} +-{width:.0%}")
+    biaxial(law)
+    rng = np.random.default_rng(0)
+    found: dict[str, list[tuple[float, ...]]] = {}
+    for _ in range(int(replicas)):
+        curves = made(unlisted(rng), rng.uniform(1.5, 3.0), rng, 0.01)
+        for mode, pair in judged(curves, ("uniaxial",), law).items():
+            found.setdefault(mode, []).append(pair)
+    for mode, pairs in found.items():
+        share, width = np.mean(pairs, axis=0)
+        print(f"{replicas} made rubbers  {mode:12} {share:.1%} +-{width:.0%}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
