@@ -29,8 +29,11 @@ from suas_jax.config import (
     SkinSpec,
     SolveSpec,
     UncertainQuantity,
+    continuous_inputs,
     load_skin,
+    with_inputs,
 )
+from suas_jax.config.input_errors import default_errors
 from suas_jax.scene.forward import Loads, load_jacobian
 from suas_jax.scene.solve import solve
 
@@ -64,15 +67,14 @@ def skin_of_40() -> SkinSpec:
     return spec.model_copy(update={"electrodes": electrodes})
 
 
-def with_thickness(spec: SkinSpec, deviation: float | None) -> SkinSpec:
-    """The same skin with its thickness known to within a deviation [m]; None: not stated.
-
-    A skin whose file states one deviation, be it zero, has no default tolerances.
-    """
-    own = float(spec.geometry.mean_thickness)
-    thickness = own if deviation is None else UncertainQuantity(own, deviation)
-    geometry = spec.geometry.model_copy(update={"thickness": thickness})
-    return spec.model_copy(update={"geometry": geometry})
+def with_tolerances(spec: SkinSpec, *, exact: bool) -> SkinSpec:
+    """The same skin with what has a default tolerance known exactly, or not stated."""
+    values = continuous_inputs(spec)
+    changes = {
+        path: UncertainQuantity(values[path], 0.0) if exact else values[path]
+        for path in default_errors(spec).paths
+    }
+    return with_inputs(spec, changes)  # type: ignore[arg-type]
 
 
 def drawn_loads(kind: str, frames: int, random: np.random.Generator) -> np.ndarray:
@@ -276,7 +278,9 @@ def main() -> None:
     parser.add_argument("--write", type=Path)
     options = parser.parse_args()
     configure()
-    spec = with_thickness(skin_of_40(), 0.0)  # readings are of this very skin: it is exact
+    spec = with_tolerances(
+        skin_of_40(), exact=True
+    )  # readings are of this very skin: it is exact
     sets = truths(spec, options.truth, options.frames)
     if options.write is not None:
         write_short(sets, options.write)

@@ -24,7 +24,7 @@ from rich.console import Console
 from scipy.interpolate import CloughTocher2DInterpolator
 
 from benchmarks.felupe_pad import FelupePad, Poke
-from benchmarks.inverse_load import with_thickness
+from benchmarks.inverse_load import with_tolerances
 from benchmarks.pages import write_section
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure
@@ -165,7 +165,7 @@ def estimated() -> list[str]:
     """Markdown: errors of the estimates from noisy readings, force by force."""
     data = np.loadtxt(READINGS, delimiter=",", skiprows=4)
     loads, pressures, so = data[:, :3] * [np.pi / 180, 1e-3, 1.0], data[:, 3], data[:, 4:]
-    skin = with_thickness(load_skin(CONFIGS / "skins" / "suas-pad.toml"), 0.0)
+    skin = with_tolerances(load_skin(CONFIGS / "skins" / "suas-pad.toml"), exact=True)
     estimator = LoadEstimator(skin)
     noise = np.random.default_rng(0).normal(0, NOISE, so.shape)
     found = list(estimator.estimate(np.round(so + noise)))

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks.inverse_load import with_thickness
+from benchmarks.inverse_load import with_tolerances
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_skin
@@ -181,7 +181,7 @@ def main() -> None:
     options = parser.parse_args()
     configure()
     begin = time.perf_counter()
-    exact = with_thickness(load_skin(SKIN), 0.0)  # readings are of this very skin
+    exact = with_tolerances(load_skin(SKIN), exact=True)  # readings are of this very skin
     estimator = LoadEstimator(exact, most_contacts=4)
     print(f"table made or loaded in {time.perf_counter() - begin:.1f} s")
     radius = float(estimator.skin.geometry.outer_size[0])

@@ -622,13 +622,19 @@ def test_range_is_from_the_first_force_told_to_the_last() -> None:
         1.0,
         True,
         ROUND,
+        0.05,
     )
     assert found.told[0].tolist() == [False, True, True, False]
     np.testing.assert_array_equal(found.smallest, [2.0, np.nan])
     np.testing.assert_array_equal(found.largest, [4.0, np.nan])
     np.testing.assert_array_equal(found.saturation, [4.0, np.nan])
     rows = found.report()["angles"]
-    assert rows[0]["first_contact"] == {"force_N": 6.0, "oil_pressure_Pa": 1e3}
+    assert rows[0]["first_contact"] == {
+        "force_N": 6.0,
+        "low95_N": pytest.approx(6.0 * np.exp(-0.098)),
+        "high95_N": pytest.approx(6.0 * np.exp(0.098)),
+        "oil_pressure_Pa": 1e3,
+    }
     assert rows[1]["first_contact"] is None
     assert [p["wall_contact"] for p in rows[0]["points"]] == [False, False, False, True]
     assert [p["saturated_taxels"] for p in rows[0]["points"]] == [0, 0, 1, 1]

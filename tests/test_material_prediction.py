@@ -2,19 +2,26 @@
 
 import dataclasses
 import pathlib
+import tomllib
 
 import numpy as np
 import pytest
 from rubbers import gent_gent, made, published, test_of, unlisted
+from test_tolerances import SKIN
 
 from fitting.material.calibration import calibrate
-from fitting.material.experiments.measurements import PATHS
+from fitting.material.cards.card import write_card
+from fitting.material.experiments.datasets import load_dataset
+from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.fit.band import Band
 from fitting.material.fit.comparison import compare_laws
 from fitting.material.fit.fit import fit_material
 from fitting.material.fit.result import MaterialFit
 from fitting.material.report.plots import plot_material
 from fitting.material.report.summary import material_report
+from suas_jax.config import input_errors, scene_from_dict
+from suas_jax.config.input_errors import STIFFNESS
+from suas_jax.config.tolerance import deviation_of
 
 
 def fitted(
@@ -134,3 +141,61 @@ def test_up_to_is_a_stretch(tmp_path: pathlib.Path) -> None:
     found = calibrate([data], "neo-hookean", up_to=1.1)
     assert set(found.report["prediction"]["modes"]) == set(PATHS)
     assert found.report["prediction"]["modes"]["uniaxial"]["stretch"][-1] == pytest.approx(1.1)
+
+
+def test_a_skin_file_holds_what_is_known_of_plane_strain(tmp_path: pathlib.Path) -> None:
+    """Mooney-Rivlin follows this silicone ill; the band knows better than its constants."""
+    data = test_of(published("meunier2008"), "uniaxial", tmp_path)
+    fit = fit_material([data], "mooney-rivlin", 2, starts=16, doubt=False)
+    file = tmp_path / "material.toml"
+    write_card(fit.material(), "toml", file)
+    material = {**SKIN, **tomllib.loads(file.read_text())}
+    errors = input_errors(scene_from_dict({**material, "load": []}))
+    assert STIFFNESS not in errors.names
+    constants = [errors.paths.index(f"material.{key}") for key in ("C1", "C2")]
+    total = errors.directions[:, constants]
+    modulus = 2.0 * fit.constants.sum()
+    stated = float(np.linalg.norm(2.0 * total.sum(axis=1))) / modulus
+    band = fit.predict("pure_shear", np.array([1.05]))
+    known = np.hypot(band.half_width / 1.96, band.nominal - band.law) / band.law
+    assert stated == pytest.approx(float(known[0]), rel=0.1)
+    assert fit.uncertainty.standard_errors.max() / modulus > 1.5 * stated
+
+
+def test_open_combinations_leave_their_sum_known_in_a_skin_file(tmp_path: pathlib.Path) -> None:
+    """Pure shear alone tells C1 + C2, whatever their difference."""
+    data = test_of(published("kawabata1981"), "pure_shear", tmp_path)
+    law = fit_material([data], "mooney-rivlin", 2, starts=16, doubt=False).material()
+    assert law.correlation is not None
+    sizes = np.array([deviation_of(law.C1), deviation_of(law.C2)])  # type: ignore[attr-defined]
+    covariance = np.array(law.correlation.matrix) * np.outer(sizes, sizes)
+    total = law.C1 + law.C2  # type: ignore[attr-defined]
+    assert np.all(np.isfinite(sizes))
+    assert sizes.max() < 2.0 * total
+    assert np.sqrt(covariance.sum()) < 0.1 * total
+
+
+def test_relaxation_is_written_with_its_deviations(tmp_path: pathlib.Path) -> None:
+    law = fit_material([relaxing(tmp_path)], "neo-hookean", prony=1, starts=4).material()
+    assert law.correlation is not None
+    assert law.correlation.of == ("mu", "relaxation.g.0", "relaxation.tau.0")
+    table = law.table()
+    assert "+-" in table["relaxation"]["tau"][0]
+    assert "+-" in table["relaxation"]["g"][0]
+    again = type(law)(**table)
+    assert again.correlation == law.correlation
+    assert again.relaxation is not None
+    assert law.relaxation is not None
+    for own, read in zip(law.relaxation.tau, again.relaxation.tau, strict=True):
+        assert deviation_of(read) == pytest.approx(deviation_of(own), rel=1e-3)
+
+
+def relaxing(folder: pathlib.Path) -> Dataset:
+    """A strain of 50 % that is held."""
+    time = np.geomspace(0.1, 100.0, 30)
+    noise = 1.0 + 0.005 * np.random.default_rng(0).standard_normal(30)
+    nominal = 4e5 * (1.5 - 1.5**-2) * (1.0 - 0.3 * (1.0 - np.exp(-time / 5.0))) * noise
+    rows = [f"{t:.6g},0.5,{s:.8g}" for t, s in zip(time, nominal, strict=True)]
+    file = folder / "relaxation.csv"
+    file.write_text("\n".join(["time_s,strain,nominal_stress_Pa", *rows]))
+    return load_dataset("uniaxial", file)

@@ -116,6 +116,7 @@ def _section_rows(found: "ForceRange") -> list[list[str]]:
         [
             what,
             "first contact [N]",
+            "95 % by the skin file [N]",
             "oil [kPa]",
             "told from [N]",
             "told to [N]",
@@ -124,13 +125,15 @@ def _section_rows(found: "ForceRange") -> list[list[str]]:
     ]
     for i, place in enumerate(places):
         values = (
-            found.first_contact[i],
             1e-3 * found.oil_pressure[i],
             found.smallest[i],
             found.largest[i],
             found.saturation[i],
         )
-        rows.append([f"{place:.1f}", *(_shown(x) for x in values)])
+        low, high = found.contact_interval(i)
+        interval = f"{low:.4g} to {high:.4g}" if np.isfinite(low) else "–"
+        first = _shown(found.first_contact[i])
+        rows.append([f"{place:.1f}", first, interval, *(_shown(x) for x in values)])
     return rows
 
 

@@ -19,6 +19,7 @@ import equinox as eqx
 import numpy as np
 
 from fitting.arrays import Flags, Floats
+from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
@@ -36,6 +37,8 @@ BEYOND = (1.01, 1.05, 1.15, 1.3, 1.6, 2.0, 3.0, 5.0)
 _CLOSEST = 2.0  # thicknesses from a clamp within which no load is put
 _SMALLEST = 1e-3  # force at which the search for first contact starts [N]
 _LARGEST = 1e6  # and where it is given up [N]
+
+_95 = 1.96  # standard deviations
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class ForceRange:
         modelled: whether the wall holds the membrane, so that anything beyond first
             contact is known.
         along: what scenes call places.
+        deviation: relative standard deviation of the forces of first contact by the skin
+            file's own inputs, as found in the middle; NaN where it is unknown.
     """
 
     angle: Floats
@@ -69,6 +74,7 @@ class ForceRange:
     noise: float
     modelled: bool
     along: ContactPlaces
+    deviation: float = float("nan")
 
     @property
     def told(self) -> Flags:
@@ -96,13 +102,23 @@ class ForceRange:
             "noise_counts": self.noise,
             "told_relative_error": TOLD,
             "contact_modelled": self.modelled,
+            "first_contact_relative_deviation": self.deviation,
             "angles": [self._row(i) for i in range(len(self.angle))],
         }
 
+    def contact_interval(self, i: int) -> tuple[float, float]:
+        """95 % interval of the force of first contact at an angle [N]."""
+        factor = float(np.exp(_95 * self.deviation))
+        force = float(self.first_contact[i])
+        return force / factor, force * factor
+
     def _row(self, i: int) -> dict[str, Any]:
         known = bool(np.isfinite(self.first_contact[i]))
+        low, high = self.contact_interval(i)
         at = {
             "force_N": float(self.first_contact[i]),
+            "low95_N": low,
+            "high95_N": high,
             "oil_pressure_Pa": float(self.oil_pressure[i]),
         }
         points = [
@@ -193,7 +209,17 @@ def force_range(
         float(np.sqrt(reading)),
         held.wall is not None,
         ContactPlaces(spec.geometry, geometry),
+        _deviation(spec, angle, touch, progress),
     )
+
+
+def _deviation(
+    spec: SkinSpec, angle: Floats, touch: Floats, progress: Callable[[str], None]
+) -> float:
+    """Of the force of first contact nearest to the middle, relative, by the inputs' errors."""
+    progress("what the skin file leaves open")
+    middle = int(np.argmin(np.where(np.isfinite(touch), np.abs(angle), np.inf)))
+    return contact_deviation(spec, float(angle[middle]), float(touch[middle]))
 
 
 @eqx.filter_jit

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from suas_jax.config.fields import PlacedError, Spec, at_most, quantity
+from suas_jax.config.tolerance import text_of
 
 MOST_RELAXATIONS = 16
 """Terms of a Prony series that a file may have."""
@@ -34,7 +35,8 @@ class RelaxationSpec(Spec):
 
     def table(self) -> dict[str, Any]:
         """The table of a file, quantities as text with units."""
-        return {"g": list(self.g), "tau": [f"{tau:.12g} s" for tau in self.tau]}
+        g = [text_of(share, 1.0, "") for share in self.g]
+        return {"g": g, "tau": [text_of(tau, 1.0, "s") for tau in self.tau]}
 
     @property
     def long_term_share(self) -> float:
@@ -85,7 +87,8 @@ class SofteningSpec(Spec):
 
     def table(self) -> dict[str, Any]:
         """The table of a file, quantities as text with units."""
-        return {"r": self.r, "m": f"{self.m / 1e6:.12g} MPa", "beta": self.beta}
+        numbers = {key: text_of(getattr(self, key), 1.0, "") for key in ("r", "beta")}
+        return {"r": numbers["r"], "m": text_of(self.m, 1e6, "MPa"), "beta": numbers["beta"]}
 
     @model_validator(mode="after")
     def _has_a_width(self) -> SofteningSpec:

@@ -1,14 +1,15 @@
 """How far the numbers of a skin file may be off: independent errors of its inputs.
 
 An error is one direction in the space of the continuous inputs, one standard deviation long.
-They come from what the file states (``+-``), from the covariance of a calibration
-([calibration]), or, where a file says nothing at all, from `DEFAULTS`.
+They come from what the file states (``+-``, with `correlation` between constants of the
+material), from the covariance of a calibration ([calibration]), or, for what a file says
+nothing of, from `DEFAULTS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 from suas_jax.config.inputs import given_inputs
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -28,7 +29,7 @@ DEFAULTS: Mapping[str, float] = {
     "oil.relative_permittivity": 0.02,
     "electrodes.lsb": 0.01,
 }
-"""Standard deviations, relative, of a skin file that states none.
+"""Standard deviations, relative, of inputs of which a skin file states none.
 
 Rubber of one recipe differs by a tenth in stiffness from batch to batch and with the speed of
 a test; moulded sheets and gaps are held to a few per cent, an oil's permittivity to what
@@ -42,9 +43,8 @@ _CALIBRATED = {
     "stray": "electrodes.stray",
 }
 """TOML paths of the constants of `suas fit sensor`. Others are sums over several keys."""
+_ELECTRICAL = ("geometry.oil_gap", "oil.", "electrodes.")
 _LEAST_VARIANCE = 1e-9  # of a direction that is kept, relative to its constants' own
-
-Source = Literal["stated", "default", "none"]
 
 
 class InputErrors(NamedTuple):
@@ -54,33 +54,32 @@ class InputErrors(NamedTuple):
         paths: TOML paths of the inputs, as `continuous_inputs` lists them.
         directions: change of the inputs by each error of one standard deviation
             [error, path], SI.
-        names: of the errors: a path, `STIFFNESS`, or which direction of a calibration.
-        source: whether the file states them, or they are `DEFAULTS`; "none" without any.
+        names: of the errors: a path, `STIFFNESS`, or which direction of a material or of a
+            calibration.
+        assumed: those of them that are `DEFAULTS`.
     """
 
     paths: tuple[str, ...]
     directions: NDArray[np.float64]
     names: tuple[str, ...]
-    source: Source
+    assumed: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.names)
 
     @property
     def text(self) -> str:
-        """What is assumed, in a sentence; empty where the file states it."""
-        if self.source != "default":
+        """What is assumed, in a sentence; empty where the file states everything."""
+        if not self.assumed:
             return ""
-        shares = {
-            name.rpartition(".")[2].replace("_", " "): f"{100 * DEFAULTS[name]:g} %"
-            for name in self.names
-            if name in DEFAULTS
-        }
-        listed = ", ".join(f"{name} {share}" for name, share in shares.items())
+        listed = ", ".join(
+            f"{name.rpartition('.')[2].replace('_', ' ')} {100 * DEFAULTS[name]:g} %"
+            for name in self.assumed
+        )
         return (
-            f"the skin file states no tolerances; one standard deviation is taken as: {listed} "
-            '(write your own, such as thickness = "1.50 mm +- 0.03 mm", or "+- 0" where a '
-            "value is exact)"
+            f"the skin file states no tolerances of these; one standard deviation is taken as: "
+            f'{listed} (write your own, such as thickness = "1.50 mm +- 0.03 mm", or "+- 0" '
+            "where a value is exact)"
         )
 
 
@@ -99,7 +98,9 @@ def value_of(spec: SkinSpec, path: str) -> float:
 def input_errors(spec: SkinSpec) -> InputErrors:
     """The errors of a skin's or a scene's inputs.
 
-    A quantity that is both calibrated and written with ``+-`` counts as it is written.
+    A quantity that is both calibrated and written with ``+-`` counts as it is written. What is
+    neither has its default; of a calibrated skin that is its mechanics alone, for the constants
+    of its readings were found together.
 
     Args:
         spec: the skin or the scene.
@@ -108,29 +109,39 @@ def input_errors(spec: SkinSpec) -> InputErrors:
         ValueError: the record of the calibration can't be understood.
     """
     values = given_inputs(spec)
-    stated = {path: deviation_of(value) for path, value in values.items()}
     typical = dict(_typical(spec))
-    columns: list[tuple[str, dict[str, float]]] = [
-        (path, {path: size})
-        for path, size in stated.items()
-        if size and (path in typical or not isinstance(values[path], TypicalQuantity))
-    ]
-    any_stated = any(
-        size is not None and not isinstance(values[path], TypicalQuantity)
-        for path, size in stated.items()
-    )
+    stated = {
+        path: size
+        for path, value in values.items()
+        if (size := deviation_of(value)) is not None
+        and (path in typical or not isinstance(value, TypicalQuantity))
+    }
+    told = set(stated) - set(typical)
+    together = list(_correlated(spec, stated))
+    joint = {path for _, column in together for path in column}
+    columns = [(path, {path: size}) for path, size in stated.items() if size]
+    columns = [pair for pair in columns if pair[0] not in joint] + together
     record = spec.calibration
-    if record is not None and record.covariance:
-        known = {path for path, size in stated.items() if size is not None}
-        columns += _calibrated(spec, record, known)
-    elif not any_stated:
-        return default_errors(spec)
-    return _joined(columns, "stated" if columns or any_stated else "none")
+    calibrated = record is not None and bool(record.covariance)
+    if calibrated:
+        assert record is not None
+        found = list(_calibrated(spec, record, told))
+        columns += found
+        told |= {path for _, column in found for path in column}
+    defaults = [
+        (name, column)
+        for name, column in _defaults(spec)
+        if not told & column.keys()
+        and not (calibrated and all(path.startswith(_ELECTRICAL) for path in column))
+    ]
+    return _joined([*columns, *defaults], tuple(name for name, _ in defaults))
 
 
 def default_errors(spec: SkinSpec) -> InputErrors:
     """The errors of a skin that states none, whatever this one states; see `DEFAULTS`."""
-    return _joined([*_defaults(spec), *_typical(spec)], "default")
+    defaults = list(_defaults(spec))
+    assumed = tuple(name for name, _ in defaults)
+    return _joined([*defaults, *_typical(spec)], assumed)
 
 
 def _typical(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
@@ -180,18 +191,53 @@ def _calibrated(
     parts = [_paths_of(spec, name) for name in names]
     left = [i for i, own in enumerate(parts) if not own.keys() & known]
     covariance = covariance[np.ix_(left, left)]
-    # Columns of a root of the covariance: each is one independent error.
+    kept = [names[i] for i in left]
+    yield from _independent("calibration", kept, [parts[i] for i in left], covariance)
+
+
+def _correlated(
+    spec: SkinSpec, stated: Mapping[str, float]
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """The errors of the material's constants that are known together."""
+    import numpy as np
+
+    record = spec.material.correlation
+    if record is None:
+        return
+    paths = [f"material.{name}" for name in record.of]
+    sizes = np.array([stated.get(path, 0.0) for path in paths])
+    covariance = np.array(record.matrix) * np.outer(sizes, sizes)
+    parts: list[Mapping[str, float]] = [{path: 1.0} for path in paths]
+    yield from _independent("material", record.of, parts, covariance)
+
+
+def _independent(
+    label: str,
+    names: Sequence[str],
+    parts: Sequence[Mapping[str, float]],
+    covariance: NDArray[np.float64],
+) -> Iterator[tuple[str, dict[str, float]]]:
+    """Independent errors of constants that are known together, the largest first.
+
+    Args:
+        label: what found the constants.
+        names: of the constants.
+        parts: inputs that each stands for, and their change per unit of it.
+        covariance: of the constants.
+    """
+    import numpy as np
+
     size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     size = np.where(size > 0, size, 1.0)
+    # Columns of a root of the covariance: each is one independent error.
     widths, axes = np.linalg.eigh(covariance / np.outer(size, size))
     root = size[:, None] * axes * np.sqrt(np.maximum(widths, 0.0))
     for k in np.flatnonzero(widths > _LEAST_VARIANCE)[::-1]:
-        largest = left[int(np.argmax(np.abs(axes[:, k])))]
         column: dict[str, float] = {}
-        for row, i in enumerate(left):
-            for path, factor in parts[i].items():
-                column[path] = column.get(path, 0.0) + factor * float(root[row, k])
-        yield f"calibration, {names[largest]} above all", column
+        for i, part in enumerate(parts):
+            for path, factor in part.items():
+                column[path] = column.get(path, 0.0) + factor * float(root[i, k])
+        yield f"{label}, {names[int(np.argmax(np.abs(axes[:, k])))]} above all", column
 
 
 def _paths_of(spec: SkinSpec, name: str) -> dict[str, float]:
@@ -219,11 +265,13 @@ def _paths_of(spec: SkinSpec, name: str) -> dict[str, float]:
     return {path: 1.0}
 
 
-def _joined(columns: list[tuple[str, dict[str, float]]], source: Source) -> InputErrors:
+def _joined(
+    columns: Sequence[tuple[str, Mapping[str, float]]], assumed: tuple[str, ...]
+) -> InputErrors:
     import numpy as np
 
     paths = tuple(dict.fromkeys(path for _, column in columns for path in column))
     directions = np.array(
         [[column.get(path, 0.0) for path in paths] for _, column in columns]
     ).reshape(len(columns), len(paths))
-    return InputErrors(paths, directions, tuple(name for name, _ in columns), source)
+    return InputErrors(paths, directions, tuple(name for name, _ in columns), assumed)

@@ -11,13 +11,15 @@ from __future__ import annotations
 import dataclasses
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, GetCoreSchemaHandler, model_validator
+from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
 from suas_jax.config.fields import PlacedError, Spec, quantity
 from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
 from suas_jax.config.quantities import format_quantity
+from suas_jax.config.schema_calibration import Names, rows_of_numbers
 from suas_jax.config.substances import RubberBulkModulus, RubberExpansion
+from suas_jax.config.tolerance import text_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +57,41 @@ class Constant:
         return check.__get_pydantic_core_schema__(source, handler)
 
 
+class CorrelationSpec(Spec):
+    """How the stated deviations of a material's constants belong together.
+
+    Attributes:
+        of: keys of [material], with their indices, such as "mu.0" or "relaxation.g.0".
+        matrix: correlations, one row for each.
+    """
+
+    of: Names = Field(examples=['["C1", "C2"]'])
+    matrix: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)] = Field(
+        examples=["[[1.0, -0.9], [-0.9, 1.0]]"]
+    )
+
+    @model_validator(mode="after")
+    def _are_correlations(self) -> CorrelationSpec:
+        count = len(self.of)
+        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
+            raise PlacedError("matrix", f"{count} rows of as many numbers are needed")
+        pairs = [(i, j) for i in range(count) for j in range(count)]
+        if not all(
+            abs(self.matrix[i][j]) <= 1.0
+            and abs(self.matrix[i][j] - self.matrix[j][i]) < 1e-6
+            and (i != j or self.matrix[i][j] == 1.0)
+            for i, j in pairs
+        ):
+            raise PlacedError(
+                "matrix", "must be symmetric, with ones on its diagonal and none larger"
+            )
+        return self
+
+    def table(self) -> dict[str, Any]:
+        """The table of a file."""
+        return {"of": list(self.of), "matrix": [list(row) for row in self.matrix]}
+
+
 class LawSpec(Spec):
     """The [material] table of a law: base of the declarations in `suas_jax.config.laws`.
 
@@ -72,6 +109,8 @@ class LawSpec(Spec):
         expansion: growth of the material's lengths per kelvin [1/K], or the name of a rubber;
             None where it is not known.
         bulk_modulus: against ambient pressure [Pa]; None for a material that keeps its volume.
+        correlation: between constants whose deviations are stated; None where they are
+            independent.
         half_modulus: keys whose sum is half the shear modulus of small strain, which must be
             positive; empty where the signs of the constants alone see to that.
         usual_terms: number of terms (or degree) of a fit that asks for none; 0 for all.
@@ -95,6 +134,9 @@ class LawSpec(Spec):
     )
     expansion: RubberExpansion | None = Field(default=None, examples=['"1.6e-4 / K"'])
     bulk_modulus: RubberBulkModulus | None = Field(default=None, examples=['"2 GPa"'])
+    correlation: CorrelationSpec | None = Field(
+        default=None, examples=['{ of = ["C1", "C2"], matrix = [[1.0, -0.9], [-0.9, 1.0]] }']
+    )
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
     usual_terms: ClassVar[int] = 0
@@ -142,11 +184,17 @@ class LawSpec(Spec):
         def shown(key: str, value: Any) -> Any:
             if isinstance(value, tuple):
                 return [shown(key, entry) for entry in value]
-            if isinstance(value, str) or self.unit(key) == "1":
+            if isinstance(value, str):
                 return value
-            return f"{value / 1e6:.12g} MPa"
+            return (
+                text_of(value, 1.0, "") if self.unit(key) == "1" else text_of(value, 1e6, "MPa")
+            )
 
-        inelastic = {"relaxation": self.relaxation, "softening": self.softening}
+        inelastic = {
+            "relaxation": self.relaxation,
+            "softening": self.softening,
+            "correlation": self.correlation,
+        }
         own = [key for key in type(self).model_fields if key not in LawSpec.model_fields]
         keys = [key for key in (*own, "response") if key in self.model_fields_set]
         table = {"law": self.law} | {key: shown(key, getattr(self, key)) for key in keys}
@@ -159,6 +207,21 @@ class LawSpec(Spec):
         return table | {
             key: part.table() for key, part in inelastic.items() if part is not None
         }
+
+    @model_validator(mode="after")
+    def _correlates_what_is_given(self) -> Self:
+        for name in self.correlation.of if self.correlation is not None else ():
+            value: Any = self
+            for part in name.split("."):
+                if isinstance(value, tuple) and part.isdigit() and int(part) < len(value):
+                    value = value[int(part)]
+                elif isinstance(value, Spec) and part in value.model_fields_set:
+                    value = getattr(value, part)
+                else:
+                    value = None
+            if not isinstance(value, float):
+                raise PlacedError("correlation", f'of: "{name}" is no number of this table')
+        return self
 
     @model_validator(mode="after")
     def _instantaneous_of_what_relaxes(self) -> Self:

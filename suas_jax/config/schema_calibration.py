@@ -12,7 +12,8 @@ Names = Annotated[tuple[str, ...], AsList]
 Numbers = Annotated[tuple[float, ...], AsList]
 
 
-def _rows(value: object) -> tuple[tuple[float, ...], ...]:
+def rows_of_numbers(value: object) -> tuple[tuple[float, ...], ...]:
+    """A matrix from a file: a list of rows."""
     if not isinstance(value, list | tuple) or any(
         not isinstance(row, list | tuple) for row in value
     ):
@@ -59,8 +60,8 @@ class CalibrationSpec(Spec):
     units: Names = Field(default=(), examples=['["m"]'])
     values: Numbers = Field(default=(), examples=["[5e-3]"])
     standard_errors: Numbers = Field(default=(), examples=["[1e-6]"])
-    covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_rows)] = Field(
-        default=(), examples=["[[1e-12]]"]
+    covariance: Annotated[tuple[tuple[float, ...], ...], BeforeValidator(rows_of_numbers)] = (
+        Field(default=(), examples=["[[1e-12]]"])
     )
     priors: Names = Field(default=(), examples=['["oil_gap: 5 mm +- 0.25 mm"]'])
     unidentifiable: Names = Field(default=(), examples=['["lsb is not determined"]'])

@@ -132,3 +132,18 @@ def format_uncertain(value: float, dimension: DimensionName) -> str:
         return text
     kind: DimensionName = "warming" if dimension == "temperature" else dimension
     return f"{text} +- {format_quantity(deviation, kind)}"
+
+
+def text_of(value: float, unit: float, name: str) -> str | float:
+    """A value as a file has it, to twelve digits, with its deviation where it carries one.
+
+    Args:
+        value: in SI units.
+        unit: size of the unit that it is written in.
+        name: of that unit; "" for a number, which without a deviation stays one.
+    """
+    deviation = deviation_of(value)
+    if deviation is None and not name:
+        return value
+    text = f"{value / unit:.12g} {name}".strip()
+    return text if deviation is None else f"{text} +- {deviation / unit:.4g} {name}".strip()

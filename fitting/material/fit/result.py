@@ -15,16 +15,19 @@ from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import Homogeneous, mode_factors, padded
 from fitting.material.fit.band import Band, Belief, half_width, nominal_factors
+from fitting.material.fit.deviations import constants_root
 from fitting.material.fit.intervals import Intervals, intervals_of, modulus_and_slope
 from fitting.material.fit.noise import Noise
 from fitting.material.fit.problem import MaterialProblem, readings
 from fitting.material.fit.specimens import Specimens
+from fitting.material.laws.blocks import Relaxation, Softening, block_of
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.diagnostics import Misfit, information_criteria
 from fitting.statistics.identifiability import Uncertainty
 from fitting.statistics.least_squares import Minima
-from suas_jax.config.law import LawSpec
+from suas_jax.config.law import CorrelationSpec, LawSpec
 from suas_jax.config.schema_material import LAWS
+from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive import AbstractLaw, drucker_modulus, stable_range
 
 _DISTINCT = 0.02
@@ -83,7 +86,7 @@ class MaterialFit:
         return self.family.law(jnp.asarray(self.constants))
 
     def material(self) -> LawSpec:
-        """The fitted law as the [material] table of a skin.
+        """The fitted law as the [material] table of a skin, with its deviations.
 
         Raises:
             ValueError: it is a law of one's own, which no file can name.
@@ -91,11 +94,27 @@ class MaterialFit:
         name = self.family.law_name
         if name not in LAWS:
             raise ValueError(f"the law {name} can't stand in a skin's [material]")
+        blocks = [block_of(self.family, kind) for kind in (Relaxation, Softening)]
+        count = max([self.family.law_size, *(found[1].stop for found in blocks if found)])
+        constants = self.constants[:count]
+        root = constants_root(self, self.belief, constants, self.up_to)
+        covariance = root @ root.T
+        sizes = np.sqrt(np.diagonal(covariance))
+        held = np.maximum(np.outer(sizes, sizes), 1e-300)
+        matrix = np.round(np.clip(covariance / held, -1.0, 1.0), 9)
+        np.fill_diagonal(matrix, 1.0)
+        stated = np.array([*map(UncertainQuantity, constants, map(float, sizes))], dtype=object)
+        whole = np.append(stated, self.constants[count:])
         values: dict[str, Any] = {
             key: tuple(value) if isinstance(value, list) else value
-            for key, value in self.family.tree(map(float, self.constants)).items()
+            for key, value in self.family.tree(whole).items()
         }
-        values |= {**self.family.settings, **self.family.effects(self.constants)}
+        values |= {**self.family.settings, **self.family.effects(whole)}
+        if count > 1:
+            names = self.family.names[:count]
+            values["correlation"] = CorrelationSpec(
+                of=names, matrix=tuple(map(tuple, matrix.tolist()))
+            )
         return LAWS[name](law=name, **values)
 
     @functools.cached_property

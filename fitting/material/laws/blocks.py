@@ -6,7 +6,7 @@ Each block maps its own part of θ to its own part of the constants; the whole i
 import dataclasses
 import functools
 from collections.abc import Iterator
-from typing import Any, TypeVar
+from typing import Any, SupportsFloat, TypeVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +24,7 @@ from fitting.material.laws.parameters import (
     Vector,
 )
 from suas_jax.config.inelastic import RelaxationSpec, SofteningSpec
+from suas_jax.config.tolerance import UncertainQuantity
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.constitutive.inelastic import Inelastic
 from suas_jax.constitutive.relaxation import PronySeries
@@ -112,7 +113,7 @@ class Relaxation(AbstractAddition):
 
     def effects(self, values: np.ndarray) -> dict[str, Any]:
         """The series as it stands in [material]."""
-        g, tau = (tuple(map(float, part)) for part in self.parts(values))
+        g, tau = (tuple(map(_kept, part)) for part in self.parts(values))
         return {"relaxation": RelaxationSpec(g=g, tau=tau)}
 
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -167,13 +168,18 @@ class Softening(IndependentConstants, AbstractAddition):
 
     def effects(self, values: np.ndarray) -> dict[str, Any]:
         """The softening as it stands in [material]."""
-        r, m, beta = map(float, values)
+        r, m, beta = map(_kept, values)
         return {"softening": SofteningSpec(r=r, m=m, beta=beta)}
 
     def random(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Three kinds of softening, in turn."""
         kinds = [[0.0, -1.5, -1.5], [-1.0, -3.0, -3.0], [0.5, 0.0, -1.0]]
         return np.resize(kinds, (count, 3))
+
+
+def _kept(value: SupportsFloat) -> float:
+    """A number that keeps the deviation which it may carry."""
+    return value if isinstance(value, UncertainQuantity) else float(value)
 
 
 class _Zero(Constant):

@@ -29,7 +29,7 @@ def print_report(report: dict[str, Any], fit: MaterialFit | None) -> None:
     console = new_console(highlight=False)
     print_parts(console, described(report, fit))
     if fit is not None and fit.family.law_name in LAWS:
-        console.print("\n" + card(fit.material(), "toml"), markup=False)
+        console.print("\n" + card(fit.material(), "toml"), markup=False, soft_wrap=True)
 
 
 def described(report: dict[str, Any], fit: MaterialFit | None) -> list[Part]:
