@@ -490,6 +490,11 @@ def test_a_contact_is_imprecise_beyond_what_anybody_wants() -> None:
         assert not contact(**{name: 0.99 * limit}).imprecise
         assert contact(**{name: 1.01 * limit}).imprecise
         assert contact(**{name: 0.0}).imprecise
+    # What is the same in all frames is no frame's fault.
+    shared = np.diag([0.0, 4.0])
+    own = np.diag([1e-6, 1e-2])
+    assert not Contact(0.1, 5.0, None, own + shared, systematic=shared).imprecise
+    assert Contact(0.1, 5.0, None, own + shared).imprecise
     assert Contact(0.1, 5.0, None, None).imprecise
     assert np.isnan(Contact(0.1, 5.0, None, None).deviation("force"))
 

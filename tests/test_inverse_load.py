@@ -453,7 +453,6 @@ def test_a_shift_is_named_where_it_makes_most_contacts_look_wide_or_double(
 def test_errors_of_the_stiffness_scale_forces_up_to_the_wall(estimator: LoadEstimator) -> None:
     """Readings depend on force over stiffness alone, however steep they are near the wall."""
     errors = SectionErrors(
-        estimator.spec,
         default_errors(estimator.spec),
         estimator.skin,
         estimator.table,

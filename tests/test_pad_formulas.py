@@ -26,6 +26,7 @@ from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
 from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
+from suas_jax.config.input_errors import value_of
 from suas_jax.scene.pad_forward import pad_skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from tests.stand_ins import explanations
@@ -124,15 +125,20 @@ ERRORS = {  # path: (deviation, d stray, da, db / b, relative change of stiffnes
 }
 
 
+def _stiffened(self: PadErrors, path: str, size: float) -> float:
+    return 1.5 * size / value_of(self._spec, path)
+
+
 def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
     """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
     paths = tuple(ERRORS)
-    errors = InputErrors(paths, np.diag([x[0] for x in ERRORS.values()]), paths, "stated")
+    sizes = np.diag([x[0] for x in ERRORS.values()])
+    errors = InputErrors(paths, sizes, paths, "stated", spec)
     table: Any = SimpleNamespace(rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PadErrors, "_solved_stiffening", lambda self, path: 1.5)
+        patch.setattr(PadErrors, "_solved_stiffening", _stiffened)
         skin = pad_skin_of(spec, contact=False)
-        return PadErrors(spec, errors, skin, table, from_rest=from_rest, slots=1)
+        return PadErrors(errors, skin, table, from_rest=from_rest, slots=1)
 
 
 @pytest.fixture(scope="module")
@@ -206,7 +212,7 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
     np.testing.assert_allclose(np.diag(found[0]), expected, rtol=1e-12)
 
 
-def test_exponent_of_a_dimension_is_what_less_force_does_as_well(
+def test_a_dimension_stiffens_as_less_force_does(
     spec: SkinSpec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A membrane whose displacement is F / t^3: two per cent of t are six of stiffness."""
@@ -225,12 +231,14 @@ def test_exponent_of_a_dimension_is_what_less_force_does_as_well(
     own = object.__new__(PadErrors)
     own._spec, own._skin, own._slots = spec, pad_skin_of(spec, contact=False), 1
     own._inputs, own._table = {}, linear_table()
-    assert own._solved_stiffening("geometry.thickness") == pytest.approx(3.0, rel=1e-9)
+    change = 1e-4, 3.0 * 1e-4 / 5e-3  # of the thickness [m], of the stiffness
+    found = own._solved_stiffening("geometry.thickness", change[0])
+    assert found == pytest.approx(change[1], rel=1e-9)
     largest = 10.0  # at the middle of the pad
     expected = np.array([1.0, 0.98, 1.0]) * 0.4 * largest
     np.testing.assert_allclose(forces, [*expected, *expected], rtol=1e-12)
     # The second time it comes from the cache.
-    assert own._solved_stiffening("geometry.thickness") == pytest.approx(3.0, rel=1e-9)
+    assert own._solved_stiffening("geometry.thickness", change[0]) == found
     assert len(forces) == 6
 
 

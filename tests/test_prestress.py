@@ -18,6 +18,8 @@ from suas_jax.config import (
     scene_from_dict,
 )
 from suas_jax.config.errors import ConfigError
+from suas_jax.config.input_errors import as_assembled, value_of
+from suas_jax.config.tolerance import deviation_of
 from suas_jax.constitutive.deformation import HeldFibre, PlaneStrain, PrincipalStretches
 from suas_jax.constitutive.laws.ogden import Ogden
 from suas_jax.mechanics.solid.points import free_strain
@@ -339,6 +341,31 @@ def test_a_substance_brings_its_typical_figures_and_their_deviation() -> None:
     assert {"material.expansion", "oil.bulk_modulus"} <= set(input_errors(warm).names)
     with pytest.raises(ConfigError, match='"PLA", "PETG"'):
         scene_from_dict(table | {"wall": {"expansion": "silicone-oil"}})
+
+
+def test_an_assembly_is_doubted_where_its_file_is_silent() -> None:
+    table = {
+        "geometry": SIZES,
+        "material": EPDM | {"expansion": "EPDM"},
+        "oil": {"model": "incompressible"},
+    }
+    plain = scene_from_dict(table)
+    silent = as_assembled(plain)
+    errors = input_errors(silent)
+    sizes = dict(zip(errors.names, np.abs(errors.directions).max(1), strict=True))
+    assert sizes["oil.fill"] == 3e-3
+    assert sizes["geometry.mounting"] == 5e-4
+    assert sizes["environment.temperature"] == 5.0
+    assert value_of(errors.spec, "environment.temperature") == 293.15
+    assert set(input_errors(plain).names) < set(errors.names)
+    told = as_assembled(
+        scene_from_dict(table | {"oil": {"model": "incompressible", "fill": "0.998 +- 0.001"}})
+    )
+    assert (told.oil.fill, deviation_of(told.oil.fill)) == (0.998, 1e-3)
+    exact = scene_from_dict(table | {"geometry": SIZES | {"oil_gap": "5 mm +- 0"}})
+    assert as_assembled(exact) is exact
+    vented = as_assembled(scene_from_dict(table | {"oil": {"model": "vented"}}))
+    assert "oil.fill" not in input_errors(vented).names
 
 
 @pytest.mark.parametrize(("hardness", "modulus"), [("60 A", 1.2e6), ("90 A", 6.94e6)])

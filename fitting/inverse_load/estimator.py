@@ -44,6 +44,7 @@ from fitting.inverse_load.section import section_parts
 from suas_jax.acquisition.log.format import MAX_COUNT
 from suas_jax.acquisition.taxel_faults import saturated
 from suas_jax.config import InputErrors, SkinSpec, input_errors
+from suas_jax.config.input_errors import as_assembled
 from suas_jax.runtime.compiled import COMPILED
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class LoadEstimator:
     def __post_init__(self) -> None:
         self._check()
         self.reading_noise = noise_of_readings(self.spec, self.noise)
-        self.input_errors = input_errors(self.spec)
+        self.input_errors = input_errors(as_assembled(self.spec))
         parts = self._make_parts()
         self._parts = parts
         reading = self.reading_noise**2 + ROUNDING

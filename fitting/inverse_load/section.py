@@ -47,7 +47,7 @@ def section_parts(
     systematic: SectionErrors | None = None
     if len(errors):
         progress("building the table of the inputs' errors")
-        systematic = SectionErrors(spec, errors, skin, table, from_rest=from_rest, live=live)
+        systematic = SectionErrors(errors, skin, table, from_rest=from_rest, live=live)
     nodes = NodeSearch(skin, table)
     parts = EstimationParts(
         table.rest,

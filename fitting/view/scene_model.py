@@ -102,7 +102,7 @@ class _Section(Keyed):
 @eqx.filter_jit
 def _section(section: _Section, inputs: Inputs) -> tuple[Array, ...]:
     names = section.scene.skin
-    own = {k: v for k, v in inputs.items() if not k.startswith(("load.", "environment."))}
+    own = {k: v for k, v in inputs.items() if not k.startswith("load.")}
     skin, loads = skin_of(names, own), loads_of(section.scene, inputs)
     output = forward(skin, loads)
     shown = corrected(skin.problem(loads), output.state)

@@ -28,8 +28,17 @@ from suas_jax.config.validation import (
     validate_table,
 )
 
-SKIN_TABLES = ("geometry", "material", "oil", "electrodes", "wall", "reference", "calibration")
-SCENE_TABLES = (*SKIN_TABLES, "load", "environment", "solve")
+SKIN_TABLES = (
+    "geometry",
+    "material",
+    "oil",
+    "electrodes",
+    "wall",
+    "reference",
+    "environment",
+    "calibration",
+)
+SCENE_TABLES = (*SKIN_TABLES, "load", "solve")
 MOST_LOADS = 64
 REQUIRED_TABLES = ("geometry", "material", "oil")
 

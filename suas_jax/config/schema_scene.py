@@ -33,6 +33,7 @@ class SkinSpec(Spec):
         electrodes: what is sensed; None for nothing.
         wall: what holds the membrane.
         reference: when it was closed.
+        environment: where it is used; None leaves ambient pressure out.
         calibration: where fitted numbers come from; None in a file written by hand.
     """
 
@@ -42,6 +43,7 @@ class SkinSpec(Spec):
     electrodes: ElectrodesSpec | None = None
     wall: WallSpec = WallSpec()
     reference: ReferenceSpec = ReferenceSpec()
+    environment: EnvironmentSpec | None = None
     calibration: CalibrationSpec | None = None
 
     def require_plane_strain(self, what: str) -> None:
@@ -72,12 +74,10 @@ class SceneSpec(SkinSpec):
 
     Attributes:
         loads: what acts from outside, in the order of the file (``[[load]]``).
-        environment: the surroundings; None leaves ambient pressure out.
         solve: how to solve.
     """
 
     loads: tuple[LoadSpec, ...] = Field(default=(), alias="load")
-    environment: EnvironmentSpec | None = None
     solve: SolveSpec = SolveSpec()
 
     @property

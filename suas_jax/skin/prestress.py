@@ -17,7 +17,6 @@ import equinox as eqx
 import jax.numpy as jnp
 
 from suas_jax.config import SkinSpec
-from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.skin.oil import AbstractOil
 
@@ -106,13 +105,13 @@ class Prestress(eqx.Module):
 
     @classmethod
     def of(cls, spec: SkinSpec, number: Callable[[str], Lanes]) -> "Prestress":
-        """That of a skin, in its environment if the specification is a scene's.
+        """That of a skin in its environment.
 
         Args:
             spec: says what there is: what it doesn't name costs nothing.
             number: gives values by TOML path, with a lane axis [SI].
         """
-        environment: EnvironmentSpec | None = getattr(spec, "environment", None)
+        environment = spec.environment
         warming = rise = None
         if environment is not None and environment.temperature is not None:
             warming = number("environment.temperature") - number("reference.temperature")
@@ -167,7 +166,7 @@ class Prestress(eqx.Module):
 
 def is_prestressed(spec: SkinSpec) -> bool:
     """Whether a skin, or a scene, names anything that gives it stress at rest."""
-    environment: EnvironmentSpec | None = getattr(spec, "environment", None)
+    environment = spec.environment
     solids = (spec.material, spec.wall)
     found = [spec.geometry.mounting, spec.geometry.mounting_axial, spec.oil.fill]
     if environment is not None and environment.temperature is not None:
@@ -180,7 +179,7 @@ def is_prestressed(spec: SkinSpec) -> bool:
 
 def water_rise(spec: SkinSpec) -> float:
     """Rise of the ambient pressure over that when the skin was closed [Pa]."""
-    environment: EnvironmentSpec | None = getattr(spec, "environment", None)
+    environment = spec.environment
     if environment is None or environment.depth is None:
         return 0.0
     head = environment.specific_weight * environment.depth

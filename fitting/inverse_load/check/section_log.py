@@ -125,7 +125,6 @@ def _explaining(
     assert isinstance(fitter, SectionFitter)
     candidates = default_errors(estimator.spec)
     errors = SectionErrors(
-        estimator.spec,
         candidates,
         fitter.skin,
         fitter.table,

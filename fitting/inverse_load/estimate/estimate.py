@@ -112,10 +112,13 @@ class Contact:
 
     @property
     def imprecise(self) -> bool:
-        """Whether some standard deviation is larger than anybody wants."""
-        if self.covariance is None:
+        """Whether some deviation by the readings' noise is larger than anybody wants.
+
+        What a skin file leaves open is the same in all frames, and no frame's fault.
+        """
+        if self.noise_covariance is None:
             return True
-        sigma = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        sigma = np.sqrt(np.maximum(np.diag(self.noise_covariance), 0.0))
         wanted = WANTED | {"force": WANTED["force"] * abs(self.force), "diameter": np.inf}
         limits = [wanted[name] for name in self.names]
         return bool((sigma > limits).any() or (sigma <= 0).any())

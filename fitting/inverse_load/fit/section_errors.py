@@ -43,7 +43,6 @@ class SectionErrors(AbstractSystematicErrors):
 
     def __init__(
         self,
-        spec: SkinSpec,
         errors: InputErrors,
         skin: Skin,
         table: LoadTable,
@@ -52,9 +51,10 @@ class SectionErrors(AbstractSystematicErrors):
         live: bool,
     ) -> None:
         self.names = errors.names
-        self._skin, self._table = skin, table
+        # Made anew, as the errors' file may name what the skin's leaves out.
+        self._skin, self._table = changed_skin(errors.spec, skin, {}), table
         self._lanes = 1 if live else LANES // 4
-        self._spec, self._errors = spec, errors
+        self._spec, self._errors = errors.spec, errors
         self._tangents: list[Skin] = []
         self._per_newton, self._alike, at_zero = self._tabulated()
         self._at_zero = at_zero

@@ -32,7 +32,7 @@ from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
 
 _PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
-_STEP = 0.02  # of an input in solved states, relative
+_STEP = 0.02  # of the force in solved states, relative
 _SMALL = 1e-3  # of a standard deviation, for derivatives at rest
 _ELECTRICAL = ("electrodes.", "oil.relative_permittivity", "geometry.oil_gap")
 _PROBES = ((0.0, 0.0), (0.4, 0.4))  # places of the solved states, shares of the pad's edges
@@ -46,7 +46,6 @@ class PadErrors(AbstractSystematicErrors):
     within a twentieth of a millimetre: taken as standard deviations.
 
     Args:
-        spec: the pad.
         errors: of its inputs.
         skin: the model made from it.
         table: its states.
@@ -56,7 +55,6 @@ class PadErrors(AbstractSystematicErrors):
 
     def __init__(
         self,
-        spec: SkinSpec,
         errors: InputErrors,
         skin: PadSkin,
         table: PadTable,
@@ -65,8 +63,8 @@ class PadErrors(AbstractSystematicErrors):
         slots: int,
     ) -> None:
         self.names = errors.names
-        self._spec, self._skin, self._table, self._slots = spec, skin, table, slots
-        self._inputs = continuous_inputs(spec)
+        self._spec, self._skin, self._table, self._slots = errors.spec, skin, table, slots
+        self._inputs = continuous_inputs(errors.spec)
         self._radius = float(skin.geometry.outer_size[0])
         taxels, count = len(table.rest), len(errors)
         self._stray = table.stray
@@ -152,14 +150,15 @@ class PadErrors(AbstractSystematicErrors):
             total += (moduli[1] - moduli[0]) / (_SMALL * (moduli[0] + moduli[1]))
         for path, size in change.items():
             if path not in material:
-                total += self._solved_stiffening(path) * size / value_of(self._spec, path)
+                total += self._solved_stiffening(path, size)
         return total
 
-    def _solved_stiffening(self, path: str) -> float:
-        """Relative change of stiffness by that of a dimension, from solved states."""
+    def _solved_stiffening(self, path: str, size: float) -> float:
+        """Relative change of stiffness by a change of another input, from solved states."""
         name = content_key(
             {
                 "path": path,
+                "size": size,
                 "inputs": self._inputs,
                 "electrodes": repr(self._spec.electrodes),
                 "elements": self._skin.elements,
@@ -167,20 +166,19 @@ class PadErrors(AbstractSystematicErrors):
                 "source": source_digest(),
             }
         )
-        kept = kept_arrays(name, lambda: {"exponent": self._stiffening_exponent(path)})
-        return float(kept["exponent"])
+        kept = kept_arrays(name, lambda: {"change": self._stiffer(path, size)})
+        return float(kept["change"])
 
-    def _stiffening_exponent(self, path: str) -> float:
-        value = value_of(self._spec, path)
+    def _stiffer(self, path: str, size: float) -> float:
         changed = pad_skin_of(
             self._spec,
-            {path: (1 + _STEP) * value},
+            {path: value_of(self._spec, path) + size},
             elements=self._skin.elements,
             contact=False,
         )
         middle = [len(x) // 2 for x in (self._table.angle, self._table.axial)]
         force = _LOADED * float(self._table.cap[middle[0], middle[1]])
-        top = size = 0.0
+        top = norm = 0.0
         for a, z in _PROBES:
             place = a * self._table.angle[-1], z * self._table.axial[-1]
             loads = np.array([[*place, force], [*place, (1 - _STEP) * force]])
@@ -190,8 +188,8 @@ class PadErrors(AbstractSystematicErrors):
             by = (moved[0] - own[0])[:-1]
             used = np.isfinite(lighter) & np.isfinite(by)
             top += float(by[used] @ lighter[used])
-            size += float(lighter[used] @ lighter[used])
-        return top / size if size > 0 else 0.0
+            norm += float(lighter[used] @ lighter[used])
+        return _STEP * top / norm if norm > 0 else 0.0
 
 
 def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Floats, Floats]:

@@ -227,7 +227,7 @@ def pad_parts(
         PadAssessment(fitter, nodes, ContactPlaces(spec.geometry, skin.geometry), places),
         (single, several),
         PadPosterior(fitter, nodes),
-        PadErrors(spec, errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
+        PadErrors(errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
     )
     return parts, skin, middle
 
