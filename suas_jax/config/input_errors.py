@@ -50,6 +50,9 @@ _CALIBRATED = {
     "oil_gap": "geometry.oil_gap",
     "lsb": "electrodes.lsb",
     "stray": "electrodes.stray",
+    "fill": "oil.fill",
+    "mounting": "geometry.mounting",
+    "thickness": "geometry.thickness",
 }
 """TOML paths of the constants of `suas fit sensor`. Others are sums over several keys."""
 _ELECTRICAL = ("geometry.oil_gap", "oil.", "electrodes.")
@@ -160,15 +163,18 @@ def as_assembled(spec: SkinSpec) -> SkinSpec:
 
     The numbers are those that a file without them stands for, each with a deviation: 0.3 % of
     the oil, 0.05 % of the membrane's length, and 5 K where the file knows how parts grow. A
-    file that calls any number exact (``+- 0``) stays as it is.
+    file that calls any number exact (``+- 0``) stays as it is. A calibration of filling or
+    mounting knows what both do to forces.
     """
     if any(deviation_of(value) == 0 for value in given_inputs(spec).values()):
         return spec
     tables: dict[str, Any] = {}
-    if spec.oil.trapped and deviation_of(spec.oil.fill) is None:
+    found = set() if spec.calibration is None else set(spec.calibration.parameters)
+    known = not found.isdisjoint({"fill", "mounting"})
+    if not known and spec.oil.trapped and deviation_of(spec.oil.fill) is None:
         fill = TypicalQuantity(spec.oil.fill or 1.0, _FILL)
         tables["oil"] = spec.oil.model_copy(update={"fill": fill})
-    if deviation_of(spec.geometry.mounting) is None:
+    if not known and deviation_of(spec.geometry.mounting) is None:
         mounting = TypicalQuantity(spec.geometry.mounting or 0.0, _MOUNTING)
         tables["geometry"] = spec.geometry.model_copy(update={"mounting": mounting})
     parts = (spec.material, spec.oil, spec.wall)
@@ -176,8 +182,8 @@ def as_assembled(spec: SkinSpec) -> SkinSpec:
     if any(part.expansion is not None for part in parts) and (
         deviation_of(around.temperature) is None
     ):
-        known = around.temperature or spec.reference.temperature
-        warmth = TypicalQuantity(known, _WARMTH)
+        now = around.temperature or spec.reference.temperature
+        warmth = TypicalQuantity(now, _WARMTH)
         tables["environment"] = around.model_copy(update={"temperature": warmth})
     return spec.model_copy(update=tables)
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import check_agreement, drift_warning
-from fitting.sensor.fit.priors import needed_priors
+from fitting.sensor.fit.priors import needed_priors, prior_of
 from fitting.sensor.fit.residuals import Prior, SensorProblem
 from fitting.sensor.fit.result import SensorFit, judged_fit
 from fitting.sensor.fit.search import Found, robust, search
@@ -22,12 +22,15 @@ from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.readings import gathered, measured_noise
 from fitting.sensor.model.constants import (
     DEFAULT,
+    FILL,
     GAP,
+    MOUNTING,
     PATHS,
     SensorFamily,
     is_gap,
-    is_material,
+    moves_membrane,
     named,
+    naming,
     single_gaps,
 )
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
@@ -79,6 +82,7 @@ def fit_sensor(
         Float64Error: float64 is off.
     """
     require_float64()
+    data = dataclasses.replace(data, spec=naming(data.spec, fit))
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
         raise ValueError("--fit: name at least one constant")
@@ -90,8 +94,10 @@ def fit_sensor(
         raise ValueError("--field and --model solid: in plane strain only; leave them out")
     if not pad and (data.loads.axial.any() or data.loads.diameter.any()):
         raise ValueError("axial positions and diameters of known loads need a pad")
-    if field and (gap_of is not None or any(map(is_material, family.names))):
-        raise ValueError("--field: with one gap for all taxels, and without the material")
+    if field and (gap_of is not None or any(map(moves_membrane, family.names))):
+        raise ValueError(
+            "--field: with one gap for all taxels, and without what moves the membrane"
+        )
     readings, loads, permittivity = gathered(data, baseline, offsets)
     solver = ShapeSolver(
         data, loads, permittivity, family, gap_of, air=air, model=model, progress=progress
@@ -104,10 +110,21 @@ def fit_sensor(
         ]
     )
     shapes = solver.at(start) if like is None else solver.again(like.shapes, like.loads, start)
-    problem = SensorProblem(shapes.model, readings, given)
+    # Filling and mounting do much the same: the first fit holds both near the file's.
+    held = {
+        part.name: prior_of(part, value, "")
+        for part, value in zip(parts, stated, strict=True)
+        if part.name in (FILL, MOUNTING)
+    }
+    problem = SensorProblem(shapes.model, readings, held | given)
     problem, touching = _away_from_the_wall(problem, start)
     progress("fitting")
     problem, found = robust(problem, start)
+    if held:
+        problem = problem.replace(priors=given)
+        needed = needed_priors(problem, found.constants, stated)
+        problem = problem.replace(priors=given | needed)
+        found = search(problem, found.constants)
     if field:
         progress("solving the electrostatic field")
         for _ in range(_FIELD_ROUNDS):

@@ -12,14 +12,17 @@ import numpy as np
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.logs.data import SensorData
 from fitting.sensor.model.constants import (
+    FILL,
     GAP,
     LAYERS,
+    MOUNTING,
     PERMITTIVITY,
     SCALE,
     STRAY,
+    THICKNESS,
     SensorConstant,
     is_gap,
-    is_material,
+    moves_membrane,
 )
 from suas_jax.config.tolerance import deviation_of
 
@@ -27,7 +30,16 @@ OPEN = 0.05
 """Share of its size up to which a standard error leaves a constant known."""
 # Tolerance of what a skin file says, where nothing else does: standard deviations relative
 # to natural sizes.
-TOLERANCE = {PERMITTIVITY: 0.1, GAP: 0.05, SCALE: 0.01, STRAY: 0.1, LAYERS: 0.1}
+TOLERANCE = {
+    PERMITTIVITY: 0.1,
+    GAP: 0.05,
+    SCALE: 0.01,
+    STRAY: 0.1,
+    LAYERS: 0.1,
+    FILL: 0.1,
+    MOUNTING: 0.1,
+    THICKNESS: 0.03,
+}
 _MATERIAL_TOLERANCE = 0.1
 _EXACT = 1e-6  # of a constant that the file declares exact (+- 0), relative to its size
 # What gets a prior first.
@@ -100,9 +112,9 @@ def needed_priors(
 
 def _order(names: tuple[str, ...]) -> list[int]:
     """Constants, the one that gets a prior first leading."""
-    material = [name for name in names if is_material(name)][::-1]
+    moving = [name for name in names if moves_membrane(name)][::-1]
     last = [*filter(is_gap, names), PERMITTIVITY]
-    return [names.index(n) for n in (*_LEAST_KNOWN, *material, *last) if n in names]
+    return [names.index(n) for n in (*_LEAST_KNOWN, *moving, *last) if n in names]
 
 
 def findings(problem: SensorProblem, constants: np.ndarray, inflation: float) -> list[str]:

@@ -1,6 +1,8 @@
 """The constants that a sensor calibration can find, by the names that people give them."""
 
 import dataclasses
+from collections.abc import Iterable
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,7 @@ from suas_jax.sensing.taxels import taxel_names
 
 PERMITTIVITY, GAP, SCALE = "relative_permittivity", "oil_gap", "lsb"
 STRAY, LAYERS = "stray", "layers"
+FILL, MOUNTING, THICKNESS = "fill", "mounting", "thickness"
 ALIASES = {"permittivity": PERMITTIVITY, "gap": GAP, "scale": SCALE}
 DEFAULT = (PERMITTIVITY, GAP)
 PATHS = {
@@ -18,12 +21,16 @@ PATHS = {
     GAP: "geometry.oil_gap",
     SCALE: "electrodes.lsb",
     STRAY: "electrodes.stray",
+    FILL: "oil.fill",
+    MOUNTING: "geometry.mounting",
+    THICKNESS: "geometry.thickness",
 }
-"""TOML paths of the electrical constants. Layers are a sum over several keys."""
+"""TOML paths of the constants. Layers are a sum over several keys."""
 GAPS = ("global", "module", "taxel")
 _MATERIAL = "material."
 _VACUUM = 8.854e-12
 _DIAMETER = 4e-3  # of a usual taxel [m]
+_SMALL_FILL, _SMALL_MOUNTING = 0.03, 5e-3  # natural sizes: what these are judged against
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,9 +107,29 @@ def is_gap(name: str) -> bool:
     return name.split(".")[0] == GAP
 
 
-def is_material(name: str) -> bool:
-    """Whether a constant is the membrane's, so that it moves the shape."""
-    return name.startswith(_MATERIAL)
+def moves_membrane(name: str) -> bool:
+    """Whether the membrane's shape under known forces depends on a constant.
+
+    The gap's does where the oil yields, too.
+    """
+    return name.startswith(_MATERIAL) or name in (FILL, MOUNTING, THICKNESS)
+
+
+def naming(spec: SkinSpec, names: Iterable[str]) -> SkinSpec:
+    """A skin whose file names its filling and mounting where they are to be found.
+
+    Raises:
+        ValueError: its oil is vented, so it has no filling.
+    """
+    own = {ALIASES.get(name.strip(), name.strip()) for name in names}
+    tables: dict[str, Any] = {}
+    if FILL in own and spec.oil.fill is None:
+        if not spec.oil.trapped:
+            raise ValueError(f"--fit {FILL}: vented oil flows freely, it has no filling")
+        tables["oil"] = spec.oil.model_copy(update={FILL: 1.0})
+    if MOUNTING in own and spec.geometry.mounting is None:
+        tables["geometry"] = spec.geometry.model_copy(update={MOUNTING: 0.0})
+    return spec.model_copy(update=tables)
 
 
 def named(spec: SkinSpec, name: str) -> SensorConstant:
@@ -116,9 +143,9 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     gap, permittivity = spec.geometry.mean_gap, spec.oil.relative_permittivity or 2.0
     if own == PERMITTIVITY:
         return SensorConstant(own, "1", permittivity)
-    if own == GAP and not isinstance(spec.geometry.oil_gap, float):
+    if own in (GAP, THICKNESS) and not isinstance(getattr(spec.geometry, own), float):
         raise ValueError(
-            f"--fit {name}: geometry.oil_gap is a table, not one number that can be found; "
+            f"--fit {name}: geometry.{own} is a table, not one number that can be found; "
             "write its mean as one length, or fit other constants"
         )
     if own == GAP:
@@ -130,12 +157,18 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         return SensorConstant(own, "F", _VACUUM * permittivity * _DIAMETER**2 / gap, False, 0.0)
     if own == LAYERS:
         return SensorConstant(own, "m", gap / permittivity, False, 0.0)
+    if own == FILL:
+        return SensorConstant(own, "1", _SMALL_FILL, False)
+    if own == MOUNTING:
+        return SensorConstant(own, "1", _SMALL_MOUNTING, False)
+    if own == THICKNESS:
+        return SensorConstant(own, "m", spec.geometry.mean_thickness)
     inputs = continuous_inputs(spec)
-    material = {k: v for k, v in inputs.items() if is_material(k)}
+    material = {k: v for k, v in inputs.items() if k.startswith(_MATERIAL)}
     if own not in material:
         raise ValueError(
-            f'--fit "{name}": unknown; allowed: permittivity, gap, scale, stray, layers, '
-            + ", ".join(material)
+            f'--fit "{name}": unknown; allowed: permittivity, gap, scale, stray, layers, fill, '
+            "mounting, thickness, " + ", ".join(material)
         )
     value = material[own]
     size = abs(value) or max(abs(v) for v in material.values())

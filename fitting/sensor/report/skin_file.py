@@ -12,11 +12,14 @@ import tomlkit
 
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.constants import (
+    FILL,
     GAP,
     LAYERS,
+    MOUNTING,
     PERMITTIVITY,
     SCALE,
     STRAY,
+    THICKNESS,
     is_gap,
 )
 from suas_jax.config import SkinSpec
@@ -29,6 +32,9 @@ _PLACES = {
     PERMITTIVITY: ("oil", "relative_permittivity", "", 1.0),
     SCALE: ("electrodes", "lsb", "fF", 1e-15),
     STRAY: ("electrodes", "stray", "fF", 1e-15),
+    FILL: ("oil", "fill", "", 1.0),
+    MOUNTING: ("geometry", "mounting", "%", 1e-2),
+    THICKNESS: ("geometry", "thickness", "mm", 1e-3),
 }
 
 

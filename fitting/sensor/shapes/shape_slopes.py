@@ -30,14 +30,16 @@ def _slopes(
     start: State,
     wanted: Array,
     inputs: dict[str, Array],
-    moving: dict[str, Array],
+    moving: Array,
+    paths: tuple[str, ...],
     spec: SkinSpec,
     oil: AbstractOil | None,
 ) -> tuple[Array, Array]:
     """Derivatives of edges and radii by each moving constant, what is known kept."""
 
-    def shape(moving: dict[str, Array], force: Array) -> tuple[Array, Array, Array]:
-        geometry, law, answer, _ = parts_of(spec, inputs | moving, oil)
+    def shape(moving: Array, force: Array) -> tuple[Array, Array, Array]:
+        numbers = inputs | dict(zip(paths, moving, strict=True))
+        geometry, law, answer, _ = parts_of(spec, numbers, oil)
         problem = press.problem(geometry, law, answer, force)
         found = equilibrium(problem, start)
         _, shown, shell = corrected(problem, found.state)
@@ -45,13 +47,10 @@ def _slopes(
         return press.displacements(shell, shown.q), face.edges, face.powers
 
     _, push = jax.linearize(shape, moving, force)
-    still = jax.tree.map(jnp.zeros_like, moving)
-    loads = force.shape[0]
+    still, loads = jnp.zeros_like(moving), force.shape[0]
     unit = jnp.broadcast_to(jnp.eye(loads)[:, :, None], (loads, *force.shape))
     by_force = jax.vmap(lambda f: push(still, f))(unit)
-    count = len(moving)
-    tangents = {k: jnp.eye(count)[i] for i, k in enumerate(moving)}
-    by_constant = jax.vmap(lambda t: push(t, jnp.zeros_like(force)))(tangents)
+    by_constant = jax.vmap(lambda t: push(t, jnp.zeros_like(force)))(jnp.eye(len(paths)))
     # Displacements that are known stay: the forces on them follow.
     compliance = jnp.moveaxis(by_force[0], -1, 0).swapaxes(1, 2)  # [state, of, by]
     both = wanted.T[:, :, None] * wanted.T[:, None, :]
@@ -85,7 +84,6 @@ def shape_slopes(
         Derivatives of the edges [constant, station, state] and of the radii [constant,
         power, element, state].
     """
-    values = {k: jnp.asarray(v, float) for k, v in moving.items()}
     slopes: tuple[Array, Array] = COMPILED.run(
         _slopes,
         shape.press,
@@ -93,7 +91,8 @@ def shape_slopes(
         shape.state,
         jnp.asarray(wanted, float),
         dict(inputs),
-        values,
+        jnp.asarray(list(moving.values()), float),
+        tuple(moving),
         spec,
         oil,
         once=True,

@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, is_material
+from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, moves_membrane
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
@@ -91,7 +91,7 @@ class ShapeSolver:
         self.moving = tuple(
             i
             for i, name in enumerate(family.names)
-            if is_material(name) or (name == GAP and yields)
+            if moves_membrane(name) or (name == GAP and yields)
         )
         if self.moving and data.spec.geometry.dimension == 3:
             moved = ", ".join(family.names[i] for i in self.moving)
