@@ -17,8 +17,19 @@ from fitting.cli.app import app
 from fitting.sensor.fit.calibrate import fit_sensor
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.logs.data import NoCalibration, load_sensor_data
+from fitting.sensor.model.constants import FILL, MOUNTING, PATHS, naming
 from fitting.sensor.report.skin_file import calibrated_skin
-from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin, with_solve
+from suas_jax.config import (
+    SkinSpec,
+    UncertainQuantity,
+    continuous_inputs,
+    input_errors,
+    load_skin,
+    with_solve,
+)
+from suas_jax.config.input_errors import as_assembled
+from suas_jax.config.oils.vented import VentedOilSpec
+from suas_jax.scene.forward import Loads, forward, skin_of
 from suas_jax.scene.solve import solve
 
 ROOT = Path(__file__).parent.parent
@@ -520,3 +531,39 @@ def test_a_gap_that_is_a_table_is_no_one_constant(tmp_path: Path) -> None:
     log = fine_log(tmp_path / "a.csv", np.full((4, 3), 900.0))
     with pytest.raises(ValueError, match=r"--fit oil_gap: geometry.oil_gap is a table"):
         fit_sensor(load_sensor_data(skin, [log]), model="shell")
+
+
+def test_ten_presses_find_filling_and_mounting(tmp_path: Path) -> None:
+    """Both move forces and no baseline; the derivatives by each are told apart."""
+    plain = load_skin(SKIN)
+    true = {FILL: 0.997, MOUNTING: -2e-4}
+    spec = naming(plain, true)
+    paths = {PATHS[name]: value for name, value in true.items()}
+    angle = np.deg2rad([-50, -35, -20, -10, 0, 5, 10, 20, 35, 50])
+    force = np.array([0.0, 4, 6, 8, 10, 5, 7, 9, 6, 12])
+    loads = Loads.line(angle, force)
+    so = np.asarray(forward(skin_of(spec, paths, contact=False), loads).so)
+    held = 8  # frames of each
+    columns = {
+        "load_0_angle_deg": np.repeat(np.rad2deg(angle), held),
+        "load_0_force_N": np.repeat(force, held),
+    }
+    log = write_log(tmp_path / "presses.csv", np.repeat(so, held, 1), columns)
+    fit = fitted(log, fit=("permittivity", "gap", FILL, MOUNTING), model="shell")
+    for name, wanted in true.items():
+        found, error = value(fit, name)
+        assert abs(found - wanted) < 3.5 * error, name
+        assert error < {FILL: 1e-3, MOUNTING: 1e-4}[name]
+    text = tomllib.loads(calibrated_skin(SKIN, fit))
+    assert text["oil"]["fill"] == pytest.approx(0.997, abs=2e-3)
+    assert text["geometry"]["mounting"].endswith(" %")
+    errors = input_errors(as_assembled(_written(tmp_path, calibrated_skin(SKIN, fit))))
+    assert not {"oil.fill", "geometry.mounting"} & set(errors.names)  # the covariance has them
+    with pytest.raises(ValueError, match="no filling"):
+        naming(plain.model_copy(update={"oil": VentedOilSpec(model="vented")}), [FILL])
+
+
+def _written(folder: Path, text: str) -> SkinSpec:
+    path = folder / "calibrated.toml"
+    path.write_text(text)
+    return load_skin(path)

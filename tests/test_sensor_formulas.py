@@ -14,7 +14,7 @@ from fitting.sensor.fit.search import _kept, _spread
 from fitting.sensor.logs.data import NoCalibration
 from fitting.sensor.logs.known_inputs import check_known, fluid_name, permittivities
 from fitting.sensor.logs.readings import ROUNDING, LoggedCounts, _first_noise, measured_noise
-from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, is_material
+from fitting.sensor.model.constants import SensorConstant, SensorFamily, is_gap, moves_membrane
 from fitting.sensor.report.skin_file import _layers, _text
 from suas_jax.config import UncertainQuantity
 from suas_jax.config.sections.circle import CircleSpec
@@ -491,8 +491,8 @@ def test_constants_are_exponentials_of_what_is_positive() -> None:
     assert family.floors.tolist() == [-np.inf, 0.0]
     assert is_gap("oil_gap.0.3")
     assert not is_gap("oil_gaps")
-    assert is_material("material.C1")
-    assert not is_material("C1")
+    assert moves_membrane("material.C1")
+    assert not moves_membrane("C1")
 
 
 def test_layers_keep_their_shares_of_thickness_over_permittivity() -> None:

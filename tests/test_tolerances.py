@@ -65,6 +65,7 @@ def scene(**changes: dict[str, Any]) -> Any:
         ("-30 deg +- 0.1 deg", "angle", -math.pi / 6, math.pi / 1800),
         ("2.2 +- 0.1", "number", 2.2, 0.1),
         ("2.2 +- 5%", "number", 2.2, 0.11),
+        ("0.05 % +- 0.02 %", "number", 5e-4, 2e-4),  # its own unit, no share
         ("0 mm +- 0.1 mm", "length", 0.0, 1e-4),
     ],
 )

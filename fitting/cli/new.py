@@ -27,6 +27,8 @@ _SKIN = """\
 {dimensions}thickness    = "1.5 mm"       # of the membrane
 width        = "123 mm"       # {width}
 oil_gap      = "5 mm"         # between membrane and rigid wall, at rest
+# mounting   = "0 % +- 0.05 %" # length of the membrane over its seat's, less one; taken if
+#                              # not stated, `suas fit sensor --fit fill,mounting` finds it
 ends         = "{ends}"{ends_note}
 
 [material]
@@ -37,6 +39,7 @@ preset = "epdm-paper"         # or a law with its constants, as `suas fit materi
 [oil]
 model = "incompressible"      # or compressible, aerated, vented
 relative_permittivity = 2.2   # a mineral or silicone oil; `suas fit sensor` finds it
+# fill = "1.000 +- 0.003"     # its volume over the film's when closed; taken if not stated
 
 [electrodes]
 capacitance = "parallel-plate"

@@ -1,7 +1,8 @@
 """Quantities with their uncertainty: text such as ``"20.7 MPa +- 10 %"``.
 
 The number after ``+-`` (or ``±``) is one standard deviation: of the value's own unit, or a
-share of the value in per cent. ``+- 0`` says that the value is known exactly.
+share in per cent of a value that has another unit. ``+- 0`` says that the value is known
+exactly.
 """
 
 from __future__ import annotations
@@ -91,15 +92,16 @@ def parse_uncertain(text: str, dimension: DimensionName) -> UncertainQuantity:
         value_text = f"{value_text} {unit.group(1)}"  # one unit for both
     value = parse_quantity(value_text, dimension)
     try:
-        deviation = _deviation(deviation_text, value, dimension)
+        per_cent = value_text.endswith("%")
+        deviation = _deviation(deviation_text, value, dimension, per_cent=per_cent)
     except ValueError as error:
         raise ValueError(f"after +-: {error}") from None
     return UncertainQuantity(value, deviation)
 
 
-def _deviation(text: str, value: float, dimension: DimensionName) -> float:
-    """One standard deviation in SI units."""
-    if text.endswith("%"):
+def _deviation(text: str, value: float, dimension: DimensionName, *, per_cent: bool) -> float:
+    """One standard deviation in SI units; a share, unless the value itself is in per cent."""
+    if text.endswith("%") and not per_cent:
         share = parse_quantity(text, "number")
         if share > 0 and value == 0:
             usual = DIMENSIONS[dimension].usual

@@ -168,7 +168,8 @@ def judged_fit(
             "the law does not follow the data", "the model does not follow the counts"
         ).replace("along the tests", "along the logs")
         hint = "; --field takes capacitances from the field instead of the formula"
-        warnings.append(words + (hint if problem.model.factor is None else ""))
+        can = problem.model.factor is None and data.spec.geometry.dimension == 2
+        warnings.append(words + (hint if can else ""))
     warnings += [disagreement_warning(problem, constants), noise_warning(noise, data)]
     offsets, drift = _taken_out(problem, constants)
     return SensorFit(

@@ -52,8 +52,8 @@ class SensorModel(eqx.Module):
     Attributes:
         inputs: SI values by TOML path of all that is not calibrated.
         face: inner faces at the constants `at` [..., state].
-        slope: derivatives of edges and radii of the faces by the constants, along a leading
-            axis; its length is zero where no constant moves the membrane.
+        slope: derivatives of the faces' arrays by the constants, along a leading axis; None
+            where no constant moves the membrane.
         at: constants where the faces were computed [p].
         moving: positions of the constants that the derivatives belong to.
         permittivity: of the fluid; NaN where it is the oil [state].
@@ -67,7 +67,7 @@ class SensorModel(eqx.Module):
 
     inputs: dict[str, Array]
     face: AbstractFace
-    slope: tuple[Array, Array] | None
+    slope: AbstractFace | None
     at: Float[Array, " p"]
     permittivity: Float[Array, " state"]
     factor: Float[Array, "taxel state"] | None
@@ -126,10 +126,10 @@ class SensorModel(eqx.Module):
     def _face(self, constants: Array) -> AbstractFace:
         if self.slope is None:
             return self.face
-        assert isinstance(self.face, NormalFace)
         change = (constants - self.at)[jnp.array(self.moving)]
-        edges, powers = (jnp.tensordot(change, slope, 1) for slope in self.slope)
-        return NormalFace(self.face.edges + edges, self.face.powers + powers, self.face.folded)
+        moved = jax.tree.map(lambda slope: jnp.tensordot(change, slope, 1), self.slope)
+        face: AbstractFace = eqx.apply_updates(self.face, moved)
+        return face
 
 
 @eqx.filter_jit

@@ -1,8 +1,7 @@
 """The pad's shape in every known state of an experiment, as the taxels see it.
 
 A state is some round contacts whose force is known, or one whose displacement is: then its
-force is found by the secant method. The inner face is kept along the taxels' own rays: no
-electrical constant moves it.
+force is found by the secant method. The inner face is kept along the taxels' own rays.
 """
 
 import dataclasses
@@ -106,17 +105,22 @@ def deform_pad(
     return PadDeformed(TaxelFace(jnp.asarray(radius)), force, moved)
 
 
+def patches_of(loads: KnownLoads, k: int, force: NDArray) -> Patches:
+    """The round contacts of a state under some forces [load, N]."""
+    diameter = np.where(loads.diameter[:, k] > 0, loads.diameter[:, k], DIAMETER)
+    columns = (loads.angle[:, k], loads.axial[:, k], force, diameter)
+    return Patches(*(jnp.asarray(x, float) for x in columns))
+
+
 def _state(
     skin: PadSkin, loads: KnownLoads, k: int, first: float
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Radii, forces and displacements of one state."""
     wanted = loads.displacement[:, k]
     force = np.where(np.isfinite(wanted), 0.0, np.nan_to_num(loads.force[:, k]))
-    diameter = np.where(loads.diameter[:, k] > 0, loads.diameter[:, k], DIAMETER)
 
     def run(force: NDArray) -> tuple[NDArray, NDArray]:
-        columns = (loads.angle[:, k], loads.axial[:, k], force, diameter)
-        patches = Patches(*(jnp.asarray(x, float) for x in columns))
+        patches = patches_of(loads, k, force)
         found = COMPILED.run(_RESPOND, skin, patches, skin.plan(patches))
         radius, mid, inner, result = (np.asarray(x) for x in found)
         if int(result):
@@ -165,7 +169,7 @@ def _met(
     )
 
 
-def _respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
+def respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
     """Heights along the taxels' rays, displacements of mid-surface and inner face, result."""
     problem = skin.problem(patches, plan)
     found = equilibrium(problem)
@@ -185,4 +189,4 @@ def _respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
     return heights, jnp.stack(mid), jnp.stack(inner), found.result[0]
 
 
-_RESPOND = eqx.filter_jit(_respond)
+_RESPOND = eqx.filter_jit(respond)

@@ -4,97 +4,180 @@ With known forces f the shape's derivative is the equilibrium's. Where a displac
 known instead, the force follows the constant c so that u stays: df/dc = -(du/df)^-1 du/dc.
 """
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
+from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
+from fitting.sensor.shapes.pad_deformations import PadDeformed, TaxelFace, patches_of, respond
 from fitting.sensor.shapes.press import Press
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, equilibrium
+from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.section import section_of
+from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.pad_forward import PadSkin, Patches
 from suas_jax.skin.oil import AbstractOil
 
 
-@eqx.filter_jit
-def _slopes(
-    press: Press,
-    force: Array,
-    start: State,
-    wanted: Array,
-    inputs: dict[str, Array],
-    moving: Array,
-    paths: tuple[str, ...],
-    spec: SkinSpec,
-    oil: AbstractOil | None,
-) -> tuple[Array, Array]:
-    """Derivatives of edges and radii by each moving constant, what is known kept."""
+class Moving(eqx.Module):
+    """Constants that move the membrane.
 
-    def shape(moving: Array, force: Array) -> tuple[Array, Array, Array]:
-        numbers = inputs | dict(zip(paths, moving, strict=True))
-        geometry, law, answer, _ = parts_of(spec, numbers, oil)
-        problem = press.problem(geometry, law, answer, force)
-        found = equilibrium(problem, start)
-        _, shown, shell = corrected(problem, found.state)
-        face = section_of(shell).face(shown.q)
-        return press.displacements(shell, shown.q), face.edges, face.powers
+    Attributes:
+        values: SI [constant].
+        paths: of the inputs that they are.
+    """
 
-    _, push = jax.linearize(shape, moving, force)
-    still, loads = jnp.zeros_like(moving), force.shape[0]
+    values: Float[Array, " constant"]
+    paths: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, values: Mapping[str, float]) -> Self:
+        """From values by TOML path."""
+        return cls(jnp.asarray(list(values.values()), float), tuple(values))
+
+    def named(self, values: Array) -> dict[str, Array]:
+        """Values by TOML path."""
+        return dict(zip(self.paths, values, strict=True))
+
+
+# Displacements of the loads [load, state] and the faces, from constants and forces.
+Shape = Callable[[Array, Array], tuple[Array, AbstractFace]]
+
+
+def _slopes(shape: Shape, values: Array, force: Array, wanted: Array) -> AbstractFace:
+    """Derivatives of the faces by each constant, what is known kept.
+
+    Args:
+        shape: of constants and forces.
+        values: of the constants [constant].
+        force: on the loads [load, state] [N].
+        wanted: one where a displacement is known [load, state].
+    """
+    _, push = jax.linearize(shape, values, force)
+    loads = force.shape[0]
     unit = jnp.broadcast_to(jnp.eye(loads)[:, :, None], (loads, *force.shape))
-    by_force = jax.vmap(lambda f: push(still, f))(unit)
-    by_constant = jax.vmap(lambda t: push(t, jnp.zeros_like(force)))(jnp.eye(len(paths)))
+    by_force = jax.vmap(lambda f: push(jnp.zeros_like(values), f))(unit)
+    by_constant = jax.vmap(lambda c: push(c, jnp.zeros_like(force)))(jnp.eye(len(values)))
     # Displacements that are known stay: the forces on them follow.
     compliance = jnp.moveaxis(by_force[0], -1, 0).swapaxes(1, 2)  # [state, of, by]
     both = wanted.T[:, :, None] * wanted.T[:, None, :]
     matrix = compliance * both + jnp.eye(loads) * (1 - wanted.T)[:, :, None]
     change = jnp.moveaxis(by_constant[0], -1, 0) * wanted.T[:, None, :]  # [state, const, of]
     follow = -jnp.linalg.solve(matrix, change.swapaxes(1, 2))  # [state, by, const]
-    edges = by_constant[1] + jnp.einsum("sfc,fks->cks", follow, by_force[1])
-    radius = by_constant[2] + jnp.einsum("sfc,fpes->cpes", follow, by_force[2])
-    return edges, radius
+    slopes: AbstractFace = jax.tree.map(
+        lambda own, by: own + jnp.einsum("sfc,f...s->c...s", follow, by),
+        by_constant[1],
+        by_force[1],
+    )
+    return slopes
+
+
+@eqx.filter_jit
+def _of_section(
+    press: Press,
+    force: Array,
+    start: State,
+    wanted: Array,
+    inputs: dict[str, Array],
+    moving: Moving,
+    spec: SkinSpec,
+    oil: AbstractOil | None,
+) -> AbstractFace:
+    def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
+        geometry, law, answer, _ = parts_of(spec, inputs | moving.named(values), oil)
+        problem = press.problem(geometry, law, answer, force)
+        found = equilibrium(problem, start)
+        _, shown, shell = corrected(problem, found.state)
+        face = section_of(shell).face(shown.q)
+        return press.displacements(shell, shown.q), eqx.filter(face, eqx.is_inexact_array)
+
+    return _slopes(shape, moving.values, force, wanted)
+
+
+@eqx.filter_jit
+def _of_pad(
+    patches: Patches,
+    plan: PadPlan,
+    inner: Array,
+    wanted: Array,
+    inputs: dict[str, Array],
+    moving: Moving,
+    spec: SkinSpec,
+    oil: AbstractOil | None,
+) -> AbstractFace:
+    def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
+        skin = PadSkin(*parts_of(spec, inputs | moving.named(values), oil))
+        pressed = dataclasses.replace(patches, force=force[:, 0])
+        heights, mid, below, _ = respond(skin, pressed, plan)
+        moved = jnp.where(inner, below, mid)
+        return moved[:, None], TaxelFace(heights[..., None])
+
+    return _slopes(shape, moving.values, patches.force[:, None], wanted)
 
 
 def shape_slopes(
     shape: Deformed,
-    wanted: np.ndarray,
+    loads: KnownLoads,
     spec: SkinSpec,
     inputs: Mapping[str, Array],
     moving: Mapping[str, float],
     oil: AbstractOil | None,
-) -> tuple[Array, Array]:
+) -> AbstractFace:
     """How the faces of solved states change with constants that move the membrane.
 
     Args:
         shape: the solved states.
-        wanted: one where a displacement is known, zero where a force is [load, state].
+        loads: what is known of them.
         spec: the skin.
         inputs: SI values by TOML path.
         moving: the constants, by TOML path.
         oil: how the fluid answers, if not as the skin file says.
 
     Returns:
-        Derivatives of the edges [constant, station, state] and of the radii [constant,
-        power, element, state].
+        A face whose arrays hold derivatives, by the constants along a leading axis; none
+        where it holds no numbers.
     """
-    slopes: tuple[Array, Array] = COMPILED.run(
-        _slopes,
+    slopes: AbstractFace = COMPILED.run(
+        _of_section,
         shape.press,
         jnp.asarray(shape.force),
         shape.state,
-        jnp.asarray(wanted, float),
+        jnp.asarray(np.isfinite(loads.displacement), float),
         dict(inputs),
-        jnp.asarray(list(moving.values()), float),
-        tuple(moving),
+        Moving.of(moving),
         spec,
         oil,
         once=True,
     )
+    return slopes
+
+
+def pad_shape_slopes(
+    shape: PadDeformed,
+    loads: KnownLoads,
+    spec: SkinSpec,
+    inputs: Mapping[str, Array],
+    moving: Mapping[str, float],
+    oil: AbstractOil | None,
+) -> AbstractFace:
+    """The same for a pad, state by state; see `shape_slopes`."""
+    skin = PadSkin(*parts_of(spec, inputs, oil))
+    found = []
+    for k in range(loads.states):
+        patches = patches_of(loads, k, shape.force[:, k])
+        wanted = jnp.asarray(np.isfinite(loads.displacement[:, k : k + 1]), float)
+        numbers = (jnp.asarray(loads.inner), wanted, dict(inputs), Moving.of(moving))
+        found.append(COMPILED.run(_of_pad, patches, skin.plan(patches), *numbers, spec, oil))
+    slopes: AbstractFace = jax.tree.map(lambda *x: np.concatenate(x, -1), *found)
     return slopes

@@ -14,7 +14,7 @@ from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, mov
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
-from fitting.sensor.shapes.shape_slopes import shape_slopes
+from fitting.sensor.shapes.shape_slopes import pad_shape_slopes, shape_slopes
 from fitting.sensor.shapes.solid_correction import (
     MOST_PLACES,
     SolidCorrection,
@@ -93,12 +93,6 @@ class ShapeSolver:
             for i, name in enumerate(family.names)
             if moves_membrane(name) or (name == GAP and yields)
         )
-        if self.moving and data.spec.geometry.dimension == 3:
-            moved = ", ".join(family.names[i] for i in self.moving)
-            raise ValueError(
-                f"--fit: {moved} would move the pad; on a pad constants that don't are fitted: "
-                "permittivity, scale, stray, layers, and the gap where oil is incompressible"
-            )
 
     def stated(self, name: str) -> float | None:
         """What the skin file says of a constant, SI; None where it says nothing.
@@ -137,11 +131,12 @@ class ShapeSolver:
         face: AbstractFace = jax.tree.map(
             lambda *x: _in_order(x, counts, order), *(part.shape.face for part in parts)
         )
-        slope = (joined(lambda p: p.slopes[0]), joined(lambda p: p.slopes[1]))
+        slopes = [part.slope for part in parts]
+        slope = jax.tree.map(lambda *x: _in_order(x, counts, order), *slopes)
         model = SensorModel(
             self.inputs,
             face,
-            slope if moving else None,
+            slope,
             jnp.asarray(constants),
             jnp.asarray(self._permittivity),
             None,
@@ -218,23 +213,21 @@ class ShapeSolver:
     ) -> "_Part":
         loads = self._loads.take(index)
         geometry, law, answer, electrodes = parts_of(self._data.spec, inputs, oil)
-        slopes = (jnp.zeros(1), jnp.zeros(1))
+        numbers = self._data.spec, inputs, moving, oil
         if self._data.spec.geometry.dimension == 3:
             try:
                 found = deform_pad(loads, geometry, law, answer, electrodes)
             except NoDeformation as error:
                 raise NoCalibration(f"{self._data.paths}: {error}") from None
-            return _Part(index, found, slopes)
+            slope = pad_shape_slopes(found, loads, *numbers) if moving else None
+            return _Part(index, found, slope)
         try:
             shape = deform(loads, geometry, law, answer)
             if oil is None and not self._shell:
                 shape = self._as_solid(shape, loads, geometry, law, answer)
         except NoDeformation as error:
             raise NoCalibration(f"{self._data.paths}: {error}") from None
-        if moving:
-            wanted = np.isfinite(loads.displacement)
-            slopes = shape_slopes(shape, wanted, self._data.spec, inputs, moving, oil)
-        return _Part(index, shape, slopes)
+        return _Part(index, shape, shape_slopes(shape, loads, *numbers) if moving else None)
 
     def _as_solid(
         self,
@@ -277,4 +270,4 @@ class _Part:
 
     index: np.ndarray
     shape: Deformed | PadDeformed
-    slopes: tuple[Array, Array]
+    slope: AbstractFace | None
