@@ -133,7 +133,7 @@ def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
     """Errors of every input of the pad above; those of a dimension stiffen by its power 1.5."""
     paths = tuple(ERRORS)
     sizes = np.diag([x[0] for x in ERRORS.values()])
-    errors = InputErrors(paths, sizes, paths, "stated", spec)
+    errors = InputErrors(paths, sizes, paths, (), spec)
     table: Any = SimpleNamespace(rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PadErrors, "_solved_stiffening", _stiffened)

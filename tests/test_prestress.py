@@ -362,7 +362,7 @@ def test_an_assembly_is_doubted_where_its_file_is_silent() -> None:
         scene_from_dict(table | {"oil": {"model": "incompressible", "fill": "0.998 +- 0.001"}})
     )
     assert (told.oil.fill, deviation_of(told.oil.fill)) == (0.998, 1e-3)
-    exact = scene_from_dict(table | {"geometry": SIZES | {"oil_gap": "5 mm +- 0"}})
+    exact = scene_from_dict(table | {"geometry": SIZES | {"thickness": "1.5 mm +- 0"}})
     assert as_assembled(exact) is exact
     vented = as_assembled(scene_from_dict(table | {"oil": {"model": "vented"}}))
     assert "oil.fill" not in input_errors(vented).names

@@ -559,6 +559,7 @@ def test_ten_presses_find_filling_and_mounting(tmp_path: Path) -> None:
     assert text["geometry"]["mounting"].endswith(" %")
     errors = input_errors(as_assembled(_written(tmp_path, calibrated_skin(SKIN, fit))))
     assert not {"oil.fill", "geometry.mounting"} & set(errors.names)  # the covariance has them
+    assert not errors.assumed  # the presses tell the stiffness, whatever makes it so
     with pytest.raises(ValueError, match="no filling"):
         naming(plain.model_copy(update={"oil": VentedOilSpec(model="vented")}), [FILL])
 

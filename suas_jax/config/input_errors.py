@@ -55,7 +55,8 @@ _CALIBRATED = {
     "thickness": "geometry.thickness",
 }
 """TOML paths of the constants of `suas fit sensor`. Others are sums over several keys."""
-_ELECTRICAL = ("geometry.oil_gap", "oil.", "electrodes.")
+_ELECTRICAL = ("geometry.oil_gap", "oil.relative_permittivity", "electrodes.")
+_MECHANICAL = ("material.", "geometry.thickness", "geometry.mounting", "oil.fill")
 _LEAST_VARIANCE = 1e-9  # of a direction that is kept, relative to its constants' own
 
 
@@ -137,15 +138,20 @@ def input_errors(spec: SkinSpec) -> InputErrors:
     columns = [pair for pair in columns if pair[0] not in joint] + together
     record = spec.calibration
     calibrated = record is not None and bool(record.covariance)
+    by_presses: set[str] = set()
     if calibrated:
         assert record is not None
         found = list(_calibrated(spec, record, told))
         columns += found
-        told |= {path for _, column in found for path in column}
+        by_presses = {path for _, column in found for path in column}
+        told |= by_presses
+    # Known forces tell how stiff the membrane is, whatever makes it so.
+    pressed = any(path.startswith(_MECHANICAL) for path in by_presses)
     defaults = [
         (name, column)
         for name, column in _defaults(spec)
         if not told & column.keys()
+        and not pressed
         and not (calibrated and all(path.startswith(_ELECTRICAL) for path in column))
     ]
     return _joined(spec, [*columns, *defaults], tuple(name for name, _ in defaults))
@@ -163,10 +169,10 @@ def as_assembled(spec: SkinSpec) -> SkinSpec:
 
     The numbers are those that a file without them stands for, each with a deviation: 0.3 % of
     the oil, 0.05 % of the membrane's length, and 5 K where the file knows how parts grow. A
-    file that calls any number exact (``+- 0``) stays as it is. A calibration of filling or
-    mounting knows what both do to forces.
+    file whose thickness is exact (``+- 0``) is a drawing's, and stays as it is. A calibration
+    of filling or mounting knows what both do to forces.
     """
-    if any(deviation_of(value) == 0 for value in given_inputs(spec).values()):
+    if deviation_of(spec.geometry.thickness) == 0:
         return spec
     tables: dict[str, Any] = {}
     found = set() if spec.calibration is None else set(spec.calibration.parameters)
