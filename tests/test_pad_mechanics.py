@@ -202,15 +202,26 @@ def test_contact_with_the_wall_comes_from_its_energy() -> None:
     np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-11 * scale)
 
 
-def test_contact_with_a_body_comes_from_its_energy() -> None:
-    """A turned box and the half pad: forces, stiffness, and forces by the body's travel."""
+@pytest.mark.parametrize("friction", [None, 0.4])
+def test_contact_with_a_body_comes_from_its_energy(friction: float | None) -> None:
+    """A turned box and the half pad: forces, stiffness, and forces by the body's travel.
+
+    Friction has an energy where its bound is known, here that of another state.
+    """
     free_pad = small_pad(*CASES["sliding ends, half, kinked"])
     q, directions, free = state_of(free_pad, 2e-3)
-    spec = BodyLoadSpec(shape="box", size=(0.03, 0.05), edge=0.004, angle=-0.4, depth=3e-3)
+    given = {"shape": "box", "size": (0.03, 0.05), "edge": 0.004, "angle": -0.4, "depth": 3e-3}
     numbers = {"size.0": 0.03, "size.1": 0.05, "edge": 0.004, "turn": 0.3, "depth": 3e-3}
+    if friction is not None:
+        more = {"friction": friction, "drag": 2e-3, "drag_axial": -1e-3}
+        given, numbers = given | more, numbers | more
+    spec = BodyLoadSpec(**given)
     law, places = RigidLimit(1e9 * ONE, 1e-4 * ONE), (-0.4 * ONE, -0.02 * ONE)
     box = Body.of(spec, THICK.section, places, lambda key: numbers[key] * ONE, law)
     pad = free_pad.with_bodies([box])
+    if friction is not None:
+        pad = quick(lambda pad, q: pad.gripped(q, FACTOR))(pad, 1.1 * q)
+        assert np.max(pad.bodies[0].grip.bound) > 0
     contact = quick(lambda pad, q: pad.touched(q, pad.bodies[0].placed(FACTOR)))(pad, q)
     assert 0.01 < np.mean(contact.gap < 0) < 0.95
     without = assemble(free_pad, q, PRESSURE, FACTOR)

@@ -243,10 +243,11 @@ def _of_no_shape(
         if getattr(body, name) is None:
             yield Contradiction(f"{key}.{name}", f"missing; a {body.shape} needs it")
     if geometry.dimension == 3:
-        for name in ("friction", "drag", "tangential_force"):
-            if getattr(body, name) is not None:
-                yield Contradiction(f"{key}.{name}", "is solved on sections alone; take it out")
-    for name in ("radius", "opening", "length", "size", "edge", "axial", "turn"):
+        optional += ("drag_axial", "tangential_force_axial")
+    for name in (
+        *("radius", "opening", "length", "size", "edge", "axial", "turn"),
+        *("drag_axial", "tangential_force_axial"),
+    ):
         given = getattr(body, name) != type(body).model_fields[name].default
         if given and name not in needed + optional:
             on = "section" if geometry.dimension == 2 else "pad"

@@ -175,6 +175,8 @@ class BodyLoadSpec(Spec):
         drag: travel along growing angles, at right angles to the approach [m].
         tangential_force: instead of the drag: what the body pulls the skin with along growing
             angles [N]; the drag is found.
+        drag_axial: travel along the axis [m]; on pads.
+        tangential_force_axial: instead of it: the pull along the axis [N]; on pads.
     """
 
     kind: Literal["body"] = Field(default="body", examples=['"body"'])
@@ -203,6 +205,8 @@ class BodyLoadSpec(Spec):
     )
     drag: Length | None = Field(default=None, examples=['"1 mm"'])
     tangential_force: Force | None = Field(default=None, examples=['"2 N"'])
+    drag_axial: Length | None = Field(default=None, examples=['"1 mm"'])
+    tangential_force_axial: Force | None = Field(default=None, examples=['"2 N"'])
 
     @field_validator("friction")
     @classmethod
@@ -220,17 +224,28 @@ class BodyLoadSpec(Spec):
                 if self.depth is None
                 else "a body is pressed by a depth or by a force; take one out",
             )
-        if self.drag is not None and self.tangential_force is not None:
-            raise PlacedError(
-                "drag",
-                "a body is pulled along by a drag or by a tangential_force; take one out",
-            )
-        if self.tangential_force is not None and self.friction is None:
-            raise PlacedError(
-                "tangential_force",
-                "without friction nothing pulls along; add friction = 0.3, or use drag",
-            )
+        for way in ("", "_axial"):
+            drag, force = f"drag{way}", f"tangential_force{way}"
+            if getattr(self, force) is None:
+                continue
+            if getattr(self, drag) is not None:
+                raise PlacedError(
+                    drag, f"a body is pulled along by a {drag} or by a {force}; take one out"
+                )
+            if self.friction is None:
+                raise PlacedError(
+                    force,
+                    f"without friction nothing pulls along; add friction = 0.3, or use {drag}",
+                )
         return self
+
+    @property
+    def dragged(self) -> tuple[bool, bool]:
+        """Whether it travels along growing angles, and along the axis."""
+        return (
+            self.drag is not None or self.tangential_force is not None,
+            self.drag_axial is not None or self.tangential_force_axial is not None,
+        )
 
 
 BODY_SHAPES: dict[int, dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {

@@ -75,9 +75,12 @@ def imbalance(
     level: Lanes,
     pressure_given: Bool[Array, ""] | None = None,
 ) -> BorderedVector:
-    """The residual alone, for derivatives: no tangent is assembled; see `residual`."""
-    mechanics = problem.mechanics
+    """The residual alone, for derivatives: no tangent is assembled; see `residual`.
+
+    Under friction its derivatives are those of the whole, the bound's change among them.
+    """
     pressure, factor = controls(y, level, pressure_given)
+    mechanics = problem.mechanics.held(y.stations, factor)
     net = pressure - factor * problem.external_pressure
     force, volume_change = mechanics.imbalance(y.stations, net, factor)
     if y.border is None:

@@ -13,6 +13,7 @@ h = dE/dy - K x = 0, held along the equilibrium::
 where K x is the residual's directional derivative, so no tangent is differentiated.
 """
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -23,6 +24,7 @@ from jaxtyping import Array, Bool
 from suas_jax.equilibrium.balance import (
     Problem,
     State,
+    controls,
     imbalance,
     omitted_forces,
     residual,
@@ -97,8 +99,11 @@ def _(primals: Any, tangents: Any) -> tuple[BorderedVector, BorderedVector]:
     change = _change(*primals)
 
     def unexplained(problem: Problem, y: BorderedVector, level: Lanes) -> BorderedVector:
+        mechanics = problem.mechanics.held(y.stations, controls(y, level, given)[1])
+        held = dataclasses.replace(problem, mechanics=mechanics)
+
         def force(y: BorderedVector) -> BorderedVector:
-            return imbalance(problem, y, level, given)
+            return imbalance(held, y, level, given)
 
         along = jax.jvp(force, (y,), (change,))[1]
         return jax.tree.map(lambda a, b: a - b, omitted_forces(problem, y, level, given), along)
@@ -126,6 +131,8 @@ def corrected_touch(
     placed = body.placed(shown.factor)
     if root is None or not mechanics.corrected:
         return mechanics.touched(shown.q, placed)
+    if body.friction is not None:  # whose bound the first-order change keeps
+        placed = body.holding(mechanics.grip(root.q, placed)).placed(shown.factor)
     change, shift = shown.q - root.q, mechanics.gap_shift(root.q, placed)
     if shift is None:
         at, along = jax.jvp(lambda q: mechanics.touched(q, placed), (root.q,), (change,))

@@ -29,7 +29,12 @@ from suas_jax.equilibrium.load_path import Found, follow, from_rest_to_pressure,
 from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
-from suas_jax.numerics.bordered_solve import BorderedVector, eliminate, solve_bordered
+from suas_jax.numerics.bordered_solve import (
+    BorderedVector,
+    eliminate,
+    solve_bordered,
+    solve_near,
+)
 from suas_jax.numerics.lanes import in_chunks
 from suas_jax.skin.wall import Wall
 
@@ -159,6 +164,14 @@ def _with_change(problem: Problem, found: Found, *, omitted: bool) -> _Root:
     return _Root(found, eliminate(operator, pull).solution)
 
 
+def _bounded_at(
+    problem: Problem, y: BorderedVector, level: Lanes, other: BorderedVector
+) -> BorderedVector:
+    """The imbalance of a state whose friction is bounded as in another one."""
+    mechanics = problem.mechanics.held(other.stations, level)
+    return imbalance(dataclasses.replace(problem, mechanics=mechanics), y, level)
+
+
 def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
     """Tangent of a root by the implicit function theorem."""
     level = jax.lax.stop_gradient(found.level)
@@ -175,7 +188,11 @@ def _implicit(problem: Problem, found: Found, t_problem: Problem) -> Found:
     value, change = eqx.filter_jvp(at_root, (problem,), (t_problem,))
     # An equation that the perturbed inputs don't enter has the tangent None.
     right = jax.tree.map(lambda v, t: jnp.zeros_like(v) if t is None else -t, value, change)
-    dy = solve_bordered(operator, right)
+    if problem.mechanics.has_friction:
+        _, by_bound = jax.linearize(lambda y: _bounded_at(problem, found.y, level, y), found.y)
+        dy = solve_near(by_bound, operator, right)
+    else:
+        dy = solve_bordered(operator, right)
     nothing = jax.tree.map(lambda _: None, found)
     return nothing._replace(y=dy)
 

@@ -2,8 +2,8 @@
 
 Coulomb's bound grows with the pressure, so its forces have no potential, and the tangent no
 symmetry. At a given bound they have both. So the bound is taken from the last equilibrium,
-round by round, which contracts by about the coefficient of friction; the derivatives are
-those of the whole, with the symmetric tangent as a preconditioner.
+round by round, which contracts by about the coefficient of friction. Derivatives are those of
+the whole, from a series of solves with the symmetric tangent (`solve_near`).
 """
 
 import dataclasses

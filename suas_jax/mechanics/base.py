@@ -421,6 +421,11 @@ class AbstractMechanics(eqx.Module):
             [body.holding(self.grip(q, body.placed(factor))) for body in bodies]
         )
 
+    def held(self, q: StationVector, factor: Lanes) -> Self:
+        """The same membrane: bounds of friction that are not known are those of a state."""
+        unknown = any(body.friction is not None and body.grip is None for body in self.bodies)
+        return self.gripped(q, factor) if unknown else self
+
     @property
     def touches(self) -> bool:
         """Whether there is anything that a face may touch."""

@@ -125,7 +125,9 @@ class AbstractModel(abc.ABC):
         return tuple(max(2, n // 2) for n in counts)
 
     @abc.abstractmethod
-    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> AbstractPlan:
+    def plan(
+        self, scene: SceneSpec, counts: Counts, decay: float, slid: Sequence[float] = ()
+    ) -> AbstractPlan:
         """Mesh of the whole membrane.
 
         Args:
@@ -133,6 +135,8 @@ class AbstractModel(abc.ABC):
             counts: size of the mesh.
             decay: length over which the boundary layers at loads and clamps fade, as an
                 angle [rad].
+            slid: angle from where each body comes in to the material that it touches [rad];
+                none where it is unknown.
         """
 
     @abc.abstractmethod

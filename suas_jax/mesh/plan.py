@@ -41,6 +41,8 @@ class MeshPlan(eqx.Module):
             breakpoint], zero for line loads.
         load: which load a point belongs to [load, point], one or zero.
         values: the breakpoints when the plan was made [rad].
+        slid: how far each of them lies from where `breakpoints` has it: a body's where it
+            touches material that has slid beneath it [rad].
         mirror: whether the loads are their own mirror image.
         symmetric: whether the plan covers the left half of a symmetric skin.
     """
@@ -52,6 +54,7 @@ class MeshPlan(eqx.Module):
     span: np.ndarray
     load: np.ndarray
     values: np.ndarray
+    slid: np.ndarray
     mirror: bool = eqx.field(static=True, default=False)
     symmetric: bool = eqx.field(static=True, default=False)
 
@@ -93,6 +96,7 @@ class MeshPlan(eqx.Module):
             self.span[keep],
             self.load[:, keep],
             self.values,
+            self.slid,
             mirror=True,
             symmetric=True,
         )
@@ -121,7 +125,7 @@ class MeshPlan(eqx.Module):
     def _on(self, stations: np.ndarray) -> "MeshPlan":
         """The same loads on other elements."""
         spread = (self.span != 0).any(1) @ self.load.T > 0
-        return _with_loads(stations, self.values, spread.tolist(), self.mirror)
+        return _with_loads(stations, (self.values, self.slid), spread.tolist(), self.mirror)
 
     def _filled(self) -> "MeshPlan":
         """Points without force behind those of spread loads, up to a power of two.
@@ -174,6 +178,7 @@ def plan_mesh(
     *,
     symmetric: bool = False,
     local: tuple[float, float] | None = None,
+    slid: Sequence[float] = (),
 ) -> MeshPlan:
     """Place stations: one at each breakpoint, graded towards the layers.
 
@@ -186,11 +191,14 @@ def plan_mesh(
             number of elements is even.
         local: in a continuum, decay length of what breakpoints cause in their
             neighbourhood besides, and the smallest length of elements [rad].
+        slid: how far material has slid that lies at a breakpoint when it is touched [rad];
+            none for nowhere.
     """
     density = Density((rounded(layer),))
     if local is not None:
         density = Density((*density.decays, rounded(local[0])), rounded(local[1]))
-    values = np.asarray(numbers, float)
+    away = np.asarray(slid, float) if len(slid) else np.zeros(len(numbers))
+    values = np.asarray(numbers, float) + away
     identity = np.eye(len(values))
     clamps, crown = identity[:2], (identity[0] + identity[1]) / 2
     inner = list(identity[2:])
@@ -205,7 +213,7 @@ def plan_mesh(
     if mirrored:
         swap = _mirror(values)
         stations = np.concatenate([stations, stations[-2::-1][:, swap]])
-    return _with_loads(stations, values, spread, symmetric)
+    return _with_loads(stations, (values, away), spread, symmetric)
 
 
 def _mirror(values: np.ndarray) -> np.ndarray:
@@ -214,9 +222,13 @@ def _mirror(values: np.ndarray) -> np.ndarray:
 
 
 def _with_loads(
-    stations: np.ndarray, values: np.ndarray, spread: Sequence[bool], mirror: bool
+    stations: np.ndarray,
+    breaks: tuple[np.ndarray, np.ndarray],
+    spread: Sequence[bool],
+    mirror: bool,
 ) -> MeshPlan:
     """Put every load on elements: as one point, or as quadrature points of its arc."""
+    values = breaks[0]
     angles = stations @ values
     elements = len(angles) - 1
     select, position, share, span, owner = [], [], [], [], []
@@ -265,7 +277,7 @@ def _with_loads(
         np.array(share),
         np.array(span).reshape(n, len(values)),
         np.eye(len(spread))[:, owner] if n else np.zeros((len(spread), 0)),
-        values,
+        *breaks,
         mirror=mirror,
     )
     return plan._filled()
@@ -287,6 +299,7 @@ def load_points(
     """
     section = geometry.section
     values = jnp.stack(jnp.broadcast_arrays(*breakpoints(section, loads, touched)))
+    values = values + jnp.asarray(plan.slid)[:, None]
     angles = jnp.asarray(plan.stations) @ values
     if not loads or plan.select.shape[1] == 0:
         empty = jnp.zeros((plan.select.shape[0], 0, 1))

@@ -19,6 +19,7 @@ def plan_section(
     elements: int,
     decay: float,
     local: tuple[float, float] | None = None,
+    slid: Sequence[float] = (),
 ) -> MeshPlan:
     """Mesh of the whole arc for the line loads of a scene.
 
@@ -27,12 +28,19 @@ def plan_section(
         elements: along the whole arc.
         decay: length over which boundary layers fade, as an angle [rad].
         local: see `plan_mesh`.
+        slid: angle from where each body comes in to the material that it touches, in the order
+            of the file [rad]; none for nowhere.
     """
     spread = [load.spread is not None for load in scene.loads if isinstance(load, LineLoadSpec)]
     found = measures(scene)
     numbers = found.angles
     symmetric = scene.solve.symmetry and found.symmetric and _mirror_image(scene, numbers)
-    return plan_mesh(numbers, spread, elements, decay, symmetric=symmetric, local=local)
+    away = np.zeros(len(numbers))
+    first = 2 + len(spread) + sum(spread)  # after the clamps' and the lines'
+    away[first : first + len(slid)] = slid
+    return plan_mesh(
+        numbers, spread, elements, decay, symmetric=symmetric, local=local, slid=away.tolist()
+    )
 
 
 class Measures(NamedTuple):

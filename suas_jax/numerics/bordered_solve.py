@@ -11,6 +11,8 @@ Lineax sees an ordinary linear operator and solver; the structure stays in this 
 """
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -21,6 +23,9 @@ from jaxtyping import Array, Float, PyTree
 
 from suas_jax.numerics.array_types import LaneCounts, Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import AbstractTangent
+
+_LAST, _MOST_TERMS = 1e-12, 100  # relative size of a series' last term, and most of them
+_TINY = 1e-300
 
 
 class BorderedVector(NamedTuple):
@@ -182,6 +187,64 @@ def solve_bordered(operator: BorderedBlockTridiagonal, right: BorderedVector) ->
         flat,
         lambda _, flat: solve(operator, flat),
         lambda _, flat: solve(operator.transpose(), flat),
+    )
+    found: BorderedVector = unravel(solution)
+    return found
+
+
+def solve_near(
+    rest: Callable[[BorderedVector], BorderedVector],
+    operator: BorderedBlockTridiagonal,
+    right: BorderedVector,
+) -> BorderedVector:
+    """Solve (K + N) x = b, with a bordered K that N changes little, in either mode.
+
+    By Neumann's series: x = s_0 + s_1 + ..., K s_0 = b, K s_(k+1) = -N s_k.
+
+    Args:
+        rest: product of N with a vector.
+        operator: K.
+        right: b.
+
+    Returns:
+        x; not a number where the series does not converge.
+    """
+    flat, unravel = ravel_pytree(right)
+
+    def product(x: Array) -> Array:
+        y = unravel(x)
+        return ravel_pytree(operator.mv(y))[0] + ravel_pytree(rest(y))[0]
+
+    def solve(
+        operator: BorderedBlockTridiagonal, product: Callable[[Array], Array], b: Array
+    ) -> Array:
+        def step(b: Array) -> Array:
+            return ravel_pytree(eliminate(operator, unravel(b)).solution)[0]
+
+        def size(term: Array, x: Array) -> Array:
+            pairs = zip(*(jax.tree.leaves(unravel(v)) for v in (term, x)), strict=True)
+            shares = [jnp.max(jnp.abs(t)) / (jnp.max(jnp.abs(v)) + _TINY) for t, v in pairs]
+            return functools.reduce(jnp.maximum, shares)
+
+        def add(at: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            x, term, count = at
+            own = ravel_pytree(operator.mv(unravel(term)))[0]
+            term = step(own - product(term))
+            return x + term, term, count + 1
+
+        def going(at: tuple[Array, Array, Array]) -> Array:
+            x, term, count = at
+            return (size(term, x) > _LAST) & (count < _MOST_TERMS)
+
+        first = step(b)
+        x, term, _ = jax.lax.while_loop(going, add, (first, first, jnp.zeros((), int)))
+        return jnp.where(size(term, x) <= _LAST, x, jnp.nan)
+
+    solution = jax.lax.custom_linear_solve(
+        product,
+        flat,
+        functools.partial(solve, operator),
+        functools.partial(solve, operator.transpose()),
     )
     found: BorderedVector = unravel(solution)
     return found

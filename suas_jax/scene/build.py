@@ -17,20 +17,24 @@ from suas_jax.sensing.taxels import check_taxels
 from suas_jax.skin.prestress import water_rise
 
 
-def plan_for(scene: SceneSpec, model: str, counts: Counts) -> AbstractPlan:
+def plan_for(
+    scene: SceneSpec, model: str, counts: Counts, slid: tuple[float, ...] = ()
+) -> AbstractPlan:
     """Mesh of the whole membrane for a scene.
 
     Args:
         scene: the scene.
         model: name of the model.
         counts: size of the mesh, as the model orders it.
+        slid: see `AbstractModel.plan`.
 
     Raises:
         ConfigError: the section can't be, or a load or a taxel lies off it.
     """
     if scene.electrodes is not None:
         check_taxels(scene.electrodes, scene.geometry)
-    return MODELS[scene.geometry.dimension][model].plan(scene, counts, decay_angle(scene))
+    plan = MODELS[scene.geometry.dimension][model].plan
+    return plan(scene, counts, decay_angle(scene), slid)
 
 
 def problem_of(parts: SceneParts, plan: AbstractPlan, *, wall: bool = False) -> Problem:

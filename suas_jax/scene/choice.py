@@ -10,13 +10,21 @@ from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.model import AbstractModel, AbstractPlan, Counts
 from suas_jax.mechanics.registry import MODELS
+from suas_jax.mesh.section import measures
 from suas_jax.numerics.lanes import number
-from suas_jax.scene.program import prepared, run_program, structure_of
+from suas_jax.scene.program import (
+    inputs_of,
+    meshes_of,
+    prepared,
+    run_program,
+    structure_of,
+)
 from suas_jax.scene.sway import can_sway, shifted, stable_factor
 from suas_jax.scene.travel import driven_by_force, travels_of
 
 # Error of the finer of two meshes over their difference, twice what order two leaves.
 _FINER_SHARE = 2 / 3
+_PLACED = 1e-3  # of a thickness: mirrored places shall stay so
 _NOTHING = 1e-15  # of a pressure, a force, a displacement [SI]: rounding at rest
 # Part of rtol that the model may take: some must be left for the mesh.
 _MODEL_SHARE = 0.9
@@ -148,7 +156,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     shell = _attempt(scene, "shell", None, once=once)
     for result, why in _SOLID_KNOWS.items():
         if number(shell.outcome["result"]) == index_of(result):
-            solid = _attempt(scene, "solid", None, once=once, wall=shell.wall)
+            solid = _attempt(scene, "solid", None, once=once, wall=shell.wall, known=shell)
             if solid.converged:
                 return solid, f"Solid chosen: {why}."
             return shell, "The solid did not converge."
@@ -157,7 +165,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
     if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
         return shell, _shell_chosen(shell, rtol)
     at_the_wall = shell.at_the_wall and scene.wall.contact
-    solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall)
+    solid = _attempt(scene, "solid", None, once=once, wall=at_the_wall, known=shell)
     if not solid.converged:
         if at_the_wall and not shell.wall:
             shell = _attempt(scene, "shell", None, once=once, wall=True)
@@ -192,12 +200,14 @@ def _attempt(
     once: bool,
     wall: bool = False,
     aside: bool = False,
+    known: Attempt | None = None,
 ) -> Attempt:
     """Solve with one model, on the mesh given or on finer ones until `rtol` is met.
 
     The wall is left out until the membrane reaches it: a state without it whose gap is open
     is one with it, and most scenes need no program that knows contact. `aside` seeks the
-    branch to which a symmetric skin sways.
+    branch to which a symmetric skin sways. Where bodies touch is known from the mesh tried
+    last, or from what is `known`.
     """
     model, rtol = MODELS[scene.geometry.dimension][name], scene.rtol
     counts = given or model.first(scene)
@@ -208,12 +218,13 @@ def _attempt(
     if scene.bodies:  # whose error is that between two meshes
         wanted, counts = counts, model.coarser(counts)
     while True:
-        plan, meshes, inputs, rest = prepared(scene, name, counts)
+        slid = _slid(scene, coarser or known)
+        plan, meshes, inputs, rest = prepared(scene, name, counts, slid)
         static = structure_of(scene, wall=wall)
         start = None if coarser is None else _carried(model, coarser, meshes.solved)
         if aside and start is None:
-            known = shifted(scene, inputs)
-            start = run_program(static, meshes, known, rest, once=once, judged=False)[3]
+            moved = shifted(scene, inputs)
+            start = run_program(static, meshes, moved, rest, once=once, judged=False)[3]
         solved = run_program(static, meshes, inputs, start or rest, once=once)
         report, state, shown, part, outcome = solved
         coarsest = coarsest or Tried(plan, part)
@@ -246,6 +257,26 @@ def _attempt(
         counts = finer
 
 
+def _slid(scene: SceneSpec, found: Attempt | None) -> tuple[float, ...]:
+    """Angle from where each body comes in to the material that it touches [rad].
+
+    Nothing is known where one lies flat on the skin, whose zone has two ends.
+    """
+    if found is None or not found.converged or scene.geometry.dimension == 3:
+        return ()
+    thickness = scene.geometry.mean_thickness
+    outer = measures(scene).size + thickness / 2
+    step = _PLACED * thickness / outer
+    slid = []
+    for spec, load in zip(scene.loads, found.report["loads"], strict=True):
+        if spec.kind == "body":
+            ends = number(load["contact_from_m"]), number(load["contact_to_m"])
+            if ends[1] - ends[0] > thickness:
+                return ()
+            slid.append(step * round(sum(ends) / 2 / outer / step))
+    return tuple(slid)
+
+
 def _deeper_than_film(scene: SceneSpec) -> bool:
     """Whether a body goes so far that without the wall it would go through it."""
     return any((body.depth or 0.0) > scene.geometry.mean_gap for body in scene.bodies)
@@ -255,11 +286,11 @@ def _at_travels_of(
     found: Attempt, scene: SceneSpec, coarser: Attempt, *, once: bool
 ) -> dict[str, Any]:
     """What a coarser mesh reports where bodies travel as far as on the finer one."""
-    known = prepared(scene, coarser.plan.model, coarser.plan.counts)
-    inputs = known.inputs | travels_of(scene, found.report)
+    meshes = meshes_of(scene, coarser.plan)
+    inputs = inputs_of(scene) | travels_of(scene, found.report)
     static = structure_of(scene, wall=coarser.wall)
     start = coarser.part
-    return run_program(static, known.meshes, inputs, start, once=once, travels_given=True)[0]
+    return run_program(static, meshes, inputs, start, once=once, travels_given=True)[0]
 
 
 def difference(scene: SceneSpec, a: dict[str, Any], b: dict[str, Any]) -> float:

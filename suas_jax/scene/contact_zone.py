@@ -91,8 +91,13 @@ def body_observables(
         "max_contact_pressure_Pa": jnp.max(contact.pressure, (0, 1)),
         "contact_resolved": ~touched | (jnp.sum(contact.gap < 0, (0, 1)) >= _RESOLVED),
     }
+    if len(force) == 3:
+        found["tangential_force_axial_N"] = force[2]
     if body.drag is not None:
-        found["drag_m"] = factor * jnp.sum(along * body.drag, 0) + jnp.zeros_like(moment)
+        drag = factor * body.drag + jnp.zeros_like(moment)
+        found["drag_m"] = jnp.sum(along * drag[:2], 0)
+        if len(drag) == 3:
+            found["drag_axial_m"] = drag[2]
     return found if strip is None else found | _as_strip(found, strip, touched, geometry)
 
 

@@ -31,10 +31,6 @@ class SingularTangentError(ValueError):
     """No derivative exists at the equilibrium."""
 
 
-class FrictionError(ValueError):
-    """Derivatives under friction are not known."""
-
-
 def quantities(report: Any, prefix: str = "") -> list[str]:
     """Paths of the quantities in a report that can be differentiated."""
     if isinstance(report, dict):
@@ -134,15 +130,9 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
     Raises:
         UnknownQuantityError: the path is not a differentiable quantity of the report.
         SingularTangentError: the skin buckles at just this load.
-        FrictionError: a body has friction.
         Float64Error: float64 is off.
     """
     require_float64()
-    if any(body.friction is not None for body in solution.scene.bodies):
-        raise FrictionError(
-            "derivatives under friction are not known: take `friction` out of the bodies, or "
-            "compare solves"
-        )
     scene = Structure(solution.scene, wall=solution.wall)
     inputs = {k: jnp.asarray(v, float) for k, v in solution.inputs.items()}
     known = (solution.plan, (solution.state, solution.shown), inputs)

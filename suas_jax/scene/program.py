@@ -133,21 +133,30 @@ class Prepared(NamedTuple):
 
 # A scene that is solved again costs its program's time, not that of planning its mesh.
 @functools.lru_cache(maxsize=32)
-def prepared(scene: SceneSpec, name: str, counts: Counts) -> Prepared:
+def prepared(
+    scene: SceneSpec, name: str, counts: Counts, slid: tuple[float, ...] = ()
+) -> Prepared:
     """Mesh, inputs and start of a scene's program.
 
     Args:
         scene: what to solve.
         name: of the model.
         counts: size of its mesh.
+        slid: see `AbstractModel.plan`.
     """
-    plan = plan_for(scene, name, counts)
+    plan = plan_for(scene, name, counts, slid)
+    meshes = meshes_of(scene, plan)
+    return Prepared(plan, meshes, inputs_of(scene), at_rest(meshes.solved))
+
+
+def meshes_of(scene: SceneSpec, plan: AbstractPlan) -> Meshes:
+    """The meshes that a scene's program works on, for one of the whole membrane."""
     meshes = plan.meshes()
     if scene.bodies:
         # A state carried to another mesh touches a stiff body elsewhere, or not at all: the
         # error is told by another solve, see `choice`.
         meshes = meshes._replace(compared=(), stability=meshes.whole)
-    return Prepared(plan, meshes, inputs_of(scene), at_rest(meshes.solved))
+    return meshes
 
 
 def inputs_of(scene: SceneSpec) -> dict[str, np.ndarray]:

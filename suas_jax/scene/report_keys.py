@@ -80,7 +80,9 @@ LOAD_KEYS = {
     "depth_m": "travel of a body beyond first touch, given or found",
     "tangential_force_N": "of a body on the skin, along growing angles; its `force_N` is that "
     "along the approach",
+    "tangential_force_axial_N": "the same along the axis; in three dimensions",
     "drag_m": "travel of a body along growing angles, given or found; of one that is dragged",
+    "drag_axial_m": "the same along the axis; in three dimensions",
     "moment_Nm": "of that force about a round body's centre, or a flat one's reference point, "
     "counter-clockwise",
     "contact_area_m2": "of the undeformed outer face that a body touches",

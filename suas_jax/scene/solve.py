@@ -19,7 +19,7 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.build import build_problem, decay_angle
 from suas_jax.scene.choice import Tried, choose
-from suas_jax.scene.program import inputs_of, prepared, run_program, structure_of
+from suas_jax.scene.program import inputs_of, meshes_of, run_program, structure_of
 from suas_jax.scene.report import plain, report_of
 from suas_jax.scene.rest import rest_of
 from suas_jax.scene.structure import Inputs, Structure
@@ -151,10 +151,9 @@ def report_with(
     """
     scene = solution.scene
     plan, start = (solution.plan, solution.part) if judged else solution.coarsest
-    known = prepared(scene, plan.model, plan.counts)
     arrays = solution.inputs | {k: np.asarray(v, float) for k, v in inputs.items()}
     static, once = structure_of(scene, wall=solution.wall), solution.once
     report, *_, outcome = run_program(
-        static, known.meshes, arrays, start, once=once, judged=judged
+        static, meshes_of(scene, plan), arrays, start, once=once, judged=judged
     )
     return plain(report) if number(outcome["result"]) == 0 else None

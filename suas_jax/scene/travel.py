@@ -57,7 +57,11 @@ class Driven(NamedTuple):
         return number(report["loads"][self.load][f"{key}_{unit}"])
 
 
-_PAIRS = (("force", "depth"), ("tangential_force", "drag"))
+_PAIRS = (
+    ("force", "depth"),
+    ("tangential_force", "drag"),
+    ("tangential_force_axial", "drag_axial"),
+)
 
 
 def driven_by_force(scene: SceneSpec) -> list[Driven]:

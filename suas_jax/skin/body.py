@@ -263,8 +263,11 @@ class Body(eqx.Module):
         rise = _first_touch(shape, section, reference, frame)
         origin = reference + rise * frame[-1]
         drag = stick = None
-        if spec.drag is not None or spec.tangential_force is not None:
-            drag = value("drag") * t
+        if any(spec.dragged):
+            along_arc = value("drag") * t if spec.dragged[0] else 0.0 * t
+            along_axis = value("drag_axial") if spec.dragged[1] else 0.0 * along_arc[0]
+            rows = (*along_arc, along_axis)[: len(frame)]
+            drag = jnp.stack(jnp.broadcast_arrays(*rows))
         friction = None if spec.friction is None else value("friction")
         if friction is not None:
             stick = _STICK * section.mean_thickness

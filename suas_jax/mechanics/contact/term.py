@@ -192,8 +192,10 @@ def push(
     def energy(position: Array) -> Array:
         gap = obstacle.gap(position, near) + shift
         found = area * obstacle.law.energy(gap)
-        if rest is not None:
-            found = found + held_energy(obstacle, position - rest, grip)
+        if grip is not None:
+            assert isinstance(obstacle, PlacedBody)
+            assert rest is not None
+            found = found + grip.bound * obstacle.work_of_slip(position - rest, grip.normal)
         return jnp.sum(found)
 
     return jax.grad(energy)(position)

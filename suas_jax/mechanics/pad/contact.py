@@ -7,6 +7,7 @@ corners included: where the membrane first touches, the zone is smaller than an 
 elements touch; only those have terms, a chunk at a time.
 """
 
+import dataclasses
 import functools
 from typing import Any, ClassVar, NamedTuple
 
@@ -22,6 +23,9 @@ from suas_jax.mechanics.contact.term import (
     contact_pressure,
     contact_terms,
     expanded,
+    grip_of,
+    held_energy,
+    held_terms,
 )
 from suas_jax.mechanics.pad.faces import face_displacement
 from suas_jax.mechanics.pad.mid_surface import KINDS, Rest, cross, dot, surface, vectors
@@ -36,7 +40,7 @@ from suas_jax.mechanics.pad.stiffness import (
     upper_of,
 )
 from suas_jax.numerics.bspline import bernstein
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.prestress import Growth
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.wall import Obstacle, Wall
@@ -99,6 +103,9 @@ class ContactFace:
         qe: ElementVector,
         growth: Growth | None,
     ) -> None:
+        if isinstance(obstacle, PlacedBody) and obstacle.body.grip is not None:
+            grip = Grip(*(x[..., 0] for x in obstacle.body.grip))
+            obstacle = dataclasses.replace(obstacle, body=obstacle.body.holding(grip))
         self.net, self.obstacle, self.side, self.growth = net, obstacle, side, growth
         self.section = section
         order = net.topology.ordered
@@ -161,9 +168,18 @@ class ContactFace:
     def _place(self) -> Array:
         return self.position(self.inputs, self.angle, self.axial)
 
+    def _place_at_rest(self) -> Array:
+        return self.position(0 * self.inputs, self.angle, self.axial)
+
     def energy(self) -> Array:
         """Energy of contact [J]."""
-        return jnp.sum(self.area * self.obstacle.law.energy(self.gap()))
+        energy = self.area * self.obstacle.law.energy(self.gap())
+        slipped = held_energy(self.obstacle, self._place() - self._place_at_rest(), self.grip())
+        return jnp.sum(energy + slipped)
+
+    def grip(self) -> Grip | None:
+        """How friction holds the points; None without friction."""
+        return grip_of(self.obstacle, self._place(), jnp.asarray(self.area))
 
     def element_terms(self, body: Body | None = None) -> tuple[Array, Upper]:
         """First derivatives of the energy by the element unknowns, second ones as bands.
@@ -175,7 +191,9 @@ class ContactFace:
             First derivatives, and theirs by a factor on the travel: two element vectors. The
             bands.
         """
-        lowest = jnp.min(self.gap(), 0)
+        lowest, grip = jnp.min(self.gap(), 0), self.grip()
+        if grip is not None:  # which holds what was touched before
+            lowest = jnp.where(jnp.any(grip.bound > 0, 0), -jnp.inf, lowest)
         nearest = jnp.argsort(lowest)
         count = len(nearest)
 
@@ -189,7 +207,7 @@ class ContactFace:
             start, (force, blocks) = at
             index = start + jnp.arange(_CHUNK)
             element = nearest[jnp.minimum(index, count - 1)]
-            terms = self._terms(element, jnp.where(index < count, 1.0, 0.0))
+            terms = self._terms(element, jnp.where(index < count, 1.0, 0.0), grip)
             rows = [terms.force]
             if body is not None:
                 rows.append(by_travel(terms, body))
@@ -204,7 +222,9 @@ class ContactFace:
         _, (force, bands) = jax.lax.while_loop(closed, add, (jnp.zeros((), int), nothing))
         return force.reshape(vectors, 3, 4, 4, *self.counts), upper_of(bands)
 
-    def _terms(self, element: Int[Array, " chosen"], share: Array) -> ContactTerms:
+    def _terms(
+        self, element: Int[Array, " chosen"], share: Array, grip: Grip | None
+    ) -> ContactTerms:
         """Contact at the points of some elements, by its inputs."""
         angle, axial = self.angle[:, element], self.axial[:, element]
         inputs = self.inputs[:, :, element]
@@ -212,8 +232,14 @@ class ContactFace:
         def gap_of(z: Array) -> Array:
             return self.obstacle.gap(self.position(z, angle, axial), angle)
 
+        def moved(z: Array) -> Array:
+            return self.position(z, angle, axial) - self.position(0 * z, angle, axial)
+
         gap = expanded(gap_of, inputs)
-        return contact_terms(self.obstacle.law, gap, share * self.area[:, element])
+        terms = contact_terms(self.obstacle.law, gap, share * self.area[:, element])
+        if grip is not None:
+            grip = Grip(share * grip.bound[:, element], grip.normal[..., element])
+        return held_terms(terms, self.obstacle, moved, inputs, grip)
 
     def _forces(self, by_inputs: Array, element: Array) -> Float[Array, "3 16 chosen"]:
         force = by_inputs.reshape(len(self.powers), 3, self.count**2, -1)
@@ -247,11 +273,12 @@ class ContactFace:
         fields = (self.angle, polar, gap, pressure, self.area, place[2])
         return ContactState(*(self._gridded(x) for x in fields))
 
-    def touched(self, body: PlacedBody) -> BodyContact:
-        """Where the face is, and how it pushes a body, on a grid [arc, axial]."""
-        area = jnp.asarray(self.area)
-        place = self._place()
-        found = BodyContact.of(body, self.angle, place, None, area, self.axial)
+    def touched(self) -> BodyContact:
+        """Where the face is, and how it pushes its body, on a grid [arc, axial]."""
+        area, body = jnp.asarray(self.area), self.obstacle
+        assert isinstance(body, PlacedBody)
+        place, rest = self._place(), self._place_at_rest()
+        found = BodyContact.of(body, self.angle, place, rest, area, self.axial)
         return jax.tree.map(
             lambda x: (
                 jnp.stack([self._gridded(row) for row in x])

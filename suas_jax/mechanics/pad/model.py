@@ -126,9 +126,11 @@ class PadModel(AbstractModel):
         """Two thirds, even; see the base class."""
         return tuple(max(4, 2 * (n // 3)) for n in counts)
 
-    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> PadMesh:
+    def plan(
+        self, scene: SceneSpec, counts: Counts, decay: float, slid: Sequence[float] = ()
+    ) -> PadMesh:
         """Elements gathered at edges and loads; see the base class."""
-        del decay  # bending decays over a length of the geometry alone
+        del decay, slid  # bending decays over a length of the geometry alone
         elements, degree = (counts[0], counts[1]), counts[2] if counts[2:] else None
         mirrored = (False, False)
         if scene.solve.symmetry:
@@ -202,7 +204,8 @@ def _bodies(scene: SceneSpec) -> list[tuple[BodyLoadSpec, float]]:
 def _mirrors(body: BodyLoadSpec, angle: float) -> tuple[bool, bool]:
     """Whether a body is its own image in the crown's plane, and in the middle's."""
     straight = body.shape == "sphere" or abs(math.sin(2 * body.turn)) < _STRAIGHT
-    return straight and abs(angle) < _STRAIGHT, straight and abs(body.axial) < _STRAIGHT
+    along, axial = (straight and not dragged for dragged in body.dragged)
+    return along and abs(angle) < _STRAIGHT, axial and abs(body.axial) < _STRAIGHT
 
 
 def _touched(body: BodyLoadSpec, angle: float, outer: float) -> Footprint:

@@ -42,7 +42,7 @@ from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_banded import BlockBanded
 from suas_jax.numerics.lanes import by_lane, lane_count
 from suas_jax.skin.along import Sheet
-from suas_jax.skin.body import Body, PlacedBody
+from suas_jax.skin.body import Body, Grip, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.pad_loads import PadLoad, PadLoadPoints
 from suas_jax.skin.prestress import Growth
@@ -140,8 +140,16 @@ class Pad(AbstractMechanics):
         del shift  # there is none
         return by_lane(
             (self, body),
-            lambda both, q: both[0].one_lane().outer_face(q, both[1]).touched(both[1]),
+            lambda both, q: both[0].one_lane().outer_face(q, both[1]).touched(),
             q,
+        )
+
+    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
+        """See the base class."""
+        if body.body.friction is None:
+            return None
+        return by_lane(
+            (self, body), lambda both, q: both[0].one_lane().outer_face(q, both[1]).grip(), q
         )
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:

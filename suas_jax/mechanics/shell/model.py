@@ -82,8 +82,11 @@ class ShellModel(AbstractModel):
         del excess
         return (2 * counts[0],) if 2 * counts[0] <= _MOST_ELEMENTS else None
 
-    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> ShellPlan:
+    def plan(
+        self, scene: SceneSpec, counts: Counts, decay: float, slid: Sequence[float] = ()
+    ) -> ShellPlan:
         """Stations at clamps and loads, and gathered there; see the base class."""
+        del slid  # its elements bend smoothly
         return ShellPlan(plan_section(scene, counts[0], decay))
 
     def build(

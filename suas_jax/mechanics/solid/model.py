@@ -23,6 +23,9 @@ _MOST_ELEMENTS = 1024
 _LOCAL_FIELD = 0.125
 # Length of the shortest elements relative to their height.
 _SMALLEST = 0.5
+# The same under bodies, whose force turns where elements longer than the zone of contact give
+# way more in one place than in another: where that zone is unknown, and where it is known.
+_SOMEWHERE, _KNOWN = (0.5, 0.1), (0.0625, 0.05)
 # Tolerances above which 64 x 2 elements do for most scenes, and up to which 128 x 4 do not.
 _LOOSE, _STRICT = 2e-3, 2e-4
 _THIN = 0.03  # thickness over radius up to which two layers less do
@@ -141,14 +144,19 @@ class SolidModel(AbstractModel):
         """Half as many elements along, and layers; see the base class."""
         return counts[0] // 2, max(1, counts[1] // 2)
 
-    def plan(self, scene: SceneSpec, counts: Counts, decay: float) -> SolidPlan:
+    def plan(
+        self, scene: SceneSpec, counts: Counts, decay: float, slid: Sequence[float] = ()
+    ) -> SolidPlan:
         """Pairs of elements that a comparison mesh joins; see the base class."""
         elements, layers = counts
         thick = scene.geometry.mean_thickness
         thickness = thick / (measures(scene).size + thick / 2)
         thinnest = Layout(elements, layers).layer_ends[1]
-        local = (_LOCAL_FIELD * thickness, 2 * _SMALLEST * thickness * thinnest)
-        pairs = plan_section(scene, (elements + 1) // 2, decay, local)
+        field, smallest = _LOCAL_FIELD, _SMALLEST
+        if scene.bodies:
+            field, smallest = _KNOWN if slid else _SOMEWHERE
+        local = (field * thickness, 2 * smallest * thickness * thinnest)
+        pairs = plan_section(scene, (elements + 1) // 2, decay, local, slid)
         return SolidPlan(pairs.refined(elements), layers)
 
     def carried(self, q: np.ndarray, origin: AbstractPlan, target: AbstractPlan) -> np.ndarray:
