@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import special
@@ -14,7 +15,14 @@ from test_cli import SCENES, suas
 
 from suas_jax import ConfigError, load_scene, scene_from_dict
 from suas_jax.config.oil import OilSpec
-from suas_jax.dynamics.inertia import Densities, inertia_of
+from suas_jax.dynamics.inertia import (
+    Densities,
+    Inertia,
+    Outline,
+    flow_of,
+    inertia_of,
+    weights_of,
+)
 from suas_jax.dynamics.modes import (
     Modes,
     Spectrum,
@@ -24,7 +32,7 @@ from suas_jax.dynamics.modes import (
     modes,
     spectrum_of,
 )
-from suas_jax.dynamics.motion import Face, Motion
+from suas_jax.dynamics.motion import Motion
 from suas_jax.dynamics.pad import PadMotion, Sheet, pad_inertia
 from suas_jax.figures.modes import plot_modes
 
@@ -39,10 +47,18 @@ def strip(segments: int, motion: str) -> Motion:
     s = np.linspace(0.0, LENGTH, segments + 1)
     up = {"cos": np.cos, "sin": np.sin}[motion](np.pi * s / LENGTH)
     moved = np.stack([0 * s, up])[..., None]
-    faces = [Face(np.stack([s, 0 * s + y]), moved) for y in (0.0, THICKNESS / 2, THICKNESS)]
+    faces = np.stack([np.stack([s, 0 * s + y]) for y in (0.0, THICKNESS / 2, THICKNESS)])
     none, gap = np.zeros((1, 1)), np.full_like(s, GAP)
-    wall, mass = np.stack([s, -gap]), THICKNESS * np.diff(s)
-    return Motion(none, none, np.zeros(1), 0.0, *faces, wall, gap, mass)
+    wall, section = np.stack([s, -gap]), THICKNESS * np.diff(s)
+    outline = Outline(jnp.asarray(faces), jnp.asarray(gap))
+    return Motion(
+        none, none, np.zeros(1), 0.0, outline, np.stack([moved] * 3), wall, section
+    )
+
+
+def inertia(motion: Motion) -> Inertia:
+    weights = weights_of(motion.outline, motion.section, GIVEN)
+    return inertia_of(flow_of(motion.outline, motion.moved), weights)
 
 
 def test_film_membrane_and_water_have_the_energies_of_closed_forms() -> None:
@@ -58,7 +74,7 @@ def test_film_membrane_and_water_have_the_energies_of_closed_forms() -> None:
     )
 
     def error(segments: int) -> np.ndarray:
-        found = inertia_of(strip(segments, "cos"), GIVEN)
+        found = inertia(strip(segments, "cos"))
         return np.abs(np.array([x[0, 0] for x in found]) / wanted - 1)
 
     assert np.all(error(400) < 3e-5)
@@ -70,16 +86,14 @@ def test_oil_that_yields_makes_room_evenly() -> None:
     s = np.linspace(0.0, LENGTH, 4001)
     flux = LENGTH / np.pi * (1 - np.cos(np.pi * s / LENGTH) - 2 * s / LENGTH)
     wanted = GIVEN.oil / GAP * np.trapezoid(flux**2, s)
-    assert inertia_of(strip(400, "sin"), GIVEN).film[0, 0] == pytest.approx(wanted, rel=1e-4)
+    assert inertia(strip(400, "sin")).film[0, 0] == pytest.approx(wanted, rel=1e-4)
 
 
 def test_a_closed_film_is_one_that_no_longer_drains() -> None:
-    shut = strip(50, "cos")._replace(gap=np.full(51, -1e-6))
-    assert np.isfinite(inertia_of(shut, GIVEN).damping).all()
-    assert (
-        inertia_of(shut, GIVEN).damping[0, 0]
-        > 1e9 * inertia_of(strip(50, "cos"), GIVEN).damping
-    )
+    drains = strip(50, "cos")
+    shut = drains._replace(outline=drains.outline._replace(gap=jnp.full(51, -1e-6)))
+    assert np.isfinite(inertia(shut).damping).all()
+    assert inertia(shut).damping[0, 0] > 1e9 * inertia(drains).damping
 
 
 def test_damped_roots_are_those_of_oscillators_in_the_order_of_their_modes() -> None:

@@ -14,20 +14,23 @@ Oil that yields makes room evenly over the film. The water outside is that of a 
 over a half-space: on an arc of length L, of radius R = L / pi once it is bent to a half-circle,
 a normal velocity cos(n psi), with psi from clamp to clamp, carries the mass rho R / n per area.
 That is exact for a half-circle whose clamps lie on a wide flat base.
+
+Everything is linear in the velocities, which may have an axis of unknowns behind the others.
 """
 
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, ArrayLike, Float
 
-from suas_jax.dynamics.motion import Motion
-
-Matrix = Float[np.ndarray, "unknown unknown"]
+Matrix = Float[Array, "unknown unknown"]
 
 THINNEST_FILM = 1e-6
 """A thinner one no longer drains: its asperities bear on one another [m]."""
 _HARMONICS = 64
+# Simpson's rule across the membrane: inner face, middle, outer face.
+_ACROSS = np.array([1 / 6, 2 / 3, 1 / 6])
 
 
 class Densities(NamedTuple):
@@ -40,10 +43,48 @@ class Densities(NamedTuple):
         water: density outside, zero in air [kg/m^3].
     """
 
-    oil: float
-    viscosity: float
-    membrane: float
-    water: float
+    oil: ArrayLike
+    viscosity: ArrayLike
+    membrane: ArrayLike
+    water: ArrayLike
+
+
+class Outline(NamedTuple):
+    """Polylines of a section in a state.
+
+    Attributes:
+        faces: points of inner face, mid-line and outer face [m].
+        gap: thickness of the film along the normal of the undeformed inner face [m].
+    """
+
+    faces: Float[Array, "3 2 point"]
+    gap: Float[Array, " point"]
+
+    @property
+    def lengths(self) -> Float[Array, "3 segment"]:
+        """Of the segments [m]."""
+        x, y = jnp.moveaxis(jnp.diff(self.faces), 1, 0)
+        return jnp.sqrt(x**2 + y**2)
+
+    @property
+    def film(self) -> Float[Array, " segment"]:
+        """Thickness of the film that drains [m]."""
+        gap = jnp.maximum(self.gap, THINNEST_FILM)
+        return _mean(gap)
+
+
+class Flow(NamedTuple):
+    """How a section moves, or what works on such a motion.
+
+    Attributes:
+        film: flux of the oil along the film [m^2/s].
+        membrane: velocities of the segments of inner face, mid-line and outer face [m/s].
+        water: amplitudes of the harmonics of the outer face's normal velocity [m/s].
+    """
+
+    film: Float[Array, "segment *unknown"]
+    membrane: Float[Array, "3 2 segment *unknown"]
+    water: Float[Array, "harmonic *unknown"]
 
 
 class Inertia(NamedTuple):
@@ -64,60 +105,92 @@ class Inertia(NamedTuple):
     @property
     def mass(self) -> Matrix:
         """All that moves [kg/m]."""
-        total: np.ndarray = self.film + self.membrane + self.water
-        return total
+        return self.film + self.membrane + self.water
 
 
-def inertia_of(motion: Motion, given: Densities) -> Inertia:
+def flow_of(at: Outline, moved: Float[Array, "3 2 point *unknown"]) -> Flow:
+    """What flows where the faces move.
+
+    Args:
+        at: where they are.
+        moved: velocities of their points.
+    """
+    lengths = at.lengths
+    room = at.film * lengths[0]
+    passed = jnp.cumsum(_swept(at.faces[0], moved[0]), 0)
+    share = jnp.cumsum(room) / jnp.sum(room)
+    passed -= share.reshape(-1, *(1,) * (passed.ndim - 1)) * passed[-1]
+    passed = jnp.concatenate([jnp.zeros_like(passed[:1]), passed])
+    outer = lengths[2]
+    whole = jnp.sum(outer)
+    psi = jnp.pi * (jnp.cumsum(outer) - outer / 2) / whole
+    waves = jnp.cos(_harmonics()[:, None] * psi)
+    amplitude = 2 / whole * jnp.tensordot(waves, _swept(at.faces[2], moved[2]), 1)
+    membrane = (moved[:, :, 1:] + moved[:, :, :-1]) / 2
+    return Flow(-_mean(passed), membrane, amplitude)
+
+
+class Weights(NamedTuple):
+    """What the squares of a flow weigh.
+
+    Attributes:
+        mass: of film, membrane and water.
+        damping: of the film.
+    """
+
+    mass: Flow
+    damping: Float[Array, " segment"]
+
+
+def weights_of(at: Outline, section: Float[Array, " segment"], given: Densities) -> Weights:
+    """Masses and damping, of the flow of a unit of width.
+
+    Args:
+        at: where the faces are.
+        section: cross-section of the membrane's segments [m^2].
+        given: densities and viscosity.
+    """
+    inner, _, outer = at.lengths
+    film, whole = at.film, jnp.sum(outer)
+    water = given.water * whole**2 / (2 * jnp.pi * _harmonics())
+    membrane = given.membrane * _ACROSS[:, None, None] * section
+    mass = Flow(given.oil * inner / film, jnp.broadcast_to(membrane, (3, 2, section.size)), water)
+    return Weights(mass, 12 * given.viscosity * inner / film**3)
+
+
+def inertia_of(flow: Flow, weights: Weights) -> Inertia:
     """Masses and damping of small motions.
 
     Args:
-        motion: about a state.
-        given: densities and viscosity.
+        flow: of each unknown.
+        weights: of its squares.
     """
-    gap = np.maximum(motion.gap, THINNEST_FILM)
-    gap = (gap[1:] + gap[:-1]) / 2
-    length = motion.inner.lengths()
-    flux = _film_flux(motion, gap * length)
-    film = _form(flux, given.oil * length / gap)
-    damping = _form(flux, 12 * given.viscosity * length / gap**3)
-    membrane = sum(
-        share * _form(_mean(moved), given.membrane * motion.mass)
-        for share, face in (
-            (1 / 6, motion.inner),
-            (2 / 3, motion.middle),
-            (1 / 6, motion.outer),
-        )
-        for moved in face.moved
+    film, membrane, water = (
+        _form(x.reshape(-1, x.shape[-1]), w.ravel())
+        for x, w in zip(flow, weights.mass, strict=True)
     )
-    assert isinstance(membrane, np.ndarray)
-    return Inertia(film, membrane, given.water * _outside(motion), damping)
+    return Inertia(film, membrane, water, _form(flow.film, weights.damping))
 
 
-def _film_flux(motion: Motion, areas: np.ndarray) -> np.ndarray:
-    """Flux of the oil along the film at the middle of every segment, by the unknowns."""
-    passed = np.cumsum(motion.inner.flux(), 0)
-    passed -= np.cumsum(areas)[:, None] / np.sum(areas) * passed[-1]
-    return -_mean(np.concatenate([np.zeros_like(passed[:1]), passed]))
+def _harmonics() -> np.ndarray:
+    return np.arange(1, _HARMONICS + 1)
 
 
-def _outside(motion: Motion) -> Matrix:
-    """Added mass of the fluid outside, per density."""
-    flux, lengths = motion.outer.flux(), motion.outer.lengths()
-    whole = np.sum(lengths)
-    psi = np.pi * (np.cumsum(lengths) - lengths / 2) / whole
-    n = np.arange(1, _HARMONICS + 1)
-    amplitude = 2 / whole * np.cos(n[:, None] * psi) @ flux
-    return _form(amplitude, whole / np.pi / n * whole / 2)
+def _swept(
+    position: Float[Array, "2 point"], moved: Float[Array, "2 point *unknown"]
+) -> Float[Array, "segment *unknown"]:
+    """Area that each segment sweeps outwards: the normal motion."""
+    x, y = jnp.diff(position)
+    mean = (moved[:, 1:] + moved[:, :-1]) / 2
+    own = (-1, *(1,) * (mean.ndim - 2))
+    return x.reshape(own) * mean[1] - y.reshape(own) * mean[0]
 
 
-def _mean(nodes: np.ndarray) -> np.ndarray:
+def _mean(nodes: Array) -> Array:
     """Values at the middle of segments."""
-    mean: np.ndarray = (nodes[1:] + nodes[:-1]) / 2
-    return mean
+    return (nodes[1:] + nodes[:-1]) / 2
 
 
-def _form(rows: np.ndarray, weights: np.ndarray) -> Matrix:
+def _form(rows: Array, weights: Array) -> Matrix:
     """Sum of the squares of linear forms."""
-    form: np.ndarray = rows.T @ (weights[:, None] * rows)
-    return form
+    return rows.T @ (weights[:, None] * rows)

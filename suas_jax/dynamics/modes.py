@@ -18,6 +18,7 @@ import dataclasses
 import functools
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 import scipy.linalg
 import scipy.optimize
@@ -25,7 +26,7 @@ from jaxtyping import Complex, Float
 
 from suas_jax.config import ConfigError, SceneSpec, with_solve
 from suas_jax.config.errors import Mistake
-from suas_jax.dynamics.inertia import Densities, Inertia, inertia_of
+from suas_jax.dynamics.inertia import Densities, Inertia, flow_of, inertia_of, weights_of
 from suas_jax.dynamics.motion import Motion, motion_of
 from suas_jax.dynamics.pad import PadMotion, pad_inertia, pad_motion
 from suas_jax.scene.solve import Solution, solve
@@ -146,7 +147,9 @@ def spectrum_of(
         count: how many modes.
     """
     if isinstance(motion, Motion):
-        inertia, omitted = inertia_of(motion, densities), motion.omitted
+        flow = flow_of(motion.outline, motion.moved)
+        weights = weights_of(motion.outline, motion.section, densities)
+        inertia, omitted = jax.tree.map(np.asarray, inertia_of(flow, weights)), motion.omitted
     else:
         inertia, omitted = pad_inertia(motion, densities), None
     stiffness, basis = _allowed(motion)

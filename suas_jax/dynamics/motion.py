@@ -5,7 +5,7 @@ the tangent of the equilibrium; faces and film are polylines through samples of 
 with the derivatives of their points by the unknowns.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,41 +13,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from suas_jax.dynamics.inertia import Outline
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.numerics.array_types import StationVector
+from suas_jax.numerics.block_tridiagonal import AbstractTangent
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of, structure_of
 from suas_jax.scene.solve import Solution
 from suas_jax.scene.structure import Inputs, Structure
+from suas_jax.skin.geometry import SkinGeometry
 
 # Intervals of an element: faces are polylines, whose error goes with the square.
 _SAMPLES = 6
-
-
-class Face(NamedTuple):
-    """A line of the section.
-
-    Attributes:
-        position: of its points in the state [m].
-        moved: displacement of the points by the unknowns.
-    """
-
-    position: Float[np.ndarray, "2 point"]
-    moved: Float[np.ndarray, "2 point unknown"]
-
-    def flux(self) -> Float[np.ndarray, "segment unknown"]:
-        """Area that each segment sweeps outwards, by the unknowns: the normal motion."""
-        x, y = np.diff(self.position)[..., None]
-        mean = (self.moved[:, 1:] + self.moved[:, :-1]) / 2
-        swept: np.ndarray = x * mean[1] - y * mean[0]
-        return swept
-
-    def lengths(self) -> Float[np.ndarray, " segment"]:
-        """Of its segments [m]."""
-        return np.hypot(*np.diff(self.position))
 
 
 class Motion(NamedTuple):
@@ -58,92 +39,131 @@ class Motion(NamedTuple):
         omitted: second derivative of the energy that the shell leaves out.
         volume: derivative of the enclosed volume.
         compliance: of the oil, derivative of its volume by its pressure, zero or less [m^2/Pa].
-        inner: the inner face.
-        middle: the mid-line.
-        outer: the outer face.
+        outline: faces and film in the state.
+        moved: displacement of the faces' points by the unknowns.
         wall: its points beneath those of the inner face [m].
-        gap: thickness of the film along the normal of the undeformed inner face [m].
-        mass: cross-section of the membrane's segments [m^2].
+        section: cross-section of the membrane's segments [m^2].
     """
 
     stiffness: Float[np.ndarray, "unknown unknown"]
     omitted: Float[np.ndarray, "unknown unknown"]
     volume: Float[np.ndarray, " unknown"]
     compliance: float
-    inner: Face
-    middle: Face
-    outer: Face
+    outline: Outline
+    moved: Float[np.ndarray, "3 2 point unknown"]
     wall: Float[np.ndarray, "2 point"]
-    gap: Float[np.ndarray, " point"]
-    mass: Float[np.ndarray, " segment"]
+    section: Float[np.ndarray, " segment"]
 
     def shapes(
         self, vectors: Float[np.ndarray, "unknown mode"]
     ) -> Float[np.ndarray, "mode face 2 point"]:
         """Displacement of the inner and the outer face, the largest component being one."""
-        moved = np.stack([self.inner.moved, self.outer.moved]) @ vectors
-        shapes = np.moveaxis(moved, -1, 0)
+        shapes = np.moveaxis(self.moved[::2] @ vectors, -1, 0)
         scaled: np.ndarray = shapes / np.max(np.abs(shapes), (1, 2, 3), keepdims=True)
         return scaled
+
+
+class Sampling(NamedTuple):
+    """Samples of a shell along its arc, at rest.
+
+    Attributes:
+        shell: the membrane.
+        geometry: of the skin.
+        angle: of the samples [rad].
+        rest: inner face, mid-line and outer face [m].
+        section: cross-section of the membrane's segments [m^2].
+    """
+
+    shell: Shell
+    geometry: SkinGeometry
+    angle: Float[Array, " point"]
+    rest: Float[Array, "3 2 point"]
+    section: Float[Array, " segment"]
+
+    @classmethod
+    def of(cls, shell: Shell, geometry: SkinGeometry) -> "Sampling":
+        """Evenly spaced in every element."""
+        angles = shell.angles + jnp.zeros((1, 1))
+        xi = np.linspace(0, 1, _SAMPLES, endpoint=False)[:, None, None]
+        angle = _along(angles[:-1] + xi * (angles[1:] - angles[:-1]), angles[-1:])[:, None]
+        section = geometry.section
+        middle = section.mid_line(angle)
+        thickness = section.thickness(angle) + 0 * angle
+        outer = middle + thickness / 2 * section.frame(angle).normal
+        rest = jnp.stack([section.inner_face(angle), middle, outer])[..., 0]
+        angle, thickness = angle[:, 0], thickness[:, 0]
+        area = section.size * jnp.diff(angle) * (thickness[1:] + thickness[:-1]) / 2
+        return cls(shell, geometry, angle, rest, area)
+
+    def outline(self, q: StationVector) -> Outline:
+        """Faces and film in a state."""
+        shape = self.shell.profile(q, _SAMPLES)
+        moved = shape.inner_displacement, shape.mid_displacement, shape.outer_displacement
+        faces = self.rest + jnp.stack([_along(x[..., :-1, :, :], x[..., -1:, -1, :]) for x in moved])
+        return Outline(faces, self._film(faces[0])[1])
+
+    def wall(self, inner: Float[Array, "2 point"]) -> Float[Array, "2 point"]:
+        """Points of the wall beneath those of the inner face [m]."""
+        section, foot = self.geometry.section, self._film(inner)[0]
+        wall = section.inner_face(foot) - self.geometry.gap(foot) * section.inner_normal(foot)
+        return wall[..., 0]
+
+    def _film(self, inner: Float[Array, "2 point"]) -> tuple[Array, Array]:
+        """Where the wall's normals through points start, and their distance from it [m]."""
+        foot, height = self.geometry.section.foot(inner[..., None], self.angle[:, None])
+        return foot, (height + self.geometry.gap(foot))[:, 0]
+
+
+def _along(
+    samples: Float[Array, "*axes sample element lane"], last: Float[Array, "*axes 1 lane"]
+) -> Float[Array, "*axes point"]:
+    """Samples of one element after another, and the last one's end."""
+    rows = jnp.swapaxes(samples[..., 0], -1, -2)
+    return jnp.concatenate([rows.reshape(*rows.shape[:-2], -1), last[..., 0]], -1)
+
+
+def free_unknowns(shell: Shell) -> np.ndarray:
+    """Places of the unknowns that may move in a flat station vector."""
+    shape = shell.elements.free()
+    return np.flatnonzero(shape)
+
+
+def dense(
+    tangent: AbstractTangent, free: np.ndarray
+) -> Float[Array, "unknown unknown"]:
+    """A tangent as a matrix over the free unknowns."""
+    shape = tangent.structure.shape
+    unit = jnp.eye(int(np.prod(shape))).reshape(-1, *shape)
+    return jax.vmap(tangent.mv)(unit[free]).reshape(len(free), -1)[:, free]
 
 
 @eqx.filter_jit
 def _program(scene: Structure, plan: AbstractPlan, inputs: Inputs, state: State) -> Motion:
     parts = scene_parts(scene.scene, inputs)
     problem = problem_of(parts, plan, wall=scene.wall)
-    shell, geometry, q = problem.mechanics, parts.skin.geometry, state.q
+    shell, q = problem.mechanics, state.q
     assert isinstance(shell, Shell)
     net = state.pressure - state.factor * problem.external_pressure
     a = shell.assemble(q, net, state.factor)
-    unit = jnp.eye(q.size).reshape(q.size, *q.shape)
-    free = np.flatnonzero(np.broadcast_to(shell.elements.free(), q.shape))
+    free = free_unknowns(shell)
+    unit = jnp.eye(q.size).reshape(q.size, *q.shape)[free]
+    sampling = Sampling.of(shell, parts.skin.geometry)
 
     def pull(q: Array) -> Array:
         return shell.omitted_gradient(q, state.factor)
 
-    def faces(q: Array) -> Array:
-        shape = shell.profile(q, _SAMPLES)
-        rows = shape.inner_displacement, shape.mid_displacement, shape.outer_displacement
-        # Along the arc: samples of an element after one another.
-        return jnp.stack(rows)[..., 0].swapaxes(-1, -2).reshape(3, 2, -1)
-
     _, bend = jax.linearize(pull, q)
-    moved, move = jax.linearize(faces, q)
-    omitted = jax.vmap(bend)(unit).reshape(q.size, q.size)
-    stiffness = jax.vmap(a.tangent.mv)(unit).reshape(q.size, q.size)
-    points: Any = jnp.moveaxis(jax.vmap(move)(unit[free]), 0, -1)
-
-    angle = shell.profile(q, _SAMPLES).angle[..., 0].T.reshape(-1, 1)
-    section = geometry.section
-    middle, normal = section.mid_line(angle), section.frame(angle).normal
-    half = (section.thickness(angle) + 0 * angle) / 2 * normal
-    inner, middle, outer = (
-        (rest + by)[..., 0]
-        for rest, by in zip(
-            (section.inner_face(angle), middle, middle + half), moved[..., None], strict=True
-        )
+    outline, move = jax.linearize(sampling.outline, q)
+    return Motion(
+        stiffness=dense(a.tangent, free),
+        omitted=jax.vmap(bend)(unit).reshape(len(free), -1)[:, free],
+        volume=a.volume_gradient.reshape(-1)[free],
+        compliance=problem.oil.compliance(state.pressure, shell.film_volume)[0],
+        outline=outline,
+        moved=jnp.moveaxis(jax.vmap(move)(unit).faces, 0, -1),
+        wall=sampling.wall(outline.faces[0]),
+        section=sampling.section,
     )
-    foot, height = section.foot(inner[..., None], angle)
-    gap = geometry.gap(foot)
-    wall = section.inner_face(foot) - gap * section.inner_normal(foot)
-    thick = (section.thickness(angle) + 0 * angle)[:, 0]
-    mass = section.size * jnp.diff(angle[:, 0]) * (thick[1:] + thick[:-1]) / 2
-    volume = a.volume_gradient.reshape(-1)[free]
-    compliance = problem.oil.compliance(state.pressure, shell.film_volume)[0]
-    cut = np.ix_(free, free)
-    found: dict[str, Any] = {
-        "stiffness": stiffness[cut],
-        "omitted": omitted[cut],
-        "volume": volume,
-        "compliance": compliance,
-        "inner": Face(inner, points[0]),
-        "middle": Face(middle, points[1]),
-        "outer": Face(outer, points[2]),
-        "wall": wall[..., 0],
-        "gap": (height + gap)[:, 0],
-        "mass": mass,
-    }
-    return Motion(**found)
 
 
 def motion_of(solution: Solution) -> Motion:

@@ -50,7 +50,7 @@ def plot_modes(found: Modes, file: Path | None = None) -> Figure:
 
 def _draw_section(axes: Axes, motion: Motion, shape: np.ndarray) -> None:
     """Both ends of a swing, and the state between them."""
-    faces = np.stack([motion.inner.position, motion.outer.position])
+    faces = motion.outline.faces[::2]
     size = _AMPLITUDE * np.ptp(faces[:, 0])
     axes.fill(*(1e3 * motion.wall), color=WALL, lw=0)
     for swing, style in ((0.0, "0.6"), (-size, "C1"), (size, "C0")):
