@@ -19,6 +19,8 @@ from suas_jax.dynamics.inertia import (
     Densities,
     Inertia,
     Outline,
+    Water,
+    densities_of,
     flow_of,
     inertia_of,
     weights_of,
@@ -28,7 +30,6 @@ from suas_jax.dynamics.modes import (
     Spectrum,
     bandwidth_of,
     damped_roots,
-    densities_of,
     modes,
     spectrum_of,
 )
@@ -51,14 +52,14 @@ def strip(segments: int, motion: str) -> Motion:
     none, gap = np.zeros((1, 1)), np.full_like(s, GAP)
     wall, section = np.stack([s, -gap]), THICKNESS * np.diff(s)
     outline = Outline(jnp.asarray(faces), jnp.asarray(gap))
-    return Motion(
-        none, none, np.zeros(1), 0.0, outline, np.stack([moved] * 3), wall, section
-    )
+    water = Water.over(jnp.diff(s))
+    faces = np.stack([moved] * 3)
+    return Motion(none, none, np.zeros(1), 0.0, outline, faces, wall, section, water)
 
 
 def inertia(motion: Motion) -> Inertia:
-    weights = weights_of(motion.outline, motion.section, GIVEN)
-    return inertia_of(flow_of(motion.outline, motion.moved), weights)
+    weights = weights_of(motion.outline, motion.section, motion.water, GIVEN)
+    return inertia_of(flow_of(motion.outline, motion.moved, motion.water), weights)
 
 
 def test_film_membrane_and_water_have_the_energies_of_closed_forms() -> None:

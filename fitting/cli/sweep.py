@@ -1,7 +1,7 @@
 """`suas sweep`: a load-displacement curve. JAX is imported inside the command."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -95,7 +95,9 @@ def sweep(
 
                 plot_sweep(curve, plot)
     if as_json:
-        result = {"points": curve.points, "first_contact": curve.first_contact}
+        result: dict[str, Any] = {"points": curve.points, "first_contact": curve.first_contact}
+        if curve.film is not None:
+            result["film"] = curve.film
         say(json_text(result))
     else:
         _print_curve(curve)
@@ -144,6 +146,8 @@ def _print_curve(curve: "Sweep") -> None:
             row["status"] if row["stable"] else f"{row['status']}, unstable",
         )
     console.print(table)
+    if curve.film is not None:
+        console.print(curve.film["message"])
     contact = curve.first_contact
     if contact is None:
         console.print("The inner face does not reach the wall.")

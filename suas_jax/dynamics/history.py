@@ -28,7 +28,9 @@ from jaxtyping import Float
 from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
 from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.dynamics.driven import FACTOR
+from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
+from suas_jax.dynamics.transient import Moving, film_at_rest, through_film
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED
@@ -53,8 +55,11 @@ _NOTHING = {
 # Rows that one call follows, so that histories of any length share one program.
 _BLOCK = 8
 _FEW = 40
-# Error of the stress that a step may make, over the wanted relative error.
-_STEP_SHARE = 0.01
+# Error of the stress that a step may make, over the wanted relative error; of displacements in
+# motion, whose errors fade with it.
+_STEP_SHARE, _MOTION_SHARE = 0.01, 0.03
+# Displacement that counts before there is a larger one, over that of the largest load.
+_FIRST_SHARE = 0.01
 
 
 class History(NamedTuple):
@@ -129,7 +134,9 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     scene = with_solve(scene, oil_pressure=None)
     course = Course.of(scene, history)
     errors = _Errors.at(course.largest)
-    points = _Follower(course, errors, len(history.time) <= _FEW).points()
+    changes = course.time, course.values, course.rest
+    film = film_of(course.scene, course.largest, errors.plan, *changes)
+    points = _Follower(course, errors, film, len(history.time) <= _FEW).points()
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
     contact = None
     if hits:
@@ -139,7 +146,7 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
             "oil_pressure_Pa": hits[0]["oil_pressure_Pa"],
             "angle_deg": hits[0]["min_gap_angle_deg"],
         }
-    return Sweep(points, contact, scene)
+    return Sweep(points, contact, scene, film.report())
 
 
 class Course(NamedTuple):
@@ -250,11 +257,13 @@ class _Errors(NamedTuple):
         plan: the mesh.
         mesh: relative error by it; NaN where it is not known.
         model: the same by the model.
+        displacement: of the solve [m].
     """
 
     plan: AbstractPlan
     mesh: float
     model: float
+    displacement: float = 0.0
 
     @classmethod
     def at(cls, scene: SceneSpec) -> "_Errors":
@@ -289,9 +298,11 @@ class _Errors(NamedTuple):
         if not whole and given == "auto" and found.plan.model == "shell" and unmet:
             found = solved("solid")
         report = found.report
+        size = report["max_displacement_m"] if found.converged else scene.geometry.mean_gap
         if found.converged and report["error_estimate"] is not None:
-            return cls(found.plan, report["discretisation_error"], report["model_error"])
-        return cls(found.plan, np.nan, np.nan)
+            own = report["discretisation_error"], report["model_error"]
+            return cls(found.plan, *own, size)
+        return cls(found.plan, np.nan, np.nan, size)
 
 
 def _responding(scene: SceneSpec, response: str) -> SceneSpec:
@@ -309,11 +320,13 @@ class _Follower:
     Attributes:
         course: the scene, and how it changes.
         errors: the mesh, and what it leaves.
+        film: whether it moves.
         few: whether rows take less time to follow than to compile for speed.
     """
 
     course: Course
     errors: _Errors
+    film: Film
     few: bool = True
 
     def points(self) -> list[dict[str, Any]]:
@@ -331,20 +344,24 @@ class _Follower:
         return points
 
     def _block(
-        self, first: int, moment: Moment | None, *, wall: bool
-    ) -> tuple[list[dict[str, Any]], Moment]:
+        self, first: int, moment: Moment | Moving | None, *, wall: bool
+    ) -> tuple[list[dict[str, Any]], Moment | Moving]:
         course = self.course
         spec = _responding(course.scene, "instantaneous")
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
         rows, count = course.block(first, _BLOCK)
+        moves = self.film.included
         if moment is None:
             values = {key: np.asarray(x) for key, x in course.rest.items()}
-            moment = COMPILED.run(at_rest, *known, rows.begin[0], values, once=True)
-        tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
-        long = self.errors.plan.solves_long
+            size = (np.asarray(_FIRST_SHARE * self.errors.displacement),) if moves else ()
+            begin = film_at_rest if moves else at_rest
+            moment = COMPILED.run(begin, *known, rows.begin[0], values, *size, once=True)
+        share = _MOTION_SHARE if moves else _STEP_SHARE
+        tolerance = np.asarray(share * course.scene.rtol)
+        long = moves or self.errors.plan.solves_long
         effort = {"once": long or self.few, "long": long}
         reports, outcomes, last = COMPILED.run(
-            through, *known, rows, moment, tolerance, **effort
+            through_film if moves else through, *known, rows, moment, tolerance, **effort
         )
         points = []
         for i in range(count):

@@ -24,10 +24,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from suas_jax.config import ConfigError, SceneSpec
+from suas_jax.config.errors import Mistake
+
 Matrix = Float[Array, "unknown unknown"]
 
 THINNEST_FILM = 1e-6
 """A thinner one no longer drains: its asperities bear on one another [m]."""
+WATER_DENSITY = 1000.0
+"""Of the water outside [kg/m^3]."""
 _HARMONICS = 64
 # Simpson's rule across the membrane: inner face, middle, outer face.
 _ACROSS = np.array([1 / 6, 2 / 3, 1 / 6])
@@ -47,6 +52,52 @@ class Densities(NamedTuple):
     viscosity: ArrayLike
     membrane: ArrayLike
     water: ArrayLike
+
+
+def densities_of(scene: SceneSpec) -> Densities:
+    """Densities and viscosity of a scene.
+
+    Raises:
+        ConfigError: names what is missing.
+    """
+    needed = {
+        "oil.density": scene.oil.density,
+        "oil.viscosity": scene.oil.viscosity,
+        "material.density": scene.material.density,
+    }
+    examples = ('"960 kg/m^3"', '"50 cSt"', '"1100 kg/m^3"')
+    missing = [
+        Mistake(
+            "scene", key, f"missing; motion needs it, for example {key.split('.')[1]} = {text}"
+        )
+        for (key, value), text in zip(needed.items(), examples, strict=True)
+        if value is None
+    ]
+    if missing:
+        raise ConfigError(missing)
+    environment = scene.environment
+    in_water = environment is None or environment.medium == "water"
+    oil, viscosity, membrane = (float(x) for x in needed.values() if x is not None)
+    return Densities(oil, viscosity, membrane, WATER_DENSITY if in_water else 0.0)
+
+
+class Water(NamedTuple):
+    """The water outside, on the outer face at rest.
+
+    Attributes:
+        amplitudes: of the harmonics of a normal velocity, by what segments sweep [1/m].
+        weights: mass of the square of each, over the density [m^2].
+    """
+
+    amplitudes: Float[Array, "harmonic segment"]
+    weights: Float[Array, " harmonic"]
+
+    @classmethod
+    def over(cls, lengths: Float[Array, " segment"]) -> "Water":
+        """Over segments of some lengths [m]."""
+        n, whole = np.arange(1, _HARMONICS + 1), jnp.sum(lengths)
+        psi = jnp.pi * (jnp.cumsum(lengths) - lengths / 2) / whole
+        return cls(2 / whole * jnp.cos(n[:, None] * psi), whole**2 / (2 * jnp.pi * n))
 
 
 class Outline(NamedTuple):
@@ -108,12 +159,13 @@ class Inertia(NamedTuple):
         return self.film + self.membrane + self.water
 
 
-def flow_of(at: Outline, moved: Float[Array, "3 2 point *unknown"]) -> Flow:
+def flow_of(at: Outline, moved: Float[Array, "3 2 point *unknown"], water: Water) -> Flow:
     """What flows where the faces move.
 
     Args:
         at: where they are.
         moved: velocities of their points.
+        water: outside.
     """
     lengths = at.lengths
     room = at.film * lengths[0]
@@ -121,11 +173,7 @@ def flow_of(at: Outline, moved: Float[Array, "3 2 point *unknown"]) -> Flow:
     share = jnp.cumsum(room) / jnp.sum(room)
     passed -= share.reshape(-1, *(1,) * (passed.ndim - 1)) * passed[-1]
     passed = jnp.concatenate([jnp.zeros_like(passed[:1]), passed])
-    outer = lengths[2]
-    whole = jnp.sum(outer)
-    psi = jnp.pi * (jnp.cumsum(outer) - outer / 2) / whole
-    waves = jnp.cos(_harmonics()[:, None] * psi)
-    amplitude = 2 / whole * jnp.tensordot(waves, _swept(at.faces[2], moved[2]), 1)
+    amplitude = jnp.tensordot(water.amplitudes, _swept(at.faces[2], moved[2]), 1)
     membrane = (moved[:, :, 1:] + moved[:, :, :-1]) / 2
     return Flow(-_mean(passed), membrane, amplitude)
 
@@ -142,19 +190,24 @@ class Weights(NamedTuple):
     damping: Float[Array, " segment"]
 
 
-def weights_of(at: Outline, section: Float[Array, " segment"], given: Densities) -> Weights:
+def weights_of(
+    at: Outline, section: Float[Array, " segment"], water: Water, given: Densities
+) -> Weights:
     """Masses and damping, of the flow of a unit of width.
 
     Args:
         at: where the faces are.
         section: cross-section of the membrane's segments [m^2].
+        water: outside.
         given: densities and viscosity.
     """
-    inner, _, outer = at.lengths
-    film, whole = at.film, jnp.sum(outer)
-    water = given.water * whole**2 / (2 * jnp.pi * _harmonics())
+    inner, film = at.lengths[0], at.film
     membrane = given.membrane * _ACROSS[:, None, None] * section
-    mass = Flow(given.oil * inner / film, jnp.broadcast_to(membrane, (3, 2, section.size)), water)
+    mass = Flow(
+        given.oil * inner / film,
+        jnp.broadcast_to(membrane, (3, 2, section.size)),
+        given.water * water.weights,
+    )
     return Weights(mass, 12 * given.viscosity * inner / film**3)
 
 
@@ -170,10 +223,6 @@ def inertia_of(flow: Flow, weights: Weights) -> Inertia:
         for x, w in zip(flow, weights.mass, strict=True)
     )
     return Inertia(film, membrane, water, _form(flow.film, weights.damping))
-
-
-def _harmonics() -> np.ndarray:
-    return np.arange(1, _HARMONICS + 1)
 
 
 def _swept(

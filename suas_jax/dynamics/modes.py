@@ -24,17 +24,21 @@ import scipy.linalg
 import scipy.optimize
 from jaxtyping import Complex, Float
 
-from suas_jax.config import ConfigError, SceneSpec, with_solve
-from suas_jax.config.errors import Mistake
-from suas_jax.dynamics.inertia import Densities, Inertia, flow_of, inertia_of, weights_of
+from suas_jax.config import SceneSpec, with_solve
+from suas_jax.dynamics.inertia import (
+    Densities,
+    Inertia,
+    densities_of,
+    flow_of,
+    inertia_of,
+    weights_of,
+)
 from suas_jax.dynamics.motion import Motion, motion_of
 from suas_jax.dynamics.pad import PadMotion, pad_inertia, pad_motion
 from suas_jax.scene.solve import Solution, solve
 
 STATIC_ERROR = 0.01
 """Error of the static answer at the bandwidth."""
-WATER_DENSITY = 1000.0
-"""Of the water outside [kg/m^3]."""
 MOST_MODES = 50
 # Elements that leave errors of 1e-4: a wave of the highest mode takes about sixteen.
 _FIRST_ELEMENTS, _ELEMENTS_A_MODE = 24, 8
@@ -147,8 +151,8 @@ def spectrum_of(
         count: how many modes.
     """
     if isinstance(motion, Motion):
-        flow = flow_of(motion.outline, motion.moved)
-        weights = weights_of(motion.outline, motion.section, densities)
+        flow = flow_of(motion.outline, motion.moved, motion.water)
+        weights = weights_of(motion.outline, motion.section, motion.water, densities)
         inertia, omitted = jax.tree.map(np.asarray, inertia_of(flow, weights)), motion.omitted
     else:
         inertia, omitted = pad_inertia(motion, densities), None
@@ -167,33 +171,6 @@ def spectrum_of(
     damping = vectors.T @ inertia.damping @ vectors
     rows = _rows(squares, damping, vectors, inertia)[:count]
     return Spectrum(rows, vectors[:, :count], bandwidth_of(squares, damping))
-
-
-def densities_of(scene: SceneSpec) -> Densities:
-    """Densities and viscosity of a scene.
-
-    Raises:
-        ConfigError: names what is missing.
-    """
-    needed = {
-        "oil.density": scene.oil.density,
-        "oil.viscosity": scene.oil.viscosity,
-        "material.density": scene.material.density,
-    }
-    examples = ('"960 kg/m^3"', '"50 cSt"', '"1100 kg/m^3"')
-    missing = [
-        Mistake(
-            "scene", key, f"missing; motion needs it, for example {key.split('.')[1]} = {text}"
-        )
-        for (key, value), text in zip(needed.items(), examples, strict=True)
-        if value is None
-    ]
-    if missing:
-        raise ConfigError(missing)
-    environment = scene.environment
-    in_water = environment is None or environment.medium == "water"
-    oil, viscosity, membrane = (float(x) for x in needed.values() if x is not None)
-    return Densities(oil, viscosity, membrane, WATER_DENSITY if in_water else 0.0)
 
 
 class _Stiffness(NamedTuple):

@@ -5,6 +5,7 @@ the tangent of the equilibrium; faces and film are polylines through samples of 
 with the derivatives of their points by the unknowns.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from suas_jax.dynamics.inertia import Outline
+from suas_jax.dynamics.inertia import Outline, Water
 from suas_jax.equilibrium.balance import State
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.shell.shell import Shell
@@ -43,6 +44,7 @@ class Motion(NamedTuple):
         moved: displacement of the faces' points by the unknowns.
         wall: its points beneath those of the inner face [m].
         section: cross-section of the membrane's segments [m^2].
+        water: outside.
     """
 
     stiffness: Float[np.ndarray, "unknown unknown"]
@@ -53,6 +55,7 @@ class Motion(NamedTuple):
     moved: Float[np.ndarray, "3 2 point unknown"]
     wall: Float[np.ndarray, "2 point"]
     section: Float[np.ndarray, " segment"]
+    water: Water
 
     def shapes(
         self, vectors: Float[np.ndarray, "unknown mode"]
@@ -72,6 +75,7 @@ class Sampling(NamedTuple):
         angle: of the samples [rad].
         rest: inner face, mid-line and outer face [m].
         section: cross-section of the membrane's segments [m^2].
+        water: outside.
     """
 
     shell: Shell
@@ -79,6 +83,7 @@ class Sampling(NamedTuple):
     angle: Float[Array, " point"]
     rest: Float[Array, "3 2 point"]
     section: Float[Array, " segment"]
+    water: Water
 
     @classmethod
     def of(cls, shell: Shell, geometry: SkinGeometry) -> "Sampling":
@@ -93,25 +98,59 @@ class Sampling(NamedTuple):
         rest = jnp.stack([section.inner_face(angle), middle, outer])[..., 0]
         angle, thickness = angle[:, 0], thickness[:, 0]
         area = section.size * jnp.diff(angle) * (thickness[1:] + thickness[:-1]) / 2
-        return cls(shell, geometry, angle, rest, area)
+        water = Water.over(jnp.hypot(*jnp.diff(rest[2])))
+        return cls(shell, geometry, angle, rest, area, water)
+
+    def near(self, q: StationVector) -> "Near":
+        """Faces and film at a state, and how they move with its unknowns."""
+
+        def faces(q: StationVector) -> Float[Array, "3 2 point"]:
+            shape = self.shell.profile(q, _SAMPLES)
+            moved = jnp.stack(
+                [shape.inner_displacement, shape.mid_displacement, shape.outer_displacement]
+            )
+            return self.rest + _along(moved[..., :-1, :, :], moved[..., -1:, -1, :])
+
+        section = self.geometry.section
+        at, push = jax.linearize(faces, q)
+        foot, height = section.foot(at[0, :, :, None], self.angle[:, None])
+        gap = (height + self.geometry.gap(foot))[:, 0]
+        normal = section.inner_normal(foot)
+        wall = section.inner_face(foot) - self.geometry.gap(foot) * normal
+        return Near(q, Outline(at, gap), push, normal[..., 0], wall[..., 0])
+
+
+class Near(NamedTuple):
+    """Faces and film of a section close to a state, of first order in the distance.
+
+    Attributes:
+        q: unknowns of the state.
+        at: faces and film there.
+        push: what velocities of the unknowns make of the faces' points.
+        normal: of the wall beneath the inner face.
+        wall: its points there [m].
+    """
+
+    q: StationVector
+    at: Outline
+    push: Callable[[StationVector], Float[Array, "3 2 point"]]
+    normal: Float[Array, "2 point"]
+    wall: Float[Array, "2 point"]
 
     def outline(self, q: StationVector) -> Outline:
-        """Faces and film in a state."""
-        shape = self.shell.profile(q, _SAMPLES)
-        moved = shape.inner_displacement, shape.mid_displacement, shape.outer_displacement
-        faces = self.rest + jnp.stack([_along(x[..., :-1, :, :], x[..., -1:, -1, :]) for x in moved])
-        return Outline(faces, self._film(faces[0])[1])
+        """Faces and film."""
+        moved = self.push(q - self.q)
+        return Outline(self.at.faces + moved, self.at.gap + self.closing(moved))
 
-    def wall(self, inner: Float[Array, "2 point"]) -> Float[Array, "2 point"]:
-        """Points of the wall beneath those of the inner face [m]."""
-        section, foot = self.geometry.section, self._film(inner)[0]
-        wall = section.inner_face(foot) - self.geometry.gap(foot) * section.inner_normal(foot)
-        return wall[..., 0]
+    def closing(self, moved: Float[Array, "*unknown 3 2 point"]) -> Float[Array, "*unknown point"]:
+        """Change of the film's thickness where the faces move."""
+        return jnp.sum(self.normal * moved[..., 0, :, :], -2)
 
-    def _film(self, inner: Float[Array, "2 point"]) -> tuple[Array, Array]:
-        """Where the wall's normals through points start, and their distance from it [m]."""
-        foot, height = self.geometry.section.foot(inner[..., None], self.angle[:, None])
-        return foot, (height + self.geometry.gap(foot))[:, 0]
+    def by_unknowns(self, free: np.ndarray) -> Float[Array, "unknown 3 2 point"]:
+        """What the free unknowns make of the faces' points."""
+        unit = jnp.eye(self.q.size).reshape(-1, *self.q.shape)
+        moved: Array = jax.vmap(self.push)(unit[free])
+        return moved
 
 
 def _along(
@@ -124,13 +163,10 @@ def _along(
 
 def free_unknowns(shell: Shell) -> np.ndarray:
     """Places of the unknowns that may move in a flat station vector."""
-    shape = shell.elements.free()
-    return np.flatnonzero(shape)
+    return np.flatnonzero(shell.elements.free())
 
 
-def dense(
-    tangent: AbstractTangent, free: np.ndarray
-) -> Float[Array, "unknown unknown"]:
+def dense(tangent: AbstractTangent, free: np.ndarray) -> Float[Array, "unknown unknown"]:
     """A tangent as a matrix over the free unknowns."""
     shape = tangent.structure.shape
     unit = jnp.eye(int(np.prod(shape))).reshape(-1, *shape)
@@ -153,16 +189,17 @@ def _program(scene: Structure, plan: AbstractPlan, inputs: Inputs, state: State)
         return shell.omitted_gradient(q, state.factor)
 
     _, bend = jax.linearize(pull, q)
-    outline, move = jax.linearize(sampling.outline, q)
+    near = sampling.near(q)
     return Motion(
         stiffness=dense(a.tangent, free),
         omitted=jax.vmap(bend)(unit).reshape(len(free), -1)[:, free],
         volume=a.volume_gradient.reshape(-1)[free],
         compliance=problem.oil.compliance(state.pressure, shell.film_volume)[0],
-        outline=outline,
-        moved=jnp.moveaxis(jax.vmap(move)(unit).faces, 0, -1),
-        wall=sampling.wall(outline.faces[0]),
+        outline=near.at,
+        moved=jnp.moveaxis(near.by_unknowns(free), 0, -1),
+        wall=near.wall,
         section=sampling.section,
+        water=sampling.water,
     )
 
 

@@ -189,7 +189,7 @@ def through(
     skin = DrivenSkin.of(scene, plan, inputs, rows.final)
 
     def observed(now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
-        return _observed(skin, now)
+        return observed_at(skin, now)
 
     end, (reports, outcomes) = followed(skin, rows, start, tolerance, observed)
     return reports, outcomes, end
@@ -227,7 +227,7 @@ def followed(
     return jax.lax.scan(visit, start, rows)
 
 
-def _observed(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
+def observed_at(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
     """What is observed at a moment, and how it was found."""
     relaxed, disturbed = now.past.relaxed(skin.series), now.past.disturbed(skin.series)
     parts, problem = skin.parts(now.values, now.travels)
@@ -289,7 +289,7 @@ def _step(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> Mom
     largest = jnp.maximum(now.largest, jnp.max(jnp.abs(stress)))
     rate = (stress - now.past.stress) / jnp.where(step > 0, step, 1.0)
     bend = 2 * jnp.max(jnp.abs(rate - now.rate)) * step**2 / (step + now.last + (step == 0))
-    error = jnp.sum(series.g * _psi(step / series.tau)) * bend
+    error = jnp.sum(series.g * bend_weight(step / series.tau)) * bend
     error = jnp.where(fresh | (largest == 0), 0.0, error / jnp.where(largest > 0, largest, 1.0))
     # Creep that runs away, as a membrane that buckles does, leaves no step short enough.
     runaway = ~failed & (error > tolerance) & (length < _RUNAWAY)
@@ -336,7 +336,7 @@ def _pace(before: Any, after: Any, step: Array) -> Any:
     return jax.tree.map(lambda a, b: by * (b - a), before, after)
 
 
-def _psi(x: Array) -> Array:
+def bend_weight(x: Array) -> Array:
     """Weight of a bend of the stress in the middle of a step; see the module."""
     short = x < 0.03
     safe = jnp.where(short, 1.0, x)

@@ -45,11 +45,13 @@ class Sweep:
         points: one report per load, as `suas solve --json` prints them.
         first_contact: load at which the inner face first reaches the rigid wall, or None.
         scene: what was swept.
+        film: of a history, whether the oil's film moves in it, and why; None of a curve.
     """
 
     points: list[dict[str, Any]]
     first_contact: dict[str, float] | None
     scene: SceneSpec
+    film: dict[str, Any] | None = None
 
     def rows(self) -> list[dict[str, Any]]:
         """The curve as a table: total force, each load's entries, the main observables."""

@@ -1,0 +1,110 @@
+"""Whether the oil's film moves in a history, or is left out."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from suas_jax.config import ConfigError, SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.dynamics.inertia import densities_of
+from suas_jax.dynamics.modes import STATIC_ERROR, modes
+from suas_jax.mechanics.model import AbstractPlan
+from suas_jax.mechanics.shell.model import ShellPlan
+
+# Error by the film's lag that a history without it may have, over the wanted relative error.
+_SHARE = 0.1
+
+
+class Film(NamedTuple):
+    """Whether the oil's film moves in a history.
+
+    Attributes:
+        included: whether it does; else the skin is in equilibrium at every moment.
+        message: the same as a sentence, with the reason.
+        bandwidth: below it statics is right to 1 % at rest [Hz]; None where it is not known.
+    """
+
+    included: bool
+    message: str
+    bandwidth: float | None = None
+
+    def report(self) -> dict[str, Any]:
+        """As `suas sweep --history --json` prints it."""
+        return {
+            "included": self.included,
+            "message": self.message,
+            "bandwidth_Hz": self.bandwidth,
+        }
+
+
+def film_of(
+    scene: SceneSpec,
+    largest: SceneSpec,
+    plan: AbstractPlan,
+    time: Float[np.ndarray, " row"],
+    values: Mapping[str, Float[np.ndarray, " row"]],
+    rest: Mapping[str, float],
+) -> Film:
+    """Decide for a history.
+
+    An equilibrium lags behind its loads by the time that its bandwidth tells, and the more the
+    thinner the film is.
+
+    Args:
+        scene: what the history changes.
+        largest: the same under its largest loads.
+        plan: mesh of the whole section.
+        time: of the rows [s].
+        values: that change, one a row.
+        rest: the same before the first row.
+    """
+    reason = _not_covered(scene, plan)
+    if reason is not None:
+        return Film(False, f"The film's inertia and viscosity are left out: {reason}.")
+    loads = {
+        key: 0.0
+        for key in continuous_inputs(largest)
+        if key.startswith("load.") and key.endswith((".force", ".pressure"))
+    }
+    resting = with_solve(with_inputs(scene, loads), oil_pressure=None, elements=None)
+    bandwidth = modes(resting, 1).bandwidth
+    if bandwidth is not None and _lag(bandwidth, time, values, rest) <= _SHARE * scene.rtol:
+        slow = f"the history is slow against {bandwidth:.3g} Hz, the bandwidth of statics"
+        return Film(False, f"The film's inertia and viscosity are left out: {slow}.", bandwidth)
+    return Film(True, "The film's inertia and viscosity are included.", bandwidth)
+
+
+def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
+    try:
+        densities_of(scene)
+    except ConfigError as error:
+        keys = ", ".join(mistake.key for mistake in error.mistakes)
+        return f"the scene has no {keys}"
+    if not scene.oil.trapped:
+        return "vented oil flows through an outlet that no file describes"
+    if scene.bodies:
+        return "with bodies the skin is taken to be in equilibrium at every moment"
+    if not isinstance(plan, ShellPlan):
+        return "they are known for sections as shells alone"
+    return None
+
+
+def _lag(
+    bandwidth: float,
+    time: Float[np.ndarray, " row"],
+    values: Mapping[str, Float[np.ndarray, " row"]],
+    rest: Mapping[str, float],
+) -> float:
+    """Largest error of an equilibrium, relative to the largest value; a jump is fast."""
+    behind = STATIC_ERROR / (2 * np.pi * bandwidth)
+    took = np.diff(time, prepend=time[0])
+    lag = 0.0
+    for key, x in values.items():
+        change = np.abs(np.diff(x, prepend=rest[key]))
+        size, moves = np.max(np.abs(x - rest[key])), change > 0
+        if np.any(took[moves] == 0):
+            return float(np.inf)
+        if np.any(moves):
+            lag = max(lag, behind * float(np.max(change[moves] / took[moves])) / size)
+    return lag

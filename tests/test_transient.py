@@ -1,0 +1,122 @@
+"""A section in motion: closed forms of small motions, volume, energy, order, what is left out."""
+
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from test_cli import SCENES
+
+from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
+from suas_jax.dynamics.film import film_of
+from suas_jax.dynamics.history import Course, history_of, history_sweep
+from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
+from suas_jax.dynamics.motion import free_unknowns, motion_of
+from suas_jax.scene.build import build_problem, plan_for
+from suas_jax.scene.program import inputs_of
+from suas_jax.config import SceneSpec
+
+TAP = SCENES / "tap.toml"
+TIME = [0.0, 0.0, 0.02, 0.05, 0.1]
+
+
+def tapped(force: float = 5.0, viscosity: str = "50 cSt") -> SceneSpec:
+    data = tomllib.loads(TAP.read_text(encoding="utf-8"))
+    data["oil"]["viscosity"] = viscosity
+    scene = scene_from_dict(data, base=SCENES)
+    scene = with_inputs(scene, {"load.0.force": force})
+    return with_solve(scene, model="shell", elements=16)
+
+
+def swung(force: float, **how: str) -> list[dict[str, Any]]:
+    """After a step of the load, which half of its time later goes back."""
+    given = history_of(TIME, force_N=[0.0, force, force, force / 2, force / 2])
+    return history_sweep(tapped(force, **how), given).points
+
+
+@pytest.fixture(scope="module")
+def small() -> list[dict[str, Any]]:
+    return swung(1e-3)
+
+
+def exact(force: float) -> list[float]:
+    """Displacement under the load of small motions, by exponentials of matrices."""
+    scene = tapped(1e-9)
+    solution = solve(scene)
+    motion, given = motion_of(solution), densities_of(scene)
+    weights = weights_of(motion.outline, motion.section, motion.water, given)
+    inertia = inertia_of(flow_of(motion.outline, motion.moved, motion.water), weights)
+    basis = scipy.linalg.null_space(motion.volume[None])
+    mass, damping, stiffness = (
+        basis.T @ np.asarray(x) @ basis
+        for x in (inertia.mass, inertia.damping, motion.stiffness)
+    )
+    problem = build_problem(scene, plan_for(scene, "shell", (16,)), inputs_of(scene))
+    shell: Any = problem.mechanics
+    zero = np.zeros(1)
+    load = np.asarray(shell.assemble(shell.rest(), zero, zero).load).ravel()
+    unit = basis.T @ load[free_unknowns(shell)] / 1e-9
+    n = len(mass)
+    # Displacements, velocities, force and its rate.
+    system = np.zeros((2 * n + 2, 2 * n + 2))
+    system[:n, n : 2 * n] = np.eye(n)
+    system[n : 2 * n, :n] = -np.linalg.solve(mass, stiffness)
+    system[n : 2 * n, n : 2 * n] = -np.linalg.solve(mass, damping)
+    system[n : 2 * n, 2 * n] = np.linalg.solve(mass, unit)
+    system[2 * n, 2 * n + 1] = 1.0
+    crown = np.argmin(np.abs(motion.outline.faces[1, 0]))
+    read = -motion.moved[1, 1, crown] @ basis
+    y = np.zeros(2 * n + 2)
+    y[2 * n] = force
+    found = [0.0, 0.0]
+    for k in (2, 3, 4):
+        duration = TIME[k] - TIME[k - 1]
+        y[2 * n + 1] = -force / 2 / duration if k == 3 else 0.0
+        y = scipy.linalg.expm(duration * system) @ y
+        found.append(float(read @ y[:n]))
+    return found
+
+
+def test_small_motions_are_those_of_the_closed_form(small: list[dict[str, Any]]) -> None:
+    moved = [p["loads"][0]["displacement_m"] for p in small]
+    wanted = exact(1e-3)
+    largest = max(np.abs(wanted))
+    # What the shell leaves out is added as in statics.
+    np.testing.assert_allclose(moved, wanted, rtol=0, atol=3e-3 * largest)
+
+
+def test_a_large_swing_keeps_the_oil_and_comes_to_rest_where_statics_has_it() -> None:
+    given = history_of([0.0, 0.0, 0.05, 2e3], force_N=[0.0, 5.0, 5.0, 5.0])
+    points = history_sweep(tapped(), given).points
+    assert all(abs(p["volume_residual"]) < 1e-10 for p in points)
+    held = solve(tapped()).report
+    for key in ("max_displacement_m", "oil_pressure_Pa", "min_gap_m"):
+        assert points[-1][key] == pytest.approx(held[key], rel=1e-6), key
+    # Half of the swing goes beyond it.
+    assert points[2]["loads"][0]["displacement_m"] != pytest.approx(
+        held["loads"][0]["displacement_m"], rel=0.05
+    )
+
+
+def film(scene: SceneSpec, time: list[float], force: list[float]) -> Any:
+    course = Course.of(scene, history_of(time, force_N=force))
+    plan = plan_for(scene, "shell", (16,))
+    return film_of(course.scene, course.largest, plan, course.time, course.values, course.rest)
+
+
+def test_the_film_is_left_out_where_the_history_is_slow() -> None:
+    fast = film(tapped(), [0.0, 0.01, 0.02], [0.0, 5.0, 0.0])
+    slow = film(tapped(), [0.0, 1e6], [0.0, 5.0])
+    assert fast.included
+    assert not slow.included
+    assert "slow against 0.0172 Hz" in slow.message
+    assert film(tapped(), [0.0, 1e6], [5.0, 5.0]).included  # a jump at the first row
+    assert not film(tapped(), [0.0, 1e6], [0.0, 0.0]).included
+
+
+def test_what_the_film_is_not_known_for_is_told() -> None:
+    plain = load_scene(SCENES / "press.toml")
+    found = film(plain, [0.0, 1.0], [0.0, 1.0])
+    assert not found.included
+    assert "oil.density, oil.viscosity, material.density" in found.message
