@@ -20,7 +20,7 @@ from suas_jax.config.schema_load import EnvironmentSpec
 from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics import history, steps
 from suas_jax.dynamics.driven import answering
-from suas_jax.dynamics.film import Film, film_of
+from suas_jax.dynamics.film import Film
 from suas_jax.dynamics.history import Course, history_of, history_sweep, read_history
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.sweep import SweepError

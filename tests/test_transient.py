@@ -1,4 +1,4 @@
-"""A section in motion: closed forms of small motions, volume, energy, order, what is left out."""
+"""A section in motion: closed forms of small motions, volume, the limit of statics, when it counts."""
 
 import tomllib
 from typing import Any
@@ -9,13 +9,13 @@ import scipy.linalg
 from test_cli import SCENES
 
 from suas_jax import load_scene, scene_from_dict, solve, with_inputs, with_solve
+from suas_jax.config import SceneSpec
 from suas_jax.dynamics.film import film_of
 from suas_jax.dynamics.history import Course, history_of, history_sweep
 from suas_jax.dynamics.inertia import densities_of, flow_of, inertia_of, weights_of
 from suas_jax.dynamics.motion import free_unknowns, motion_of
 from suas_jax.scene.build import build_problem, plan_for
 from suas_jax.scene.program import inputs_of
-from suas_jax.config import SceneSpec
 
 TAP = SCENES / "tap.toml"
 TIME = [0.0, 0.0, 0.02, 0.05, 0.1]

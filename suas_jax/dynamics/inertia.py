@@ -22,12 +22,13 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from suas_jax.config import ConfigError, SceneSpec
 from suas_jax.config.errors import Mistake
 
-Matrix = Float[Array, "unknown unknown"]
+Matrix = Float[Array, "unknown unknown"] | Float[np.ndarray, "unknown unknown"]
+Number = float | Float[Array, ""]
 
 THINNEST_FILM = 1e-6
 """A thinner one no longer drains: its asperities bear on one another [m]."""
@@ -48,10 +49,10 @@ class Densities(NamedTuple):
         water: density outside, zero in air [kg/m^3].
     """
 
-    oil: ArrayLike
-    viscosity: ArrayLike
-    membrane: ArrayLike
-    water: ArrayLike
+    oil: Number
+    viscosity: Number
+    membrane: Number
+    water: Number
 
 
 def densities_of(scene: SceneSpec) -> Densities:
@@ -204,11 +205,11 @@ def weights_of(
     inner, film = at.lengths[0], at.film
     membrane = given.membrane * _ACROSS[:, None, None] * section
     mass = Flow(
-        given.oil * inner / film,
+        inner * (given.oil / film),
         jnp.broadcast_to(membrane, (3, 2, section.size)),
-        given.water * water.weights,
+        water.weights * given.water,
     )
-    return Weights(mass, 12 * given.viscosity * inner / film**3)
+    return Weights(mass, inner * (12 * given.viscosity / film**3))
 
 
 def inertia_of(flow: Flow, weights: Weights) -> Inertia:

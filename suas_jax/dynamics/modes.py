@@ -182,7 +182,7 @@ class _Stiffness(NamedTuple):
 
 def _allowed(motion: Motion | PadMotion) -> _Stiffness:
     """Motions that keep the oil's volume, or all of them with the stiffness of its oil."""
-    stiffness, volume = motion.stiffness, motion.volume
+    stiffness, volume = np.asarray(motion.stiffness), np.asarray(motion.volume)
     if motion.compliance < 0:
         return _Stiffness(
             stiffness - np.outer(volume, volume) / motion.compliance, np.eye(len(volume))

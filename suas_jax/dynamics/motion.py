@@ -47,21 +47,21 @@ class Motion(NamedTuple):
         water: outside.
     """
 
-    stiffness: Float[np.ndarray, "unknown unknown"]
-    omitted: Float[np.ndarray, "unknown unknown"]
-    volume: Float[np.ndarray, " unknown"]
-    compliance: float
+    stiffness: Float[Array, "unknown unknown"]
+    omitted: Float[Array, "unknown unknown"]
+    volume: Float[Array, " unknown"]
+    compliance: float | Float[Array, ""]
     outline: Outline
-    moved: Float[np.ndarray, "3 2 point unknown"]
-    wall: Float[np.ndarray, "2 point"]
-    section: Float[np.ndarray, " segment"]
+    moved: Float[Array, "3 2 point unknown"]
+    wall: Float[Array, "2 point"]
+    section: Float[Array, " segment"]
     water: Water
 
     def shapes(
         self, vectors: Float[np.ndarray, "unknown mode"]
     ) -> Float[np.ndarray, "mode face 2 point"]:
         """Displacement of the inner and the outer face, the largest component being one."""
-        shapes = np.moveaxis(self.moved[::2] @ vectors, -1, 0)
+        shapes = np.moveaxis(np.asarray(self.moved[::2] @ vectors), -1, 0)
         scaled: np.ndarray = shapes / np.max(np.abs(shapes), (1, 2, 3), keepdims=True)
         return scaled
 
@@ -142,7 +142,9 @@ class Near(NamedTuple):
         moved = self.push(q - self.q)
         return Outline(self.at.faces + moved, self.at.gap + self.closing(moved))
 
-    def closing(self, moved: Float[Array, "*unknown 3 2 point"]) -> Float[Array, "*unknown point"]:
+    def closing(
+        self, moved: Float[Array, "*unknown 3 2 point"]
+    ) -> Float[Array, "*unknown point"]:
         """Change of the film's thickness where the faces move."""
         return jnp.sum(self.normal * moved[..., 0, :, :], -2)
 

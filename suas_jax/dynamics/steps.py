@@ -227,8 +227,8 @@ def followed(
     return jax.lax.scan(visit, start, rows)
 
 
-def observed_at(skin: DrivenSkin, now: Moment) -> tuple[dict[str, Any], dict[str, Array]]:
-    """What is observed at a moment, and how it was found."""
+def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, Array]]:
+    """What is observed, and how it was found, at a `Moment`, of a skin in motion or not."""
     relaxed, disturbed = now.past.relaxed(skin.series), now.past.disturbed(skin.series)
     parts, problem = skin.parts(now.values, now.travels)
     settled, other = (answering(problem, x) for x in (relaxed, disturbed))

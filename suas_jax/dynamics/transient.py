@@ -41,14 +41,14 @@ from suas_jax.dynamics.inertia import (
     Densities,
     Flow,
     Outline,
-    flow_of,
     Weights,
     densities_of,
+    flow_of,
     weights_of,
 )
 from suas_jax.dynamics.motion import Near, Sampling, dense, free_unknowns
-from suas_jax.dynamics.steps import MOST_STEPS, Rows, bend_weight, begun, observed_at
-from suas_jax.equilibrium.balance import Problem, State, imbalance
+from suas_jax.dynamics.steps import MOST_STEPS, Rows, begun, bend_weight, observed_at
+from suas_jax.equilibrium.balance import Problem, State, border_of, imbalance
 from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import StationVector
@@ -236,29 +236,30 @@ class _Body(NamedTuple):
 
         def correct(at: _Newton) -> _Newton:
             wrong, *_ = self.force(near, base, at.y)
-            right = jnp.append(wrong.stations.reshape(-1)[free], wrong.border)
+            defect, pressure = border_of(wrong), border_of(at.y)
+            right = jnp.append(wrong.stations.reshape(-1)[free], defect)
             change = inverse.matrix @ right
             step = jnp.zeros(at.y.stations.size).at[free].set(change[:-1])
             step = step.reshape(at.y.stations.shape)
-            y = BorderedVector(at.y.stations - step, at.y.border - change[-1:])
+            y = BorderedVector(at.y.stations - step, pressure - change[-1:])
             size = jnp.max(jnp.abs(step[:2]))
-            counts = (at.count > 0) & (at.size > exact)
+            counts = (at.taken > 0) & (at.size > exact)
             ratio = jnp.where(counts, size / at.size, at.ratio)
-            left = jnp.where(at.count > 0, jnp.minimum(ratio, 1.0), 1.0)
-            done = (left * size <= exact) & (left * jnp.abs(wrong.border[0]) <= _EXACT * volume)
+            left = jnp.where(at.taken > 0, jnp.minimum(ratio, 1.0), 1.0)
+            done = (left * size <= exact) & (left * jnp.abs(defect[0]) <= _EXACT * volume)
             lost = ~jnp.isfinite(size) | (counts & (ratio > 0.9) & ~done)
-            return _Newton(y, size, ratio, at.count + 1, done, lost)
+            return _Newton(y, size, ratio, at.taken + 1, done, lost)
 
         def going(at: _Newton) -> Array:
-            return ~at.done & ~at.lost & (at.count < _MOST_CORRECTIONS)
+            return ~at.done & ~at.lost & (at.taken < _MOST_CORRECTIONS)
 
         never, none = jnp.asarray(False), 0.0 * base.length
         y = BorderedVector(guess.q, guess.pressure)
         start = _Newton(y, none, none, jnp.zeros((), jnp.int32), never, never)
         end = jax.lax.while_loop(going, correct, start)
         _, velocity, flow, rate = self.force(near, base, end.y)
-        state = State(end.y.stations, end.y.border, self.level)
-        return Half(state, velocity, flow, rate, end.count, end.ratio, end.done)
+        state = State(end.y.stations, border_of(end.y), self.level)
+        return Half(state, velocity, flow, rate, end.taken, end.ratio, end.done)
 
 
 class _Newton(NamedTuple):
@@ -267,7 +268,7 @@ class _Newton(NamedTuple):
     y: BorderedVector
     size: Float[Array, ""]
     ratio: Float[Array, ""]
-    count: Int[Array, ""]
+    taken: Int[Array, ""]
     done: Bool[Array, ""]
     lost: Bool[Array, ""]
 
@@ -403,12 +404,12 @@ def _stages(middle: float, first: tuple[float, float], before: tuple[float, floa
     cubic = np.array([0.0, 1 / (6 * middle), (2 - 3 * middle) / 6]) / (1 - middle)
     cubic[0] = 1 - np.sum(cubic)
     rows = [middle, 1.0], first, before, own - cubic
-    return _Stages(*(np.asarray(x) for x in rows))
+    return _Stages(*(jnp.asarray(x) for x in rows))
 
 
 # TR-BDF2; and the two stages of order two that need no rate of the flow at the begin.
-_GOING = _stages(2 * _LENGTH, (_LENGTH, 0.5 - _LENGTH / 2), (0.0, 0.5 - _LENGTH / 2))
-_STARTING = _stages(_LENGTH, (0.0, 0.0), (0.0, 1 - _LENGTH))
+_GOING = (2 * _LENGTH, (_LENGTH, 0.5 - _LENGTH / 2), (0.0, 0.5 - _LENGTH / 2))
+_STARTING = (_LENGTH, (0.0, 0.0), (0.0, 1 - _LENGTH))
 
 
 class _Trial(NamedTuple):
@@ -441,12 +442,12 @@ def _tried(
 ) -> _Trial:
     """Both halves of a step."""
     series = moving.skin.series
-    stages = jax.tree.map(lambda a, b: jnp.where(now.jumped, a, b), _STARTING, _GOING)
+    stages = jax.tree.map(
+        lambda a, b: jnp.where(now.jumped, a, b), _stages(*_STARTING), _stages(*_GOING)
+    )
     exact = _EXACT_STEP * now.largest
     none = jnp.zeros((), jnp.int32)
-    begin = Half(
-        now.state, now.velocity, now.flow, now.rate, none, 0 * step, jnp.asarray(True)
-    )
+    begin = Half(now.state, now.velocity, now.flow, now.rate, none, 0 * step, jnp.asarray(True))
 
     def based(x: Any, first: Any, before: Any, weights: tuple[Array, Array]) -> Any:
         a, b = (step * w for w in weights)
@@ -480,7 +481,10 @@ def _tried(
     rates = jnp.concatenate([now.velocity[None], velocities])
     wrong = step * jnp.tensordot(stages.wrong, rates, 1)
     middle = stages.end[0]
-    slopes = (stresses[0] - now.past.stress) / middle, (stresses[1] - stresses[0]) / (1 - middle)
+    slopes = (
+        (stresses[0] - now.past.stress) / middle,
+        (stresses[1] - stresses[0]) / (1 - middle),
+    )
     bend = 2 * jnp.max(jnp.abs(slopes[1] - slopes[0]))
     return _Trial(end, past, wrong, bend, jnp.max(jnp.abs(stresses[1])), end.good)
 
