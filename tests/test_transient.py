@@ -1,4 +1,4 @@
-"""A section in motion: closed forms of small motions, volume, the limit of statics, when it counts."""
+"""A section in motion: closed forms of small motions, volume, statics as a limit."""
 
 import tomllib
 from typing import Any

@@ -302,9 +302,9 @@ def _densities(skin: DrivenSkin) -> Densities:
     known = densities_of(skin.scene.scene)
     own = skin.inputs
     return known._replace(
-        oil=own["oil.density"],
-        viscosity=own["oil.viscosity"],
-        membrane=own["material.density"],
+        oil=jnp.asarray(own["oil.density"]),
+        viscosity=jnp.asarray(own["oil.viscosity"]),
+        membrane=jnp.asarray(own["material.density"]),
     )
 
 
