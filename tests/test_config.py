@@ -132,7 +132,7 @@ def test_every_shipped_file_is_covered():
         *("suas-ellipse", "suas-flat-topped"),
     }
     assert preset_names() == ["epdm-paper", "neo-hookean-epdm", "rubber-table1"]
-    assert len(SCENES) == 16
+    assert len(SCENES) == 17
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
