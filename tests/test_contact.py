@@ -157,6 +157,22 @@ def test_force_and_stiffness_are_derivatives_of_the_energy(
     np.testing.assert_allclose(product[inner], difference[inner], atol=1e-6 * size)
 
 
+def test_every_element_that_touches_pushes() -> None:
+    """Few are worked out at a time: here more than that touch."""
+    problem = held(scene(line(20, 30)), SHELL)
+    pad, factor = problem.mechanics, jnp.ones(1)
+    pressed = find(dataclasses.replace(problem, mechanics=pad.with_wall(None))).state
+    q, assemble = 40 * pressed.q, quick(type(pad).assemble)
+    assert int(jnp.sum(jnp.any(pad.contact(q, pad.wall).gap < 0, 0))) > 4
+    there = assemble(pad, q, pressed.pressure, factor)
+    force, volume = quick(type(pad).imbalance)(pad, q, pressed.pressure, factor)
+    free = assemble(pad.with_wall(None), q, pressed.pressure, factor)
+    size = float(jnp.abs(force - free.residual).max())
+    assert size > 0
+    np.testing.assert_allclose(there.residual, force, atol=1e-12 * size)
+    np.testing.assert_allclose(there.volume_change, volume, rtol=1e-13)
+
+
 def with_layer(spec: SceneSpec, thickness: str, stiffness: str) -> SceneSpec:
     table = spec.model_dump(exclude_unset=True, by_alias=True)
     return SceneSpec(**table, wall={"layer": {"thickness": thickness, "stiffness": stiffness}})

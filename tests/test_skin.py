@@ -10,8 +10,11 @@ import pytest
 from skins import EPDM, quick
 
 from suas_jax.config import continuous_inputs, scene_from_dict
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
+from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.forward import (
     Loads,
     SensorOutput,
@@ -237,6 +240,36 @@ def test_a_skin_without_electrodes_is_refused() -> None:
         skin_of(spec)
     with pytest.raises(ValueError, match=r"electrodes\.strays"):
         skin_of(a_scene(), {"electrodes.strays": 1.0})
+
+
+def test_the_error_of_the_model_is_bounded_and_named() -> None:
+    skin = skin_of(a_scene())
+    problem = skin.problem(Loads.line(0.3, [0.0, 10.0, 10.0, 10.0, 10.0]))
+    shape = problem.mechanics.rest().shape[:2]
+    q = np.zeros((*shape, 5))
+    q[1, 8:20] = -2e-4 * np.array([0, 1, 1, 1, 1])
+    pressure, factor = jnp.array([0.0, 2e3, 2e3, 2e3, 1e-3]), jnp.ones(5)
+    root = State(jnp.asarray(q), pressure, factor)
+    # At rest, in displacement, in pressure, through the wall, of a pressure that is none.
+    change = np.zeros_like(q)
+    change[1, 16] = [0, 2e-5, 0, -5.5e-3, 0]
+    more = jnp.array([0.0, 0.0, 2e3, 0.0, 1.0])
+    shown = State(root.q + change, pressure + more, factor)
+    found = bounded(problem, root, shown, jnp.zeros(5, jnp.int32))
+    floor = problem.mechanics.omitted_floor
+    expected = [floor, floor + 0.4 * 0.1 + 0.01, floor + 0.4 + 1.0]
+    np.testing.assert_allclose(found.error[:3], expected, rtol=1e-12)
+    assert [NAMES[k] for k in found.result] == [
+        "converged",
+        "converged",
+        "beyond_model",
+        "beyond_model",
+        "converged",
+    ]
+    assert floor + 0.08 <= found.error[4] < 0.1
+    free = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(None))
+    through = found.error[3] - bounded(free, root, shown, found.result).error[3]
+    assert float(through) > 0.1
 
 
 # The field in the film.

@@ -35,13 +35,14 @@ from suas_jax.numerics.bordered_solve import (
     solve_bordered,
     solve_near,
 )
-from suas_jax.numerics.lanes import in_chunks
+from suas_jax.numerics.lanes import for_some, in_chunks
 from suas_jax.skin.wall import Wall
 
 # Unknowns, over all lanes, that go through the loop together: few enough that the arrays
 # made of them stay in cache. Measured: with 32 elements, chunks of 64 lanes took a third of
 # the time per lane that chunks of 128 took.
 _CHUNK = 8192
+_HELD = 4  # lanes at the wall that are solved together: they differ more than free ones
 
 
 class Equilibrium(NamedTuple):
@@ -88,7 +89,12 @@ class _Root(NamedTuple):
     change: BorderedVector | None
 
 
-def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) -> Found:
+def _solve_lanes(
+    problem: Problem,
+    start: State | None,
+    stepping: LoadStepping,
+    through: Bool[Array, " lane"] | None = None,
+) -> Found:
     lanes = max(x.shape[-1] for x in jax.tree.leaves((problem, start)))
     going = None if start is None or problem.oil_pressure is not None else start.factor != 0
     rest = settled(problem, lanes, stepping, going)
@@ -103,7 +109,15 @@ def _solve_lanes(problem: Problem, start: State | None, stepping: LoadStepping) 
                 y = jax.tree.map(lambda a, b: jnp.where(near, a, b), y, rest.y)
         begin = rest.y if problem.prestressed else None
         found = follow(
-            problem, y, level, zero + 1, stepping, near=near, finished=lost, rest=begin
+            problem,
+            y,
+            level,
+            zero + 1,
+            stepping,
+            near=near,
+            finished=lost,
+            rest=begin,
+            through=through,
         )
         return found if lost is None else _after(rest, found)
     wanted = jnp.broadcast_to(problem.oil_pressure, zero.shape)
@@ -143,13 +157,18 @@ def _solve_on_demand(
     if wall is None:
         return root
     held = smallest_gap(free.mechanics, root.found.y.stations, wall) < 0
+    through = None
+    if start is None and problem.oil_pressure is None:
+        start = Equilibrium.of(free, root.found).state
+        through = root.found.result == 0
+        start = start._replace(factor=jnp.where(through, start.factor, 0.0))
 
-    def solve(root: _Root) -> _Root:
-        found = _solve_lanes(problem, start, stepping)
-        with_wall = _with_change(problem, found, omitted=omitted)
-        return jax.tree.map(lambda a, b: jnp.where(held, a, b), with_wall, root)
+    def solve(arguments: tuple[Problem, State | None, Bool[Array, " lane"] | None]) -> _Root:
+        problem, start, through = arguments
+        found = _solve_lanes(problem, start, stepping, through)
+        return _with_change(problem, found, omitted=omitted)
 
-    return jax.lax.cond(jnp.any(held), solve, lambda root: root, root)
+    return for_some(solve, (problem, start, through), held, root, _HELD)
 
 
 def _with_change(problem: Problem, found: Found, *, omitted: bool) -> _Root:

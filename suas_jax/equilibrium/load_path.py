@@ -156,6 +156,7 @@ def follow(
     finished: Bool[Array, " lane"] | None = None,
     rest: BorderedVector | None = None,
     rest_level: Lanes | float = 0.0,
+    through: Bool[Array, " lane"] | None = None,
 ) -> Found:
     """Follow the path, to the wall and against it if the membrane has one, and under bodies.
 
@@ -170,6 +171,8 @@ def follow(
         finished: lanes that stay where they are.
         rest: where paths begin anew under given loads; None for the undeformed state.
         rest_level: its load level.
+        through: lanes that start at the target's own equilibrium without the wall: the wall
+            comes in softly there.
     """
     if not problem.mechanics.touches:
         stepping = dataclasses.replace(stepping, finished=finished)
@@ -181,7 +184,12 @@ def follow(
     goal = jnp.where(finished, start, target)
     phase = none + jnp.where(near, _ATTEMPT, _LOAD).astype(none.dtype)
     anew = None if rest is None else (rest, rest_level + 0 * target)
-    return _to_the_wall(problem, begin, goal, phase, finished, stepping, pressure_given, anew)
+    attempt = jnp.zeros_like(target)
+    if through is not None:
+        attempt = jnp.where(through, _SOFTEST, attempt)
+        phase = jnp.where(through, _ATTEMPT, phase).astype(phase.dtype)
+    known = stepping, pressure_given
+    return _to_the_wall(problem, begin, goal, phase, finished, *known, anew, attempt)
 
 
 class _Standing(NamedTuple):
@@ -216,6 +224,7 @@ def _to_the_wall(
     stepping: LoadStepping,
     pressure_given: Bool[Array, ""] | None,
     anew: tuple[BorderedVector, Lanes] | None = None,
+    attempt: Lanes | float = 0.0,
 ) -> Found:
     """Attempt, load and stiffen: one loop for all lanes, whatever their phase.
 
@@ -228,6 +237,7 @@ def _to_the_wall(
         stepping: settings of the load stepping.
         pressure_given: see `balance.residual`.
         anew: where paths begin once more, and at which level; see `follow`.
+        attempt: logarithm of the stiffness, as a share of the wall's own, of attempts.
     """
     if anew is None:
         border = None if begin.y.border is None else 0 * begin.level
@@ -236,7 +246,7 @@ def _to_the_wall(
     def go(at: _Standing) -> _Standing:
         attempts, loads, stiffens = (at.phase == k for k in (_ATTEMPT, _LOAD, _STIFFEN))
         trial = jnp.minimum(at.reached + at.stride, 0.0)
-        trial = jnp.where(attempts, 0.0, jnp.where(loads, at.softest, trial))
+        trial = jnp.where(attempts, attempt, jnp.where(loads, at.softest, trial))
         careful = dataclasses.replace(
             stepping,
             rtol=jnp.where(trial < 0, _SOFT_RTOL, stepping.rtol),

@@ -64,6 +64,11 @@ class RESULTS(eqx.Enumeration):
         "the force. The state reported is the nearest to it. Pull less, press harder, or give "
         "the drag instead of the force."
     )
+    beyond_model = (
+        "What the thin shell leaves out changes the state found by more than its first-order "
+        "effect can tell, or brings the face through the wall: readings of it mean nothing. "
+        "Reduce the load, or ask `suas solve` with the solid for this one."
+    )
 
 
 # In the order of the enumeration: what is stored per lane is a position in this list.
@@ -81,6 +86,7 @@ NAMES: tuple[str, ...] = (
     "body_on_clamp",
     "squeezed",
     "sliding",
+    "beyond_model",
 )
 
 

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, PyTree
+from jaxtyping import Array, ArrayLike, Bool, PyTree
 
 Arguments = TypeVar("Arguments")
 Result = TypeVar("Result")
@@ -71,6 +71,37 @@ def in_chunks(solve: Callable[[Arguments], Result], arguments: Arguments, chunk:
         return found, jax.tree.map(lambda _: True, found)
 
     return call(arguments)
+
+
+def for_some(
+    solve: Callable[[Arguments], Result],
+    arguments: Arguments,
+    needed: Bool[Array, " lane"],
+    rest: Result,
+    width: int,
+) -> Result:
+    """Call a function of lanes for those that need it: the others cost nothing.
+
+    Without derivatives in reverse mode.
+
+    Args:
+        solve: takes and returns pytrees of arrays that end in a lane axis.
+        arguments: its argument; a lane axis of length one is shared by all lanes.
+        needed: which lanes.
+        rest: what the others have.
+        width: lanes in one call.
+    """
+    lanes = needed.shape[-1]
+    order, count = jnp.argsort(~needed), jnp.sum(needed)
+    width = min(width, lanes)
+
+    def some(call: Array, found: Result) -> Result:
+        # The last call may go round some lane more than once.
+        chosen = order[jnp.minimum(call * width + jnp.arange(width), count - 1)]
+        own = jax.tree.map(lambda x: x if x.shape[-1] == 1 else x[..., chosen], arguments)
+        return jax.tree.map(lambda a, x: a.at[..., chosen].set(x), found, solve(own))
+
+    return jax.lax.fori_loop(0, -(-count // width), some, rest)
 
 
 def _merge(x: Array, batched: bool, size: int, lanes: int) -> Array:

@@ -16,6 +16,7 @@ from suas_jax.mechanics.model import Meshes
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.scene.build import problem_of
 from suas_jax.scene.error_estimate import (
+    BY_PENETRATION,
     Corrected,
     correction_mesh_changes,
     error_scales,
@@ -28,8 +29,6 @@ from suas_jax.scene.error_estimate import (
 from suas_jax.scene.observables import observe
 from suas_jax.scene.parts import SceneParts
 
-# Relative error by a penetration over that in the displacement: pressures go with its square.
-_BY_PENETRATION = 2.0
 # Relative error from which a body's force is no answer.
 _MEANINGLESS = 0.1
 _LEAST = 1e-300
@@ -298,4 +297,4 @@ def error_beyond_wall(
         return jnp.zeros_like(shown_gap)
     depth = jnp.maximum(-shown_gap, 0.0)
     missed = smallest_gap(mechanics, state.q, mechanics.wall) > 0
-    return jnp.where((depth > 0) & missed, _BY_PENETRATION * depth / displacement, 0.0)
+    return jnp.where((depth > 0) & missed, BY_PENETRATION * depth / displacement, 0.0)

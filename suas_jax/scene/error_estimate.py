@@ -10,9 +10,14 @@ quantities with one linear solve, as adjoint weighting does for one quantity.
 import functools
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Int
 
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.equilibrium.correction import corrected_contact
+from suas_jax.equilibrium.equilibrium import smallest_gap
+from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.skin.pad_loads import DeadLoad
@@ -21,6 +26,11 @@ from suas_jax.skin.pad_loads import DeadLoad
 _MESH_MARGIN = 2.0
 # A pressure alone brings a vented arch near buckling, where what first order leaves is more.
 _PRESSURE_ALONE = 2.5
+BY_PENETRATION = 2.0
+"""Relative error by a penetration over that in the length: pressures go with its square."""
+MODEL_LIMIT = 0.1
+"""Bound of the model's error beyond which a state of the fast path is no answer."""
+_BY_CHANCE = 0.2
 _TINY = 1e-300
 
 
@@ -68,12 +78,17 @@ def error_scales(problem: Problem, values: list[Lanes]) -> list[Lanes]:
     if not problem.prestressed:
         return values
     mechanics, section = problem.mechanics, problem.mechanics.section
-    slender = section.mean_thickness / section.size
-    least = 8 / 3 * mechanics.law.shear_modulus * slender**3
+    least = _buckling(mechanics)
     pressure, *moved, largest = values
     if mechanics.growth is not None:
         largest = largest + jnp.abs(mechanics.growth.hoop) * section.size
     return [jnp.maximum(jnp.abs(pressure), least), *moved, largest]
+
+
+def _buckling(mechanics: AbstractMechanics) -> Lanes:
+    """Pressure that would buckle a half-cylinder of the membrane [Pa]."""
+    slender = mechanics.section.mean_thickness / mechanics.section.size
+    return 8 / 3 * mechanics.law.shear_modulus * slender**3
 
 
 def relative_error(changes: list[Lanes], values: list[Lanes]) -> Lanes:
@@ -151,3 +166,58 @@ def model_changes(solved: Corrected, loads: list[DeadLoad]) -> list[Lanes]:
     *changes, largest = solved.changes(loads)
     margin = solved.problem.mechanics.omitted_margin
     return [margin * x for x in (*changes, _PRESSURE_ALONE * largest)]
+
+
+class Bounded(NamedTuple):
+    """How far the model can be trusted at a state.
+
+    Attributes:
+        error: bound of its relative error.
+        result: index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`.
+    """
+
+    error: Lanes
+    result: Int[Array, " lane"]
+
+
+def bounded(
+    problem: Problem, root: State, shown: State, result: Int[Array, " lane"]
+) -> Bounded:
+    """Bound the model's error by sums over the unknowns alone, for the fast path.
+
+    With the first-order effect x of what the mechanics leaves out, relative to displacement and
+    pressure, the bound is twice its share as in `model_changes`, x^2 for what first order does
+    not tell, and twice the depth by which it takes the inner face into the wall, relative to
+    the film. Relative errors of a pressure that is zero by chance mean little: they count
+    up to `_BY_CHANCE`, or relative to the pressure that would buckle a half-cylinder.
+
+    Args:
+        problem: membrane, oil and loads.
+        root: their equilibrium.
+        shown: the same with the effect of what the mechanics leaves out.
+        result: index of the outcome so far.
+    """
+    problem, root, shown = jax.lax.stop_gradient((problem, root, shown))
+    mechanics = problem.mechanics
+    if not mechanics.corrected:
+        return Bounded(jnp.zeros_like(root.pressure), result)
+    size = mechanics.displacement_size
+    values = [root.pressure, jnp.maximum(size(root.q), _TINY)]
+    pressure, moved = error_scales(problem, values)
+    change = shown.pressure - root.pressure
+    by_pressure = relative_error([change], [pressure])
+    lasting = relative_error([change], [jnp.maximum(jnp.abs(pressure), _buckling(mechanics))])
+    by_pressure = jnp.minimum(by_pressure, jnp.maximum(lasting, _BY_CHANCE))
+    by_moving = size(shown.q - root.q) / moved
+    first = 2 * mechanics.omitted_margin * jnp.maximum(by_pressure, by_moving)
+    error = mechanics.omitted_floor + first + jnp.maximum(lasting, by_moving) ** 2
+    if mechanics.wall is not None:
+        gap = corrected_contact(mechanics, shown, root).gap
+        there = jnp.min(gap, tuple(range(gap.ndim - 1)))
+        before = jnp.minimum(smallest_gap(mechanics, root.q, mechanics.wall), 0.0)
+        film = mechanics.wall.geometry.oil_gap
+        error = error + BY_PENETRATION * jnp.maximum(before - there, 0.0) / film
+        error = error + jnp.where(before < 0, mechanics.omitted_at_wall, 0.0)
+    beyond = (result == 0) & ~(error <= MODEL_LIMIT)
+    named = jnp.where(beyond, index_of("beyond_model"), result).astype(result.dtype)
+    return Bounded(error, named)

@@ -12,6 +12,7 @@ the default 32 elements SO is within 1e-3 of the converged shell at the load and
 mean over the pad (`benchmarks/sensing_accuracy.py`), which is the shell's own model error.
 """
 
+import difflib
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
+from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.sensing.taxels import check_taxels
@@ -91,9 +93,11 @@ class SensorOutput(NamedTuple):
         wall_force: that the wall carries [N]; zero where the skin has none.
         min_gap: smallest between membrane and wall, over all of the skin [m].
         state: the shell's equilibrium, to start a neighbouring one from.
+        error: bound of the relative error that the thin shell makes in pressure and
+            displacement; that of the mesh is not in it.
         result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
-            Where it is not, everything else belongs to the last equilibrium before the
-            failure.
+            `beyond_model` names a state whose `error` exceeds a tenth. Where no equilibrium
+            was found, everything else belongs to the last one before the failure.
     """
 
     readings: Readings
@@ -101,6 +105,7 @@ class SensorOutput(NamedTuple):
     wall_force: Lanes
     min_gap: Lanes
     state: State
+    error: Lanes
     result: Int[Array, " lane"]
 
     @property
@@ -180,7 +185,8 @@ def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
         contact = corrected_contact(problem.mechanics, shown, root)
         force = jnp.sum(contact.area * contact.pressure, (0, 1)) * skin.geometry.width
     min_gap = jnp.min(contact.gap, (0, 1))
-    return SensorOutput(readings, shown.pressure, force, min_gap, root, found.result)
+    trust = bounded(problem, root, shown, found.result)
+    return SensorOutput(readings, shown.pressure, force, min_gap, root, *trust)
 
 
 def load_jacobian(
@@ -249,15 +255,33 @@ def skin_of(
     """
     require_float64()
     spec.require_plane_strain("`skin_of`")
-    known = continuous_inputs(spec)
-    for path in inputs or ():
-        if path not in known:
-            raise ValueError(f'"{path}" is no continuous input of this skin')
+    numbers = known_inputs(spec, inputs)
     if spec.electrodes is not None:
         check_taxels(spec.electrodes, spec.geometry)
-    parts = skin_parts(spec, {**known, **(inputs or {})})
+    parts = skin_parts(spec, numbers)
     wall = parts.wall if contact else None
     return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)
+
+
+def known_inputs(
+    spec: SkinSpec, inputs: Mapping[str, ArrayLike] | None
+) -> dict[str, ArrayLike]:
+    """A skin's numbers by TOML path, some of them replaced.
+
+    Args:
+        spec: the skin.
+        inputs: what replaces them; None for nothing.
+
+    Raises:
+        ValueError: a path is none of its inputs.
+    """
+    own: dict[str, ArrayLike] = dict(continuous_inputs(spec))
+    for path in inputs or ():
+        if path not in own:
+            near = difflib.get_close_matches(path, own, 1)
+            hint = f'; did you mean "{near[0]}"?' if near else ""
+            raise ValueError(f'"{path}" is no continuous input of this skin{hint}')
+    return {**own, **(inputs or {})}
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected, corrected_contact
@@ -30,7 +30,8 @@ from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import Footprint, PadPlan, plan_pad
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
-from suas_jax.scene.forward import SensorOutput
+from suas_jax.scene.error_estimate import bounded
+from suas_jax.scene.forward import SensorOutput, known_inputs
 from suas_jax.scene.parts import skin_parts
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.taxels import check_taxels
@@ -193,7 +194,8 @@ def pad_skin_of(
         contact: whether the wall holds the membrane, if the specification says so.
 
     Raises:
-        ValueError: the skin has no electrodes, or is one in plane strain.
+        ValueError: the skin has no electrodes, is one in plane strain, or a path is none of
+            its inputs.
         Float64Error: float64 is off.
     """
     require_float64()
@@ -201,7 +203,7 @@ def pad_skin_of(
         raise ValueError('a pad needs geometry.ends = "clamped"; this skin is in plane strain')
     if spec.electrodes is not None:
         check_taxels(spec.electrodes, spec.geometry)
-    parts = skin_parts(spec, {**continuous_inputs(spec), **(inputs or {})})
+    parts = skin_parts(spec, known_inputs(spec, inputs))
     wall = parts.wall if contact else None
     return PadSkin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)
 
@@ -261,7 +263,8 @@ def _solve(
         force = jnp.sum(contact.area * contact.pressure, (0, 1))
     readings = skin.electrodes.read(pad, shown.q)
     result = kept_in_domain(pad, shown.q, found.result)
-    return SensorOutput(readings, shown.pressure, force, gap, root, result)
+    trust = bounded(problem, root, shown, result)
+    return SensorOutput(readings, shown.pressure, force, gap, root, *trust)
 
 
 def read(skin: PadSkin, problem: Problem, state: State, found: Array) -> PadReadings:

@@ -15,6 +15,7 @@ from fitting.statistics.log_probability import LogProbability, NumpyBatch
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.scene.error_estimate import bounded
 
 _SAME = np.deg2rad(1.0)
 
@@ -97,6 +98,7 @@ class SectionPosterior(AbstractLoadPosterior):
             so = skin.electrodes.read(shown.mechanics, shown.state.q).so
             residual = jnp.where(weight[:, None] > 0, reading[:, None] - so, 0.0)
             chi2 = jnp.sum(weight[:, None] * residual**2, 0)
-            return jnp.where(inside & (found.result == 0), -chi2 / 2, -jnp.inf)
+            trust = bounded(problem, found.state, shown.state, found.result)
+            return jnp.where(inside & (trust.result == 0), -chi2 / 2, -jnp.inf)
 
         return log_probability

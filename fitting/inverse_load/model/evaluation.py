@@ -16,6 +16,7 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.scene.error_estimate import bounded
 from suas_jax.scene.forward import SPREAD_POINTS, Loads, Skin
 
 
@@ -28,7 +29,8 @@ class Evaluation(NamedTuple):
         pressure: of the oil, above ambient [Pa].
         min_gap: between membrane and wall [m].
         state: the shell's equilibrium, to start a neighbouring one from.
-        result: index of the outcome, 0 where converged (see `suas_jax.equilibrium.outcomes`).
+        result: index of the outcome, 0 where converged and within what the model knows (see
+            `suas_jax.equilibrium.outcomes`).
     """
 
     so: Float[Array, "taxel lane"]
@@ -97,6 +99,7 @@ def evaluate(
     found = equilibrium(problem, start, omitted=True)
     state = jax.lax.stop_gradient(found.state)
     _, shown, shell = corrected(problem, state, found.change)
+    result = bounded(problem, state, shown, found.result).result
     min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
     readings = skin.electrodes.read(shell, shown.q).so
 
@@ -113,7 +116,7 @@ def evaluate(
     units = jnp.repeat(jnp.eye(count, dtype=parameters.dtype), lanes, axis=1)
     _, columns = jax.jvp(so, (beside(parameters),), (units,))
     jacobian = jnp.moveaxis(columns.reshape(-1, count, lanes), 1, 0)
-    return Evaluation(readings, jacobian, shown.pressure, min_gap, state, found.result)
+    return Evaluation(readings, jacobian, shown.pressure, min_gap, state, result)
 
 
 def _read(
@@ -122,8 +125,9 @@ def _read(
     problem = skin.problem(Loads(angle[None], force[None], 0 * angle[None], 0 * angle))
     found = equilibrium(problem, start, omitted=True)
     root, shown, shell = corrected(problem, found.state, found.change)
+    result = bounded(problem, root, shown, found.result).result
     min_gap = shell.shape(shown.q).smallest_gap(skin.geometry).value
-    return skin.electrodes.read(shell, shown.q).so, min_gap, root, found.result
+    return skin.electrodes.read(shell, shown.q).so, min_gap, root, result
 
 
 read_program = eqx.filter_jit(_read)

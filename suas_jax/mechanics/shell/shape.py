@@ -96,6 +96,26 @@ def lever(offset: Array, curvature: Array, growth: Growth | None = None) -> Arra
     return plain if growth is None else growth.volume * plain
 
 
+def reach(
+    size: Array, curl: Array, offset: Array, curvature: Array, growth: Growth | None
+) -> Array:
+    """Distance of a fibre from the mid-line, over the length of the tangent [m].
+
+    zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane folded
+    more sharply than its thickness allows has no solution: see CRUSHED.
+
+    Args:
+        size: a = |r'|^2.
+        curl: c = x'' y' - x' y''.
+        offset: of the fibre at rest, outwards [m].
+        curvature: of the undeformed mid-line [1/m].
+        growth: of the membrane; None where it fits its seat.
+    """
+    m = lever(offset, curvature, growth)
+    root = jnp.sqrt(jnp.maximum(1 + 2 * m * curl / size**2, CRUSHED**2))
+    return 2 * m / size / (1 + root)
+
+
 def fibre_position(
     r1: tuple[Array, Array],
     r2: tuple[Array, Array],
@@ -103,10 +123,7 @@ def fibre_position(
     curvature: Array,
     growth: Growth | None,
 ) -> Float[Array, "2 ..."]:
-    """Current position of a fibre relative to the mid-line, along the normal [m].
-
-    zeta solves l (zeta + k zeta^2 / 2) = m with l = sqrt(a), k = c / l^3. A membrane folded
-    more sharply than its thickness allows has no solution: see CRUSHED.
+    """Current position of a fibre relative to the mid-line, along the normal [m]; see `reach`.
 
     Args:
         r1: tangent r'(s) of the current mid-line.
@@ -116,12 +133,8 @@ def fibre_position(
         growth: of the membrane; None where it fits its seat.
     """
     (x1, y1), (x2, y2) = r1, r2
-    a = x1**2 + y1**2
-    c = x2 * y1 - y2 * x1
-    m = lever(offset, curvature, growth)
-    root = jnp.sqrt(jnp.maximum(1 + 2 * m * c / a**2, CRUSHED**2))
-    zeta_by_size = 2 * m / a / (1 + root)
-    return zeta_by_size * jnp.stack([-y1, x1])
+    far = reach(x1**2 + y1**2, x2 * y1 - y2 * x1, offset, curvature, growth)
+    return far * jnp.stack([-y1, x1])
 
 
 def recovered(

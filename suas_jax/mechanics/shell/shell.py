@@ -327,11 +327,16 @@ class Shell(AbstractPlaneStrain):
         """Work of the loads, which act at the rigid-normal point r + (t/2) n [J/m]."""
         return load_work(self.points, self._loaded(self.elements.gather(q)))
 
+    @property
+    def _spans(self) -> tuple[Array, Array]:
+        """Angles where elements start, and which they span [rad]."""
+        return self.angles[:-1], self.angles[1:] - self.angles[:-1]
+
     def _inner_face(self, qe: Array, wall: Wall) -> ContactFace:
-        return ContactFace(wall, -1, self.section, self.angles, qe, self.growth)
+        return ContactFace(wall, -1, self.section, self._spans, qe, self.growth)
 
     def _outer_face(self, qe: Array, body: PlacedBody) -> ContactFace:
-        return ContactFace(body, 1, self.section, self.angles, qe)
+        return ContactFace(body, 1, self.section, self._spans, qe)
 
     def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
         """Energy of contact per width [J/m]; see the base class."""
@@ -406,10 +411,8 @@ class Shell(AbstractPlaneStrain):
         stiffness = mix(tables.stiffness, tangents.reshape(-1, *tangents.shape[3:]))
         stiffness = full_blocks(stiffness.reshape(4, 4, *stiffness.shape[1:]))
         if self.wall is not None:
-            face = self._inner_face(qe, self.wall)
-            terms = face.terms()
-            internal = internal + face.forces(terms.force)
-            stiffness = stiffness + face.matrix(terms)
+            forces, matrices = self._inner_face(qe, self.wall).assembled()
+            internal, stiffness = internal + forces, stiffness + matrices
         contact = travel = None
         for body in self.bodies:
             face = self._outer_face(qe, body.placed(factor))
@@ -436,6 +439,16 @@ class Shell(AbstractPlaneStrain):
             volume,
             *(None if x is None else self.elements.scatter(x) for x in (travel, contact)),
         )
+
+    def imbalance(
+        self, q: StationVector, pressure: Lanes, factor: Lanes
+    ) -> tuple[StationVector, Lanes]:
+        """Of all elements, whether they touch or not; see the base class."""
+        free = self.with_wall(None).assemble(q, pressure, factor)
+        if self.wall is None:
+            return free.residual, free.volume_change
+        pushes = self._inner_face(self.elements.gather(q), self.wall).push()
+        return free.residual + self.elements.scatter(pushes), free.volume_change
 
     def profile(self, q: StationVector, samples: int) -> Profile:
         """The deformed section at evenly spaced points; see the base class."""
