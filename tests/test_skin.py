@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from skins import EPDM, quick
 
-from suas_jax.config import continuous_inputs, scene_from_dict
+from suas_jax.config import continuous_inputs, load_skin, scene_from_dict
 from suas_jax.equilibrium.balance import State
 from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.runtime.compiled import COMPILED
@@ -23,9 +24,10 @@ from suas_jax.scene.forward import (
     loads_of,
     skin_of,
 )
-from suas_jax.scene.pad_forward import pad_forward
+from suas_jax.scene.pad_forward import pad_forward, pad_skin_of
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 
+PAD = Path(__file__).parent.parent / "configs" / "skins" / "suas-pad.toml"
 GEOMETRY = {
     "inner_radius": "57.5 mm",
     "thickness": "1.5 mm",
@@ -238,8 +240,21 @@ def test_a_skin_without_electrodes_is_refused() -> None:
     )
     with pytest.raises(ValueError, match=r"no \[electrodes\]"):
         skin_of(spec)
-    with pytest.raises(ValueError, match=r"electrodes\.strays"):
+    with pytest.raises(ValueError, match=r"electrodes\.strays.*electrodes\.stray\b"):
         skin_of(a_scene(), {"electrodes.strays": 1.0})
+    with pytest.raises(ValueError, match=r"electrodes\.strays"):
+        pad_skin_of(load_skin(PAD), {"electrodes.strays": 1.0})
+
+
+def test_many_lanes_are_those_of_few(pad: object) -> None:
+    """Half of them in a second thread, and chunk by chunk; an odd number of them."""
+    some = loads(lanes=513)
+    found, picked = forward(pad, some), np.array([0, 61, 256, 257, 512])
+    few = jax.tree.map(lambda x: x[..., picked] if x.shape[-1] == 513 else x, some)
+    alone = forward(pad, few)
+    assert found.so.shape == (4, 513)
+    np.testing.assert_allclose(found.so[:, picked], alone.so, rtol=1e-8)
+    np.testing.assert_array_equal(found.result, 0)
 
 
 def test_the_error_of_the_model_is_bounded_and_named() -> None:

@@ -138,6 +138,15 @@ def _after(rest: Found, found: Found) -> Found:
     return found._replace(result=result, iterations=found.iterations + rest.iterations)
 
 
+def lanes_together(unknowns: int) -> int:
+    """Lanes of one call; see `_CHUNK`.
+
+    Args:
+        unknowns: of one lane.
+    """
+    return max(4, _CHUNK // unknowns)
+
+
 def smallest_gap(mechanics: AbstractMechanics, q: StationVector, wall: Wall) -> Lanes:
     """Smallest gap to a wall, which needn't be the mechanics' own [m]."""
     gap = mechanics.contact(q, wall).gap
@@ -226,7 +235,7 @@ def _root(
 ) -> _Root:
     """Solve all lanes in chunks; `jax.vmap` adds lanes instead of a batch axis."""
     rest = problem.mechanics.rest()
-    chunk = max(4, _CHUNK * rest.shape[-1] // rest.size)
+    chunk = lanes_together(rest.size // rest.shape[-1])
 
     def solve(arguments: tuple[Problem, State | None]) -> _Root:
         problem, start = arguments

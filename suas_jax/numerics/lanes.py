@@ -6,6 +6,7 @@ chunks, or one by one where a lane's own arrays are large.
 """
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -71,6 +72,31 @@ def in_chunks(solve: Callable[[Arguments], Result], arguments: Arguments, chunk:
         return found, jax.tree.map(lambda _: True, found)
 
     return call(arguments)
+
+
+def in_halves(call: Callable[..., Result], *arguments: Any) -> Result:
+    """Call a compiled function for all lanes, half of them in a second thread.
+
+    Its loops over few lanes hardly use a second core by themselves.
+
+    Args:
+        call: takes and returns pytrees of arrays that end in a lane axis.
+        arguments: known numbers; a lane axis of length one is shared by all lanes.
+    """
+    lanes = lane_count(arguments)
+    size = -(-lanes // 2)  # of both, so that one program serves them
+
+    def part(begin: int) -> Result:
+        def cut(x: Any) -> Any:
+            own = eqx.is_array(x) and x.ndim and x.shape[-1] == lanes
+            return x[..., begin : begin + size] if own else x
+
+        return call(*jax.tree.map(cut, arguments))
+
+    with ThreadPoolExecutor(2) as threads:
+        first, last = threads.map(part, (0, lanes - size))
+    again = 2 * size - lanes
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b[..., again:]], -1), first, last)
 
 
 def for_some(

@@ -1,6 +1,7 @@
 """Compiled programs, and how much effort goes into compiling them."""
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -50,6 +51,7 @@ class Compiled:
         self.loaded: set[Any] = set()
         self.seconds = 0.0
         self.store: ProgramStore | None = None
+        self._compiling = threading.RLock()
 
     def run(
         self,
@@ -70,8 +72,24 @@ class Compiled:
         arrays = [x for x in leaves if eqx.is_array_like(x)]
         types = tuple(_type_of(x) if eqx.is_array_like(x) else x for x in leaves)
         key = (function, structure, types, once, long)
-        if key in self._programs:
-            return jax.block_until_ready(self._programs[key](*arrays))
+        if key not in self._programs:
+            with self._compiling:  # two threads may ask for the same one
+                if key not in self._programs:
+                    return self._first(key, function, leaves, structure, types, once, long)
+        return jax.block_until_ready(self._programs[key](*arrays))
+
+    def _first(
+        self,
+        key: Any,
+        function: Callable[..., Any],
+        leaves: list[Any],
+        structure: Any,
+        types: tuple[Any, ...],
+        once: bool,
+        long: bool,
+    ) -> Any:
+        """Compile a program, or load it, and call it."""
+        arrays = [x for x in leaves if eqx.is_array_like(x)]
         options = (_OPTIONS_ONCE_LONG if long else _OPTIONS_ONCE) if once else OPTIONS
         begin = time.perf_counter()
         program = self._loaded_or_compiled(key, function, leaves, structure, types, options)

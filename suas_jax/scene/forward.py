@@ -14,7 +14,7 @@ mean over the pad (`benchmarks/sensing_accuracy.py`), which is the shell's own m
 
 import difflib
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,9 +26,11 @@ from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected, corrected_contact
-from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.equilibrium import equilibrium, lanes_together
 from suas_jax.mechanics.shell.shell import Shell
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.bordered_solve import BorderedVector
+from suas_jax.numerics.lanes import in_chunks, in_halves, lane_count
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
@@ -43,6 +45,7 @@ from suas_jax.skin.wall import Wall
 
 ELEMENTS = 32
 """Elements of a skin's mesh along the whole arc, unless told otherwise."""
+_MANY_LANES = 512  # from which on a second thread is worth its while
 SPREAD_POINTS = 8
 """Point loads that stand for one that is spread over an arc."""
 
@@ -154,7 +157,8 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     Differentiable by every array of the skin and of the loads, in forward and reverse mode,
     through the implicit derivative of the equilibrium. Called with numbers it runs a compiled
     program, kept between runs: one serves all loads of the same shape, and a lane is cheaper
-    than a call. What is made of it is best compiled whole (``suas_jax.jit(jax.grad(loss))``).
+    than a call; half of many lanes go through a second thread. What is made of it is best
+    compiled whole (``suas_jax.jit(jax.grad(loss))``).
     A load that doesn't converge is named in `result`, a taxel that touches the wall in
     `readings.touching`; nothing is raised.
 
@@ -168,15 +172,59 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
         Float64Error: float64 is off.
     """
     require_float64()
-    output: SensorOutput = COMPILED.run_or_trace(_forward, skin, loads, start)
-    return output
+
+    def run(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
+        output: SensorOutput = COMPILED.run_or_trace(_forward, skin, loads, start)
+        return output
+
+    known = not any(
+        isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((skin, loads, start))
+    )
+    if known and lane_count((skin, loads, start)) >= _MANY_LANES:
+        return in_halves(run, skin, loads, start)
+    return run(skin, loads, start)
 
 
 @eqx.filter_jit
 def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
+    return _output(skin, loads, start)
+
+
+@eqx.filter_custom_jvp
+def _output(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
+    """All of it chunk by chunk: what is read of many lanes at once leaves the cache."""
+    arrays, static = eqx.partition((skin, loads, start), eqx.is_array)
+    arrays = jax.tree.map(jnp.atleast_1d, arrays)  # lanes come last
+
+    def one(arrays: Any) -> SensorOutput:
+        skin, loads, start = eqx.combine(arrays, static)
+        found = equilibrium(skin.problem(loads), start, wall_on_demand=True, omitted=True)
+        return _read(skin, loads, found.state, found.result, found.change)
+
+    return in_chunks(one, arrays, lanes_together(4 * (skin.elements + 1)))
+
+
+@_output.def_jvp
+def _(primals: Any, tangents: Any) -> tuple[SensorOutput, SensorOutput]:
+    skin, loads, _ = primals
+    output = _output(*primals)
+
+    def read(skin: Skin, loads: Loads) -> SensorOutput:
+        return _read(skin, loads, output.state, output.result)
+
+    return output, eqx.filter_jvp(read, (skin, loads), tangents[:2])[1]
+
+
+def _read(
+    skin: Skin,
+    loads: Loads,
+    state: State,
+    result: Int[Array, " lane"],
+    change: BorderedVector | None = None,
+) -> SensorOutput:
+    """What an equilibrium says, with its derivatives; see `Equilibrium` for the arguments."""
     problem = skin.problem(loads)
-    found = equilibrium(problem, start, wall_on_demand=True, omitted=True)
-    root, shown, shell = corrected(problem, found.state, found.change)
+    root, shown, shell = corrected(problem, state, change)
     readings = skin.electrodes.read(shell, shown.q)
     force = jnp.zeros_like(shown.pressure)
     if skin.wall is None:
@@ -185,7 +233,7 @@ def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
         contact = corrected_contact(problem.mechanics, shown, root)
         force = jnp.sum(contact.area * contact.pressure, (0, 1)) * skin.geometry.width
     min_gap = jnp.min(contact.gap, (0, 1))
-    trust = bounded(problem, root, shown, found.result)
+    trust = bounded(problem, root, shown, result)
     return SensorOutput(readings, shown.pressure, force, min_gap, root, *trust)
 
 
