@@ -70,7 +70,8 @@ def speed() -> list[str]:
         "|---|---|",
         "| section: one equilibrium from rest, one with the gradient by all inputs | "
         f"{1e3 * alone:.2f} ms, {1e3 * with_gradient:.2f} ms |",
-        "| section: equilibria in a batch, two threads, from rest, from a neighbouring state | "
+        "| section: equilibria of 1 to 25 N at the crown on 16 elements in a batch, "
+        "two threads, from rest, from a neighbouring state | "
         f"{from_rest:,.0f} per second, {from_near:,.0f} per second |",
         f"| section: one frame of 40 taxels to its load, warm | {1e3 * frame:.1f} ms |",
     ]
