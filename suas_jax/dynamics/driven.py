@@ -36,7 +36,7 @@ from suas_jax.scene.build import problem_of
 from suas_jax.scene.contact_zone import body_observables
 from suas_jax.scene.parts import SceneParts, scene_parts
 from suas_jax.scene.structure import Inputs, Structure
-from suas_jax.scene.travel import driven_by_force
+from suas_jax.scene.travel import FIRST, LONGEST, POWER, driven_by_force
 
 FACTOR = "factor"
 """Of the values that change: on all loads. The others are inputs by their paths."""
@@ -44,8 +44,6 @@ Values = dict[str, Array]
 
 _TOLERANCE, _LOOSE = 1e-10, 1e-8  # of a force, and where rounding leaves no more
 _MOST_TRAVELS = 15
-_FIRST, _POWER = 0.25, 1.5  # travel to begin with, in thicknesses; force over travel there
-_LONGEST = 1.5  # step of a logarithm
 
 
 class Travels(NamedTuple):
@@ -159,7 +157,7 @@ class DrivenSkin(AbstractDriven):
     def no_travels(self) -> Travels:
         """Of bodies that have not been pressed."""
         count = len(self.pressed)
-        return Travels(jnp.zeros(count), _POWER * jnp.eye(count))
+        return Travels(jnp.zeros(count), POWER * jnp.eye(count))
 
     def _built(self, inputs: Inputs) -> tuple[SceneParts, Problem]:
         parts = scene_parts(self.scene.scene, inputs)
@@ -208,7 +206,7 @@ class DrivenSkin(AbstractDriven):
             return self.forces(parts, answering(problem, after), at.state)
 
         wanted = jnp.stack([values[f"load.{i}.force"] for i in self.pressed])
-        first = _FIRST * self.scene.scene.geometry.mean_thickness
+        first = FIRST * self.scene.scene.geometry.mean_thickness
         return _under_forces(found, forces, start, wanted, (travels, before), first)
 
     def forces(self, parts: SceneParts, problem: Problem, state: State) -> Array:
@@ -320,7 +318,7 @@ def _under_forces(
         learn = at.tried & (size > 0)
         more = jnp.outer(dy - at.slope @ dx, dx) / jnp.where(size > 0, size, 1.0)
         slope = at.slope + jnp.where(good & learn, more, 0.0)
-        stride = jnp.clip(jnp.linalg.solve(slope, target - y), -_LONGEST, _LONGEST)
+        stride = jnp.clip(jnp.linalg.solve(slope, target - y), -LONGEST, LONGEST)
         better = error < at.error
         stands = good & ~better & (at.error < _LOOSE)
         best = jax.tree.map(lambda a, b: jnp.where(better, a, b), now, at.best)

@@ -56,12 +56,12 @@ from suas_jax.numerics.bordered_solve import BorderedVector
 
 # Of the c of either half, over the step.
 _LENGTH = 1 - 1 / math.sqrt(2)
-_MOST_CORRECTIONS = 12
+_MOST_CORRECTIONS = 20
 # Of a correction that does not count, over the largest displacement; of the film's volume.
 _EXACT_STEP, _EXACT = 1e-9, 1e-12
-_SLOW = 0.6  # ratio of corrections from which on an inverse is made anew
-_OTHER_STEP = 0.05  # difference of steps that an inverse serves
-_LONGER, _WORTH, _SHORTER = 4.0, 1.5, 0.2  # of the next step
+_SLOW = 0.75  # ratio of corrections from which on an inverse is made anew
+_OTHER_STEP = 0.2  # difference of steps that an inverse serves
+_LONGER, _WORTH, _SHORTER = 4.0, 2.5, 0.2  # of the next step
 _SMALLEST = 1e-12  # step over a row at which the history is given up
 
 

@@ -19,9 +19,9 @@ from suas_jax.scene.structure import Inputs
 _TOLERANCE = 1e-11  # of a force
 _LOOSE = 1e-9  # where rounding leaves no more
 _MOST_RUNS = 60
-_FIRST = 0.25  # travel to begin with, in thicknesses
-_POWER = 1.5  # with which a force grows with the travel, at first sight
-_LONGEST = 1.5  # step of a logarithm
+FIRST = 0.25  # travel to begin with, in thicknesses
+POWER = 1.5  # with which a force grows with the travel, at first sight
+LONGEST = 1.5  # step of a logarithm
 _PROBE, _ACROSS = 1e-3, 0.3  # drag to learn from, and longest step of it, in thicknesses
 _LEVEL = 1e-3  # least share of the normal force that a thickness of drag is taken to add
 _PATIENCE = 12  # runs without progress after which a body slides
@@ -115,7 +115,7 @@ class _Search(NamedTuple):
         self, x: np.ndarray, step: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
     ) -> np.ndarray:
         """A step no longer than what is trusted, drags between those known to be too far."""
-        most = np.array([_ACROSS if d.across else _LONGEST for d in self.driven])
+        most = np.array([_ACROSS if d.across else LONGEST for d in self.driven])
         new, (low, high) = x + np.clip(step, -most, most), ends
         outside = (new <= low) | (new >= high)
         known = np.isfinite(low) & np.isfinite(high)
@@ -143,13 +143,13 @@ def under_forces(
     known = [number(inputs.get(d.path(d.travel), 0.0)) / length for d in loaded]
     x = np.array(
         [
-            v if d.across else np.log(v if v > 0 else _FIRST)
+            v if d.across else np.log(v if v > 0 else FIRST)
             for d, v in zip(loaded, known, strict=True)
         ]
     )
     best: tuple[float, Solved, np.ndarray] | None = None
     before: tuple[np.ndarray, np.ndarray] | None = None
-    slope, idle = np.diag([0.0 if d.across else _POWER for d in loaded]), 0
+    slope, idle = np.diag([0.0 if d.across else POWER for d in loaded]), 0
     unknown = [k for k, d in enumerate(loaded) if d.across]
     across = np.array([d.across for d in loaded], bool)
     low, high = np.full(len(x), -np.inf), np.full(len(x), np.inf)
