@@ -245,17 +245,25 @@ def test_a_logarithmic_energy_has_the_pressure_of_its_derivative() -> None:
     assert _Fitted.of([test], "relative").square > 1e-3
 
 
-def test_the_best_law_is_stable_converged_determined_and_of_least_aicc() -> None:
-    def fit(title: str, **changes: Any) -> Any:
+def test_the_best_law_is_stable_converged_determined_and_of_least_aicc(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fit(title: str, times: float = 1.0, **changes: Any) -> Any:
         fields: dict[str, Any] = {
             "family": SimpleNamespace(title=title),
             "status": "converged",
+            "stress": lambda stretches: (times * middle, None),
             "uncertainty": SimpleNamespace(spare=0),
             "instabilities": lambda margin: [],
         }
         return SimpleNamespace(**{**fields, **changes})
 
-    good, second = fit("good"), fit("second")
+    # One mode was not measured; its 95 % band is 5 % wide on either side.
+    middle = np.array([1.0, 2.0])
+    band = {"equibiaxial": (np.array([1.1, 1.2]), middle, 0.05 * middle)}
+    monkeypatch.setattr(Comparison, "_bands", band)
+    good, second = fit("good"), fit("second", times=1.04)
+    strange, stranger = fit("strange", times=1.1), fit("stranger", times=0.5)
     unstable = fit("unstable", instabilities=lambda margin: ["shear"] if margin == 0.1 else [])
     lost = fit("lost", status="not_converged")
     open_ = fit("open", uncertainty=SimpleNamespace(spare=2))
@@ -269,6 +277,12 @@ def test_the_best_law_is_stable_converged_determined_and_of_least_aicc() -> None
     assert found.against(lost) == ["no start converged"]
     assert found.against(open_) == ["2 combinations of constants not determined"]
     assert found.against(good) == []
+    assert found.against(second) == []
+    assert Comparison((stranger, strange, good), {}).best is good
+    assert Comparison((stranger, strange), {}).best is strange
+    assert found.against(strange) == [
+        "equibiaxial, not measured: 1.1 times the middle of the 95 % band"
+    ]
 
 
 def test_a_test_that_remembers_is_only_asked_for_its_length() -> None:

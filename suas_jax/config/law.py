@@ -135,7 +135,10 @@ class LawSpec(Spec):
     expansion: RubberExpansion | None = Field(default=None, examples=['"1.6e-4 / K"'])
     bulk_modulus: RubberBulkModulus | None = Field(default=None, examples=['"2 GPa"'])
     correlation: CorrelationSpec | None = Field(
-        default=None, examples=['{ of = ["C1", "C2"], matrix = [[1.0, -0.9], [-0.9, 1.0]] }']
+        default=None,
+        examples=[
+            '{ of = ["relaxation.g.0", "relaxation.g.1"], matrix = [[1, -0.9], [-0.9, 1]] }'
+        ],
     )
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
