@@ -1,5 +1,6 @@
 """A live run from a simulated device: recorded, sent on, and through lost links."""
 
+import contextlib
 import json
 import socket
 import threading
@@ -99,12 +100,19 @@ def played(folder: Path, faults: Faults | None, watchers: list[Any]) -> Any:
     return read_log(log), told[0]
 
 
+def admitted(server: LineServer) -> socket.socket:
+    """A connection that has shown the token."""
+    client = socket.create_connection(server.address)
+    client.sendall(f"{server.token}\n".encode())
+    return client
+
+
 class Listener:
     """A program that reads what is served, until there is no more."""
 
     def __init__(self, server: LineServer) -> None:
         self._lines: list[dict[str, Any]] = []
-        self._client = socket.create_connection(server.address)
+        self._client = admitted(server)
         self._thread = threading.Thread(target=self._listen)
         self._thread.start()
 
@@ -184,7 +192,7 @@ def test_a_client_that_does_not_read_delays_nobody() -> None:
     contacts = (Contact(0.3, 1.0, None, None),)
     estimate = LoadEstimate(True, contacts, status="ok", left_out=tuple(range(300)))
     with LineServer("127.0.0.1:0") as server:
-        asleep = socket.create_connection(server.address)
+        asleep = admitted(server)
         listener = Listener(server)
         while len(server._clients) < 2:
             time.sleep(0.01)
@@ -198,6 +206,27 @@ def test_a_client_that_does_not_read_delays_nobody() -> None:
     assert waiting <= 4  # however much was sent
     assert seen[-1] == 4999
     assert seen == sorted(seen)
+
+
+def test_nobody_is_sent_a_line_without_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fitting.inverse_load.live.serve._STALLED", 0.5)
+    frame = LiveFrame(0.0, 7, LoadEstimate(False, (), status="no_contact"), None, 0)
+    with LineServer("127.0.0.1:0") as server, contextlib.ExitStack() as open_:
+        strangers = []
+        for words in (b"", b"guess\n", server.token.encode(), b"x" * 300, b"\n"):
+            stranger = open_.enter_context(socket.create_connection(server.address))
+            stranger.sendall(words)
+            strangers.append(stranger)
+        listener = Listener(server)
+        while not server._clients:
+            time.sleep(0.01)
+        assert len(server._clients) == 1
+        server.estimated(frame)
+        for stranger in strangers:
+            stranger.settimeout(5.0)
+            with contextlib.suppress(ConnectionResetError):
+                assert stranger.recv(1) == b""
+    assert [line["seq"] for line in listener.ended()] == [7]
 
 
 @pytest.mark.parametrize("address", ["8701", ":8701", "host:", "host:port", "host:70000"])

@@ -124,8 +124,12 @@ def test_wishes_are_kept_within_what_is_offered() -> None:
         assert wish(**bad) is None
 
 
-def answer(url: str, **headers: str) -> tuple[int, Any]:
-    request = urllib.request.Request(url, headers=headers)
+def answer(server: ViewServer, path: str = "", **headers: str) -> tuple[int, Any]:
+    """Status and answer to a browser that has the server's token as a cookie."""
+    base, token = server.url.split("?token=")
+    port = urllib.parse.urlsplit(base).port
+    cookie = {"Cookie": f"suas_view_{port}={token}"}
+    request = urllib.request.Request(base + path, headers={**cookie, **headers})
     try:
         with urllib.request.urlopen(request, timeout=10) as response:
             return response.status, response
@@ -136,21 +140,20 @@ def answer(url: str, **headers: str) -> tuple[int, Any]:
 
 def test_only_its_own_pages_are_answered() -> None:
     with ViewServer(Hub({"title": "x"}), "127.0.0.1", 0) as server:
-        status, response = answer(server.url)
+        status, response = answer(server)
         assert status == 200
         policy = response.headers["Content-Security-Policy"]
         assert policy.startswith("default-src 'none'; script-src 'self';")
-        port = server.url.rsplit(":")[-1].strip("/")
-        assert answer(server.url, Host=f"elsewhere.example:{port}")[0] == 403
+        port = address(server)[1]
+        assert answer(server, Host=f"elsewhere.example:{port}")[0] == 403
         upgrade = {
             "Connection": "Upgrade",
             "Upgrade": "websocket",
             "Sec-WebSocket-Version": "13",
             "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
         }
-        socket = f"{server.url}socket"
-        assert answer(socket, Origin="http://elsewhere.example", **upgrade)[0] == 403
-        assert answer(socket, **upgrade)[0] == 403
+        assert answer(server, "socket", Origin="http://elsewhere.example", **upgrade)[0] == 403
+        assert answer(server, "socket", **upgrade)[0] == 403
         for name in (
             "nothing.js",
             "..%2fserver.py",
@@ -158,15 +161,37 @@ def test_only_its_own_pages_are_answered() -> None:
             "server.py",
             "../hub.py",
         ):
-            assert answer(server.url + name)[0] == 404
-        status, response = answer(f"{server.url}{'a' * 300}.js")
+            assert answer(server, name)[0] == 404
+        status, response = answer(server, f"{'a' * 300}.js")
         assert status == 404
         assert response.headers["X-Content-Type-Options"] == "nosniff"
         with (
             pytest.raises(OSError, match=f"127.0.0.1:{port}"),
-            ViewServer(Hub({}), "127.0.0.1", int(port)),
+            ViewServer(Hub({}), "127.0.0.1", port),
         ):
             pass
+
+
+def test_nobody_is_answered_without_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
+    with ViewServer(Hub({"title": "x"}), "127.0.0.1", 0) as server:
+        base, token = server.url.split("?token=")
+        origin = base.removesuffix("/")
+        for cookie in ("", f"suas_view_1={token}", f"suas_view_{address(server)[1]}=guess"):
+            for path in ("", "page.js", "socket", "?token=", "?token=guess"):
+                assert answer(server, path, Cookie=cookie, Origin=origin)[0] == 403
+        # The address that is printed makes the token a cookie, and is left behind.
+        browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+        with browser.open(server.url, timeout=10) as response:
+            assert (response.status, response.url) == (200, base)
+        with browser.open(base, timeout=10) as response:
+            assert response.status == 200
+    monkeypatch.setenv("SUAS_TOKEN", "known-beforehand")
+    with ViewServer(Hub({}), "127.0.0.1", 0) as server:
+        assert server.url.endswith("/?token=known-beforehand")
+    for wrong in ("short", "with a space in it", "x" * 129, ""):
+        monkeypatch.setenv("SUAS_TOKEN", wrong)
+        with pytest.raises(ValueError, match="SUAS_TOKEN"):
+            ViewServer(Hub({}), "127.0.0.1", 0)
 
 
 def address(server: ViewServer) -> tuple[str, int]:
@@ -211,7 +236,7 @@ def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
         for _ in range(3):
             s.enter_context(socket.create_connection(address(server)))
         end = time.monotonic() + 10
-        while answer(server.url)[0] != 503:  # those accepted at once are counted afterwards
+        while answer(server)[0] != 503:  # those accepted at once are counted afterwards
             assert time.monotonic() < end
 
 
@@ -370,7 +395,7 @@ def test_a_log_on_its_timeline(browser: Any, log: Path) -> None:
             page.slide("#seek", place)
             page.until("#status", words)
         assert page.errors == []
-        origin = server.url.rstrip("/")
+        origin = server.url.split("/?token=")[0]
         assert all(url.startswith((origin, "data:")) for url in page.requests)
         page.close()
 

@@ -212,5 +212,6 @@ def _watchers(
 
         server = stack.enter_context(LineServer(serve))
         say("suas: JSON lines at {}:{}".format(*server.address), err=True)
+        say(f"suas: clients send this line first: {server.token}", err=True)
         found.append(server)
     return found

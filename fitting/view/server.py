@@ -1,8 +1,9 @@
 """The page's server: files of the package and one websocket, by aiohttp, in a thread.
 
-It answers nobody but pages that it served: a request has to name this server as its host, or
-any web site could reach it through a name of its own, and a websocket's origin has to be this
-server. The page may load nothing from elsewhere (Content-Security-Policy).
+It answers nobody who does not know its token: the address that is printed holds it, and the
+browser keeps it as a cookie. A request has to name this server as its host, or any web site
+could reach it through a name of its own, and a websocket's origin has to be this server. The
+page may load nothing from elsewhere (Content-Security-Policy).
 
 Connections are bounded, and one without a whole request is closed after some seconds: whoever
 sends a byte now and then keeps nobody out for long.
@@ -21,6 +22,7 @@ from typing import Any, Self
 
 from aiohttp import WSMsgType, web
 
+from fitting.credential import is_token, own_token
 from fitting.json_text import json_text
 from fitting.view.hub import Hub, understood
 
@@ -62,16 +64,17 @@ class ViewServer:
         port: 0 takes a free one.
 
     Attributes:
-        url: of the page.
+        url: of the page, with the token.
         pages: how many are open now.
 
     Raises:
         OSError: the address can't be listened at.
+        ValueError: the environment's token is none.
     """
 
     def __init__(self, hub: Hub, host: str, port: int) -> None:
         self.hub, self.pages, self.url = hub, 0, ""
-        self._host, self._port = host, port
+        self._host, self._port, self._token = host, port, own_token()
         self._loop = asyncio.new_event_loop()
         self._news = asyncio.Event()
         self._end = asyncio.Event()
@@ -120,7 +123,8 @@ class ViewServer:
             listener = await self._loop.create_server(accepted, self._host, self._port)
             port = listener.sockets[0].getsockname()[1]
             name = f"[{self._host}]" if ":" in self._host else self._host
-            self.url = f"http://{name}:{port}/"
+            self._port = port
+            self.url = f"http://{name}:{port}/?token={self._token}"
             self._ready.set()
             await self._end.wait()
             listener.close()
@@ -142,6 +146,7 @@ class ViewServer:
         try:
             if not _is_own_name(_named_host(request), self._host):
                 raise web.HTTPForbidden(text="this server has another name")
+            self._admit(request)
             response: web.StreamResponse = await handler(request)
         except web.HTTPException as refusal:
             refusal.headers.update(_HEADERS)
@@ -149,6 +154,21 @@ class ViewServer:
         if not response.prepared:
             response.headers.update(_HEADERS)
         return response
+
+    def _admit(self, request: web.Request) -> None:
+        """Let those pass whose cookie is the token; make a cookie of a token in the address.
+
+        Raises:
+            HTTPSeeOther: the page without the token in its address, which is a cookie now.
+            HTTPForbidden: there is no token, or another.
+        """
+        cookie = f"suas_view_{self._port}"  # cookies do not tell ports apart
+        if is_token(request.query.get("token", ""), self._token):
+            onwards = web.HTTPSeeOther("/")
+            onwards.set_cookie(cookie, self._token, httponly=True, samesite="Lax")
+            raise onwards
+        if not is_token(request.cookies.get(cookie, ""), self._token):
+            raise web.HTTPForbidden(text="open the address that `suas view` printed")
 
     async def _file(self, request: web.Request) -> web.Response:
         path = _FILES.get(request.match_info["name"] or "index.html")
