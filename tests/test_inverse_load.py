@@ -598,6 +598,8 @@ def test_filter_expects_contacts_to_slide_as_fast_along_a_pad_as_around_it() -> 
 class _Played:
     """Stands in for a stream: batches of readings, stamped by a clock that the test sets."""
 
+    waiting = False
+
     def __init__(self, batches: Iterable[list[Judged]]) -> None:
         self._batches = batches
 
@@ -609,7 +611,7 @@ def test_a_stream_drops_what_has_waited_and_refuses_other_layouts(
     estimator: LoadEstimator, readings: Callable[..., np.ndarray]
 ) -> None:
     counts = tuple(int(x) for x in np.round(readings(0.2, 10.0)[0]))
-    arrivals = [9.0, 9.99, 9.995, 9.999]
+    arrivals = [9.0, 9.99, 9.995, 9.999]  # the second is the newest of its batch
     frames = [
         Judged(
             Reading(k, 0.01 * k, 0, counts if k < 3 else (*counts, 1), t_host=t),

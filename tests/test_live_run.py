@@ -20,13 +20,14 @@ from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.live.run import LiveOptions, run_live
 from fitting.inverse_load.live.serve import LineServer, host_and_port
-from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher
+from fitting.inverse_load.live.stream import LiveFrame, LiveWatcher, live_frames
 from fitting.robotics.recording import LiveRecording, Recording
 from suas_jax.acquisition.device.device import Device, repeated
 from suas_jax.acquisition.device.faults import Faults
 from suas_jax.acquisition.frames.reading import Reading
+from suas_jax.acquisition.integrity import Flags
 from suas_jax.acquisition.log.log_file import read_log
-from suas_jax.acquisition.stream import Stream
+from suas_jax.acquisition.stream import Judged, Stream
 from suas_jax.config import load_skin
 from suas_jax.skin.plain import plain_geometry
 
@@ -153,6 +154,62 @@ def test_a_live_run_is_recorded_and_sent_on(
     assert abs(stamps[-1] - time.time()) < 60
     assert stamps[-1] - stamps[0] == pytest.approx((FRAMES - 1) / RATE, rel=0.2)
     assert "suas_skin" in facts["frames"]
+
+
+class Busy:
+    """A stream at 100 Hz, one frame a chunk, read on a machine that takes its time.
+
+    Args:
+        pause: between two frames' estimates [s].
+        count: number of frames.
+    """
+
+    def __init__(self, pause: float, count: int) -> None:
+        self.now, self.taken, self.pause, self.count = 0.0, 0, pause, count
+
+    @property
+    def waiting(self) -> bool:
+        """Whether more frames have arrived than were taken."""
+        return self.taken < self.count and 0.01 * self.taken <= self.now
+
+    def batches(self) -> Iterator[list[Judged]]:
+        """A frame at a time, each not before it arrives."""
+        while self.taken < self.count:
+            arrived = 0.01 * self.taken
+            self.now = max(self.now, arrived)
+            reading = Reading(self.taken, arrived, 0, COUNTS[0], t_host=arrived)
+            self.taken += 1
+            yield [Judged(reading, arrived, Flags())]
+
+    def clock(self) -> float:
+        """The time [s]."""
+        return self.now
+
+
+@pytest.mark.parametrize("pause", [0.002, 0.03, 0.4])
+def test_an_overloaded_stream_goes_on_with_the_newest_frame(
+    pause: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream: Any = Busy(pause, 1000)
+    loads: Any = KnownLoads()
+
+    def slowly(*_: Any, **__: Any) -> list[LoadEstimate]:
+        stream.now += pause
+        return [LoadEstimate(False, (), status="no_contact")]
+
+    monkeypatch.setattr(loads, "estimate", slowly)
+    found = list(live_frames(stream, loads, latency=0.1, clock=stream.clock))
+    seqs = [frame.seq for frame in found]
+    assert seqs == sorted(seqs)
+    assert len(found) + found[-1].dropped == 1000
+    assert seqs[-1] == 999
+    # No load is older than the wait that is allowed and the estimate itself.
+    assert max(frame.estimate.latency for frame in found) <= 0.1 + pause + 1e-9
+    if pause < 0.01:
+        assert found[-1].dropped == 0
+    if pause > 0.1:  # what is estimated next had just arrived
+        assert max(frame.estimate.latency for frame in found) <= pause + 0.01 + 1e-9
+        assert len(found) >= 0.9 * 10.0 / (pause + 0.01)
 
 
 def test_an_unplugged_port_is_waited_for(

@@ -39,7 +39,10 @@ def invert(
     ] = None,
     latency: Annotated[
         float,
-        typer.Option(metavar="S", help="Live: frames older than this are dropped, counted."),
+        typer.Option(
+            metavar="S",
+            help="Live: a frame older than this is dropped, with all up to the newest.",
+        ),
     ] = 0.1,
     baseline: Annotated[
         Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")

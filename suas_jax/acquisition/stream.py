@@ -120,6 +120,11 @@ class Stream:
         """The modules seen, ascending."""
         return self._integrity.modules
 
+    @property
+    def waiting(self) -> bool:
+        """Whether more has arrived than was taken."""
+        return not self._chunks.empty()
+
     def close(self) -> None:
         """End the stream and let go of the port, whether its batches were asked for or not."""
         self.stop.set()

@@ -1,7 +1,7 @@
 """Loads from a port, frame by frame: bounded latency, frames dropped rather than lagging.
 
 A thread of `suas_jax.acquisition.stream` takes the bytes away from the port; here frames
-are put together, estimated in order, and left out where they have waited too long.
+are put together and estimated in order. Where one has waited too long, the newest is next.
 """
 
 import time
@@ -126,7 +126,8 @@ def live_frames(
     Args:
         stream: of readings; set its `stop` to end.
         estimator: made with `live=True`.
-        latency: a frame that has waited longer before its turn is dropped [s].
+        latency: once a frame has waited longer before its turn, it and all others up to the
+            newest are dropped; the newest is always estimated [s].
         smooth: also filter over time.
         clock: the stream's.
         on_reading: called with every reading, dropped or not.
@@ -136,9 +137,10 @@ def live_frames(
     builder = FrameBuilder(Layout(estimator.spec))
     watch = StuckWatch(estimator.reading_noise, estimator.taxels)
     track = LoadFilter() if smooth else None
-    dropped = 0
+    dropped, behind = 0, False
     for batch in stream.batches():
         idle()
+        whole: list[FrameReadings] = []
         for judged in batch:
             on_reading(judged)
             for frame, so in _built(builder, judged):
@@ -147,16 +149,19 @@ def live_frames(
                     yield LiveFrame(frame.time, frame.seq, nothing, None, dropped)
                     continue
                 stuck = watch.feed(so)
-                readings = FrameReadings(frame.time, frame.seq, frame.arrived, so, stuck)
-                on_frame(readings)
-                if clock() - frame.arrived > latency:
-                    dropped += 1
-                    continue
-                now = np.array([frame.time])
-                estimate = estimator.estimate(so[None], stuck[None], time=now)[0]
-                smoothed = None if track is None else track.feed(frame.time, estimate)
-                estimate = replace(estimate, latency=clock() - frame.arrived)
-                yield LiveFrame(frame.time, frame.seq, estimate, smoothed, dropped, readings)
+                whole.append(FrameReadings(frame.time, frame.seq, frame.arrived, so, stuck))
+                on_frame(whole[-1])
+        for number, readings in enumerate(whole, 1):
+            behind = behind or clock() - readings.arrived > latency
+            if behind and (number < len(whole) or stream.waiting):
+                dropped += 1
+                continue
+            behind = False  # nothing newer is there
+            now = np.array([readings.time])
+            estimate = estimator.estimate(readings.so[None], readings.stuck[None], time=now)[0]
+            smoothed = None if track is None else track.feed(readings.time, estimate)
+            estimate = replace(estimate, latency=clock() - readings.arrived)
+            yield LiveFrame(readings.time, readings.seq, estimate, smoothed, dropped, readings)
 
 
 def _built(builder: FrameBuilder, judged: Judged) -> Iterator[tuple[_Frame, Floats | None]]:
