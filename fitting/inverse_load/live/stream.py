@@ -140,20 +140,20 @@ def live_frames(
     dropped, behind = 0, False
     for batch in stream.batches():
         idle()
-        whole: list[FrameReadings] = []
+        built: list[tuple[_Frame, Floats | None]] = []
         for judged in batch:
             on_reading(judged)
-            for frame, so in _built(builder, judged):
-                if so is None:
-                    nothing = LoadEstimate(None, status="layout_mismatch")
-                    yield LiveFrame(frame.time, frame.seq, nothing, None, dropped)
-                    continue
-                stuck = watch.feed(so)
-                whole.append(FrameReadings(frame.time, frame.seq, frame.arrived, so, stuck))
-                on_frame(whole[-1])
-        for number, readings in enumerate(whole, 1):
-            behind = behind or clock() - readings.arrived > latency
-            if behind and (number < len(whole) or stream.waiting):
+            built += _built(builder, judged)
+        for number, (frame, so) in enumerate(built, 1):
+            if so is None:
+                nothing = LoadEstimate(None, status="layout_mismatch")
+                yield LiveFrame(frame.time, frame.seq, nothing, None, dropped)
+                continue
+            stuck = watch.feed(so)
+            readings = FrameReadings(frame.time, frame.seq, frame.arrived, so, stuck)
+            on_frame(readings)
+            behind = behind or clock() - frame.arrived > latency
+            if behind and (number < len(built) or stream.waiting):
                 dropped += 1
                 continue
             behind = False  # nothing newer is there
