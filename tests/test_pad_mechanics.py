@@ -116,6 +116,7 @@ CASES = {
 }
 
 assemble = quick(lambda pad, q, p, f: pad.assemble(q, p, f))
+omitted = quick(lambda pad, q, f: pad.omitted_gradient(q, f))
 product = quick(lambda tangent, v: tangent.mv(v))
 products_of = quick(lambda tangent, directions: jax.vmap(tangent.mv)(directions))
 solve = quick(lambda tangent, right: tangent.solve(right).solution)
@@ -168,6 +169,22 @@ def test_residual_and_tangent_come_from_the_potential(name: str) -> None:
         wanted = (ahead - back) / 2e-8
         scale = np.max(np.abs(wanted))
         np.testing.assert_allclose(product(got.tangent, v), wanted, rtol=0, atol=1e-7 * scale)
+
+
+def test_a_factor_on_the_loads_scales_what_they_do_where_the_membrane_thins() -> None:
+    """Curves and tables follow one pad through factors; scenes have them in their forces."""
+    pad = small_pad(*CASES["whole"])
+    q, _, _ = state_of(pad, 2e-4)
+    stronger = dataclasses.replace(pad.points, force=FACTOR * pad.points.force)
+    found = omitted(pad, q, FACTOR)
+    np.testing.assert_allclose(
+        found, omitted(dataclasses.replace(pad, points=stronger), q, ONE), rtol=1e-12
+    )
+    # The part of the loads is proportional to their factor, and felt.
+    free, once = omitted(pad, q, 0 * ONE), omitted(pad, q, ONE)
+    scale = np.max(np.abs(found))
+    np.testing.assert_allclose(found, free + FACTOR * (once - free), atol=1e-12 * scale)
+    assert np.max(np.abs(once - free)) > 1e-9 * scale
 
 
 PLACES_OF_SHEETS = ((0.0, 0.3, 1.0), (0.0, 0.4, 0.7, 1.0))

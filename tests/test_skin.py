@@ -259,18 +259,19 @@ def test_many_lanes_are_those_of_few(pad: object) -> None:
 
 def test_the_error_of_the_model_is_bounded_and_named() -> None:
     skin = skin_of(a_scene())
-    problem = skin.problem(Loads.line(0.3, [0.0, 10.0, 10.0, 10.0, 10.0]))
+    problem = skin.problem(Loads.line(0.3, [0.0, *6 * [10.0]]))
     shape = problem.mechanics.rest().shape[:2]
-    q = np.zeros((*shape, 5))
-    q[1, 8:20] = -2e-4 * np.array([0, 1, 1, 1, 1])
-    pressure, factor = jnp.array([0.0, 2e3, 2e3, 2e3, 1e-3]), jnp.ones(5)
+    q = np.zeros((*shape, 7))
+    q[1, 8:20] = -2e-4 * np.array([0, 1, 1, 1, 1, 1, 1])
+    pressure, factor = jnp.array([0.0, 2e3, 2e3, 2e3, 1e-3, 2e3, 2e3]), jnp.ones(7)
     root = State(jnp.asarray(q), pressure, factor)
-    # At rest, in displacement, in pressure, through the wall, of a pressure that is none.
+    # At rest, in displacement, in pressure, through the wall, of a pressure that is none; in
+    # displacement below the limit and above it.
     change = np.zeros_like(q)
-    change[1, 16] = [0, 2e-5, 0, -5.5e-3, 0]
-    more = jnp.array([0.0, 0.0, 2e3, 0.0, 1.0])
+    change[1, 16] = [0, 2e-5, 0, -5.5e-3, 0, 6e-5, 8e-5]
+    more = jnp.array([0.0, 0.0, 2e3, 0.0, 1.0, 0.0, 0.0])
     shown = State(root.q + change, pressure + more, factor)
-    found = bounded(problem, root, shown, jnp.zeros(5, jnp.int32))
+    found = bounded(problem, root, shown, jnp.zeros(7, jnp.int32))
     floor = problem.mechanics.omitted_floor
     expected = [floor, floor + 0.4 * 0.1 + 0.01, floor + 0.4 + 1.0]
     np.testing.assert_allclose(found.error[:3], expected, rtol=1e-12)
@@ -280,6 +281,8 @@ def test_the_error_of_the_model_is_bounded_and_named() -> None:
         "beyond_model",
         "beyond_model",
         "converged",
+        "converged",
+        "beyond_model",
     ]
     assert floor + 0.08 <= found.error[4] < 0.1
     free = dataclasses.replace(problem, mechanics=problem.mechanics.with_wall(None))

@@ -28,8 +28,9 @@ _MESH_MARGIN = 2.0
 _PRESSURE_ALONE = 2.5
 BY_PENETRATION = 2.0
 """Relative error by a penetration over that in the length: pressures go with its square."""
-MODEL_LIMIT = 0.1
-"""Bound of the model's error beyond which a state of the fast path is no answer."""
+MODEL_LIMIT, WALL_LIMIT = 0.3, 0.1
+"""Bound of the model's error, and share of it that the wall has, beyond which a state of the
+fast path is no answer: what the first order does not tell would be a fifth and more."""
 _BY_CHANCE = 0.2
 _TINY = 1e-300
 
@@ -173,7 +174,8 @@ class Bounded(NamedTuple):
 
     Attributes:
         error: bound of its relative error.
-        result: index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`.
+        result: index of the outcome: `beyond_model` where the error exceeds `MODEL_LIMIT`,
+            or the wall's share of it `WALL_LIMIT`.
     """
 
     error: Lanes
@@ -211,13 +213,14 @@ def bounded(
     by_moving = size(shown.q - root.q) / moved
     first = 2 * mechanics.omitted_margin * jnp.maximum(by_pressure, by_moving)
     error = mechanics.omitted_floor + first + jnp.maximum(lasting, by_moving) ** 2
+    by_wall = jnp.zeros_like(error)
     if mechanics.wall is not None:
         gap = corrected_contact(mechanics, shown, root).gap
         there = jnp.min(gap, tuple(range(gap.ndim - 1)))
         before = jnp.minimum(smallest_gap(mechanics, root.q, mechanics.wall), 0.0)
         film = mechanics.wall.geometry.oil_gap
-        error = error + BY_PENETRATION * jnp.maximum(before - there, 0.0) / film
-        error = error + jnp.where(before < 0, mechanics.omitted_at_wall, 0.0)
-    beyond = (result == 0) & ~(error <= MODEL_LIMIT)
+        by_wall = BY_PENETRATION * jnp.maximum(before - there, 0.0) / film
+        error = error + by_wall + jnp.where(before < 0, mechanics.omitted_at_wall, 0.0)
+    beyond = (result == 0) & ~((error <= MODEL_LIMIT) & (by_wall <= WALL_LIMIT))
     named = jnp.where(beyond, index_of("beyond_model"), result).astype(result.dtype)
     return Bounded(error, named)

@@ -99,7 +99,8 @@ class SensorOutput(NamedTuple):
         error: bound of the relative error that the thin shell makes in pressure and
             displacement; that of the mesh is not in it.
         result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
-            `beyond_model` names a state whose `error` exceeds a tenth. Where no equilibrium
+            `beyond_model` names a state whose `error` exceeds 0.3, or that went through the
+            wall. Where no equilibrium
             was found, everything else belongs to the last one before the failure.
     """
 

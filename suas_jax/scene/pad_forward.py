@@ -25,6 +25,7 @@ from suas_jax.constitutive import AbstractLaw
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected, corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium
+from suas_jax.equilibrium.outcomes import index_of
 from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mesh.pad_plan import Footprint, PadPlan, plan_pad
@@ -285,4 +286,6 @@ def readings(skin: PadSkin, patches: Patches, plan: PadPlan) -> PadReadings:
     """
     output = _solve(skin, patches, plan)
     so, pressure, gap = output.so[..., 0], output.oil_pressure[0], output.min_gap[0]
-    return PadReadings(so, pressure, gap, output.result[0] == 0)
+    result = output.result[0]
+    found = (result == 0) | (result == index_of("beyond_model"))  # as in a table of states
+    return PadReadings(so, pressure, gap, found)

@@ -114,7 +114,7 @@ class PadLane(AbstractLane):
         place = jnp.broadcast_arrays(angle, axial)
         return faces(self.law, s, (place[0], place[1]), self._layers(s.rest))
 
-    def omitted_energy(self, q: Array) -> Array:
+    def relaxed_energy(self, q: Array) -> Array:
         """See `omitted`; straight lines join the resultants at the points of an element."""
         qe, g = self.net.gather(q), self.gauss
         found = forces_of(self.law, self.surface(qe), self.fibres)
@@ -131,12 +131,16 @@ class PadLane(AbstractLane):
             self.tables.xi, self.tables.weights, arc, axial, (clamped[0], clamped[1])
         )
         at = Forces(*(gridded(x) for x in found))
-        energy = relaxed_energy(at, elements, gridded(thickness), self.modulus, self.growth)
+        return relaxed_energy(at, elements, gridded(thickness), self.modulus, self.growth)
+
+    def omitted_energy(self, q: Array, factor: Array) -> Array:
+        """See `omitted`: the membrane's part, and that of loads with a factor on them."""
         points = self.points
-        under = self._at(qe, points.angle, points.axial)
+        under = self._at(self.net.gather(q), points.angle, points.axial)
         below = forces_of(self.law, under, self._layers(under.rest))
-        inward = -jnp.sum(points.force * jnp.stack(jnp.broadcast_arrays(*under.n)), 0)
-        return energy + thinning_work(below, inward, under.rest.thickness, self.modulus)
+        inward = -factor * jnp.sum(points.force * jnp.stack(jnp.broadcast_arrays(*under.n)), 0)
+        work = thinning_work(below, inward, under.rest.thickness, self.modulus)
+        return self.relaxed_energy(q) + work
 
     def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:
         """The mid-surface at places."""
