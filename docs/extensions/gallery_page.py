@@ -21,8 +21,8 @@ _WIDTH = 480  # of a thumbnail [px]
 
 HEAD = """# Gallery
 
-Programs of at most 25 lines, run when this site was built, and notebooks with the outputs of their
-last run. The tests execute both kinds.
+Programs of at most 25 lines, which the build of this site runs, and notebooks with the outputs
+of their last run.
 
 """
 
