@@ -24,6 +24,7 @@ DOCS = ROOT / "docs"
 sys.path.append(str(DOCS / "extensions"))
 
 import drawings  # noqa: E402
+import gallery_page  # noqa: E402
 import names_page  # noqa: E402
 import report_page  # noqa: E402
 import specification_page  # noqa: E402
@@ -207,11 +208,28 @@ def test_cells_of_notebooks_that_draw_keep_their_pictures(notebook: Path) -> Non
     assert drawing
 
 
-def test_the_picture_of_the_first_page_has_all_its_colours() -> None:
-    picture = (DOCS / "pad.png").read_bytes()
+@pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.stem)
+def test_pictures_have_all_their_colours(picture: Path) -> None:
+    content = picture.read_bytes()
     true_colour, with_transparency = 2, 6  # 3 is a palette
-    assert picture[25] in (true_colour, with_transparency)
-    assert len(picture) < 400_000
+    assert content[25] in (true_colour, with_transparency)
+    assert len(content) < 400_000
+
+
+@pytest.mark.parametrize("program", gallery_page.PROGRAMS, ids=lambda path: path.stem)
+def test_programs_of_the_gallery_are_short_and_use_public_names(program: Path) -> None:
+    code = program.read_text(encoding="utf-8")
+    assert len(code.splitlines()) <= gallery_page.LONGEST
+    for node in ast.walk(ast.parse(code)):
+        assert not isinstance(node, ast.Import)
+        if isinstance(node, ast.ImportFrom):
+            names = {name.name for name in node.names}
+            assert names <= set(importlib.import_module(str(node.module)).__all__)
+
+
+def test_every_notebook_of_the_gallery_has_a_thumbnail() -> None:
+    for notebook in gallery_page.NOTEBOOKS:
+        assert next(gallery_page.pictures(notebook)).startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("name", drawings.DRAWINGS)

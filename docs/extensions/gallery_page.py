@@ -19,7 +19,11 @@ LONGEST = 25
 """Lines of a program of the gallery."""
 _WIDTH = 480  # of a thumbnail [px]
 
-HEAD = """# Gallery
+HEAD = """---
+html_theme.sidebar_secondary.remove: true
+---
+
+# Gallery
 
 Programs of at most 25 lines, which the build of this site runs, and notebooks with the outputs
 of their last run.
