@@ -172,7 +172,7 @@ def material(
     up_to: Annotated[
         float | None,
         typer.Option(
-            help="Largest stretch of which the prediction tells (and the inverse of the "
+            help="Largest stretch of the prediction (and inverse of the "
             "smallest), such as 1.2; without it, those of --scene, or of the data."
         ),
     ] = None,
