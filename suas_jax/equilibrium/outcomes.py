@@ -28,9 +28,9 @@ class RESULTS(eqx.Enumeration):
     )
     outside_material_domain = (
         "The state found lies outside the material law's domain, such as beyond a locking "
-        "stretch, inside or on a face: the law has no energy there, and no membrane "
-        "can be in it. Reduce the load, choose constants whose domain holds the stretches, or try the solid, "
-        "which resolves the thickness."
+        "stretch, inside or on a face: the law has no energy there, and no membrane can be in "
+        "it. Reduce the load, choose constants whose domain holds the stretches, or try the "
+        "solid, which resolves the thickness."
     )
     inverted = (
         "The state found has fibres that are turned inside out: no membrane can be in it. "
