@@ -151,7 +151,7 @@ def pad() -> Drawing:
     )
     picture.area(patch, "patch")
     picture.arrow([_on_pad(_OUTER + 26, angle, axial), _on_pad(_OUTER, angle, axial)], "load")
-    picture.words(_on_pad(_OUTER + 30, angle, axial), "force on a patch")
+    picture.words(_on_pad(_OUTER + 30, angle, axial), "force on a patch", "end")
     picture.curve(_on_pad(_OUTER, 0.0, np.linspace(near, half, 3)), "dashed")
     picture.arrow(_on_pad(_OUTER, np.linspace(0, angle, 21), axial), "arc")
     picture.note(_on_pad(_OUTER, angle / 2, axial), (-22, 82), "angle", "start")
