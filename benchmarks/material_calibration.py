@@ -1,6 +1,6 @@
 """Material calibration: speed against SciPy, published constants, coverage, robustness.
 
-Prints the tables of docs/material_calibration.md. Run from the repository's root:
+Prints the tables of docs/material_method.md. Run from the repository's root:
 
     python benchmarks/material_calibration.py [scipy] [coverage] [misfit] [random]
 """

@@ -2,7 +2,7 @@
 
 Truth is the solid finite-element model with the same capacitance formula, and once with
 the electrostatic field, so that both models differ from the one that is fitted. Prints the
-table of docs/sensor_calibration.md. Run from the repository's root:
+table of docs/sensor_method.md. Run from the repository's root:
 
     python benchmarks/sensor_calibration.py [truth] [solid] [field] [coverage] [fluids]
 

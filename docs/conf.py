@@ -15,6 +15,7 @@ sys.path[:0] = [str(HERE / "extensions"), str(ROOT)]
 
 import commands_page  # noqa: E402
 import folder_picture  # noqa: E402
+import gallery_page  # noqa: E402
 import names_page  # noqa: E402
 import report_page  # noqa: E402
 import specification_page  # noqa: E402
@@ -33,7 +34,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["_build", "extensions"]
+exclude_patterns = ["_build", "extensions", "gallery"]
 nitpicky = False
 smartquotes = False  # they would make dashes of options
 default_role = "code"  # docstrings quote code as Markdown does
@@ -82,6 +83,7 @@ _PAGES = {
     "commands": commands_page.page,
     "suas_jax": lambda: names_page.page("suas_jax"),
     "fitting": lambda: names_page.page("fitting"),
+    "gallery": lambda: gallery_page.page(_GENERATED / "gallery"),
 }
 
 

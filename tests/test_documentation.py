@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import io
 import json
 import re
 import shlex
@@ -13,6 +14,7 @@ from typing import Any
 
 import pytest
 import typer.main
+from PIL import Image
 
 from fitting.cli.app import app
 from fitting.cli.examples import EXAMPLES, commands_of
@@ -23,6 +25,8 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 sys.path.append(str(DOCS / "extensions"))
 
+import drawings  # noqa: E402
+import gallery_page  # noqa: E402
 import names_page  # noqa: E402
 import report_page  # noqa: E402
 import specification_page  # noqa: E402
@@ -139,23 +143,34 @@ def test_imports_of_the_page_are_there(page: Path) -> None:
             exec("\n".join(lines), {})
 
 
-def files_shown(page: Path) -> Iterator[tuple[str, str]]:
+def files_shown(page: str) -> Iterator[tuple[str, str]]:
     """Name and text of the files of `configs` that a page prints, named in their first line."""
-    for language, block in FENCE.findall(page.read_text(encoding="utf-8")):
+    for language, block in FENCE.findall(page):
         if language == "toml" and (named := re.match(r"# (configs/\S+)\n", block)):
             yield named[1], block[named.end() :]
 
 
+def files_that_differ(page: str) -> list[str]:
+    """Names of the files that a page prints otherwise than they stand, but for their head."""
+    wholes = (
+        (n, text, (ROOT / n).read_text(encoding="utf-8")) for n, text in files_shown(page)
+    )
+    return [n for n, text, whole in wholes if text != re.sub(r"\A(#.*\n)*", "", whole)]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_files_that_a_page_prints_are_as_they_stand(page: Path) -> None:
-    for name, text in files_shown(page):
-        whole = (ROOT / name).read_text(encoding="utf-8")
-        assert text == re.sub(r"\A(#.*\n)*", "", whole)
+    assert files_that_differ(page.read_text(encoding="utf-8")) == []
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "start.md"], ids=lambda p: p.stem)
+def test_a_digit_of_a_file_that_drifts_is_noticed() -> None:
+    page = (DOCS / "start.md").read_text(encoding="utf-8")
+    assert files_that_differ(page.replace('"45 deg"', '"46 deg"', 1)) != []
+
+
+@pytest.mark.parametrize("page", [DOCS / "start.md"], ids=lambda p: p.stem)
 def test_a_first_page_runs_the_scene_that_it_prints(page: Path) -> None:
-    ((name, _),) = files_shown(page)
+    ((name, _),) = files_shown(page.read_text(encoding="utf-8"))
     first = next(line for line in command_lines(page) if line.startswith("suas solve"))
     assert shlex.split(first)[2] == name
     # Whoever changes its force changes the answer.
@@ -169,12 +184,23 @@ def gradients_shown() -> list[str]:
     return sorted({line for line in lines if "--gradient" in line})
 
 
-@pytest.mark.parametrize("line", gradients_shown())
-def test_no_example_differentiates_what_its_scene_prescribes(line: str) -> None:
+def vanishes(line: str) -> bool:
+    """Whether a command differentiates what its scene prescribes: all derivatives are zero."""
     words = shlex.split(line)
     scene, quantity = load_scene(ROOT / words[2]), words[words.index("--gradient") + 1]
     scaled = scene.solve.oil_pressure is not None
-    assert not re.fullmatch("oil_pressure_Pa" if scaled else r"loads\.\d+\.force_N", quantity)
+    pattern = "oil_pressure_Pa" if scaled else r"loads\.\d+\.force_N"
+    return re.fullmatch(pattern, quantity) is not None
+
+
+@pytest.mark.parametrize("line", gradients_shown())
+def test_no_example_differentiates_what_its_scene_prescribes(line: str) -> None:
+    assert not vanishes(line)
+
+
+def test_a_derivative_that_vanishes_is_noticed() -> None:
+    assert vanishes("suas solve configs/scenes/case_b.toml --gradient oil_pressure_Pa")
+    assert vanishes("suas solve configs/scenes/press.toml --gradient loads.0.force_N")
 
 
 def draws(source: str) -> bool:
@@ -200,14 +226,56 @@ def test_cells_of_notebooks_that_draw_keep_their_pictures(notebook: Path) -> Non
     cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
     drawing = [cell for cell in code if draws("".join(cell["source"]))]
-    for cell in drawing:
-        kinds = {kind for output in cell["outputs"] for kind in output.get("data", {})}
-        assert kinds & {"image/png", "image/gif"}, "".join(cell["source"])
+    assert [cell["source"] for cell in drawing if not has_picture(cell)] == []
     assert drawing
 
 
-def test_the_picture_of_the_first_page_has_all_its_colours() -> None:
-    picture = (DOCS / "pad.png").read_bytes()
+def has_picture(cell: dict[str, Any]) -> bool:
+    kinds = {kind for output in cell["outputs"] for kind in output.get("data", {})}
+    return bool(kinds & {"image/png", "image/gif"})
+
+
+def test_a_cell_without_its_picture_is_noticed() -> None:
+    assert draws("figure = plot_solution(solution)")
+    assert not draws("def show(solution):\n    plot_solution(solution)")
+    assert not has_picture({"outputs": [{"data": {"text/plain": "<Figure size 640x480>"}}]})
+
+
+def has_all_colours(content: bytes) -> bool:
     true_colour, with_transparency = 2, 6  # 3 is a palette
-    assert picture[25] in (true_colour, with_transparency)
-    assert len(picture) < 400_000
+    return content[25] in (true_colour, with_transparency)
+
+
+@pytest.mark.parametrize("picture", sorted(DOCS.glob("*.png")), ids=lambda path: path.stem)
+def test_pictures_have_all_their_colours(picture: Path) -> None:
+    content = picture.read_bytes()
+    assert has_all_colours(content)
+    assert len(content) < 400_000
+
+
+def test_a_palette_is_noticed() -> None:
+    written = io.BytesIO()
+    Image.new("RGB", (8, 8)).quantize(4).save(written, "png")
+    assert not has_all_colours(written.getvalue())
+
+
+@pytest.mark.parametrize("program", gallery_page.PROGRAMS, ids=lambda path: path.stem)
+def test_programs_of_the_gallery_are_short_and_use_public_names(program: Path) -> None:
+    code = program.read_text(encoding="utf-8")
+    assert len(code.splitlines()) <= gallery_page.LONGEST
+    for node in ast.walk(ast.parse(code)):
+        assert not isinstance(node, ast.Import)
+        if isinstance(node, ast.ImportFrom):
+            names = {name.name for name in node.names}
+            assert names <= set(importlib.import_module(str(node.module)).__all__)
+
+
+def test_every_notebook_of_the_gallery_has_a_thumbnail() -> None:
+    for notebook in gallery_page.NOTEBOOKS:
+        assert next(gallery_page.pictures(notebook)).startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", drawings.DRAWINGS)
+def test_drawings_are_those_of_the_code(name: str) -> None:
+    drawn = drawings.DRAWINGS[name]().text()
+    assert drawn == (drawings.FOLDER / f"{name}.svg").read_text(encoding="utf-8")

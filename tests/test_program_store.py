@@ -17,6 +17,7 @@ import pytest
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime import content_key as keys
 from suas_jax.runtime.compiled import Compiled
+from suas_jax.runtime.compiling import listening
 from suas_jax.runtime.content_key import Keyed, NoContentKeyError, content_key
 from suas_jax.runtime.frame import Hole, frame_from_json, frame_to_json
 from suas_jax.runtime.program_store import ProgramStore
@@ -76,6 +77,20 @@ def test_a_kept_program_runs_without_tracing(tmp_path: pathlib.Path) -> None:
         assert float(found["sum"][0]) == 3.0
         assert found["sum"][1] is None
         assert len(compiled.loaded) == (remark == "second")
+
+
+def test_only_compiling_is_announced(tmp_path: pathlib.Path) -> None:
+    term, x, heard = Term(2, ""), jnp.arange(3.0), []
+    with listening(heard.append):
+        first = another_run(tmp_path)
+        first.run(power, term, x)
+        assert heard == [True, False]
+        first.run(power, term, x)
+        another_run(tmp_path).run(power, term, x)  # loaded
+        assert heard == [True, False]
+        Compiled().run(power, term, x)  # keeps nothing
+    Compiled().run(power, term, x)  # nobody listens any more
+    assert heard == [True, False, True, False]
 
 
 @pytest.mark.parametrize(

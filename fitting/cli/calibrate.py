@@ -30,14 +30,14 @@ def calibrate(
     ] = None,
     folder: Annotated[
         Path | None,
-        typer.Option(help="Logs of the steps; default: SKIN.calibration. Resumes there."),
+        typer.Option(help="Logs of the steps, to resume from; default: SKIN.calibration."),
     ] = None,
     format_name: Annotated[
         str, typer.Option("--format", metavar="NAME", help=f"{', '.join(FORMAT_NAMES)}.")
     ] = "text",
     baud: Annotated[int, typer.Option(min=1, help="Bits per second.")] = 115200,
     force: Annotated[
-        str, typer.Option(help="Of every press, where no --press says otherwise.")
+        str, typer.Option(help="Force of each press that no --press states.")
     ] = "5 N",
     press: Annotated[
         list[str] | None,
@@ -50,16 +50,19 @@ def calibrate(
     ] = None,
     verify: Annotated[
         list[str] | None,
-        typer.Option(metavar='"ANGLE, FORCE"', help="Likewise, a known load to verify with."),
+        typer.Option(
+            metavar='"ANGLE, FORCE"', help="A known load to verify the result with, as --press."
+        ),
     ] = None,
     skip_verification: Annotated[
-        bool, typer.Option("--skip-verification", help="Verify with no load.")
+        bool, typer.Option("--skip-verification", help="Leave the verification out.")
     ] = False,
     hold: Annotated[
         float, typer.Option(min=0.2, max=600.0, metavar="S", help="How long to hold still.")
     ] = 3.0,
     timeout: Annotated[
-        float, typer.Option(min=1.0, max=86400.0, metavar="S", help="Longest step.")
+        float,
+        typer.Option(min=1.0, max=86400.0, metavar="S", help="Give up a step after this long."),
     ] = 600.0,
     fit: Annotated[
         str, typer.Option(help="Constants to find, as for `suas fit sensor`.")

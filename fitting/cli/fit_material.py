@@ -122,7 +122,7 @@ def material(
     ] = False,
     walkers: Annotated[int, typer.Option(help="Walkers of the ensemble, even.")] = 32,
     steps: Annotated[
-        int, typer.Option(min=1, help="Most steps; it stops before when converged.")
+        int, typer.Option(min=1, help="Most steps; it stops when converged.")
     ] = 20_000,
     moves: Annotated[str, typer.Option(help="stretch, walk, de or de-snooker.")] = "stretch",
     chain: Annotated[
@@ -172,7 +172,7 @@ def material(
     up_to: Annotated[
         float | None,
         typer.Option(
-            help="Largest stretch of which the prediction tells (and the inverse of the "
+            help="Largest stretch of the prediction (and inverse of the "
             "smallest), such as 1.2; without it, those of --scene, or of the data."
         ),
     ] = None,

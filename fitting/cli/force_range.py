@@ -37,7 +37,7 @@ def find_range(
     ] = 11,
     diameter: Annotated[
         str | None,
-        typer.Option(metavar="LENGTH", help="On a pad: of the contact; default 6 mm."),
+        typer.Option(metavar="LENGTH", help="On a pad: diameter of the contact; default 6 mm."),
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,
@@ -48,7 +48,7 @@ def find_range(
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Find where loads reach the wall, and where a force can no longer be told.
+    """Find where loads reach the wall, and where a force is too small to be measured.
 
     On a pad: of a round contact, over the pad, with the least errors of its place and force.
 
@@ -118,8 +118,8 @@ def _section_rows(found: "ForceRange") -> list[list[str]]:
             "first contact [N]",
             "95 % by the skin file [N]",
             "oil [kPa]",
-            "told from [N]",
-            "told to [N]",
+            "measurable from [N]",
+            "measurable to [N]",
             "a taxel saturates at [N]",
         ]
     ]
@@ -145,7 +145,7 @@ def _pad_rows(found: "PadForceRange") -> list[list[str]]:
             "angle [deg]",
             "first contact [N]",
             "oil [kPa]",
-            "told from [N]",
+            "measurable from [N]",
             f"place at {force:g} N [mm]",
             f"force at {force:g} N [%]",
         ]

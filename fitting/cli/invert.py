@@ -48,19 +48,20 @@ def invert(
         Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
     ] = None,
     direction: Annotated[
-        bool, typer.Option("--direction", help="Free the directions; radial otherwise.")
+        bool, typer.Option("--direction", help="Estimate directions of forces; else radial.")
     ] = False,
     false_alarm: Annotated[
-        float, typer.Option(metavar="RATE", help="Of a contact where there is none.")
+        float,
+        typer.Option(metavar="RATE", help="How often to report a contact where there is none."),
     ] = 0.01,
     contacts: Annotated[
         int,
-        typer.Option(min=1, max=4, help="Most to tell apart: up to 3, on a pad 4."),
+        typer.Option(min=1, max=4, help="Most contacts to tell apart: 3, on a pad 4."),
     ] = 3,
     diameter: Annotated[
         str | None,
         typer.Option(
-            metavar="LENGTH", help="On a pad: of the contacts, or 'free'; default 6 mm."
+            metavar="LENGTH", help="On a pad: diameter of contacts, or 'free'; default 6 mm."
         ),
     ] = None,
     pressure_noise: Annotated[
@@ -75,11 +76,11 @@ def invert(
     trust_network: TrustNetwork = False,
     noise: Annotated[
         float | None,
-        typer.Option(metavar="COUNTS", help="Standard deviation; default: the skin file's."),
+        typer.Option(metavar="COUNTS", help="Noise of a reading; default: the skin file's."),
     ] = None,
     model_error: Annotated[
         float | None,
-        typer.Option(metavar="SHARE", help="Of the model's change of readings."),
+        typer.Option(metavar="SHARE", help="Error of the model, of the change of readings."),
     ] = None,
     smooth: Annotated[
         bool,

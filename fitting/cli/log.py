@@ -27,7 +27,9 @@ def log(
             help="Device file, VID:PID[:SERIAL], socket://host:port, rfc2217://host:port.",
         ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="LOG.csv", help="To write.")
+    ],
     format_name: Annotated[
         str,
         typer.Option(
@@ -47,11 +49,12 @@ def log(
         float, typer.Option(min=0.0, metavar="S", help="Seconds between writes to the file.")
     ] = 0.2,
     rotate: Annotated[
-        float | None, typer.Option(min=0.01, metavar="MB", help="New file at this size [MB].")
+        float | None,
+        typer.Option(min=0.01, metavar="MB", help="Begin a new file at this size."),
     ] = None,
     overwrite: Overwrite = False,
     append: Annotated[
-        bool, typer.Option("--append", help="Go on in LOG.csv where it is there.")
+        bool, typer.Option("--append", help="Continue LOG.csv if it exists.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the totals as JSON.")] = False,
 ) -> None:

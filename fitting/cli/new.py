@@ -17,7 +17,7 @@ _INNER_RADIUS, _OIL_GAP, _WIDTH, _HALF_ANGLE = 57.5e-3, 5e-3, 123e-3, math.pi / 
 _DIAMETER = 4e-3  # of an electrode [m]
 _MOST_MODULES = 200
 
-_FILE = typer.Argument(metavar="FILE", help="To write.")
+_FILE = typer.Argument(metavar="FILE", help="File to write.")
 
 _SKIN = """\
 # {title}
@@ -134,7 +134,7 @@ def skin(
 
 
 def scene(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="To write.")] = Path(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")] = Path(
         "scene.toml"
     ),
     skin: Annotated[Path, typer.Option(help="Skin file that the loads act on.")] = Path(

@@ -5,11 +5,14 @@ import sys
 from collections.abc import Callable, Iterator
 
 from suas_jax.acquisition.terminal import new_console
+from suas_jax.runtime.compiling import listening
+
+_COMPILING = "compiling, once for this kind of scene, about 20 s"
 
 
 @contextlib.contextmanager
 def spinner(what: str) -> Iterator[Callable[[str], None]]:
-    """Show what is being done, with the elapsed time.
+    """Show what is being done, with the elapsed time, and that a program is being compiled.
 
     Yields:
         A function that shows something else.
@@ -22,7 +25,18 @@ def spinner(what: str) -> Iterator[Callable[[str], None]]:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=new_console(stderr=True), transient=True) as progress:
         task = progress.add_task(what, total=None)
-        yield lambda text: progress.update(task, description=text)
+
+        def show(text: str) -> None:
+            nonlocal what
+            what = text
+            progress.update(task, description=text)
+
+        def compiling(begins: bool) -> None:
+            text = f"{what}: {_COMPILING}" if begins else what
+            progress.update(task, description=text)
+
+        with listening(compiling):
+            yield show
 
 
 @contextlib.contextmanager

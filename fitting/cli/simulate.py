@@ -28,23 +28,25 @@ def simulate(
     rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Default: the path's, or 10 s of a scene."),
+        typer.Option(metavar="S", help="Length; default: the path's, or 10 s of a scene."),
     ] = None,
     noise: Annotated[
         float | None,
-        typer.Option(metavar="COUNTS", help="Standard deviation; default: electrodes.noise."),
+        typer.Option(metavar="COUNTS", help="Noise of a reading; default: electrodes.noise."),
     ] = None,
     drift: Annotated[
         float,
         typer.Option(metavar="COUNTS/S", help="Standard deviation of the taxels' drift."),
     ] = 0.0,
-    bits: Annotated[int, typer.Option(help="Of the converter: 16 or 8.")] = 16,
+    bits: Annotated[int, typer.Option(help="Bits of the converter: 16 or 8.")] = 16,
     offset: Annotated[
         float, typer.Option(metavar="FARAD", help="Capacitance that the offset DAC takes off.")
     ] = 0.0,
     refresh: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Time between new results; polled faster, they repeat."),
+        typer.Option(
+            metavar="S", help="Time between results of the converter; else they repeat."
+        ),
     ] = None,
     drop: Annotated[float, typer.Option(help="Probability that a frame is lost.")] = 0.0,
     missing: Annotated[
@@ -56,7 +58,7 @@ def simulate(
             metavar="MODULE.TAXEL@S", help="A taxel that keeps its count from a time on."
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of noise, drift and faults.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, drift and faults.")] = 0,
     overwrite: Overwrite = False,
     live: Annotated[
         bool,
@@ -167,7 +169,7 @@ def simulate(
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="LOG", help="Log: .csv, .parquet or .nc.")],
-    target: Annotated[Path, typer.Argument(metavar="FILE", help="Likewise.")],
+    target: Annotated[Path, typer.Argument(metavar="FILE", help="To write: the same three.")],
     overwrite: Overwrite = False,
 ) -> None:
     """Convert an SO log between CSV, Parquet and NetCDF (xarray).

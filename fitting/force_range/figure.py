@@ -25,7 +25,9 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
     left, right = figure.subplots(1, 2)
     at, what = found.along.shown(found.angle)
     left.plot(at, found.first_contact, "o-", ms=3, color=CONTACT, label="first contact")
-    left.fill_between(at, found.smallest, found.largest, alpha=0.2, label=f"told to {TOLD:.0%}")
+    left.fill_between(
+        at, found.smallest, found.largest, alpha=0.2, label=f"measurable to {TOLD:.0%}"
+    )
     left.plot(at, found.saturation, "x", color="k", label="a taxel saturates")
     left.set(xlabel=f"{what} of the load", ylabel="force [N]", yscale="log")
     left.legend()
@@ -60,7 +62,7 @@ def plot_pad_range(found: PadForceRange, file: Path | None = None) -> Figure:
     relative = 100 * found.error[2][..., -1] / force
     maps = (
         (found.first_contact, "force of first contact [N]"),
-        (found.smallest, f"force told to {TOLD:.0%} from [N]"),
+        (found.smallest, f"force measurable to {TOLD:.0%} from [N]"),
         (1e3 * found.position_error[..., -1], f"error of the place at {force:g} N [mm]"),
         (relative, f"error of the force at {force:g} N [%]"),
     )

@@ -153,7 +153,9 @@ def pad_force_range(
         ValueError: the skin has no electrodes, or an argument makes no sense.
     """
     if spec.electrodes is None:
-        raise ValueError("the skin has no [electrodes], so there is nothing to tell loads from")
+        raise ValueError(
+            "the skin has no [electrodes], so it has no readings to find loads from"
+        )
     if min(places) < 1:
         raise ValueError(f"{places[0]} by {places[1]} places: at least one is needed")
     if not 0 < diameter < spec.geometry.width / 4:

@@ -179,7 +179,8 @@ def _recommended(comparison: Comparison) -> tuple[MaterialFit, Comparison]:
     reasons = comparison.against(best)
     remarks = best.remarks
     if reasons:
-        text = f"no law is without objection; against {best.family.title}: {'; '.join(reasons)}"
+        against = f"{best.family.title}: {'; '.join(reasons)}"
+        text = f"something speaks against every law; against {against}"
         remarks = (*remarks, text)
     return dataclasses.replace(best, remarks=remarks, others=others), comparison
 

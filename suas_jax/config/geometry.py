@@ -207,7 +207,7 @@ class GeometrySpec(Spec):
         """
         if self.sheets:
             raise ValueError(
-                f"{what} knows tables along the arc alone; take axial out of "
+                f"{what} takes tables along the arc only; take axial out of "
                 f"geometry.{self.sheets[0]}"
             )
 

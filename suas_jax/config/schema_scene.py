@@ -96,7 +96,7 @@ class SceneSpec(SkinSpec):
         """
         if self.bodies:
             raise ValueError(
-                f'{what} knows dead forces alone, not a [[load]] with kind = "body"; use a '
+                f'{what} takes dead forces only, not a [[load]] with kind = "body"; use a '
                 "line or a patch, or `suas solve` and `suas sweep`"
             )
 

@@ -86,7 +86,7 @@ def _not_covered(scene: SceneSpec, plan: AbstractPlan) -> str | None:
     if scene.bodies:
         return "with bodies the skin is taken to be in equilibrium at every moment"
     if not isinstance(plan, ShellPlan):
-        return "they are known for sections as shells alone"
+        return "they are modelled for shells of sections only"
     return None
 
 

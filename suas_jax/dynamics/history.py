@@ -130,7 +130,7 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     """
     require_float64()
     if any(body.friction is not None for body in scene.bodies):
-        raise SweepError("friction is known under monotone loading alone: take it out")
+        raise SweepError("friction is modelled for monotone loading only: take it out")
     scene = with_solve(scene, oil_pressure=None)
     course = Course.of(scene, history)
     errors = _Errors.at(course.largest)

@@ -21,6 +21,7 @@ from suas_jax.skin.geometry import SkinGeometry, thickness_beyond_mean
 from suas_jax.skin.pad_loads import PadLoad
 
 _SAMPLES = 3  # intervals along either side of an element
+_LABEL = {"boxstyle": "round,pad=0.15", "facecolor": "w", "edgecolor": "none", "alpha": 0.85}
 
 
 class _Grid(NamedTuple):
@@ -76,9 +77,8 @@ def plot_pad_surface(solution: Solution) -> Figure:
     flat = figure.add_subplot(panels[0])
     gap_scale = _around(gap, 1e3 * float(geometry.oil_gap[0]))
     mesh = flat.pcolormesh(*place, gap, cmap="RdBu", norm=gap_scale, shading="gouraud")
-    flat.contour(*place, gap, levels=11, colors="0.3", linewidths=0.4)
     figure.colorbar(mesh, ax=flat, label="gap to the wall [mm]", shrink=0.9)
-    _draw_taxels(flat, parts)
+    _draw_taxels(flat, parts, solution.report["taxels"])
     for load in parts.forces:
         assert isinstance(load, PadLoad)
         _draw_load(flat, load, geometry)
@@ -92,9 +92,9 @@ def plot_pad_surface(solution: Solution) -> Figure:
     top = 1e3 * outer
     colours = mesh.cmap(gap_scale(gap))
     space.plot_surface(top[0], top[2], top[1], facecolors=colours, linewidth=0, shade=True,
-                       rcount=200, ccount=200)  # fmt: skip
+                       antialiased=False, rcount=200, ccount=200)  # fmt: skip
     spans = [float(np.ptp(top[k])) for k in (0, 2, 1)]
-    space.set_box_aspect(spans)
+    space.set_box_aspect(spans, zoom=0.92)
     space.set(xlabel="x [mm]", ylabel="axis [mm]", zlabel="y [mm]")
     space.view_init(elev=38, azim=-58)
     report = solution.report
@@ -112,8 +112,8 @@ def _around(values: np.ndarray, rest: float) -> Normalize:
     return Normalize(rest - reach, rest + reach)
 
 
-def _draw_taxels(axes: Axes, parts: SceneParts) -> None:
-    """Outline the electrodes on the wall."""
+def _draw_taxels(axes: Axes, parts: SceneParts, readings: list[dict[str, Any]]) -> None:
+    """Draw the electrodes on the wall in the colours of their counts, white without one."""
     electrodes = parts.skin.electrodes
     if electrodes is None:
         return
@@ -124,9 +124,13 @@ def _draw_taxels(axes: Axes, parts: SceneParts) -> None:
     places = np.stack([np.rad2deg(given), 1e3 * axial], 1)
     discs = EllipseCollection(
         wide, 1e3 * diameter, np.zeros_like(wide), units="xy", offsets=places,
-        offset_transform=axes.transData, facecolors="none", edgecolors="0.25", linewidths=0.5,
+        offset_transform=axes.transData, edgecolors="0.25", linewidths=0.5,
     )  # fmt: skip
+    counts = np.array([taxel["so"] for taxel in readings], float)
+    discs.set(array=np.ma.masked_invalid(counts), cmap="viridis")
+    discs.get_cmap().set_bad("w")
     axes.add_collection(discs)
+    axes.figure.colorbar(discs, ax=axes, label="sensor output [counts]", shrink=0.9)
 
 
 def _draw_contact(axes: Axes, load: dict[str, Any], geometry: SkinGeometry) -> None:
@@ -140,7 +144,7 @@ def _draw_contact(axes: Axes, load: dict[str, Any], geometry: SkinGeometry) -> N
     )
     axes.annotate(
         f"body, {load['force_N']:.3g} N", (x + half, y + reach), xytext=(5, 5),
-        textcoords="offset points", color="k", fontsize=9,
+        textcoords="offset points", fontsize=9, zorder=4, bbox=_LABEL,
     )  # fmt: skip
 
 
@@ -157,5 +161,5 @@ def _draw_load(axes: Axes, load: PadLoad, geometry: SkinGeometry) -> None:
     axes.add_patch(outline)
     axes.annotate(
         f"{float(load.force[0]):.3g} N", (x + half, y + reach), xytext=(3, 3),
-        textcoords="offset points", color="k", fontsize=9,
+        textcoords="offset points", fontsize=9, zorder=4, bbox=_LABEL,
     )  # fmt: skip

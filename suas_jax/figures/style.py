@@ -10,6 +10,8 @@ from suas_jax.files.writing import write_bytes
 
 WALL = "0.55"
 """Colour of the rigid wall."""
+FILM = "#f7dfa0"
+"""Colour of the oil."""
 BODY = "0.85"
 """Colour of what is pressed on the skin."""
 CONTACT = "C3"

@@ -11,6 +11,7 @@ import jax
 import jax.export
 import numpy as np
 
+from suas_jax.runtime.compiling import compiling
 from suas_jax.runtime.frame import Hole, filled_by
 from suas_jax.runtime.memory import give_back_freed_memory
 from suas_jax.runtime.program_store import KeptProgram, ProgramStore
@@ -134,9 +135,8 @@ class Compiled:
             described = jax.tree.unflatten(structure, types)
             name = self.store.name(function, described, options)
         if self.store is None or name is None:
-            flat = _Flat(function, leaves, structure)
-            compiled = jax.jit(flat).lower(*arrays).compile(compiler_options=options)
-            return filled_by(compiled, flat.frame)
+            with compiling():
+                return _anew(_Flat(function, leaves, structure), arrays, options)
         kept = self.store.load(name)
         if kept is not None:
             # A kept program that can't be compiled, whatever the reason, is traced after all.
@@ -145,16 +145,20 @@ class Compiled:
                 self.loaded.add(key)
                 return program
         flat = _Flat(function, leaves, structure)
-        jitted = jax.jit(flat)
-        try:
-            exported = jax.export.export(jitted, disabled_checks=_KEPT_CALLS)(*arrays)
-        except (ValueError, NotImplementedError):  # has no portable form
-            return filled_by(
-                jitted.lower(*arrays).compile(compiler_options=options), flat.frame
-            )
-        kept = KeptProgram(exported, flat.frame)
-        self.store.save(name, kept)
-        return _compile(kept, arrays, options)
+        with compiling():
+            try:
+                jitted = jax.jit(flat)
+                exported = jax.export.export(jitted, disabled_checks=_KEPT_CALLS)(*arrays)
+            except (ValueError, NotImplementedError):  # has no portable form
+                return _anew(flat, arrays, options)
+            kept = KeptProgram(exported, flat.frame)
+            self.store.save(name, kept)
+            return _compile(kept, arrays, options)
+
+
+def _anew(flat: "_Flat", arrays: list[Any], options: dict[str, Any]) -> Callable[..., Any]:
+    compiled = jax.jit(flat).lower(*arrays).compile(compiler_options=options)
+    return filled_by(compiled, flat.frame)
 
 
 def _compile(

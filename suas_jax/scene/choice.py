@@ -161,7 +161,7 @@ def _choose(scene: SceneSpec, *, once: bool) -> tuple[Attempt, str]:
                 return solid, f"Solid chosen: {why}."
             return shell, "The solid did not converge."
     if not shell.converged:
-        return shell, "Shell tried; the solid was not, as it starts no other path."
+        return shell, "The shell did not converge; the solid would follow the same path."
     if not shell.model_too_coarse(rtol) and shell.mesh_excess(rtol) <= 1:
         return shell, _shell_chosen(shell, rtol)
     at_the_wall = shell.at_the_wall and scene.wall.contact

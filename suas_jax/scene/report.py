@@ -117,8 +117,8 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
         )
     if any(load["zones"] and not load["contact_resolved"] for load in _bodies(report)):
         remarks.append(
-            "A body touches less than the mesh resolves: its force and travel are told, the "
-            "width of contact and its largest pressure are not."
+            "A body touches less than the mesh resolves: its force and travel are right, the "
+            "width of contact and its largest pressure are not known."
         )
     if not report["material_stable"]:
         remarks.append("The material leaves its stability window (see the stretches).")

@@ -114,7 +114,7 @@ def field_capacitance_under(
             circle.
     """
     if not isinstance(electrodes.geometry.section, Circle):
-        raise ValueError("the film's field is solved under circles of one thickness alone")
+        raise ValueError("the film's field is solved under circles of one thickness only")
     if not electrodes.model.guarded:
         raise ValueError("the section's field is that of electrodes with a guard around them")
     geometry, taxels = electrodes.geometry, electrodes.taxels

@@ -26,8 +26,8 @@ STATUS = {
     "imprecise": "The readings hardly determine the load: see the covariance.",
     "ambiguous": "Another load explains the readings almost as well: see alternatives.",
     "pull": "Something pulls the skin outwards: the force is negative.",
-    "at_edge": "The contact is at the clamp or beyond it, where the skin can't tell.",
-    "poor_fit": "The model leaves more than noise; the covariance is scaled up by it.",
+    "at_edge": "The contact is at the clamp or beyond it, where readings hardly change.",
+    "poor_fit": "The residuals are larger than noise; the covariance is scaled up accordingly.",
     "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "
     "least the force stated acts.",
     "model_mismatch": "No load on this skin explains the readings: check skin file, "

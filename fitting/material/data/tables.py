@@ -203,7 +203,7 @@ def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str])
         hint = ""
         if delimiter == "," and len(cells) == 2 * width:
             hint = (
-                "; decimal commas can't be told from commas between fields: put semicolons "
+                "; decimal commas look like commas between fields: put semicolons "
                 "between fields, or use decimal points"
             )
         raise DataError(

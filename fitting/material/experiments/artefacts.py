@@ -107,7 +107,7 @@ def _cycles(data: StressTest) -> list[Suspect]:
                     data.file,
                     f"{len(cycles)} loadings of one specimen, of which the last is "
                     f"{100.0 * float(np.sum(lower) / np.sum(before)):.0f} % softer than the "
-                    f"first: they are no one curve",
+                    f"first: they are not one curve",
                     "--cycle last",
                     share,
                     "of the largest stress",

@@ -238,7 +238,7 @@ def bulge(reader: Reader) -> BulgeTest:
     relative = height / radius
     flat = relative == 0.0
     if flat.any():
-        reader.warnings.append(f"{flat.sum()} rows of a flat diaphragm say nothing; left out")
+        reader.warnings.append(f"{flat.sum()} rows of a flat diaphragm left out")
         values = np.where(flat, np.nan, values)
         relative = np.where(flat, 1.0, relative)
     # The spherical cap of this height (Hill's special solution): stretch 1 + η² at the

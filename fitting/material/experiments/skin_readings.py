@@ -122,7 +122,7 @@ def skin(reader: Reader, scene: SceneSpec) -> SkinTest:
         raise reader.need("the force", "force_N")
     idle = int(np.sum(force == 0.0))
     if idle:
-        reader.warnings.append(f"{idle} rows without force say nothing; left out")
+        reader.warnings.append(f"{idle} rows without force left out")
     columns = (
         (DISPLACEMENT, "displacement", "sigma_displacement"),
         (PRESSURE, "pressure", "sigma"),

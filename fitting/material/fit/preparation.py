@@ -114,9 +114,9 @@ def refuse_what_forgets(
                 f"--mullins a reading depends on all before it"
             )
     if zero:
-        raise ValueError(f"--zero {zero[0]}: is not found with --prony or --mullins")
+        raise ValueError(f"--zero {zero[0]}: can't be found with --prony or --mullins")
     if bounds:
-        raise ValueError("--bound: is not there with --prony or --mullins")
+        raise ValueError("--bound: can't be used with --prony or --mullins")
 
 
 def window_of(sets: Sequence[Dataset], prony: int) -> tuple[float, float]:

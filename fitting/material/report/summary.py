@@ -243,8 +243,8 @@ def _doubts_about_modes(prediction: dict[str, Any]) -> tuple[list[str], list[str
         )
     if off:
         warnings.append(
-            f"the law itself leaves the 95 % band: up to {', '.join(off)}; the band is what is "
-            f"known, and a law that keeps within it is the better one for a skin (--law auto)"
+            f"the law itself leaves the 95 % band: up to {', '.join(off)}; for a skin take a "
+            "law that stays within the band (--law auto)"
         )
     return unknown, warnings
 

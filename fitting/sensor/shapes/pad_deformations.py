@@ -97,7 +97,7 @@ def deform_pad(
     skin = PadSkin(geometry, law, oil, electrodes)
     wanted = np.isfinite(loads.displacement)
     if (wanted.sum(0) > 1).any():
-        raise ValueError("of known displacements on a pad one at a time can be met")
+        raise ValueError("on a pad only one displacement at a time can be a known input")
     stiffness = float(np.asarray(law.shear_modulus).reshape(-1)[0])
     first = _FIRST * stiffness * float(geometry.thickness[0]) ** 2
     found = [_state(skin, loads, k, first) for k in range(loads.states)]

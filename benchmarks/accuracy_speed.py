@@ -1,8 +1,9 @@
-"""The README's two tables, accuracy and speed, computed and measured again.
+"""Accuracy beside references, and the speed of the section: computed and measured again.
 
-    python -m benchmarks.readme_tables
+    python -m benchmarks.accuracy_speed
 
-Rewrites them in README.md. Nothing else should run meanwhile: the times are those of the clock.
+Rewrites their tables in docs/validation.md and docs/benchmarks.md. Nothing else should run
+meanwhile: the times are those of the clock.
 """
 
 import statistics
@@ -80,8 +81,9 @@ def speed() -> list[str]:
 def main() -> None:
     """Rewrite both tables."""
     configure()
-    for name, rows in (("accuracy", accuracy()), ("speed", speed())):
-        write_section("../README.md", name, rows)
+    tables = (("validation.md", "accuracy", accuracy()), ("benchmarks.md", "speed", speed()))
+    for page, name, rows in tables:
+        write_section(page, name, rows)
         print("\n".join([*rows, ""]))
 
 
