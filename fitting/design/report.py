@@ -1,0 +1,108 @@
+"""A design as JSON and for a terminal: before and after, and what holds it."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fitting.datasheet.page import figure_text
+from fitting.datasheet.sheet import DataSheet
+from fitting.datasheet.words import WORDS
+from fitting.design.problem import Problem
+from fitting.design.search import Found, Price
+from fitting.report.description import Headline, Part, Remark, ReportTable
+
+
+class Design(NamedTuple):
+    """A design with the data sheets of both skins.
+
+    Attributes:
+        problem: what was wanted.
+        found: the search.
+        before: sheet of the skin file.
+        after: of the design.
+    """
+
+    problem: Problem
+    found: Found
+    before: DataSheet
+    after: DataSheet
+
+    def report(self) -> dict[str, Any]:
+        """What `suas design --json` prints."""
+        want, found = self.problem.want, self.found
+        return {
+            "status": "converged",
+            "goal": want.goal,
+            "maximise": want.maximise,
+            "goal_at_start": found.before,
+            "goal_value": found.goal,
+            "rated_force_N": self.problem.rated,
+            "inputs": {path: float(v) for path, v in want.inputs(found.x).items()},
+            "starts": len(found.trials),
+            "starts_agreeing": found.agreeing,
+            "trials": [
+                {"goal_value": t.goal, "message": t.message, "variables": t.x.tolist()}
+                for t in found.trials
+            ],
+            "active": [
+                {
+                    "name": p.name,
+                    "bound": "at_least" if p.least else "at_most",
+                    "value": p.value,
+                    "angle_rad": None if p.place is None else float(self._angle(p)),
+                    "price": p.price,
+                }
+                for p in found.prices
+            ],
+            "evaluations": self.problem.calls,
+            "before": self.before.report(),
+            "after": self.after.report(),
+        }
+
+    def described(self) -> list[Part]:
+        """The same for a terminal."""
+        want, found = self.problem.want, self.found
+        word = WORDS[want.goal]
+        first, last = (f"{v / word.size:.4g}" for v in (found.before, found.goal))
+        line = f"{word.title.lower()} {first} {word.unit} became {last} {word.unit} "
+        inputs = want.inputs(found.x)
+        start = want.inputs(want.start)
+        variables = [
+            (path, f"{float(start[path]):.5g}", f"{float(value):.5g}")
+            for path, value in inputs.items()
+        ]
+        rows = [
+            (WORDS[a.key].title, figure_text(a), figure_text(b))
+            for a, b in zip(self.before.figures, self.after.figures, strict=True)
+        ]
+        return [
+            Headline("designed", line, good=True),
+            ReportTable("Inputs", ("input (SI)", "before", "after"), variables),
+            ReportTable("Data sheets", ("figure", "before", "after"), rows),
+            *(Remark(self._price(p)) for p in found.prices),
+            Remark(
+                f"{found.agreeing} of {len(found.trials)} starts agree on the goal; "
+                f"{self.problem.calls} designs were evaluated."
+            ),
+        ]
+
+    def _angle(self, price: Price) -> float:
+        assert price.place is not None
+        places = self.problem.angle
+        return float(places[price.place]) if price.place < len(places) else np.nan
+
+    def _price(self, price: Price) -> str:
+        goal = WORDS[self.problem.want.goal].title.lower()
+        side = "lower" if price.least else "upper"
+        if price.place is None:
+            return (
+                f"{price.name} is at its {side} bound: a bound wider by 1 % of the variable's "
+                f"range would improve the {goal} by {price.price:.2g} %."
+            )
+        word = WORDS[price.name]
+        where = f" at {np.rad2deg(self._angle(price)):.0f} deg" if word.field else ""
+        harder = "more" if price.least else "less"
+        return (
+            f"{word.title}{where} is at its {side} limit of {price.value / word.size:.4g} "
+            f"{word.unit}: 1 % {harder} of it costs {price.price:.2g} % of the {goal}."
+        )
