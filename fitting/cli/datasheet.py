@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson
+from fitting.cli.options import AsJson, TrustNetwork, Workers, executor
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
@@ -33,6 +33,8 @@ def datasheet(
             help='Rated force, such as "10 N"; else 30 % of the smallest first contact.',
         ),
     ] = None,
+    workers: Workers = None,
+    trust_network: TrustNetwork = False,
     noise: Annotated[
         float | None,
         typer.Option(help="Standard deviation of a reading, in counts; else the skin file's."),
@@ -49,14 +51,17 @@ def datasheet(
         spec = load_skin(skin)
         check_outputs([output], overwrite=overwrite)
         rated = None if force is None else parse_quantity(force, "force")
-        with spinner("making the data sheet") as show:
+        with (
+            executor(workers, trust_network) as processes,
+            spinner("making the data sheet") as show,
+        ):
             from suas_jax.runtime.settings import configure
 
             configure()
             from fitting.datasheet.page import described, html_page
             from fitting.datasheet.sheet import data_sheet
 
-            sheet = data_sheet(spec, (places, axials), noise, rated, show)
+            sheet = data_sheet(spec, (places, axials), noise, rated, show, processes)
             if output is not None:
                 write_text(output, html_page(sheet, skin.name))
     if as_json:
@@ -64,6 +69,6 @@ def datasheet(
         return
     from fitting.report.description import print_parts
 
-    print_parts(new_console(), described(sheet))
+    print_parts(new_console(), described(sheet, meanings=False))
     if output is not None:
         say(f"{output}: the page", err=True)

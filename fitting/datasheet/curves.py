@@ -15,7 +15,7 @@ _SHOWN = (
     "sensitivity_counts_per_N",
     "two_point_m",
 )
-_LOGARITHMIC = {"force_resolution_N", "place_resolution_m", "detection_limit_N"}
+_LOGARITHMIC = {"range_N", "force_resolution_N", "place_resolution_m", "detection_limit_N"}
 _MOST = 12  # tolerances that are drawn
 
 
@@ -45,8 +45,8 @@ def _curve(
     )
     at = 1e3 * measured.coordinates[name] if name else measured.coordinates["angle_deg"]
     axes.plot(at, values, ".-", color="C0", lw=1.2, ms=4)
-    spread = 1.96 * np.nan_to_num(deviation)
-    axes.fill_between(at, np.maximum(values - spread, 0), values + spread, alpha=0.2, lw=0)
+    factor = np.exp(1.96 * np.nan_to_num(deviation / values))
+    axes.fill_between(at, values / factor, values * factor, alpha=0.2, lw=0)
     inside = at[measured.region]
     axes.axvspan(at[0], inside[0], color="0.5", alpha=0.12, lw=0)
     axes.axvspan(inside[-1], at[-1], color="0.5", alpha=0.12, lw=0)

@@ -109,6 +109,12 @@ def _taxels(paper: _Paper, drawn: Outline, spec: SkinSpec) -> None:
         along = np.linspace(a - h, a + h, 5)
         place = np.stack([np.interp(along, drawn.angle, x) for x in drawn.wall])
         paper.shape(place, 'fill="none" stroke="#c44e00" stroke-width="3.5"')
+    x, y = paper.at(drawn.wall.mean(1))
+    paper.text(x, y - 9, "rigid wall")
+    paper.parts.append(
+        f'<text x="{x:.1f}" y="{y + 9:.1f}" text-anchor="middle" fill="#c44e00">'
+        f"{len(angle)} taxels</text>"
+    )
 
 
 def _dimensions(paper: _Paper, drawn: Outline, spec: SkinSpec) -> None:
@@ -117,7 +123,7 @@ def _dimensions(paper: _Paper, drawn: Outline, spec: SkinSpec) -> None:
     a, b = (np.array([paper.at(x)[0], base]) for x in (left, right))
     for end, place in ((a, left), (b, right)):
         paper.line(paper.at(place), end + np.array([0, 6]), 'stroke="#999" stroke-width="0.6"')
-    paper.dimension(a, b, _length(np.linalg.norm(right - left)) + " inside")
+    paper.dimension(a, b, _length(float(np.linalg.norm(right - left))) + " inside")
     crown = drawn.outer[:, drawn.outer[1].argmax()]
     side = _WIDTH - _MARGIN + 24
     low, high = (np.array([side, paper.at(x)[1]]) for x in (left, crown))
@@ -137,8 +143,8 @@ def _dimensions(paper: _Paper, drawn: Outline, spec: SkinSpec) -> None:
         place = paper.at(sum(ends) / 2)
         label = np.array([_MARGIN - 60, 18.0 + 17 * row])
         text = f"{name} {_length(float(np.linalg.norm(ends[1] - ends[0])))}"
-        paper.text(*label, text, "start")
-        start = label + np.array([7.2 * len(text), -4])
+        paper.text(label[0], label[1], text, "start")
+        start = label + np.array([8.2 * len(text), -4])
         paper.line(start, place, 'stroke="#222" stroke-width="0.6"')
     arc = drawn.arc[-1] - drawn.arc[0]
     ends_are = "clamped" if spec.geometry.dimension == 3 else "sliding"

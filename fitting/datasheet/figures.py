@@ -15,7 +15,7 @@ slopes by x and F, each over s::
                          the gap is closed already, which makes its derivatives exact
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -50,7 +50,7 @@ class Cases(NamedTuple):
     half: Readings
     rated: Readings
     touch: Readings
-    force: Float[Array, "*skin place"]
+    force: Any
 
 
 class Figures(NamedTuple):
@@ -152,15 +152,13 @@ def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
     return jnp.stack(found)
 
 
-def told(
-    cases: Cases, accuracy: Accuracy, change: Float[Array, "taxel *place"]
-) -> Float[Array, "coordinate *place"]:
+def told(cases: Cases, accuracy: Accuracy, change: Any) -> Float[Array, "coordinate *place"]:
     """What a change of the readings is taken for, by the best weighted fit.
 
     Args:
         cases: readings as the model has them.
         accuracy: of a reading.
-        change: that it knows nothing of [counts].
+        change: that it knows nothing of [taxel, *place] [counts].
 
     Returns:
         Changes of the place's coordinates [m] and of the force [N].

@@ -1,11 +1,15 @@
 """Readings that a data sheet is made of, and where they were taken."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases
+
+_RATED = 0.3  # of the smallest first contact
 
 
 class Measured(NamedTuple):
@@ -19,6 +23,8 @@ class Measured(NamedTuple):
         far: taxels that count as crosstalk [taxel, place].
         rated: the rated force [N].
         accuracy: of a reading.
+        grid: places along the arc and along the axis.
+        missing: why figures have no value on such a skin, by key.
     """
 
     cases: Cases
@@ -28,3 +34,11 @@ class Measured(NamedTuple):
     far: np.ndarray
     rated: float
     accuracy: Accuracy
+    grid: tuple[int, int]
+    missing: Mapping[str, str] = MappingProxyType({})
+
+
+def rated_force(first_contact: Floats) -> float:
+    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
+    known = first_contact[np.isfinite(first_contact)]
+    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0

@@ -17,23 +17,35 @@ from fitting.datasheet.words import WORDS
 from fitting.report.description import Part, Remark, ReportTable
 from fitting.report.page import page
 
+_COLUMNS = ("figure", "value", "95 %", "at", "meaning")
 
-def described(sheet: DataSheet) -> list[Part]:
-    """The sheet's tables and remarks."""
-    rows = [_row(sheet, figure) for figure in sheet.figures]
+
+def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
+    """The sheet's tables and remarks.
+
+    Args:
+        sheet: the data sheet.
+        meanings: whether every figure's stands beside it; else reasons follow the table.
+    """
+    rows = [_row(sheet, figure)[: 5 if meanings else 4] for figure in sheet.figures]
+    reasons: dict[str, list[str]] = {}
+    for figure in () if meanings else sheet.figures:
+        if figure.reason:
+            reasons.setdefault(figure.reason, []).append(WORDS[figure.key].title)
     names = sheet.variants.changes
     tolerances = [
         (
             names[i],
             "taken" if sheet.assumed(i) else "stated",
-            *(f"{100 * sheet.effects[i, k]:+.3g} %" for k in (0, 2)),
-            f"{1e3 * sheet.effects[i, 1]:.3g} mm",
+            *(_or_dash(f"{100 * sheet.effects[i, k]:+.2f} %") for k in (0, 2)),
+            _or_dash(f"{1e3 * sheet.effects[i, 1]:.3f} mm"),
         )
         for i in sheet.order
     ]
     columns = ("one standard deviation of", "", "told force", "range", "told place")
     return [
-        ReportTable("Figures", ("figure", "value", "95 %", "at", "meaning"), rows),
+        ReportTable("Figures", _COLUMNS[: 5 if meanings else 4], rows),
+        *(Remark(f"{', '.join(keys)}: {why}.") for why, keys in reasons.items()),
         ReportTable("What to measure first", columns, tolerances),
         *(Remark(_sentence(text)) for text in sheet.remarks),
     ]
@@ -90,6 +102,10 @@ def _row(sheet: DataSheet, figure: SheetFigure) -> tuple[str, ...]:
         at += f", {1e3 * own['axial_m']:.0f} mm" if "axial_m" in own else ""
     meaning = " ".join(part for part in (word.meaning, _sentence(figure.reason)) if part)
     return word.title, figure_text(figure), interval, at, meaning
+
+
+def _or_dash(text: str) -> str:
+    return "–" if "nan" in text else text
 
 
 def _sentence(text: str) -> str:

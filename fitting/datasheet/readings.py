@@ -4,6 +4,7 @@ The one file of this folder that asks the model for readings. A lane is one cont
 all lanes of a skin, and of its neighbours with changed inputs, go through one program.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -11,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from suas_jax.config import SkinSpec
 from suas_jax.numerics.array_types import Lanes
@@ -22,24 +23,24 @@ _CHUNK = 128  # lanes of a call, so that one program serves any number of them
 
 
 class Readings(NamedTuple):
-    """What contacts do.
+    """What contacts do, arrays of JAX or of NumPy.
 
     Attributes:
-        so: sensor output [counts].
+        so: sensor output [taxel, lane] [counts].
         slope: its derivatives by the contact's coordinates, the force last; the others are
-            lengths along the outer face [counts/m, counts/N].
-        gap: smallest between membrane and wall [m].
-        gap_slope: its derivative by the force [m/N].
-        pressure: of the oil [Pa].
-        result: index of the outcome, 0 where converged.
+            lengths along the outer face [coordinate, taxel, lane] [counts/m, counts/N].
+        gap: smallest between membrane and wall [lane] [m].
+        gap_slope: its derivative by the force [lane] [m/N].
+        pressure: of the oil [lane] [Pa].
+        result: index of the outcome, 0 where converged [lane].
     """
 
-    so: Float[Array, "taxel lane"]
-    slope: Float[Array, "coordinate taxel lane"]
-    gap: Lanes
-    gap_slope: Lanes
-    pressure: Lanes
-    result: Int[Array, " lane"]
+    so: Any
+    slope: Any
+    gap: Any
+    gap_slope: Any
+    pressure: Any
+    result: Any
 
 
 def read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
@@ -99,9 +100,13 @@ def read_all(skins: Skin, which: np.ndarray, angle: np.ndarray, force: np.ndarra
     found: list[Any] = []
     for start in range(0, count, _CHUNK):
         lanes = np.minimum(np.arange(start, start + _CHUNK), count - 1)
-        own = _mapped(lambda x, lanes=lanes: x[..., which[lanes]], skins)
+        own = _mapped(functools.partial(_picked, which[lanes]), skins)
         found.append(COMPILED.run(_read, own, jnp.asarray(angle[lanes]), force[lanes]))
     return _joined(found, count)
+
+
+def _picked(lanes: np.ndarray, x: Array) -> Array:
+    return x[..., lanes]
 
 
 def _mapped(function: Callable[[Array], Array], skin: Skin) -> Skin:
@@ -112,4 +117,4 @@ def _mapped(function: Callable[[Array], Array], skin: Skin) -> Skin:
 
 def _joined(parts: Sequence[Readings], count: int) -> Readings:
     columns = zip(*parts, strict=True)
-    return Readings(*(np.concatenate(x, -1)[..., :count] for x in columns))  # type: ignore[arg-type]
+    return Readings(*(np.concatenate(x, -1)[..., :count] for x in columns))

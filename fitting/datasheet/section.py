@@ -7,7 +7,7 @@ import numpy as np
 
 from fitting.arrays import Floats
 from fitting.datasheet.figures import FAR, Accuracy, Cases
-from fitting.datasheet.measured import Measured
+from fitting.datasheet.measured import Measured, rated_force
 from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
 from fitting.datasheet.variants import Variants
 from fitting.force_range.bound import _first_contacts as first_contacts
@@ -16,7 +16,6 @@ from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax.scene.forward import Skin, skin_of
 
 _CLOSEST = 2.0  # thicknesses from a clamp within which no contact is put
-_RATED = 0.3  # of the smallest first contact
 
 
 def angles_over(skin: Skin, places: int) -> Floats:
@@ -40,12 +39,6 @@ def far_taxels(skin: Skin, angle: Floats) -> np.ndarray:
     taxels = np.asarray(skin.electrodes.taxels.angle)[:, :1]
     distance = np.abs(taxels - angle) * float(g.mid_size[0])
     return np.asarray(distance > FAR * float(g.thickness[0] + g.oil_gap[0]))
-
-
-def rated_force(first_contact: Floats) -> float:
-    """30 % of the smallest first contact, to one significant digit [N]; 1 N where none is."""
-    known = first_contact[np.isfinite(first_contact)]
-    return float(f"{_RATED * known.min():.0e}") if known.size else 1.0
 
 
 def measure_section(
@@ -97,4 +90,5 @@ def measure_section(
         far_taxels(free, angle),
         rated,
         Accuracy(noise, MODEL_ERROR),
+        (places, 1),
     )

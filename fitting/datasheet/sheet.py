@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, Figures, figures_at, told, two_point
 from fitting.datasheet.in_time import buckling_mismatch, creep, motion_figures
 from fitting.datasheet.measured import Measured
+from fitting.datasheet.pad import measure_pad
 from fitting.datasheet.section import measure_section
 from fitting.datasheet.variants import DEEPER, WARMER, Variants, variants_of, why_constant
 from fitting.datasheet.words import PLACED, WORDS
@@ -159,6 +161,7 @@ def data_sheet(
     noise: float | None = None,
     force: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
+    workers: Executor | None = None,
 ) -> DataSheet:
     """Make the data sheet of a skin.
 
@@ -168,6 +171,7 @@ def data_sheet(
         noise: standard deviation of a reading [counts]; the skin file's if None.
         force: the rated force [N]; 30 % of the smallest first contact if None.
         progress: called with what is being done.
+        workers: that solve a pad's table of states; None: this process.
 
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.
@@ -182,7 +186,12 @@ def data_sheet(
     if min(places) < 4:
         raise ValueError(f"{min(places)} places: at least 4 are needed")
     variants = variants_of(spec)
-    measured = measure_section(variants, places[0], deviation, force, progress)
+    if spec.geometry.dimension == 3:
+        measured = measure_pad(variants, places, deviation, force, progress, workers)
+    elif workers is not None:
+        raise ValueError("workers solve the tables of pads; a section takes seconds")
+    else:
+        measured = measure_section(variants, places[0], deviation, force, progress)
     progress("figures")
     moved = variants.slopes(np.asarray(measured.cases.rated.so - measured.cases.rest.so), 1)
     figures, taken_for = jax.tree.map(
@@ -198,12 +207,13 @@ def data_sheet(
     }
     contact = variants.slopes(figures.first_contact)
     effects = np.stack([taken_for[-1], np.sqrt((taken_for[:-1] ** 2).sum(0)), contact])
-    apart = two_point(
-        measured.arc,
-        np.asarray(measured.cases.rest.slope)[-1, :, 0],
-        measured.rated / 2,
-        measured.accuracy.variance,
-    )
+    light = np.asarray(measured.cases.rest.slope)[-1, :, 0]
+    rows = np.arange(len(measured.arc)).reshape(measured.grid).T  # along the arc
+    apart = np.empty(len(measured.arc))
+    for row in rows:
+        apart[row] = two_point(
+            measured.arc[row], light[:, row], measured.rated / 2, measured.accuracy.variance
+        )
     progress("creep, modes and buckling")
     found = [
         *_placed(at, measured, variants),
@@ -241,7 +251,8 @@ def _placed(at: dict[str, Floats], measured: Measured, variants: Variants) -> li
     for key, values in at.items():
         own = np.where(measured.region, values[0], np.nan)
         if not np.isfinite(own).any():
-            found.append(Figure(key, math.nan, reason=WORDS[key].missing))
+            why = measured.missing.get(key, WORDS[key].missing)
+            found.append(Figure(key, math.nan, reason=why))
             continue
         worst = int((np.nanargmin if WORDS[key].least else np.nanargmax)(own))
         deviation = float(_deviation(values[:, worst], variants))
@@ -278,8 +289,8 @@ def _summed(effects: Floats, measured: Measured) -> Floats:
     inside = effects[..., measured.region]
     share = inside / np.array([measured.rated, 1.0, 1.0])[:, None, None]
     share[2] = share[2] / np.asarray(measured.cases.force)[0, measured.region]
-    size = np.sqrt(np.nanmean(share**2, -1))
-    sign = np.where(np.nanmean(share, -1) < 0, -1.0, 1.0)
+    size = np.sqrt((share**2).mean(-1))
+    sign = np.where(share.mean(-1) < 0, -1.0, 1.0)
     sign[1] = 1.0
     return np.asarray((sign * size).T)
 

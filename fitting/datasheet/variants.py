@@ -1,6 +1,7 @@
 """A skin and its neighbours: each tolerance moved to either side, warmer and deeper water."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -63,7 +64,7 @@ def named(spec: SkinSpec) -> SkinSpec:
         own["depth"] = (
             spec.reference.pressure - around.atmospheric_pressure
         ) / around.specific_weight
-    tables = {"environment": around.model_copy(update=own)}
+    tables: dict[str, Any] = {"environment": around.model_copy(update=own)}
     if spec.geometry.mounting is None:
         tables["geometry"] = spec.geometry.model_copy(update={"mounting": 0.0})
     if spec.electrodes is not None:

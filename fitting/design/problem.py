@@ -7,6 +7,7 @@ First contact is found by bisection; one step of Newton's method from there, whi
 it, has its derivatives. Frequencies and buckling have central differences.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -18,16 +19,17 @@ import numpy as np
 from fitting.arrays import Floats
 from fitting.datasheet.figures import Accuracy, Cases, figures_at
 from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
+from fitting.datasheet.measured import rated_force
 from fitting.datasheet.readings import Readings, read
-from fitting.datasheet.section import angles_over, far_taxels, first_contacts, rated_force
+from fitting.datasheet.section import angles_over, far_taxels, first_contacts
 from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED
-from fitting.design.want import BY_DIFFERENCES, Want
+from fitting.design.want import BY_DIFFERENCES, Variable, Want
 from fitting.inverse_load.estimator import MODEL_ERROR
-from suas_jax.config import SkinSpec, continuous_inputs, with_inputs
+from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
 from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.scene.forward import ELEMENTS, skin_of
-from suas_jax.scene.structure import Structure
 from suas_jax.skin.plain import angles_at
 
 _STEP = 1e-3  # of a variable's range, for central differences
@@ -69,22 +71,33 @@ class Numbers(NamedTuple):
     far: Any
 
 
-def figures(
-    structure: Structure,
-    variables: tuple[tuple[tuple[str, ...], bool], ...],
-    keys: tuple[str, ...],
-    elements: int,
-    x: Any,
-    touch: Any,
-    numbers: Numbers,
-) -> tuple[Any, Any]:
+class Asked(Keyed):
+    """What decides the compiled program of figures: all but numbers.
+
+    Args:
+        spec: the skin to start from.
+        variables: what may change.
+        keys: of the figures.
+        elements: of the mesh.
+    """
+
+    def __init__(
+        self,
+        spec: SkinSpec,
+        variables: Sequence[Variable],
+        keys: tuple[str, ...],
+        elements: int,
+    ) -> None:
+        self.spec, self.keys, self.elements = spec, keys, elements
+        self.variables = tuple((v.paths, v.factor) for v in variables)
+        self.key = (structure(spec), self.variables, keys, elements)
+
+
+def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
     """Figures of a design, differentiable by its variables.
 
     Args:
-        structure: of the skin.
-        variables: paths that each sets, and whether as a factor on the skin's own values.
-        keys: of the figures.
-        elements: of the mesh.
+        asked: the skin, its variables and the figures.
         x: variables between 0 and 1 [variable].
         touch: forces that close the gap [place] [N].
         numbers: all else.
@@ -94,10 +107,10 @@ def figures(
     """
     inputs = dict(numbers.own)
     values = numbers.low + (numbers.high - numbers.low) * x
-    for i, (paths, factor) in enumerate(variables):
+    for i, (paths, factor) in enumerate(asked.variables):
         for path in paths:
             inputs[path] = numbers.own[path] * values[i] if factor else values[i]
-    skin = skin_of(structure.scene, inputs, contact=False, elements=elements)
+    skin = skin_of(asked.spec, inputs, contact=False, elements=asked.elements)
     count = len(numbers.angle)
     zero = jnp.zeros(count)
     force = [zero, zero + numbers.rated / 2, zero + numbers.rated, touch]
@@ -107,21 +120,21 @@ def figures(
         for i in range(4)
     ]
     accuracy = Accuracy(numbers.noise, MODEL_ERROR)
-    placed = figures_at(Cases(*parts, touch), accuracy, numbers.far)
-    return jnp.stack([getattr(placed, PLACED[key].field) for key in keys]), found.result
+    rest, half, rated, near = parts
+    cases = Cases(rest, half, rated, near, touch)
+    placed = figures_at(cases, accuracy, numbers.far)
+    return jnp.stack([getattr(placed, PLACED[key].field) for key in asked.keys]), found.result
 
 
 @eqx.filter_jit
-def _values(*arguments: Any) -> tuple[Any, Any]:
-    return figures(*arguments)
+def _values(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
+    return figures(asked, x, touch, numbers)
 
 
 @eqx.filter_jit
-def _slopes(*arguments: Any) -> tuple[Any, tuple[Any, Any]]:
-    *static, x, touch, numbers = arguments
-
+def _slopes(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, tuple[Any, Any]]:
     def of(x: Any) -> tuple[Any, tuple[Any, Any]]:
-        found = figures(*static, x, touch, numbers)
+        found = figures(asked, x, touch, numbers)
         return found[0], found
 
     slopes: tuple[Any, tuple[Any, Any]] = jax.jacfwd(of, has_aux=True)(x)
@@ -163,10 +176,11 @@ class Problem:
         wanted = {want.goal, *(limit.key for limit in want.limits)}
         self._keys = tuple(key for key in PLACED if key in wanted)
         self._others = tuple(key for key in BY_DIFFERENCES if key in wanted)
-        self._structure = Structure(scene_of(spec))
+        self._asked = Asked(spec, want.variables, self._keys, self.elements)
         self._numbers = Numbers(
             {path: np.float64(value) for path, value in continuous_inputs(spec).items()},
-            *np.array([(v.low, v.high) for v in want.variables]).T,
+            np.array([v.low for v in want.variables]),
+            np.array([v.high for v in want.variables]),
             self.angle,
             np.float64(self.rated),
             np.float64(spec.electrodes.noise),
@@ -189,17 +203,11 @@ class Problem:
         self.calls += 1
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
-        static = (
-            self._structure,
-            tuple((v.paths, v.factor) for v in self.want.variables),
-            self._keys,
-            self.elements,
-        )
-        arrays = (np.asarray(x, float), known, self._numbers)
+        arguments = (self._asked, np.asarray(x, float), known, self._numbers)
         if slopes:
-            by_x, (values, result) = COMPILED.run(_slopes, *static, *arrays)
+            by_x, (values, result) = COMPILED.run(_slopes, *arguments)
         else:
-            values, result = COMPILED.run(_values, *static, *arrays)
+            values, result = COMPILED.run(_values, *arguments)
             by_x = np.zeros((*values.shape, len(x)))
         values, by_x, result = (np.asarray(v) for v in (values, by_x, result))
         # Of a contact with the wall that was not found, nothing else is wrong.
@@ -235,7 +243,8 @@ class Problem:
         return Outcome({**outcome.values, **values}, {**outcome.slopes, **rows}, found)
 
     def _without_place(self, x: Floats) -> Floats:
-        spec, found = self.spec(x), {}
+        spec = self.spec(x)
+        found: dict[str, float] = {}
         if set(self._others) - {"buckling_mismatch"}:
             found, reason = motion_figures(spec)
             if not found:

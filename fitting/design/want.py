@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -121,6 +121,7 @@ class Want:
         return np.clip(np.array(share), 0.0, 1.0)
 
 
+_KEYS = {"at": ("region", "places", "force"), "search": ("starts", "seed")}
 _TABLES = ("skin", "goal", "limits", "variables", "at", "search")
 
 
@@ -181,7 +182,7 @@ class _Reader:
     def __init__(self, file: str) -> None:
         self.file = file
 
-    def refuse(self, key: str, value: object, advice: str) -> None:
+    def refuse(self, key: str, value: object, advice: str) -> NoReturn:
         shown = None if value is None else show(value)
         raise ConfigError([Mistake(self.file, key, advice, shown)])
 
@@ -189,8 +190,8 @@ class _Reader:
         found = tables.get(key, {})
         if not isinstance(found, dict):
             self.refuse(key, found, f"a table is expected: [{key}]")
-        known = {"at": ("region", "places", "force"), "search": ("starts", "seed")}.get(key)
-        for name in found if known else ():
+        known = _KEYS.get(key, tuple(found))
+        for name in found:
             if name not in known:
                 self.refuse(f"{key}.{name}", found[name], unknown(name, known, "key"))
         return dict(found)
@@ -210,7 +211,6 @@ class _Reader:
             return parse_quantity(value if isinstance(value, str) else str(value), kind)
         except ValueError as error:
             self.refuse(key, value, str(error))
-            raise
 
     def goal(self, table: dict[str, Any]) -> tuple[str, bool]:
         if len(table) != 1 or next(iter(table)) not in ("minimise", "maximise"):
@@ -275,7 +275,6 @@ class _Reader:
         except ValueError as error:
             reason = str(error).splitlines()
             self.refuse(key, text, reason[min(2, len(reason) - 1)].strip())
-            raise
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
