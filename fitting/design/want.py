@@ -3,23 +3,20 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import Annotated, Any, Literal, NamedTuple, NoReturn, Self
 
 import numpy as np
+from pydantic import model_validator
 
 from fitting.arrays import Floats
 from fitting.datasheet.in_time import scene_of
 from fitting.datasheet.words import PLACED, WORDS
-from suas_jax.config import (
-    ConfigError,
-    SkinSpec,
-    continuous_inputs,
-    load_skin,
-    parse_quantity,
-    with_inputs,
-)
+from suas_jax.config import ConfigError, SkinSpec, continuous_inputs, load_skin, with_inputs
 from suas_jax.config.errors import Mistake, show, unknown
+from suas_jax.config.fields import AsList, Count, PlacedError, Spec, quantity
+from suas_jax.config.quantities import DimensionName, to_si
 from suas_jax.config.toml_file import read_toml
+from suas_jax.config.validation import validate_table
 
 BY_DIFFERENCES = (
     "lowest_frequency_Hz",
@@ -30,7 +27,6 @@ BY_DIFFERENCES = (
 """Figures that have no place; their derivatives are central differences."""
 GOALS = tuple(PLACED)
 """Figures that can be a goal."""
-_MOST_PLACES, _MOST_STARTS = 101, 1000
 
 
 class Variable(NamedTuple):
@@ -121,8 +117,39 @@ class Want:
         return np.clip(np.array(share), 0.0, 1.0)
 
 
-_KEYS = {"at": ("region", "places", "force"), "search": ("starts", "seed")}
-_TABLES = ("skin", "goal", "limits", "variables", "at", "search")
+class _Goal(Spec):
+    minimise: Literal[GOALS] | None = None
+    maximise: Literal[GOALS] | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if (self.minimise is None) == (self.maximise is None):
+            raise PlacedError("minimise", "one of minimise and maximise names a figure")
+        return self
+
+
+class _Limit(Spec):
+    at_least: float | str | None = None
+    at_most: float | str | None = None
+
+
+class _At(Spec):
+    region: Annotated[tuple[str, str], AsList] | None = None
+    places: Count = 9
+    force: Annotated[float, quantity("force", above=0.0)] | None = None
+
+
+class _Search(Spec):
+    starts: Count = 3
+    seed: int = 0
+
+
+class _Together(Spec):
+    of: Annotated[tuple[str, ...], AsList]
+    factor: Annotated[tuple[float, float], AsList]
+
+
+_TABLES = ("skin", "variables", "goal", "limits", "at", "search")
 
 
 def load_want(file: Path) -> Want:
@@ -134,45 +161,37 @@ def load_want(file: Path) -> Want:
     Raises:
         ConfigError: it can't be understood; the message names key, value and what is allowed.
     """
-    table = read_toml(file)
-    reader = _Reader(str(file))
+    table, reader = read_toml(file), _Reader(str(file))
     for key in table:
         if key not in _TABLES:
             reader.refuse(key, table[key], unknown(key, _TABLES, "key"))
-    skin = table.get("skin")
-    if not isinstance(skin, str):
-        reader.refuse("skin", skin, 'the path of a skin file is needed, such as "skin.toml"')
-    path = file.parent / skin
+    if not isinstance(table.get("skin"), str):
+        reader.refuse("skin", table.get("skin"), 'a skin file is needed, such as "skin.toml"')
+    path = file.parent / table["skin"]
     spec = load_skin(path)
-    at, search = (reader.table(table, key) for key in ("at", "search"))
-    goal, maximise = reader.goal(reader.table(table, "goal"))
-    variables = tuple(reader.variables(reader.table(table, "variables"), spec))
-    limits = tuple(reader.limits(reader.table(table, "limits")))
-    kind = "angle" if spec.geometry.has_angle else "length"
-    region = at.get("region")
+    goal, at, search = (
+        reader.part(kind, table.get(key, {}), key)
+        for kind, key in ((_Goal, "goal"), (_At, "at"), (_Search, "search"))
+    )
+    region = at.region
     if region is not None:
-        low, high = reader.pair("at.region", region)
-        region = (
-            reader.quantity("at.region", low, kind),
-            reader.quantity("at.region", high, kind),
-        )
-        if region[0] >= region[1]:
-            reader.refuse(
-                "at.region", at["region"], "the first place must be left of the second"
-            )
-    force = at.get("force")
+        kind: DimensionName = "angle" if spec.geometry.has_angle else "length"
+        low, high = (reader.quantity("at.region", side, kind) for side in at.region)
+        region = low, high
+        if low >= high:
+            reader.refuse("at.region", at.region, "the first place must be left of the second")
     return Want(
         path,
         spec,
-        variables,
-        goal,
-        maximise,
-        limits,
+        tuple(reader.variables(table.get("variables", {}), spec)),
+        goal.minimise or goal.maximise,
+        goal.maximise is not None,
+        tuple(reader.limits(table.get("limits", {}))),
         region,
-        reader.whole("at.places", at.get("places", 9), 4, _MOST_PLACES),
-        None if force is None else reader.quantity("at.force", force, "force"),
-        reader.whole("search.starts", search.get("starts", 3), 1, _MOST_STARTS),
-        reader.whole("search.seed", search.get("seed", 0), 0, 2**31),
+        at.places,
+        at.force,
+        search.starts,
+        search.seed,
     )
 
 
@@ -186,101 +205,66 @@ class _Reader:
         shown = None if value is None else show(value)
         raise ConfigError([Mistake(self.file, key, advice, shown)])
 
-    def table(self, tables: Mapping[str, Any], key: str) -> dict[str, Any]:
-        found = tables.get(key, {})
-        if not isinstance(found, dict):
-            self.refuse(key, found, f"a table is expected: [{key}]")
-        known = _KEYS.get(key, tuple(found))
-        for name in found:
-            if name not in known:
-                self.refuse(f"{key}.{name}", found[name], unknown(name, known, "key"))
-        return dict(found)
+    def part(self, kind: type[Spec], table: Any, key: str) -> Any:
+        found, findings = validate_table(kind, table, key)
+        if findings:
+            raise ConfigError(Mistake(self.file, *finding) for finding in findings)
+        return found
 
-    def pair(self, key: str, value: Any) -> tuple[Any, Any]:
-        if not isinstance(value, list) or len(value) != 2:
-            self.refuse(key, value, "two values are expected, the lower and the upper one")
-        return value[0], value[1]
-
-    def whole(self, key: str, value: Any, low: int, high: int) -> int:
-        if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-            self.refuse(key, value, f"a whole number from {low} to {high} is expected")
-        return int(value)
-
-    def quantity(self, key: str, value: Any, kind: Any) -> float:
+    def quantity(self, key: str, text: Any, kind: DimensionName) -> float:
         try:
-            return parse_quantity(value if isinstance(value, str) else str(value), kind)
+            return to_si(text, kind, bare_numbers=kind == "number")
         except ValueError as error:
-            self.refuse(key, value, str(error))
-
-    def goal(self, table: dict[str, Any]) -> tuple[str, bool]:
-        if len(table) != 1 or next(iter(table)) not in ("minimise", "maximise"):
-            self.refuse(
-                "goal", table, 'expected minimise = "..." or maximise = "...", one of them'
-            )
-        (word, key), *_ = table.items()
-        if key not in GOALS:
-            self.refuse(f"goal.{word}", key, unknown(str(key), GOALS, "figure", quoted=True))
-        return key, word == "maximise"
+            self.refuse(key, text, str(error))
 
     def limits(self, table: dict[str, Any]) -> Iterator[Limit]:
-        allowed = (*GOALS, *BY_DIFFERENCES)
-        for key, bound in table.items():
-            name = f"limits.{key}"
-            if key not in allowed:
-                self.refuse(name, bound, unknown(key, allowed, "figure"))
-            if not isinstance(bound, dict) or not bound or set(bound) - {"at_least", "at_most"}:
-                self.refuse(name, bound, "expected { at_least = ... } or { at_most = ... }")
-            for side, text in bound.items():
-                value = self._figure(f"{name}.{side}", key, text)
+        for key, bounds in table.items():
+            if key not in (*GOALS, *BY_DIFFERENCES):
+                advice = unknown(key, (*GOALS, *BY_DIFFERENCES), "figure")
+                self.refuse(f"limits.{key}", bounds, advice)
+            given = self.part(_Limit, bounds, f"limits.{key}")
+            kinds: dict[str, DimensionName] = {"N": "force", "mm": "length"}
+            for side in given.model_fields_set:
+                name, text = f"limits.{key}.{side}", getattr(given, side)
+                value = self.quantity(name, text, kinds.get(WORDS[key].unit, "number"))
                 if value <= 0:
-                    self.refuse(f"{name}.{side}", text, "must be greater than zero")
+                    self.refuse(name, text, "must be greater than zero")
                 yield Limit(key, value, side == "at_least")
-
-    def _figure(self, name: str, key: str, text: Any) -> float:
-        unit = WORDS[key].unit
-        kind = {"N": "force", "mm": "length"}.get(unit)
-        if kind is not None:
-            return self.quantity(name, text, kind)
-        if not isinstance(text, int | float) or isinstance(text, bool):
-            self.refuse(name, text, f"a number is expected, in the unit that {key} ends with")
-        return float(text)
 
     def variables(self, table: dict[str, Any], spec: SkinSpec) -> Iterator[Variable]:
         if not table:
             self.refuse("variables", None, "at least one is needed")
         known = continuous_inputs(spec)
         for name, value in _flat(table):
-            key = f"variables.{name}"
-            if isinstance(value, dict):
-                paths, bounds, factor = tuple(value["of"]), value["factor"], True
-            else:
-                paths, bounds, factor = (name,), value, False
+            key, factor = f"variables.{name}", isinstance(value, dict)
+            paths, bounds = (name,), value
+            if factor:
+                together = self.part(_Together, value, key)
+                paths, bounds = together.of, together.factor
             for path in paths:
                 if path not in known:
                     self.refuse(key, path, unknown(path, known, "input of the skin"))
-            sides = self.pair(key, bounds)
-            if factor:
-                low, high = (self.quantity(key, side, "number") for side in sides)
-            else:
-                low, high = (self._input(key, spec, name, side) for side in sides)
+            if not isinstance(bounds, list | tuple) or len(bounds) != 2:
+                self.refuse(key, bounds, "two values are expected, the lower and the upper one")
+            low, high = bounds if factor else (self._input(key, spec, name, x) for x in bounds)
             if not low < high:
                 self.refuse(key, bounds, "the lower bound must be below the upper one")
-            yield Variable(name, paths, low, high, factor)
+            yield Variable(name, tuple(paths), low, high, factor)
 
     def _input(self, key: str, spec: SkinSpec, path: str, text: Any) -> float:
         """A value of an input, read as the skin file's own is."""
         try:
-            changed = with_inputs(scene_of(spec), {path: text})
-            return continuous_inputs(changed)[path]
+            return continuous_inputs(with_inputs(scene_of(spec), {path: text}))[path]
         except ValueError as error:
-            reason = str(error).splitlines()
-            self.refuse(key, text, reason[min(2, len(reason) - 1)].strip())
+            lines = str(error).splitlines()  # of the validation library: where, then why
+            reason = lines[min(2, len(lines) - 1)].strip().removeprefix("Value error, ")
+            self.refuse(key, text, reason.partition(" [type=")[0])
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Paths and values of variables, whether their keys are quoted or dotted."""
     for key, value in table.items():
-        if isinstance(value, dict) and not {"of", "factor"} <= value.keys():
+        if isinstance(value, dict) and not {"of", "factor"} & value.keys():
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
