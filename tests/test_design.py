@@ -35,9 +35,8 @@ class Problem:
             limits=(Limit("range_N", 1.0, False),),
         )
 
-    def __call__(self, x: Any, *, slopes: bool = True) -> Outcome:
+    def __call__(self, x: Any) -> Outcome:
         """Figures and slopes."""
-        del slopes
         centre = np.array([0.8, 0.6])
         goal = np.sum((x - centre) ** 2) + 1 + np.arange(2.0)
         return Outcome(

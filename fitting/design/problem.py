@@ -127,11 +127,6 @@ def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, An
 
 
 @eqx.filter_jit
-def _values(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
-    return figures(asked, x, touch, numbers)
-
-
-@eqx.filter_jit
 def _slopes(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, tuple[Any, Any]]:
     def of(x: Any) -> tuple[Any, tuple[Any, Any]]:
         found = figures(asked, x, touch, numbers)
@@ -162,8 +157,8 @@ class Problem:
     def __post_init__(self) -> None:
         want, spec = self.want, self.want.spec
         spec.require_plane_strain("`suas design`")
-        assert spec.electrodes is not None
         skin = skin_of(spec, contact=False, elements=self.elements)
+        assert spec.electrodes is not None  # or there would be no skin
         edge = angles_over(skin, 2)[1]
         low, high = -edge, edge
         if want.region is not None:
@@ -193,23 +188,19 @@ class Problem:
         skin = skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
         return first_contacts(skin, self.angle)[0]
 
-    def __call__(self, x: Floats, *, slopes: bool = True) -> Outcome:
+    def __call__(self, x: Floats) -> Outcome:
         """The figures of a design.
 
         Args:
             x: its variables, between 0 and 1.
-            slopes: whether their derivatives are wanted, too.
         """
         self.calls += 1
         touch = self.first_contacts(x)
         known = np.where(np.isfinite(touch), touch, self.rated)
-        arguments = (self._asked, np.asarray(x, float), known, self._numbers)
-        if slopes:
-            by_x, (values, result) = COMPILED.run(_slopes, *arguments)
-        else:
-            values, result = COMPILED.run(_values, *arguments)
-            by_x = np.zeros((*values.shape, len(x)))
-        values, by_x, result = (np.asarray(v) for v in (values, by_x, result))
+        by_x, (values, result) = jax.tree.map(
+            np.asarray,
+            COMPILED.run(_slopes, self._asked, np.asarray(x, float), known, self._numbers),
+        )
         # Of a contact with the wall that was not found, nothing else is wrong.
         settled = not result[: 3 * len(self.angle)].any()
         needed = "range_N" not in self._keys or np.isfinite(touch).all()
@@ -219,20 +210,18 @@ class Problem:
             dict(zip(self._keys, by_x, strict=True)),
             found,
         )
-        return (
-            self._with_others(outcome, x, slopes=slopes) if self._others and found else outcome
-        )
+        return self._with_others(outcome, x) if self._others and found else outcome
 
     def spec(self, x: Floats) -> SkinSpec:
         """The skin of a design."""
         inputs = {path: float(value) for path, value in self.want.inputs(x).items()}
         return with_inputs(scene_of(self.want.spec), inputs).skin
 
-    def _with_others(self, outcome: Outcome, x: Floats, *, slopes: bool) -> Outcome:
+    def _with_others(self, outcome: Outcome, x: Floats) -> Outcome:
         """With figures that have no place."""
         own = self._without_place(x)
         by_x = np.zeros((len(self._others), len(x)))
-        for i in range(len(x) if slopes else 0):
+        for i in range(len(x)):
             step = np.where(np.arange(len(x)) == i, _STEP, 0.0)
             by_x[:, i] = (self._without_place(x + step) - self._without_place(x - step)) / (
                 2 * _STEP

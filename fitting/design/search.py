@@ -115,7 +115,7 @@ def search(
         )
     agreeing = sum(abs(t.goal / best.goal - 1) < _AGREE for t in trials)
     program = programs[order[0]]
-    before = worst(problem, problem(want.start, slopes=False))
+    before = worst(problem, problem(want.start))
     ordered = tuple(trials[i] for i in order)
     return Found(best.x, best.goal, before, ordered, program.prices(best), agreeing)
 
