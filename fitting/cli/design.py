@@ -61,8 +61,15 @@ def design(
 
             found = search(problem, shown)
             show("data sheets")
+            # Twice as many places, so that what lies between those of the search is seen.
+            angle = problem.angle
             before, after = (
-                data_sheet(spec, force=problem.rated)
+                data_sheet(
+                    spec,
+                    (2 * len(angle) - 1, 4),
+                    force=problem.rated,
+                    between=(float(angle[0]), float(angle[-1])),
+                )
                 for spec in (wanted.spec, problem.spec(found.x))
             )
             designed = Design(problem, found, before, after)

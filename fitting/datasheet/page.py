@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from fitting.datasheet.curves import plot_places, plot_tolerances
-from fitting.datasheet.drawing import drawing
+from fitting.datasheet.drawing import plot_skin
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.sheet import Figure as SheetFigure
 from fitting.datasheet.words import WORDS
@@ -65,7 +65,7 @@ def html_page(sheet: DataSheet, name: str) -> str:
         name=name,
         made=datetime.now(UTC).strftime("%Y-%m-%d"),
         version=version("suas-jax"),
-        drawing=drawing(sheet.variants.spec),
+        drawing=_picture(plot_skin(sheet.spec)),
         places=_picture(plot_places(sheet)),
         tolerances=_picture(plot_tolerances(sheet)),
         parts=described(sheet),

@@ -47,6 +47,7 @@ def measure_section(
     noise: float,
     force: float | None,
     progress: Callable[[str], None],
+    between: tuple[float, float] | None = None,
 ) -> Measured:
     """Readings under line loads over a section.
 
@@ -56,13 +57,15 @@ def measure_section(
         noise: standard deviation of a reading [counts].
         force: the rated force [N]; see `rated_force`.
         progress: called with what is being done.
+        between: angles of the first and the last place, all of which count [rad]; None for
+            places from clamp to clamp, of which those between the outermost taxels count.
     """
     spec = variants.spec
     free = skin_of(spec, contact=False)
-    angle = angles_over(free, places)
+    angle = angles_over(free, places) if between is None else np.linspace(*between, places)
     progress("first contact")
     touch, _ = first_contacts(free, angle)
-    region = between_taxels(free, angle)
+    region = between_taxels(free, angle) if between is None else np.full(places, True)
     rated = rated_force(touch[region]) if force is None else force
     progress("readings")
     count = len(next(iter(variants.inputs.values())))

@@ -162,6 +162,7 @@ def data_sheet(
     force: float | None = None,
     progress: Callable[[str], None] = lambda text: None,
     workers: Executor | None = None,
+    between: tuple[float, float] | None = None,
 ) -> DataSheet:
     """Make the data sheet of a skin.
 
@@ -172,6 +173,7 @@ def data_sheet(
         force: the rated force [N]; 30 % of the smallest first contact if None.
         progress: called with what is being done.
         workers: that solve a pad's table of states; None: this process.
+        between: angles between which a section's places lie, see `measure_section`.
 
     Raises:
         ValueError: the skin has no electrodes, or an argument makes no sense.
@@ -191,7 +193,7 @@ def data_sheet(
     elif workers is not None:
         raise ValueError("workers solve the tables of pads; a section takes seconds")
     else:
-        measured = measure_section(variants, places[0], deviation, force, progress)
+        measured = measure_section(variants, places[0], deviation, force, progress, between)
     progress("figures")
     moved = variants.slopes(np.asarray(measured.cases.rated.so - measured.cases.rest.so), 1)
     figures, taken_for = jax.tree.map(

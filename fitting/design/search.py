@@ -187,7 +187,7 @@ class _Program:
         pull = self._multipliers @ rows
         for i, variable in enumerate(self.want.variables):
             for side, value in ((0.0, variable.low), (1.0, variable.high)):
-                if x[i] == side and pull[i] != 0:
+                if abs(x[i] - side) < _ACTIVE and pull[i] != 0:
                     price = float(abs(pull[i]) / goal)
                     found.append(Price(variable.name, side == 0.0, value, None, price))
         return tuple(found)
