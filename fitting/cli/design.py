@@ -45,36 +45,12 @@ def design(
             from suas_jax.runtime.settings import configure
 
             configure()
-            from fitting.datasheet.sheet import data_sheet
-            from fitting.design.problem import Problem
-            from fitting.design.report import Design
-            from fitting.design.search import search
+            from fitting.design.design import design_skin
             from fitting.design.skin_file import designed_skin
 
-            problem = Problem(wanted)
-            show(f"start 1 of {wanted.starts}")
-
-            def shown(done: int, goal: float) -> None:
-                show(
-                    f"start {min(done + 1, wanted.starts)} of {wanted.starts}, best {goal:.4g}"
-                )
-
-            found = search(problem, shown)
-            show("data sheets")
-            # Twice as many places, so that what lies between those of the search is seen.
-            angle = problem.angle
-            before, after = (
-                data_sheet(
-                    spec,
-                    (2 * len(angle) - 1, 4),
-                    force=problem.rated,
-                    between=(float(angle[0]), float(angle[-1])),
-                )
-                for spec in (wanted.spec, problem.spec(found.x))
-            )
-            designed = Design(problem, found, before, after)
+            designed = design_skin(wanted, show)
             if output is not None:
-                write_text(output, designed_skin(wanted, found.x, output))
+                write_text(output, designed_skin(wanted, designed.found.x, output))
     if as_json:
         say(json_text(designed.report()))
         return

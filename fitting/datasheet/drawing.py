@@ -6,7 +6,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fitting.arrays import Floats
 from fitting.datasheet.in_time import scene_of
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.config.quantities import format_quantity
@@ -108,11 +107,11 @@ def _plan(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> None:
 def _dimension(axes: Axes, a: Any, b: Any, words: str = "") -> None:
     """A dimension between two places [mm], across or upright."""
     axes.annotate("", xy=a, xytext=b, arrowprops={"arrowstyle": "<->", "lw": 0.8})
-    place: Floats = (np.asarray(a) + b) / 2
+    x, y = (np.asarray(a) + b) / 2
     upright = a[0] == b[0]
     axes.annotate(
         f"{_length(float(np.hypot(*(np.asarray(a) - b))))} {words}".strip(),
-        place,
+        (x, y),
         (6, 0) if upright else (0, 4),
         textcoords="offset points",
         ha="left" if upright else "center",

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from suas_jax import Loads, Skin, forward, skin_of
 from suas_jax.config import SkinSpec
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Loads, Skin, forward, skin_of
 
 _CHUNK = 128  # lanes of a call, so that one program serves any number of them
 
@@ -58,10 +58,13 @@ def read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
         return (output.so, output.min_gap, output.oil_pressure), output.result
 
     (so, gap, pressure), push, result = jax.linearize(of, loads, has_aux=True)
-    zero = jnp.zeros((2, *loads.force.shape))
-    one = zero + jnp.eye(2)[:, :, None, None]  # by angle, by force
-    pushed = jax.vmap(lambda a, f: push(Loads(a, f, 0 * f, 0 * f[0])))(one[0], one[1])
-    slope, gap_slope, _ = pushed
+    none = jax.tree.map(jnp.zeros_like, loads)
+
+    def pushed(by_angle: Array, by_force: Array) -> Any:
+        moved = (jnp.full_like(loads.force, x) for x in (by_angle, by_force))
+        return push(eqx.tree_at(lambda x: (x.angle, x.force), none, tuple(moved)))
+
+    slope, gap_slope, _ = jax.vmap(pushed)(*jnp.eye(2))
     slope = slope.at[0].divide(skin.geometry.outer_size)
     return Readings(so, slope, gap, gap_slope[1], pressure, result)
 

@@ -13,7 +13,7 @@ from fitting.datasheet.variants import Variants
 from fitting.force_range.bound import _first_contacts as first_contacts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
-from suas_jax.scene.forward import Skin, skin_of
+from suas_jax import Skin, skin_of
 
 _CLOSEST = 2.0  # thicknesses from a clamp within which no contact is put
 

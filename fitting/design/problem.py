@@ -26,10 +26,10 @@ from fitting.datasheet.variants import named
 from fitting.datasheet.words import PLACED
 from fitting.design.want import BY_DIFFERENCES, Variable, Want
 from fitting.inverse_load.estimator import MODEL_ERROR
+from suas_jax import skin_of
 from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
-from suas_jax.scene.forward import ELEMENTS, skin_of
 from suas_jax.skin.plain import angles_at
 
 _STEP = 1e-3  # of a variable's range, for central differences
@@ -149,7 +149,7 @@ class Problem:
     """
 
     want: Want
-    elements: int = ELEMENTS
+    elements: int = 32
     angle: Floats = field(init=False)
     rated: float = field(init=False)
     calls: int = field(init=False, default=0)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, NoReturn, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, NoReturn, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -117,9 +117,15 @@ class Want:
         return np.clip(np.array(share), 0.0, 1.0)
 
 
+if TYPE_CHECKING:
+    _Figure = str
+else:
+    _Figure = Literal[GOALS]
+
+
 class _Goal(Spec):
-    minimise: Literal[GOALS] | None = None
-    maximise: Literal[GOALS] | None = None
+    minimise: _Figure | None = None
+    maximise: _Figure | None = None
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:

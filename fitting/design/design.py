@@ -1,14 +1,16 @@
-"""A design as JSON and for a terminal: before and after, and what holds it."""
+"""A design: the search, the data sheets before and after, and what holds it."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fitting.datasheet.page import figure_text
-from fitting.datasheet.sheet import DataSheet
+from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem
-from fitting.design.search import Found, Price
+from fitting.design.search import Found, Price, search
+from fitting.design.want import Want
 from fitting.report.description import Headline, Part, Remark, ReportTable
 
 
@@ -106,3 +108,31 @@ class Design(NamedTuple):
             f"{word.title}{where} is at its {side} limit of {price.value / word.size:.4g} "
             f"{word.unit}: 1 % {harder} of it costs {price.price:.2g} % of the {goal}."
         )
+
+
+def design_skin(want: Want, progress: Callable[[str], None] = lambda text: None) -> Design:
+    """Find the skin that makes a figure of its data sheet as good as it can be.
+
+    Args:
+        want: variables, goal and limits: `load_want`.
+        progress: called with what is being done.
+
+    Raises:
+        ValueError: the skin has no electrodes or is a pad, or no design keeps the limits.
+    """
+    progress("compiling, once for these variables")
+    problem = Problem(want)
+
+    def shown(done: int, goal: float) -> None:
+        progress(f"start {min(done + 1, want.starts)} of {want.starts}, best {goal:.4g}")
+
+    found = search(problem, shown)
+    progress("data sheets")
+    angle = problem.angle
+    # Twice as many places, so that what lies between those of the search is seen.
+    places, between = (2 * len(angle) - 1, 4), (float(angle[0]), float(angle[-1]))
+    before, after = (
+        data_sheet(spec, places, force=problem.rated, between=between)
+        for spec in (want.spec, problem.spec(found.x))
+    )
+    return Design(problem, found, before, after)
