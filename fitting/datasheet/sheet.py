@@ -203,12 +203,13 @@ def data_sheet(
         ),
     )
     failed = _failed(measured.cases)
-    at: dict[str, Floats] = {
-        key: np.where(failed, np.nan, getattr(figures, word.field))
-        for key, word in PLACED.items()
-    }
+    at: dict[str, tuple[Floats, Floats]] = {}
+    for key, word in PLACED.items():
+        values = np.where(failed, np.nan, getattr(figures, word.field))
+        at[key] = values[0], _deviation(values, variants)
     contact = variants.slopes(figures.first_contact)
     effects = np.stack([taken_for[-1], np.sqrt((taken_for[:-1] ** 2).sum(0)), contact])
+    effects[..., failed[0]] = np.nan
     light = np.asarray(measured.cases.rest.slope)[-1, :, 0]
     rows = np.arange(len(measured.arc)).reshape(measured.grid).T  # along the arc
     apart = np.empty(len(measured.arc))
@@ -218,8 +219,8 @@ def data_sheet(
         )
     progress("creep, modes and buckling")
     found = [
-        *_placed(at, measured, variants),
-        _two_point(apart, measured.region),
+        *(_worst(key, values, measured, spread) for key, (values, spread) in at.items()),
+        _worst("two_point_m", apart, measured),
         *_coefficients(measured, variants, effects),
         *_in_time(variants.spec),
     ]
@@ -229,7 +230,7 @@ def data_sheet(
         variants,
         measured,
         tuple(sorted(found, key=lambda f: order.index(f.key))),
-        {key: (x[0], _deviation(x, variants)) for key, x in at.items()},
+        at,
         _summed(effects, measured),
         apart,
     )
@@ -247,19 +248,23 @@ def _deviation(values: Floats, variants: Variants) -> Floats:
     return np.asarray(np.sqrt((slopes**2).sum(0)))
 
 
-def _placed(at: dict[str, Floats], measured: Measured, variants: Variants) -> list[Figure]:
-    """The worst of every figure over the region."""
-    found = []
-    for key, values in at.items():
-        own = np.where(measured.region, values[0], np.nan)
-        if not np.isfinite(own).any():
-            why = measured.missing.get(key, WORDS[key].missing)
-            found.append(Figure(key, math.nan, reason=why))
-            continue
-        worst = int((np.nanargmin if WORDS[key].least else np.nanargmax)(own))
-        deviation = float(_deviation(values[:, worst], variants))
-        found.append(Figure(key, float(own[worst]), deviation, place=worst))
-    return found
+def _worst(
+    key: str, values: Floats, measured: Measured, deviation: Floats | None = None
+) -> Figure:
+    """The worst of a figure over the region.
+
+    Args:
+        key: of the figure.
+        values: of it [place].
+        measured: says which places count.
+        deviation: by the tolerances [place].
+    """
+    inside = np.where(measured.region, values, np.nan)
+    if not np.isfinite(inside).any():
+        return Figure(key, math.nan, reason=measured.missing.get(key, WORDS[key].missing))
+    place = int(np.nanargmin(inside) if WORDS[key].least else np.nanargmax(np.abs(inside)))
+    spread = math.nan if deviation is None else float(deviation[place])
+    return Figure(key, float(inside[place]), spread, place=place)
 
 
 @eqx.filter_jit
@@ -288,22 +293,19 @@ def _summed(effects: Floats, measured: Measured) -> Floats:
         effects: on told force [N], told place [m] and first contact [N] [3, change, place].
         measured: says which places count.
     """
-    inside = effects[..., measured.region]
-    share = inside / np.array([measured.rated, 1.0, 1.0])[:, None, None]
-    share[2] = share[2] / np.asarray(measured.cases.force)[0, measured.region]
-    size = np.sqrt((share**2).mean(-1))
-    sign = np.where(share.mean(-1) < 0, -1.0, 1.0)
-    sign[1] = 1.0
-    return np.asarray((sign * size).T)
+    share = effects[..., measured.region] / np.array([measured.rated, 1.0, 1.0])[:, None, None]
+    share[2] /= np.asarray(measured.cases.force)[0, measured.region]
+    known = np.isfinite(share)
+    count = np.where(known.any(-1), known.sum(-1), np.nan)  # NaN where no place knows
+    share = np.where(known, share, 0.0)
+    sign = np.where((share.sum(-1) < 0) & (np.arange(3)[:, None] != 1), -1.0, 1.0)
+    return np.asarray((sign * np.sqrt((share**2).sum(-1) / count)).T)
 
 
 def _coefficients(measured: Measured, variants: Variants, effects: Floats) -> list[Figure]:
     """Accuracy by the tolerances, and what a kelvin and a metre of depth do."""
-    region, count = measured.region, len(variants.errors)
-    share = effects[0] / measured.rated
-    accuracy = np.sqrt((share[:count] ** 2).sum(0))
-    worst = int(np.nanargmax(np.where(region, accuracy, np.nan)))
-    found = [Figure("force_accuracy", float(accuracy[worst]), place=worst)]
+    count, share = len(variants.errors), effects[0] / measured.rated
+    found = [_worst("force_accuracy", np.sqrt((share[:count] ** 2).sum(0)), measured)]
     at_rest = variants.slopes(np.asarray(measured.cases.rest.so)[..., 0], 1)
     for row, path, force, zero in (
         (count, WARMER, "force_per_kelvin", "zero_counts_per_kelvin"),
@@ -313,22 +315,11 @@ def _coefficients(measured: Measured, variants: Variants, effects: Floats) -> li
         if reason:
             value = math.nan if path == WARMER else 0.0
             found += [Figure(key, value, reason=reason) for key in (force, zero)]
-            continue
-        inside = np.where(region, share[row], np.nan)
-        worst = int(np.nanargmax(np.abs(inside)))
-        drift = at_rest[:, row]
-        size = float(drift[np.abs(drift).argmax()])
-        found.append(Figure(force, float(inside[worst]), place=worst))
-        found.append(Figure(zero, size))
+        else:
+            drift = at_rest[:, row]
+            most = float(drift[np.abs(drift).argmax()])
+            found += [_worst(force, share[row], measured), Figure(zero, most)]
     return found
-
-
-def _two_point(apart: Floats, region: np.ndarray) -> Figure:
-    inside = np.where(region, apart, np.nan)
-    if not np.isfinite(inside).any():
-        return Figure("two_point_m", math.nan, reason=WORDS["two_point_m"].missing)
-    worst = int(np.nanargmax(inside))
-    return Figure("two_point_m", float(inside[worst]), place=worst)
 
 
 def _in_time(spec: SkinSpec) -> list[Figure]:
