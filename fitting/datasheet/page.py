@@ -3,6 +3,7 @@
 import base64
 import io
 import math
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -91,21 +92,25 @@ def _row(sheet: DataSheet, figure: SheetFigure) -> tuple[str, ...]:
     interval = "–"
     if math.isfinite(figure.deviation):
         interval = " to ".join(_shown(figure, value) for value in figure.interval)
-    at = "–"
+    own = {}
     if figure.place is not None:
         own = {k: float(v[figure.place]) for k, v in sheet.measured.coordinates.items()}
-        at = (
-            f"{own['angle_deg']:.0f} deg"
-            if "arc_m" not in own
-            else f"{1e3 * own['arc_m']:.0f} mm"
-        )
-        at += f", {1e3 * own['axial_m']:.0f} mm" if "axial_m" in own else ""
+    at = place_text(own) or "–"
     meaning = " ".join(part for part in (word.meaning, _sentence(figure.reason)) if part)
     return word.title, figure_text(figure), interval, at, meaning
 
 
 def _or_dash(text: str) -> str:
     return "–" if "nan" in text else text
+
+
+def place_text(own: Mapping[str, float]) -> str:
+    """A place by its coordinates, see `Measured`; empty where there are none."""
+    if not own:
+        return ""
+    angle = f"{own['angle_deg']:.0f} deg"
+    along = f"{1e3 * own['arc_m']:.0f} mm" if "arc_m" in own else angle
+    return along + (f", {1e3 * own['axial_m']:.0f} mm" if "axial_m" in own else "")
 
 
 def _sentence(text: str) -> str:

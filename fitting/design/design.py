@@ -5,13 +5,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fitting.datasheet.page import figure_text
+from fitting.datasheet.page import figure_text, place_text
 from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS
 from fitting.design.problem import Problem
 from fitting.design.search import Found, Price, search
 from fitting.design.want import Want
 from fitting.report.description import Headline, Part, Remark, ReportTable
+from suas_jax.config import continuous_inputs
 
 
 class Design(NamedTuple):
@@ -51,7 +52,7 @@ class Design(NamedTuple):
                     "name": p.name,
                     "bound": "at_least" if p.least else "at_most",
                     "value": p.value,
-                    "angle_rad": None if p.place is None else float(self._angle(p)),
+                    **self._place(p),
                     "price": p.price,
                 }
                 for p in found.prices
@@ -66,16 +67,16 @@ class Design(NamedTuple):
         want, found = self.problem.want, self.found
         word = WORDS[want.goal]
         first, last = (f"{v / word.size:.4g}" for v in (found.before, found.goal))
-        line = f"{word.title.lower()} {first} {word.unit} became {last} {word.unit} "
+        line = f"{word.title.lower()} {first} {word.unit} became {last} {word.unit}".rstrip()
         inputs = want.inputs(found.x)
-        start = want.inputs(want.start)
+        own = continuous_inputs(want.spec)
         variables = [
-            (path, f"{float(start[path]):.5g}", f"{float(value):.5g}")
-            for path, value in inputs.items()
+            (path, f"{own[path]:.5g}", f"{float(value):.5g}") for path, value in inputs.items()
         ]
         rows = [
             (WORDS[a.key].title, figure_text(a), figure_text(b))
             for a, b in zip(self.before.figures, self.after.figures, strict=True)
+            if np.isfinite(a.value) or np.isfinite(b.value)
         ]
         return [
             Headline("designed", line, good=True),
@@ -88,10 +89,12 @@ class Design(NamedTuple):
             ),
         ]
 
-    def _angle(self, price: Price) -> float:
-        assert price.place is not None
-        places = self.problem.angle
-        return float(places[price.place]) if price.place < len(places) else np.nan
+    def _place(self, price: Price) -> dict[str, float]:
+        """Where a limit is reached, as a data sheet tells places: every second one of its."""
+        if price.place is None or not WORDS[price.name].field:
+            return {}
+        own = self.after.measured.coordinates
+        return {key: float(values[2 * price.place]) for key, values in own.items()}
 
     def _price(self, price: Price) -> str:
         goal = WORDS[self.problem.want.goal].title.lower()
@@ -102,7 +105,8 @@ class Design(NamedTuple):
                 f"range would improve the {goal} by {price.price:.2g} %."
             )
         word = WORDS[price.name]
-        where = f" at {np.rad2deg(self._angle(price)):.0f} deg" if word.field else ""
+        place = place_text(self._place(price))
+        where = f" at {place}" if place else ""
         harder = "more" if price.least else "less"
         return (
             f"{word.title}{where} is at its {side} limit of {price.value / word.size:.4g} "
