@@ -63,7 +63,7 @@ def _section(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> No
     wide, high = np.ptp(drawn.outer[0]), top[1] - base
     axes.set(
         xlim=(drawn.outer[0].min() - 0.04 * wide, side + 0.12 * wide),
-        ylim=(low - 0.02 * wide, base + 1.25 * high),
+        ylim=(low - 0.14 * wide, base + 1.25 * high),
     )
     middle = len(drawn.angle) // 2
     inner, outer, wall = (x[:, middle] for x in (drawn.inner, drawn.outer, drawn.wall))
@@ -81,11 +81,13 @@ def _section(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> No
         )
     arc = 1e3 * float(drawn.arc[-1] - drawn.arc[0])
     ends_are = "clamped" if g.dimension == 3 else "sliding"
-    axes.set_title(
-        f"inner face {_length(arc)} along the arc, {_length(1e3 * float(g.width))} along the "
+    axes.text(
+        x,
+        low - 0.03 * wide,
+        f"inner face {_length(arc)} along the arc,\n{_length(1e3 * float(g.width))} along the "
         f"axis, ends {ends_are}",
-        y=-0.1,
-        fontsize="medium",
+        ha="center",
+        va="top",
     )
 
 
