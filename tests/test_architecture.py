@@ -28,6 +28,8 @@ LAYERS = {
         ["material", "sensor"],
         ["inverse_load"],
         ["force_range", "calibration", "robotics", "view"],
+        ["datasheet"],
+        ["design"],
         ["cli"],
     ],
 }

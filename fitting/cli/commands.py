@@ -8,6 +8,8 @@ import typer
 from fitting.cli import (
     calibrate,
     data,
+    datasheet,
+    design,
     export,
     fit_material,
     fit_materials,
@@ -58,6 +60,8 @@ exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=Tru
 exports.command("mcap")(export.mcap)
 app.add_typer(exports, name="export")
 app.command("range")(force_range.find_range)
+app.command("datasheet")(datasheet.datasheet)
+app.command("design")(design.design)
 app.command("view")(view.view)
 add_examples(app)
 

@@ -19,6 +19,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "modes": ("suas modes configs/scenes/film.toml --plot modes.png",),
     "range": ("suas range configs/skins/suas.toml --plot range.png",),
+    "datasheet": ("suas datasheet configs/skins/suas.toml -o sheet.html",),
+    "design": ("suas design configs/design/sensitive.toml -o designed.toml",),
     "simulate": (
         "suas simulate configs/scenes/press_path.csv -o press.csv",
         "suas simulate press.csv --live --port /tmp/skin --format cobs",
@@ -61,7 +63,16 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 
 PANELS = {
     "Start": ("examples", "new"),
-    "The model": ("solve", "sweep", "modes", "range", "simulate", "view"),
+    "The model": (
+        "solve",
+        "sweep",
+        "modes",
+        "range",
+        "datasheet",
+        "design",
+        "simulate",
+        "view",
+    ),
     "Measurements": ("log", "health", "baseline", "data", "convert", "export"),
     "Fits": ("calibrate", "fit", "invert"),
 }

@@ -1,0 +1,126 @@
+"""A skin's section with its dimensions; of a pad its plan, too."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fitting.datasheet.in_time import scene_of
+from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.config.quantities import format_quantity
+from suas_jax.figures.outline import Outline, outline
+from suas_jax.figures.style import BODY
+from suas_jax.scene.parts import SkinParts, skin_parts
+
+_MEMBRANE, _FILM, _TAXEL = "#4c78a8", "#f6e3ae", "#c44e00"
+
+
+def plot_skin(spec: SkinSpec) -> Figure:
+    """Draw a skin to scale, with dimensions.
+
+    Args:
+        spec: the skin, with electrodes.
+    """
+    drawn = outline(scene_of(spec))
+    drawn = drawn._replace(**{k: 1e3 * getattr(drawn, k) for k in ("inner", "outer", "wall")})
+    parts = skin_parts(spec, continuous_inputs(spec))
+    pad = spec.geometry.dimension == 3
+    figure = Figure(figsize=(10, 4.2) if pad else (7.5, 4.6), layout="constrained")
+    panels = figure.subplots(1, 2 if pad else 1, squeeze=False)[0]
+    _section(panels[0], spec, drawn, parts)
+    if pad:
+        _plan(panels[1], spec, drawn, parts)
+    for axes in panels:
+        axes.set(aspect="equal")
+        axes.set_axis_off()
+    return figure
+
+
+def _section(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> None:
+    axes.fill(*drawn.wall, color=BODY, ec="0.5", lw=0.6)
+    for face, other, color in (
+        (drawn.inner, drawn.wall, _FILM),
+        (drawn.inner, drawn.outer, _MEMBRANE),
+    ):
+        axes.fill(*np.concatenate([face, other[:, ::-1]], 1), color=color, lw=0)
+    own = parts.sensing().taxels
+    half = own.diameter / 2 / parts.geometry.wall_size
+    for a, h in np.unique(np.concatenate([own.angle, half], 1), axis=0):
+        along = np.linspace(a - h, a + h, 5)
+        place = [np.interp(along, drawn.angle, x) for x in drawn.wall]
+        axes.plot(*place, color=_TAXEL, lw=3, solid_capstyle="butt")
+    x, y = drawn.wall.mean(1)
+    count = len(own.angle)
+    axes.text(x, y, f"rigid wall\n{count} taxels", ha="center", va="center", color=_TAXEL)
+    left, right = drawn.inner[:, 0], drawn.inner[:, -1]
+    for end in (left, right):
+        axes.plot(*end, "s", color="0.3", ms=8)
+    base, top = float(min(left[1], right[1])), drawn.outer[:, drawn.outer[1].argmax()]
+    low, side = base - 0.12 * np.ptp(drawn.inner[0]), 1.08 * drawn.outer[0].max()
+    _dimension(axes, (left[0], low), (right[0], low), "inside")
+    _dimension(axes, (side, base), (side, top[1]))
+    wide, high = np.ptp(drawn.outer[0]), top[1] - base
+    axes.set(
+        xlim=(drawn.outer[0].min() - 0.04 * wide, side + 0.12 * wide),
+        ylim=(low - 0.14 * wide, base + 1.25 * high),
+    )
+    middle = len(drawn.angle) // 2
+    inner, outer, wall = (x[:, middle] for x in (drawn.inner, drawn.outer, drawn.wall))
+    g = spec.geometry
+    for ends, name, size, height in (
+        ((inner, outer), "membrane", g.thickness, 1.16),
+        ((wall, inner), "oil", g.oil_gap, 1.07),
+    ):
+        varies = "" if isinstance(size, float) else " in the middle"
+        axes.annotate(
+            f"{name} {_length(float(np.linalg.norm(ends[1] - ends[0])))}{varies}",
+            xy=tuple(sum(ends) / 2),
+            xytext=(drawn.outer[0].min(), base + height * high),
+            arrowprops={"arrowstyle": "-", "lw": 0.7},
+        )
+    arc = 1e3 * float(drawn.arc[-1] - drawn.arc[0])
+    ends_are = "clamped" if g.dimension == 3 else "sliding"
+    axes.text(
+        x,
+        low - 0.03 * wide,
+        f"inner face {_length(arc)} along the arc,\n{_length(1e3 * float(g.width))} along the "
+        f"axis, ends {ends_are}",
+        ha="center",
+        va="top",
+    )
+
+
+def _plan(axes: Axes, spec: SkinSpec, drawn: Outline, parts: SkinParts) -> None:
+    """The unrolled wall with its taxels, axis upwards."""
+    own, geometry = parts.sensing().taxels, parts.geometry
+    half, across = (
+        1e3 * float(geometry.wall_arc(geometry.half_angle)[0]),
+        500 * spec.geometry.width,
+    )
+    axes.fill([-half, half, half, -half], [-across, -across, across, across], color=BODY)
+    arc = 1e3 * np.asarray(geometry.wall_arc(own.angle))[:, 0]
+    axes.scatter(arc, 1e3 * np.asarray(own.axial)[:, 0], s=6, color=_TAXEL)
+    axes.set(xlim=(-1.1 * half, 1.4 * half), ylim=(-1.4 * across, 1.2 * across))
+    _dimension(axes, (-half, -1.2 * across), (half, -1.2 * across), "along the wall")
+    _dimension(axes, (1.1 * half, -across), (1.1 * half, across))
+
+
+def _dimension(axes: Axes, a: Any, b: Any, words: str = "") -> None:
+    """A dimension between two places [mm], across or upright."""
+    axes.annotate("", xy=a, xytext=b, arrowprops={"arrowstyle": "<->", "lw": 0.8})
+    x, y = (np.asarray(a) + b) / 2
+    upright = a[0] == b[0]
+    axes.annotate(
+        f"{_length(float(np.hypot(*(np.asarray(a) - b))))} {words}".strip(),
+        (x, y),
+        (6, 0) if upright else (0, 4),
+        textcoords="offset points",
+        ha="left" if upright else "center",
+        va="center" if upright else "bottom",
+    )
+
+
+def _length(value: float) -> str:
+    """Of a length in millimetres."""
+    return format_quantity(float(f"{1e-3 * value:.4g}"), "length")

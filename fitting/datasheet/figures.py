@@ -1,0 +1,211 @@
+"""What a data sheet states of a place, as functions of readings there, differentiable.
+
+With the readings y(x, F) of a contact of force F at a place x, their change from rest c, their
+variances s^2 (noise, rounding 1/12, and a share of c that the model may be wrong by) and ' for
+slopes by x and F, each over s::
+
+    sensitivity          |y_F| at rest, a root of a sum of squares over the taxels
+    detection limit      3.29 / |y_F / s| at rest (Currie 1968: false alarms and misses 5 %
+                         each, place known)
+    resolution           1 / |part of the slope that the other slopes can't imitate|, at the
+                         rated force: the bound of Cramer and Rao of one frame
+    nonlinearity         |L(F/2) - 1/2|, L the share of c along its value at the rated force F
+    crosstalk            largest |c| of a taxel far from the contact over the largest of all
+    first contact        F - gap / (dgap/dF): one step of Newton's method from a force at which
+                         the gap is closed already, which makes its derivatives exact
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.interpolate import CubicSpline
+
+from fitting.arrays import Floats
+from fitting.datasheet.readings import Readings
+from fitting.inverse_load.fit.covariance import inverse
+from suas_jax.sensing.converter import Converter
+
+CURRIE = 3.29
+"""Standard deviations at which false alarms and misses are 5 % each, one-sided."""
+FAR = 4.0
+"""Films and membranes between a contact and a taxel that counts as crosstalk."""
+_DISTANCES = 60  # of two contacts that are tried
+
+
+class Cases(NamedTuple):
+    """Readings of contacts at places, [taxel, *skin, place] where they have taxels.
+
+    Attributes:
+        rest: without force.
+        half: at half of the rated force.
+        rated: at the rated force.
+        touch: close to first contact with the wall.
+        force: of those [*skin, place] [N].
+    """
+
+    rest: Readings
+    half: Readings
+    rated: Readings
+    touch: Readings
+    force: Any
+
+
+class Figures(NamedTuple):
+    """Figures at places, [*skin, place] each.
+
+    Attributes:
+        first_contact: force at which the membrane reaches the wall [N].
+        min_gap: smallest to the wall under the rated force [m].
+        sensitivity: of all taxels together, at rest [counts/N].
+        detection_limit: force [N].
+        force_resolution: least standard deviation of the force in one frame [N].
+        place_resolution: of the place on the outer face [m].
+        nonlinearity: at half of the rated force, over the reading at the rated force.
+        crosstalk: of far taxels, over the largest change; NaN where none is far.
+    """
+
+    first_contact: Array
+    min_gap: Array
+    sensitivity: Array
+    detection_limit: Array
+    force_resolution: Array
+    place_resolution: Array
+    nonlinearity: Array
+    crosstalk: Array
+
+
+class Accuracy(NamedTuple):
+    """How readings are weighed.
+
+    Attributes:
+        noise: standard deviation of a reading [counts].
+        model_error: of the model, a share of the reading's change from rest.
+    """
+
+    noise: float
+    model_error: float
+
+    @property
+    def variance(self) -> float:
+        """Of a reading at rest."""
+        return self.noise**2 + 1 / 12
+
+
+def figures_at(
+    cases: Cases, accuracy: Accuracy, far: Bool[np.ndarray, "taxel place"]
+) -> Figures:
+    """The figures of places.
+
+    Args:
+        cases: readings there.
+        accuracy: of a reading.
+        far: taxels that a contact at a place should leave alone.
+    """
+    rest, light = cases.rest.so, cases.rest.slope[-1]
+    slope = jax.lax.stop_gradient(cases.touch.gap_slope)
+    sensitivity = _norm(light)
+    change, half = cases.rated.so - rest, cases.half.so - rest
+    squares = jnp.sum(change**2, 0)
+    linear = jnp.sum(half * change, 0) / jnp.where(squares > 0, squares, 1.0)
+    own = unlike(weighted(cases, accuracy))
+    sizes = jnp.sqrt(jnp.sum(own**2, 1))
+    resolution = 1 / jnp.where(sizes > 0, sizes, 1e-300)
+    mask = far.reshape(far.shape[0], *(1,) * (change.ndim - 2), far.shape[1])
+    disturbed = jnp.max(jnp.where(mask, jnp.abs(change), 0.0), 0)
+    crosstalk = disturbed / jnp.max(jnp.abs(change), 0)
+    return Figures(
+        cases.force - cases.touch.gap / slope,
+        cases.rated.gap,
+        sensitivity,
+        CURRIE * jnp.sqrt(accuracy.variance) / sensitivity,
+        resolution[-1],
+        _norm(resolution[:-1]),
+        jnp.abs(linear - 0.5),
+        jnp.where(jnp.any(mask, 0), crosstalk, jnp.nan),
+    )
+
+
+def weighted(cases: Cases, accuracy: Accuracy) -> Array:
+    """Slopes at the rated force over the readings' deviations; zero where saturated."""
+    so = cases.rated.so
+    known = (so > 0) & (so < Converter().full_scale)
+    variance = accuracy.variance + (accuracy.model_error * (so - cases.rest.so)) ** 2
+    return jnp.where(known, cases.rated.slope / jnp.sqrt(variance), 0.0)
+
+
+def unlike(columns: Float[Array, "coordinate taxel *place"]) -> Array:
+    """The part of each column that no sum of the others imitates (Gram and Schmidt)."""
+    found = []
+    for i, own in enumerate(columns):
+        axes: list[Array] = []
+        for j in (*range(i), *range(i + 1, len(columns)), i):
+            rest = own if j == i else columns[j]
+            for axis in axes:
+                rest = rest - axis * jnp.sum(axis * rest, 0)
+            if j != i:
+                square = jnp.sum(rest**2, 0)
+                axes.append(rest / jnp.sqrt(jnp.where(square > 0, square, 1.0)))
+        found.append(rest)
+    return jnp.stack(found)
+
+
+def told(cases: Cases, accuracy: Accuracy, change: Any) -> Float[Array, "coordinate *place"]:
+    """What a change of the readings is taken for, by the best weighted fit.
+
+    Args:
+        cases: readings as the model has them.
+        accuracy: of a reading.
+        change: that it knows nothing of [taxel, *place] [counts].
+
+    Returns:
+        Changes of the place's coordinates [m] and of the force [N].
+    """
+    columns = weighted(cases, accuracy)
+    own = unlike(columns)
+    variance = (
+        accuracy.variance + (accuracy.model_error * (cases.rated.so - cases.rest.so)) ** 2
+    )
+    scaled = change / jnp.sqrt(variance)
+    return jnp.sum(own * scaled, 1) / jnp.sum(own**2, 1)
+
+
+def two_point(
+    arc: Floats, light: Float[np.ndarray, "taxel place"], force: float, variance: float
+) -> Floats:
+    """Distance from which on two contacts are told apart [place] [m]; NaN where none is.
+
+    From the bound of two light contacts, whose readings add: that of their distance is
+    1/3.29 of it.
+
+    Args:
+        arc: places, rising [m].
+        light: derivatives of the readings by the force there [counts/N].
+        force: of each [N].
+        variance: of a reading.
+    """
+    spline = CubicSpline(arc, light.T)
+    distance = np.geomspace(1e-3, 1.0, _DISTANCES) * (arc[-1] - arc[0])
+    sides = arc[:, None, None] + distance[:, None] * np.array([-0.5, 0.5])
+    inside = ((sides >= arc[0]) & (sides <= arc[-1])).all(-1)
+    sides = np.clip(sides, arc[0], arc[-1])
+    columns = np.stack([force * spline(sides, 1), spline(sides)], -2) / np.sqrt(variance)
+    rows = columns.reshape(len(arc) * _DISTANCES, 4, -1)  # place, force of one, of the other
+    covariance = inverse(rows @ np.swapaxes(rows, 1, 2)).reshape(len(arc), _DISTANCES, 4, 4)
+    of = covariance[..., 0, 0] + covariance[..., 2, 2] - 2 * covariance[..., 0, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sure = np.where(inside & (of > 0), np.log(distance / np.sqrt(of) / CURRIE), np.nan)
+    found = np.full(len(arc), np.nan)
+    for i, row in enumerate(sure):
+        apart = np.flatnonzero(row >= 0)
+        if apart.size and apart[0] > 0 and np.isfinite(row[apart[0] - 1]):
+            near = [apart[0] - 1, apart[0]]
+            found[i] = np.exp(np.interp(0.0, row[near], np.log(distance[near])))
+    return found
+
+
+def _norm(columns: Array) -> Array:
+    square = jnp.sum(columns**2, 0)
+    return jnp.sqrt(jnp.where(square > 0, square, 1e-300))

@@ -1,0 +1,160 @@
+"""Readings of a pad for its data sheet, from a table of solved states under one round contact.
+
+Sensitivities to tolerances are those of `suas invert`: exact for what the electrodes see, and
+for the membrane the change of stiffness that solved states show. They move readings alone: of
+figures that need more, the interval is unknown.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.datasheet.figures import FAR, Accuracy, Cases
+from fitting.datasheet.measured import Measured, rated_force
+from fitting.datasheet.readings import Readings
+from fitting.datasheet.variants import DEEPER, STEP, WARMER, Variants, why_constant
+from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
+from fitting.inverse_load.fit.explanation import Explanations
+from fitting.inverse_load.pad.input_errors import PadErrors
+from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
+from fitting.inverse_load.pad.table_build import PadResolution, pad_table_of
+from suas_jax.config import InputErrors
+from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
+
+_RESOLUTION = PadResolution(elements=(18, 15), spacing=10e-3, probes=(3, 3))
+_LIGHT = 0.02  # of the largest force, that stands for none
+_NEVER = 1e8  # stands for a force of first contact that the table doesn't know [N]
+
+
+def measure_pad(
+    variants: Variants,
+    places: tuple[int, int],
+    noise: float,
+    force: float | None,
+    progress: Callable[[str], None],
+    workers: Executor | None = None,
+) -> Measured:
+    """Readings under round contacts of 6 mm over a pad.
+
+    Args:
+        variants: the pad and its neighbours.
+        places: how many along the arc and along the axis, from edge to edge.
+        noise: standard deviation of a reading [counts].
+        force: the rated force [N]; see `rated_force`.
+        progress: called with what is being done.
+        workers: that solve the table; None: this process.
+    """
+
+    def shown(done: int, total: int) -> None:
+        progress(f"table of solved states: {done} of {total} columns")
+
+    spec = variants.spec
+    skin = pad_skin_of(spec, elements=_RESOLUTION.elements, contact=False)
+    table = pad_table_of(spec, DIAMETER, _RESOLUTION, progress=shown, workers=workers)
+    interpolant = PadInterpolant((table,))
+    sides = [
+        np.linspace(-x[-1], x[-1], n)
+        for x, n in zip((table.angle, table.axial), places, strict=True)
+    ]
+    at = np.stack([x.reshape(-1) for x in np.meshgrid(*sides, indexing="ij")], 1)
+    most = MOST * interpolant.largest(*at.T)
+    touch = table.first_contact_at(*at.T)
+    own = skin.electrodes.taxels
+    taxels = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
+    region = ((at >= taxels.min(0) - 1e-9) & (at <= taxels.max(0) + 1e-9)).all(1)
+    region = region if region.any() else np.ones_like(region)
+    rated = rated_force(np.minimum(touch, most)[region]) if force is None else force
+    if rated > most[region].min():
+        raise ValueError(
+            f"a rated force of {rated:g} N is beyond the pad's table of states, which ends at "
+            f"{most[region].min():.3g} N; choose a smaller one"
+        )
+    progress("what tolerances do")
+    errors = _errors(variants, skin, table)
+    outer = float(skin.geometry.outer_size[0])
+    light, half, at_rated = (
+        _readings(interpolant, errors, at, f, outer)
+        for f in (_LIGHT * most, 0 * most + rated / 2, 0 * most + rated)
+    )
+    at_rated.slope[:, :, 1:] = np.nan  # of the neighbours: unknown
+    known, neighbour = touch < _NEVER, np.arange(light.gap.shape[0])[:, None] > 0
+    closed = np.where(known & ~neighbour, 0.0, np.nan)
+    near = light._replace(gap=closed, gap_slope=-np.ones_like(most))
+    rest = _moved(table.rest[:, None], errors.rest[:, :-1].T[..., None])
+    light = light._replace(so=np.broadcast_to(rest, light.so.shape))
+    at_rated = at_rated._replace(gap=np.full_like(light.gap, np.nan))
+    film = float(skin.geometry.thickness[0] + skin.geometry.oil_gap[0])
+    size = np.array([float(skin.geometry.mid_size[0]), 1.0])
+    distance = np.linalg.norm((taxels[:, None] - at) * size, axis=-1)
+    return Measured(
+        Cases(light, half, at_rated, near, np.where(known, touch, rated)[None]),
+        {"angle_deg": np.rad2deg(at[:, 0]), "axial_m": at[:, 1]},
+        outer * at[:, 0],
+        region,
+        distance > FAR * film,
+        rated,
+        Accuracy(noise, PAD_MODEL_ERROR),
+        places,
+        {"min_gap_m": "a pad's table of states holds no gaps; `suas solve` tells them"},
+    )
+
+
+def _errors(variants: Variants, skin: PadSkin, table: object) -> PadErrors:
+    """What every change of the variants does to the readings."""
+    own, paths = variants.errors, tuple(variants.inputs)
+    directions = np.zeros((len(variants.changes), len(paths)))
+    directions[: len(own), : len(own.paths)] = own.directions
+    for row, path in ((-2, WARMER), (-1, DEEPER)):
+        directions[row, paths.index(path)] = not why_constant(variants.spec, path)
+    every = InputErrors(paths, directions, variants.changes, own.assumed, variants.spec)
+    return PadErrors(every, skin, table, from_rest=False, slots=2)  # type: ignore[arg-type]
+
+
+def _readings(
+    interpolant: PadInterpolant, errors: PadErrors, at: Floats, force: Floats, outer: float
+) -> Readings:
+    """Readings of contacts on the pad and its neighbours [taxel, skin, place]."""
+    loads = np.column_stack([at, force])
+    found = interpolant(loads, 1)
+    so, jacobian = found.readings, found.jacobian
+    count, none = len(loads), np.zeros(len(loads))
+    best = Explanations(
+        score=none,
+        chi2=none,
+        contacts=np.ones(count, np.int64),
+        parameters=loads,
+        jacobian=jacobian,
+        information=np.zeros((count, 3, 3)),
+        predicted_decrease=none,
+        pressure=so[:, -1],
+        min_gap=none,
+        so=so,
+        q=np.zeros((count, 0, 0)),
+        weight=np.ones_like(so),
+        absorbed=none > 0,
+        spread=np.full((count, 2), np.nan),
+    )
+    moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place
+    own = np.moveaxis(jacobian[..., :-1], 0, -1) / np.array([outer, 1.0, 1.0])[:, None, None]
+    skins = 1 + 2 * len(moved)
+    slope = np.repeat(own[:, :, None], skins, 2)
+    # A light contact's readings are linear in its force, so their slopes move as they do.
+    by_force = (moved - errors.rest[:, :-1, None]) / force
+    slope[-1] = _moved(own[-1], np.swapaxes(by_force, 0, 1))
+    readings = _moved(so[:, :-1].T, np.swapaxes(moved, 0, 1))
+    zero = np.zeros((skins, count))
+    return Readings(readings, slope, zero, none, zero + so[:, -1], zero.astype(int))
+
+
+def _moved(own: Floats, slopes: Floats) -> Floats:
+    """Values of the pad itself, then of each change downwards and upwards.
+
+    Args:
+        own: its values [taxel, place].
+        slopes: by the changes [taxel, change, place].
+    """
+    sides = np.tile([-STEP, STEP], slopes.shape[1])[:, None]
+    steps = np.repeat(slopes, 2, axis=1) * sides
+    return np.concatenate([own[:, None], own[:, None] + steps], 1)

@@ -1,0 +1,129 @@
+"""A data sheet as one page of HTML that needs nothing else, and for a terminal."""
+
+import base64
+import io
+import math
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from fitting.datasheet.curves import plot_places, plot_tolerances
+from fitting.datasheet.drawing import plot_skin
+from fitting.datasheet.sheet import DataSheet
+from fitting.datasheet.sheet import Figure as SheetFigure
+from fitting.datasheet.words import WORDS
+from fitting.report.description import Part, Remark, ReportTable
+from fitting.report.page import page
+
+_COLUMNS = ("figure", "value", "95 %", "at", "meaning")
+
+
+def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
+    """The sheet's tables and remarks.
+
+    Args:
+        sheet: the data sheet.
+        meanings: whether every figure's stands beside it; else reasons follow the table.
+    """
+    rows = [_row(sheet, figure)[: 5 if meanings else 4] for figure in sheet.figures]
+    reasons: dict[str, list[str]] = {}
+    for figure in () if meanings else sheet.figures:
+        if figure.reason:
+            reasons.setdefault(figure.reason, []).append(WORDS[figure.key].title)
+    names = sheet.variants.changes
+    tolerances = [
+        (
+            names[i],
+            "taken" if sheet.assumed(i) else "stated",
+            *(_or_dash(f"{100 * sheet.effects[i, k]:+.2f} %") for k in (0, 2)),
+            _or_dash(f"{1e3 * sheet.effects[i, 1]:.3f} mm"),
+        )
+        for i in sheet.order
+    ]
+    columns = ("one standard deviation of", "", "told force", "range", "told place")
+    return [
+        ReportTable("Figures", _COLUMNS[: 5 if meanings else 4], rows),
+        *(Remark(f"{', '.join(keys)}: {why}.") for why, keys in reasons.items()),
+        ReportTable("What to measure first", columns, tolerances),
+        *(Remark(_sentence(text)) for text in sheet.remarks),
+    ]
+
+
+def html_page(sheet: DataSheet, name: str) -> str:
+    """The page.
+
+    Args:
+        sheet: the data sheet.
+        name: of the skin, such as its file.
+    """
+    measured = sheet.measured
+    return page(
+        "fitting.datasheet",
+        "sheet.html.j2",
+        name=name,
+        made=datetime.now(UTC).strftime("%Y-%m-%d"),
+        version=version("suas-jax"),
+        drawing=_picture(plot_skin(sheet.spec)),
+        places=_picture(plot_places(sheet)),
+        tolerances=_picture(plot_tolerances(sheet)),
+        parts=described(sheet),
+        rated=_text(measured.rated),
+        noise=_text(measured.accuracy.noise),
+        places_count=len(measured.arc),
+    )
+
+
+def figure_text(figure: SheetFigure) -> str:
+    """The value with its unit; a dash where there is none."""
+    if math.isnan(figure.value):
+        return "–"
+    return f"{_shown(figure, figure.value)} {WORDS[figure.key].unit}".strip()
+
+
+def _shown(figure: SheetFigure, value: float) -> str:
+    return "no limit" if math.isinf(value) else _text(value / WORDS[figure.key].size)
+
+
+def _row(sheet: DataSheet, figure: SheetFigure) -> tuple[str, ...]:
+    word = WORDS[figure.key]
+    interval = "–"
+    if math.isfinite(figure.deviation):
+        interval = " to ".join(_shown(figure, value) for value in figure.interval)
+    own = {}
+    if figure.place is not None:
+        own = {k: float(v[figure.place]) for k, v in sheet.measured.coordinates.items()}
+    at = place_text(own) or "–"
+    meaning = " ".join(part for part in (word.meaning, _sentence(figure.reason)) if part)
+    return word.title, figure_text(figure), interval, at, meaning
+
+
+def _or_dash(text: str) -> str:
+    return "–" if "nan" in text else text
+
+
+def place_text(own: Mapping[str, float]) -> str:
+    """A place by its coordinates, see `Measured`; empty where there are none."""
+    if not own:
+        return ""
+    angle = f"{own['angle_deg']:.0f} deg"
+    along = f"{1e3 * own['arc_m']:.0f} mm" if "arc_m" in own else angle
+    return along + (f", {1e3 * own['axial_m']:.0f} mm" if "axial_m" in own else "")
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
+
+
+def _text(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _picture(figure: Figure) -> str:
+    """A figure as an address of its data, drawn as SVG."""
+    content = io.BytesIO()
+    with mpl.rc_context({"svg.fonttype": "path"}):
+        figure.savefig(content, format="svg")
+    return "data:image/svg+xml;base64," + base64.b64encode(content.getvalue()).decode()

@@ -1,0 +1,123 @@
+"""Readings of a skin under single contacts, with their slopes, many skins and places at once.
+
+The one file of this folder that asks the model for readings. A lane is one contact on one skin;
+all lanes of a skin, and of its neighbours with changed inputs, go through one program.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from suas_jax import Loads, Skin, forward, skin_of
+from suas_jax.config import SkinSpec
+from suas_jax.numerics.array_types import Lanes
+from suas_jax.runtime.compiled import COMPILED
+
+_CHUNK = 128  # lanes of a call, so that one program serves any number of them
+
+
+class Readings(NamedTuple):
+    """What contacts do, arrays of JAX or of NumPy.
+
+    Attributes:
+        so: sensor output [taxel, lane] [counts].
+        slope: its derivatives by the contact's coordinates, the force last; the others are
+            lengths along the outer face [coordinate, taxel, lane] [counts/m, counts/N].
+        gap: smallest between membrane and wall [lane] [m].
+        gap_slope: its derivative by the force [lane] [m/N].
+        pressure: of the oil [lane] [Pa].
+        result: index of the outcome, 0 where converged [lane].
+    """
+
+    so: Any
+    slope: Any
+    gap: Any
+    gap_slope: Any
+    pressure: Any
+    result: Any
+
+
+def read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
+    """Readings under radial line loads; differentiable by every array.
+
+    Args:
+        skin: in one lane, or in as many as there are contacts.
+        angle: of the contacts [rad].
+        force: inwards [N].
+    """
+    loads = Loads.line(angle, force).in_lanes()
+
+    def of(loads: Loads) -> tuple[tuple[Array, ...], Array]:
+        output = forward(skin, loads)
+        return (output.so, output.min_gap, output.oil_pressure), output.result
+
+    (so, gap, pressure), push, result = jax.linearize(of, loads, has_aux=True)
+    none = jax.tree.map(jnp.zeros_like, loads)
+
+    def pushed(by_angle: Array, by_force: Array) -> Any:
+        moved = (jnp.full_like(loads.force, x) for x in (by_angle, by_force))
+        return push(eqx.tree_at(lambda x: (x.angle, x.force), none, tuple(moved)))
+
+    slope, gap_slope, _ = jax.vmap(pushed)(*jnp.eye(2))
+    slope = slope.at[0].divide(skin.geometry.outer_size)
+    return Readings(so, slope, gap, gap_slope[1], pressure, result)
+
+
+@eqx.filter_jit
+def _read(skin: Skin, angle: Lanes, force: Lanes) -> Readings:
+    return read(skin, angle, force)
+
+
+def skins_in_lanes(spec: SkinSpec, inputs: dict[str, np.ndarray]) -> Skin:
+    """Skins that differ in their inputs, side by side; the membrane passes through the wall.
+
+    Args:
+        spec: the skin.
+        inputs: values by TOML path [skin], SI.
+    """
+    built = eqx.filter_vmap(lambda own: skin_of(spec, own, contact=False))(
+        {path: jnp.asarray(values, float) for path, values in inputs.items()}
+    )
+    return _mapped(lambda x: jnp.moveaxis(x[..., 0], 0, -1), built)
+
+
+def read_all(skins: Skin, which: np.ndarray, angle: np.ndarray, force: np.ndarray) -> Readings:
+    """Readings of any number of contacts, chunk by chunk.
+
+    Args:
+        skins: side by side.
+        which: the skin of each contact [lane].
+        angle: of the contacts [lane] [rad].
+        force: inwards [lane] [N].
+
+    Returns:
+        NumPy arrays.
+    """
+    count = len(angle)
+    found: list[Any] = []
+    for start in range(0, count, _CHUNK):
+        lanes = np.minimum(np.arange(start, start + _CHUNK), count - 1)
+        own = _mapped(functools.partial(_picked, which[lanes]), skins)
+        found.append(COMPILED.run(_read, own, jnp.asarray(angle[lanes]), force[lanes]))
+    return _joined(found, count)
+
+
+def _picked(lanes: np.ndarray, x: Array) -> Array:
+    return x[..., lanes]
+
+
+def _mapped(function: Callable[[Array], Array], skin: Skin) -> Skin:
+    """Change every array of a skin."""
+    found: Skin = jax.tree.map(lambda x: function(x) if eqx.is_array(x) else x, skin)
+    return found
+
+
+def _joined(parts: Sequence[Readings], count: int) -> Readings:
+    columns = zip(*parts, strict=True)
+    return Readings(*(np.concatenate(x, -1)[..., :count] for x in columns))

@@ -1,0 +1,97 @@
+"""Readings of a section for its data sheet: places along the arc, all skins in one batch."""
+
+from collections.abc import Callable
+
+import jax
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.datasheet.figures import FAR, Accuracy, Cases
+from fitting.datasheet.measured import Measured, rated_force
+from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
+from fitting.datasheet.variants import Variants
+from fitting.force_range.bound import _first_contacts as first_contacts
+from fitting.inverse_load.estimate.place import ContactPlaces
+from fitting.inverse_load.estimator import MODEL_ERROR
+from suas_jax import Skin, skin_of
+
+_CLOSEST = 2.0  # thicknesses from a clamp within which no contact is put
+
+
+def angles_over(skin: Skin, places: int) -> Floats:
+    """Angles evenly from clamp to clamp [rad]."""
+    geometry = skin.geometry
+    closest = _CLOSEST * geometry.thickness[0] / geometry.mid_size[0]
+    edge = float(geometry.half_angle[0] - closest)
+    return np.linspace(-edge, edge, places)
+
+
+def between_taxels(skin: Skin, angle: Floats) -> np.ndarray:
+    """Whether places lie between the outermost taxels; all of them where none does."""
+    taxels = np.asarray(skin.electrodes.taxels.angle)[:, 0]
+    inside = (angle >= taxels.min() - 1e-9) & (angle <= taxels.max() + 1e-9)
+    return inside if inside.any() else np.ones_like(inside)
+
+
+def far_taxels(skin: Skin, angle: Floats) -> np.ndarray:
+    """Taxels that contacts should leave alone [taxel, place]."""
+    g = skin.geometry
+    taxels = np.asarray(skin.electrodes.taxels.angle)[:, :1]
+    distance = np.abs(taxels - angle) * float(g.mid_size[0])
+    return np.asarray(distance > FAR * float(g.thickness[0] + g.oil_gap[0]))
+
+
+def measure_section(
+    variants: Variants,
+    places: int,
+    noise: float,
+    force: float | None,
+    progress: Callable[[str], None],
+    between: tuple[float, float] | None = None,
+) -> Measured:
+    """Readings under line loads over a section.
+
+    Args:
+        variants: the skin and its neighbours.
+        places: how many, from clamp to clamp.
+        noise: standard deviation of a reading [counts].
+        force: the rated force [N]; see `rated_force`.
+        progress: called with what is being done.
+        between: angles of the first and the last place, all of which count [rad]; None for
+            places from clamp to clamp, of which those between the outermost taxels count.
+    """
+    spec = variants.spec
+    free = skin_of(spec, contact=False)
+    angle = angles_over(free, places) if between is None else np.linspace(*between, places)
+    progress("first contact")
+    touch, _ = first_contacts(free, angle)
+    region = between_taxels(free, angle) if between is None else np.full(places, True)
+    rated = rated_force(touch[region]) if force is None else force
+    progress("readings")
+    count = len(next(iter(variants.inputs.values())))
+    forces = np.stack([0 * angle, 0 * angle + rated / 2, 0 * angle + rated, touch])
+    known = np.where(np.isfinite(forces), forces, rated)
+    shape = (count, *known.shape)  # skin, case, place
+    which = np.broadcast_to(np.arange(count)[:, None, None], shape).ravel()
+    lanes = [np.broadcast_to(x, shape).ravel() for x in (angle, known)]
+    found = read_all(skins_in_lanes(spec, variants.inputs), which, *lanes)
+    cases = jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *shape), found)
+    rest, half, at_rated, near = (
+        Readings(*(np.asarray(x)[..., i, :] for x in cases)) for i in range(4)
+    )
+    lost = (near.result != 0) | ~np.isfinite(touch)
+    near = near._replace(gap=np.where(lost, np.nan, near.gap))
+    at = ContactPlaces(spec.geometry, free.geometry)
+    coordinates = {"angle_deg": np.rad2deg(at.angle(angle))}
+    if (arc := at.arc(angle)) is not None:
+        coordinates["arc_m"] = arc
+    return Measured(
+        Cases(rest, half, at_rated, near, np.broadcast_to(known[3], (count, places))),
+        coordinates,
+        at.outer_arc(angle),
+        region,
+        far_taxels(free, angle),
+        rated,
+        Accuracy(noise, MODEL_ERROR),
+        (places, 1),
+    )

@@ -1,0 +1,110 @@
+"""A skin and its neighbours: each tolerance moved to either side, warmer and deeper water."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fitting.arrays import Floats
+from suas_jax.config import InputErrors, SkinSpec, input_errors
+from suas_jax.config.input_errors import as_assembled, value_of
+from suas_jax.config.schema_load import EnvironmentSpec
+
+WARMER, DEEPER = "environment.temperature", "environment.depth"
+STEP = 0.02
+"""Of a standard deviation, a kelvin or a metre: far inside what is linear."""
+
+
+@dataclass(frozen=True)
+class Variants:
+    """A skin, then each change of its inputs downwards and upwards.
+
+    Attributes:
+        spec: names every input that moves.
+        errors: its tolerances.
+        inputs: values by TOML path [skin]: the skin's own, then two a change.
+    """
+
+    spec: SkinSpec
+    errors: InputErrors
+    inputs: dict[str, np.ndarray]
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """What moves: the tolerances by name, then `WARMER` by 1 K and `DEEPER` by 1 m."""
+        return (*self.errors.names, WARMER, DEEPER)
+
+    @staticmethod
+    def slopes(values: Floats, axis: int = 0) -> Floats:
+        """Derivatives of a figure by the changes, from its values for every skin.
+
+        Args:
+            values: with an axis of skins.
+            axis: which one.
+
+        Returns:
+            With an axis of changes in its place.
+        """
+        moved = np.moveaxis(values, axis, 0)[1:]
+        return np.moveaxis((moved[1::2] - moved[::2]) / (2 * STEP), 0, axis)
+
+
+def named(spec: SkinSpec) -> SkinSpec:
+    """The skin with every input named that may move; its numbers are the same.
+
+    Args:
+        spec: the skin.
+    """
+    spec = as_assembled(spec)
+    around = spec.environment or EnvironmentSpec()
+    own = {}
+    if around.temperature is None:
+        own["temperature"] = spec.reference.temperature
+    if around.depth is None:
+        own["depth"] = (
+            spec.reference.pressure - around.atmospheric_pressure
+        ) / around.specific_weight
+    tables: dict[str, Any] = {"environment": around.model_copy(update=own)}
+    if spec.geometry.mounting is None:
+        tables["geometry"] = spec.geometry.model_copy(update={"mounting": 0.0})
+    if spec.electrodes is not None:
+        lsb = {"lsb": spec.electrodes.lsb}
+        tables["electrodes"] = spec.electrodes.model_copy(update=lsb)
+    return spec.model_copy(update=tables)
+
+
+def variants_of(spec: SkinSpec) -> Variants:
+    """The neighbours of a skin.
+
+    Args:
+        spec: the skin.
+    """
+    spec = named(spec)
+    errors = input_errors(spec)
+    paths = dict.fromkeys((*errors.paths, WARMER, DEEPER))
+    own = np.array([value_of(spec, path) for path in paths])
+    steps = np.zeros((len(errors) + 2, len(paths)))
+    steps[:-2, : len(errors.paths)] = errors.directions
+    for row, path in ((-2, WARMER), (-1, DEEPER)):
+        steps[row, list(paths).index(path)] = 1.0
+    sides = np.array([-STEP, STEP])[:, None]
+    rows = np.concatenate([own[None], *(own + sides * step for step in steps)])
+    return Variants(spec, errors, dict(zip(paths, rows.T, strict=True)))
+
+
+def why_constant(spec: SkinSpec, path: str) -> str:
+    """Why a skin does not feel its surroundings; empty where it does.
+
+    Args:
+        spec: the skin.
+        path: `WARMER` or `DEEPER`.
+    """
+    parts = (spec.material, spec.oil, spec.wall)
+    if path == WARMER and all(part.expansion is None for part in parts):
+        return (
+            "the skin file states no expansion: add expansion to [material], [oil] and [wall]"
+        )
+    solids = (spec.material.bulk_modulus, spec.wall.bulk_modulus)
+    if path == DEEPER and not spec.oil.yields and solids == (None, None):
+        return "oil, rubber and wall are taken as incompressible: depth changes nothing"
+    return ""

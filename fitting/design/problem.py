@@ -1,0 +1,243 @@
+"""Figures of a skin as functions of its variables, with exact derivatives.
+
+Readings at all places, without force, at half and all of the rated force and at first contact,
+are one batch of lanes of `forward`; their slopes by place and force are one of its derivatives,
+and those of the figures by the variables a further one, through the equilibrium and the bound.
+First contact is found by bisection; one step of Newton's method from there, which does not move
+it, has its derivatives. Frequencies and buckling have central differences.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.datasheet.figures import Accuracy, Cases, figures_at
+from fitting.datasheet.in_time import buckling_mismatch, motion_figures, scene_of
+from fitting.datasheet.measured import rated_force
+from fitting.datasheet.readings import Readings, read
+from fitting.datasheet.section import angles_over, far_taxels, first_contacts
+from fitting.datasheet.variants import named
+from fitting.datasheet.words import PLACED
+from fitting.design.want import BY_DIFFERENCES, Variable, Want
+from fitting.inverse_load.estimator import MODEL_ERROR
+from suas_jax import skin_of
+from suas_jax.config import SkinSpec, continuous_inputs, structure, with_inputs
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
+from suas_jax.skin.plain import angles_at
+
+_STEP = 1e-3  # of a variable's range, for central differences
+
+
+class Outcome(NamedTuple):
+    """Figures of a design.
+
+    Attributes:
+        values: by key [place]; of figures without a place [1].
+        slopes: their derivatives by the variables [place, variable].
+        found: whether every state was.
+    """
+
+    values: dict[str, Floats]
+    slopes: dict[str, Floats]
+    found: bool
+
+
+class Numbers(NamedTuple):
+    """What a program of figures is given beside the variables.
+
+    Attributes:
+        own: inputs of the skin to start from, by path.
+        low: bounds of the variables [variable].
+        high: see `low`.
+        angle: of the places [rad].
+        rated: the rated force [N].
+        noise: standard deviation of a reading [counts].
+        far: taxels that count as crosstalk [taxel, place].
+    """
+
+    own: dict[str, Any]
+    low: Any
+    high: Any
+    angle: Any
+    rated: Any
+    noise: Any
+    far: Any
+
+
+class Asked(Keyed):
+    """What decides the compiled program of figures: all but numbers.
+
+    Args:
+        spec: the skin to start from.
+        variables: what may change.
+        keys: of the figures.
+        elements: of the mesh.
+    """
+
+    def __init__(
+        self,
+        spec: SkinSpec,
+        variables: Sequence[Variable],
+        keys: tuple[str, ...],
+        elements: int,
+    ) -> None:
+        self.spec, self.keys, self.elements = spec, keys, elements
+        self.variables = tuple((v.paths, v.factor) for v in variables)
+        self.key = (structure(spec), self.variables, keys, elements)
+
+
+def figures(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, Any]:
+    """Figures of a design, differentiable by its variables.
+
+    Args:
+        asked: the skin, its variables and the figures.
+        x: variables between 0 and 1 [variable].
+        touch: forces that close the gap [place] [N].
+        numbers: all else.
+
+    Returns:
+        Figures [key, place], and the outcomes of their states [lane].
+    """
+    inputs = dict(numbers.own)
+    values = numbers.low + (numbers.high - numbers.low) * x
+    for i, (paths, factor) in enumerate(asked.variables):
+        for path in paths:
+            inputs[path] = numbers.own[path] * values[i] if factor else values[i]
+    skin = skin_of(asked.spec, inputs, contact=False, elements=asked.elements)
+    count = len(numbers.angle)
+    zero = jnp.zeros(count)
+    force = [zero, zero + numbers.rated / 2, zero + numbers.rated, touch]
+    found = read(skin, jnp.tile(numbers.angle, 4), jnp.concatenate(force))
+    parts = [
+        Readings(*(column[..., i * count : (i + 1) * count] for column in found))
+        for i in range(4)
+    ]
+    accuracy = Accuracy(numbers.noise, MODEL_ERROR)
+    rest, half, rated, near = parts
+    cases = Cases(rest, half, rated, near, touch)
+    placed = figures_at(cases, accuracy, numbers.far)
+    return jnp.stack([getattr(placed, PLACED[key].field) for key in asked.keys]), found.result
+
+
+@eqx.filter_jit
+def _slopes(asked: Asked, x: Any, touch: Any, numbers: Numbers) -> tuple[Any, tuple[Any, Any]]:
+    def of(x: Any) -> tuple[Any, tuple[Any, Any]]:
+        found = figures(asked, x, touch, numbers)
+        return found[0], found
+
+    slopes: tuple[Any, tuple[Any, Any]] = jax.jacfwd(of, has_aux=True)(x)
+    return slopes
+
+
+@dataclass
+class Problem:
+    """The figures that a search asks for.
+
+    Attributes:
+        want: what is wanted.
+        elements: of the mesh.
+        angle: places that count [rad].
+        rated: the rated force [N].
+        calls: designs evaluated so far.
+    """
+
+    want: Want
+    elements: int = 32
+    angle: Floats = field(init=False)
+    rated: float = field(init=False)
+    calls: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        want, spec = self.want, self.want.spec
+        spec.require_plane_strain("`suas design`")
+        skin = skin_of(spec, contact=False, elements=self.elements)
+        assert spec.electrodes is not None  # or there would be no skin
+        edge = angles_over(skin, 2)[1]
+        low, high = -edge, edge
+        if want.region is not None:
+            name = "angle" if spec.geometry.has_angle else "arc"
+            low, high = np.clip(
+                angles_at(spec.geometry, name, np.array(want.region)), -edge, edge
+            )
+        self.angle = np.linspace(low, high, want.places)
+        self.rated = want.force or rated_force(first_contacts(skin, self.angle)[0])
+        wanted = {want.goal, *(limit.key for limit in want.limits)}
+        self._keys = tuple(key for key in PLACED if key in wanted)
+        self._others = tuple(key for key in BY_DIFFERENCES if key in wanted)
+        self._asked = Asked(spec, want.variables, self._keys, self.elements)
+        self._numbers = Numbers(
+            {path: np.float64(value) for path, value in continuous_inputs(spec).items()},
+            np.array([v.low for v in want.variables]),
+            np.array([v.high for v in want.variables]),
+            self.angle,
+            np.float64(self.rated),
+            np.float64(spec.electrodes.noise),
+            far_taxels(skin, self.angle),
+        )
+
+    def first_contacts(self, x: Floats) -> Floats:
+        """Forces that close the gap [place] [N]; NaN where none does."""
+        inputs = self.want.inputs(np.asarray(x, float))
+        skin = skin_of(self.want.spec, inputs, contact=False, elements=self.elements)
+        return first_contacts(skin, self.angle)[0]
+
+    def __call__(self, x: Floats) -> Outcome:
+        """The figures of a design.
+
+        Args:
+            x: its variables, between 0 and 1.
+        """
+        self.calls += 1
+        touch = self.first_contacts(x)
+        known = np.where(np.isfinite(touch), touch, self.rated)
+        by_x, (values, result) = jax.tree.map(
+            np.asarray,
+            COMPILED.run(_slopes, self._asked, np.asarray(x, float), known, self._numbers),
+        )
+        # Of a contact with the wall that was not found, nothing else is wrong.
+        settled = not result[: 3 * len(self.angle)].any()
+        needed = "range_N" not in self._keys or np.isfinite(touch).all()
+        found = bool(settled and needed and np.isfinite(values).all())
+        outcome = Outcome(
+            dict(zip(self._keys, values, strict=True)),
+            dict(zip(self._keys, by_x, strict=True)),
+            found,
+        )
+        return self._with_others(outcome, x) if self._others and found else outcome
+
+    def spec(self, x: Floats) -> SkinSpec:
+        """The skin of a design."""
+        inputs = {path: float(value) for path, value in self.want.inputs(x).items()}
+        return with_inputs(scene_of(self.want.spec), inputs).skin
+
+    def _with_others(self, outcome: Outcome, x: Floats) -> Outcome:
+        """With figures that have no place."""
+        own = self._without_place(x)
+        by_x = np.zeros((len(self._others), len(x)))
+        for i in range(len(x)):
+            step = np.where(np.arange(len(x)) == i, _STEP, 0.0)
+            by_x[:, i] = (self._without_place(x + step) - self._without_place(x - step)) / (
+                2 * _STEP
+            )
+        values = dict(zip(self._others, own[:, None], strict=True))
+        rows = dict(zip(self._others, by_x[:, None], strict=True))
+        found = outcome.found and bool(np.isfinite(own).all())
+        return Outcome({**outcome.values, **values}, {**outcome.slopes, **rows}, found)
+
+    def _without_place(self, x: Floats) -> Floats:
+        spec = self.spec(x)
+        found: dict[str, float] = {}
+        if set(self._others) - {"buckling_mismatch"}:
+            found, reason = motion_figures(spec)
+            if not found:
+                raise ValueError(f"limits: {self._others[0]}: {reason}")
+        if "buckling_mismatch" in self._others:
+            found["buckling_mismatch"] = buckling_mismatch(named(spec))[0]
+        return np.array([found[key] for key in self._others])

@@ -1,0 +1,276 @@
+"""What a skin should become: variables with bounds, a goal and limits, from a TOML file."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, NoReturn, Self
+
+import numpy as np
+from pydantic import model_validator
+
+from fitting.arrays import Floats
+from fitting.datasheet.in_time import scene_of
+from fitting.datasheet.words import PLACED, WORDS
+from suas_jax.config import ConfigError, SkinSpec, continuous_inputs, load_skin, with_inputs
+from suas_jax.config.errors import Mistake, show, unknown
+from suas_jax.config.fields import AsList, Count, PlacedError, Spec, quantity
+from suas_jax.config.quantities import DimensionName, to_si
+from suas_jax.config.toml_file import read_toml
+from suas_jax.config.validation import validate_table
+
+BY_DIFFERENCES = (
+    "lowest_frequency_Hz",
+    "damping_ratio",
+    "bandwidth_Hz",
+    "buckling_mismatch",
+)
+"""Figures that have no place; their derivatives are central differences."""
+GOALS = tuple(PLACED)
+"""Figures that can be a goal."""
+
+
+class Variable(NamedTuple):
+    """What may change.
+
+    Attributes:
+        name: as in the file.
+        paths: of the inputs that it sets.
+        low: its bounds, in SI units, or as factors on the inputs of the skin file.
+        high: see `low`.
+        factor: whether they are factors.
+    """
+
+    name: str
+    paths: tuple[str, ...]
+    low: float
+    high: float
+    factor: bool
+
+
+class Limit(NamedTuple):
+    """A figure that must not be worse than a value.
+
+    Attributes:
+        key: of the figure.
+        value: in SI units.
+        least: whether the figure must be at least as large; else at most.
+    """
+
+    key: str
+    value: float
+    least: bool
+
+
+@dataclass(frozen=True)
+class Want:
+    """What is wanted.
+
+    Attributes:
+        skin: file of the skin to start from.
+        spec: that skin.
+        variables: what may change.
+        goal: key of the figure whose worst over the region is to be as good as it can be.
+        maximise: whether that means large.
+        limits: on other figures.
+        region: of the places that count, as the skin's scenes state them [rad or m]; None
+            for all of the skin.
+        places: how many.
+        force: the rated force [N]; None for that of the data sheet of the skin to start from.
+        starts: of the search, the skin itself first.
+        seed: of the other starts.
+    """
+
+    skin: Path
+    spec: SkinSpec
+    variables: tuple[Variable, ...]
+    goal: str
+    maximise: bool
+    limits: tuple[Limit, ...]
+    region: tuple[float, float] | None
+    places: int
+    force: float | None
+    starts: int
+    seed: int
+
+    def inputs(self, x: Any) -> dict[str, Any]:
+        """Inputs of the skin by path, from variables between 0 and 1.
+
+        Args:
+            x: the variables [variable], traced or not.
+        """
+        own = continuous_inputs(self.spec)
+        found = {}
+        for i, variable in enumerate(self.variables):
+            value = variable.low + (variable.high - variable.low) * x[i]
+            for path in variable.paths:
+                found[path] = own[path] * value if variable.factor else value
+        return found
+
+    @property
+    def start(self) -> Floats:
+        """Variables of the skin file, moved into their bounds where they lie beyond."""
+        own = continuous_inputs(self.spec)
+        now = [1.0 if v.factor else own[v.paths[0]] for v in self.variables]
+        share = [
+            (n - v.low) / (v.high - v.low) for n, v in zip(now, self.variables, strict=True)
+        ]
+        return np.clip(np.array(share), 0.0, 1.0)
+
+
+if TYPE_CHECKING:
+    _Figure = str
+else:
+    _Figure = Literal[GOALS]
+
+
+class _Goal(Spec):
+    minimise: _Figure | None = None
+    maximise: _Figure | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if (self.minimise is None) == (self.maximise is None):
+            raise PlacedError("minimise", "one of minimise and maximise names a figure")
+        return self
+
+
+class _Limit(Spec):
+    at_least: float | str | None = None
+    at_most: float | str | None = None
+
+
+class _At(Spec):
+    region: Annotated[tuple[str, str], AsList] | None = None
+    places: Count = 9
+    force: Annotated[float, quantity("force", above=0.0)] | None = None
+
+
+class _Search(Spec):
+    starts: Count = 3
+    seed: int = 0
+
+
+class _Together(Spec):
+    of: Annotated[tuple[str, ...], AsList]
+    factor: Annotated[tuple[float, float], AsList]
+
+
+_TABLES = ("skin", "variables", "goal", "limits", "at", "search")
+
+
+def load_want(file: Path) -> Want:
+    """Read what is wanted.
+
+    Args:
+        file: the TOML file; the path of its skin is relative to it.
+
+    Raises:
+        ConfigError: it can't be understood; the message names key, value and what is allowed.
+    """
+    table, reader = read_toml(file), _Reader(str(file))
+    for key in table:
+        if key not in _TABLES:
+            reader.refuse(key, table[key], unknown(key, _TABLES, "key"))
+    if not isinstance(table.get("skin"), str):
+        reader.refuse("skin", table.get("skin"), 'a skin file is needed, such as "skin.toml"')
+    path = file.parent / table["skin"]
+    spec = load_skin(path)
+    goal, at, search = (
+        reader.part(kind, table.get(key, {}), key)
+        for kind, key in ((_Goal, "goal"), (_At, "at"), (_Search, "search"))
+    )
+    region = at.region
+    if region is not None:
+        kind: DimensionName = "angle" if spec.geometry.has_angle else "length"
+        low, high = (reader.quantity("at.region", side, kind) for side in at.region)
+        region = low, high
+        if low >= high:
+            reader.refuse("at.region", at.region, "the first place must be left of the second")
+    return Want(
+        path,
+        spec,
+        tuple(reader.variables(table.get("variables", {}), spec)),
+        goal.minimise or goal.maximise,
+        goal.maximise is not None,
+        tuple(reader.limits(table.get("limits", {}))),
+        region,
+        at.places,
+        at.force,
+        search.starts,
+        search.seed,
+    )
+
+
+class _Reader:
+    """Reads tables of one file, and says what is wrong with them."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+
+    def refuse(self, key: str, value: object, advice: str) -> NoReturn:
+        shown = None if value is None else show(value)
+        raise ConfigError([Mistake(self.file, key, advice, shown)])
+
+    def part(self, kind: type[Spec], table: Any, key: str) -> Any:
+        found, findings = validate_table(kind, table, key)
+        if findings:
+            raise ConfigError(Mistake(self.file, *finding) for finding in findings)
+        return found
+
+    def quantity(self, key: str, text: Any, kind: DimensionName) -> float:
+        try:
+            return to_si(text, kind, bare_numbers=kind == "number")
+        except ValueError as error:
+            self.refuse(key, text, str(error))
+
+    def limits(self, table: dict[str, Any]) -> Iterator[Limit]:
+        for key, bounds in table.items():
+            if key not in (*GOALS, *BY_DIFFERENCES):
+                advice = unknown(key, (*GOALS, *BY_DIFFERENCES), "figure")
+                self.refuse(f"limits.{key}", bounds, advice)
+            given = self.part(_Limit, bounds, f"limits.{key}")
+            kinds: dict[str, DimensionName] = {"N": "force", "mm": "length"}
+            for side in given.model_fields_set:
+                name, text = f"limits.{key}.{side}", getattr(given, side)
+                value = self.quantity(name, text, kinds.get(WORDS[key].unit, "number"))
+                if value <= 0:
+                    self.refuse(name, text, "must be greater than zero")
+                yield Limit(key, value, side == "at_least")
+
+    def variables(self, table: dict[str, Any], spec: SkinSpec) -> Iterator[Variable]:
+        if not table:
+            self.refuse("variables", None, "at least one is needed")
+        known = continuous_inputs(spec)
+        for name, value in _flat(table):
+            key, factor = f"variables.{name}", isinstance(value, dict)
+            paths, bounds = (name,), value
+            if factor:
+                together = self.part(_Together, value, key)
+                paths, bounds = together.of, together.factor
+            for path in paths:
+                if path not in known:
+                    self.refuse(key, path, unknown(path, known, "input of the skin"))
+            if not isinstance(bounds, list | tuple) or len(bounds) != 2:
+                self.refuse(key, bounds, "two values are expected, the lower and the upper one")
+            low, high = bounds if factor else (self._input(key, spec, name, x) for x in bounds)
+            if not low < high:
+                self.refuse(key, bounds, "the lower bound must be below the upper one")
+            yield Variable(name, tuple(paths), low, high, factor)
+
+    def _input(self, key: str, spec: SkinSpec, path: str, text: Any) -> float:
+        """A value of an input, read as the skin file's own is."""
+        try:
+            return continuous_inputs(with_inputs(scene_of(spec), {path: text}))[path]
+        except ValueError as error:
+            lines = str(error).splitlines()  # of the validation library: where, then why
+            reason = lines[min(2, len(lines) - 1)].strip().removeprefix("Value error, ")
+            self.refuse(key, text, reason.partition(" [type=")[0])
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Paths and values of variables, whether their keys are quoted or dotted."""
+    for key, value in table.items():
+        if isinstance(value, dict) and not {"of", "factor"} & value.keys():
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value

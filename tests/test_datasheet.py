@@ -1,0 +1,190 @@
+"""Data sheets: definitions against formulas, figures against references, derivatives."""
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from fitting.datasheet.figures import (
+    CURRIE,
+    Accuracy,
+    Cases,
+    Figures,
+    figures_at,
+    told,
+    two_point,
+    unlike,
+)
+from fitting.datasheet.in_time import creep
+from fitting.datasheet.readings import Readings
+from fitting.datasheet.variants import STEP, named, variants_of
+from fitting.datasheet.words import PLACED
+from suas_jax.config import continuous_inputs, load_skin
+from suas_jax.config.inelastic import RelaxationSpec
+
+ROOT = Path(__file__).parent.parent
+SKIN = ROOT / "configs" / "skins" / "suas.toml"
+ACCURACY = Accuracy(2.0, 0.0)
+
+
+def test_resolution_is_the_bound_of_cramer_and_rao() -> None:
+    columns = np.random.default_rng(0).normal(size=(3, 20, 4))
+    own = np.asarray(unlike(jnp.asarray(columns)))
+    found = 1 / np.sqrt((own**2).sum(1))
+    for place in range(4):
+        j = columns[:, :, place]
+        np.testing.assert_allclose(found[:, place] ** 2, np.diag(np.linalg.inv(j @ j.T)))
+
+
+def stand_in(scale: Any, closed: float = 50.0) -> Cases:
+    """Readings of three taxels at two places that follow formulas, changed by a number."""
+    at, taxels = np.array([-0.2, 0.5]), np.array([-1.0, 0.1, 0.9])[:, None]
+    bell = jnp.exp(-((at - taxels) ** 2))
+
+    def readings(force: Any) -> Readings:
+        so = 4000 + 300 * scale * bell * force + 20 * scale**2 * bell**2 * force**2
+        by_force = 300 * scale * bell + 40 * scale**2 * bell**2 * force
+        by_place = -2 * (at - taxels) * by_force * force
+        gap = 5e-3 - 1e-4 * scale * force * jnp.ones(2)
+        return Readings(
+            so, jnp.stack([by_place, by_force]), gap, -1e-4 * scale * jnp.ones(2), 0, 0
+        )
+
+    touch = jnp.full(2, closed)
+    return Cases(readings(0.0), readings(5.0), readings(10.0), readings(touch), touch)
+
+
+def test_figures_are_what_they_say() -> None:
+    far = np.array([[False, True], [False, False], [True, False]])
+    found = figures_at(stand_in(1.0), ACCURACY, far)
+    cases = stand_in(1.0)
+    np.testing.assert_allclose(found.first_contact, 50.0)
+    np.testing.assert_allclose(figures_at(stand_in(1.25), ACCURACY, far).first_contact, 40.0)
+    light = np.linalg.norm(cases.rest.slope[1], axis=0)
+    np.testing.assert_allclose(found.sensitivity, light)
+    np.testing.assert_allclose(found.detection_limit, CURRIE * np.sqrt(4 + 1 / 12) / light)
+    change = np.asarray(cases.rated.so - cases.rest.so)
+    np.testing.assert_allclose(
+        found.crosstalk, [change[2, 0] / change[:, 0].max(), change[0, 1] / change[:, 1].max()]
+    )
+    # Of a taxel under the contact it is (20 F^2 / 4) / (300 F + 20 F^2) = 0.1, of others less.
+    assert 0.08 < found.nonlinearity.max() < 0.1
+
+
+def test_derivatives_of_the_definitions() -> None:
+    far = np.array([[False, True], [False, False], [True, False]])
+
+    def figures(scale: Any) -> Figures:
+        return figures_at(stand_in(scale, 50 / 1.1), Accuracy(2.0, 0.01), far)
+
+    _, slope = jax.jvp(figures, (1.1,), (1.0,))
+    low, high = (figures(1.1 + side) for side in (-1e-5, 1e-5))
+    for name, a, b, own in zip(Figures._fields, low, high, slope, strict=True):
+        np.testing.assert_allclose(own, (b - a) / 2e-5, rtol=1e-5, atol=1e-9, err_msg=name)
+
+
+def test_a_change_that_looks_like_a_load_is_told_as_one() -> None:
+    cases = stand_in(1.0)
+    change = jnp.einsum("c,ctp->tp", jnp.array([1e-3, 0.2]), cases.rated.slope)
+    np.testing.assert_allclose(told(cases, ACCURACY, change), [[1e-3] * 2, [0.2] * 2])
+
+
+def test_two_points_are_told_apart_at_their_bound() -> None:
+    arc = np.linspace(-0.08, 0.08, 41)
+    taxels = np.linspace(-0.09, 0.09, 12)
+
+    def light(x: Any) -> Any:
+        return 40 * np.exp(-(((x - taxels) / 0.02) ** 2))
+
+    def by_place(x: Any) -> Any:
+        return -2 * (x - taxels) / 0.02**2 * light(x)
+
+    force, variance = 2.0, 4.0
+    found = two_point(arc, np.array([light(x) for x in arc]).T, force, variance)[20]
+    sides = [-found / 2, found / 2]
+    j = np.array([y for x in sides for y in (force * by_place(x), light(x))]) / np.sqrt(
+        variance
+    )
+    c = np.linalg.inv(j @ j.T)
+    distance = np.sqrt(c[0, 0] + c[2, 2] - 2 * c[0, 2])
+    assert found / distance == pytest.approx(CURRIE, rel=0.05)  # its table's steps
+
+
+def test_creep_undoes_relaxation() -> None:
+    series = RelaxationSpec(g=(0.15, 0.1), tau=(0.5, 10.0))
+    t = np.linspace(0, 40, 4001)
+    compliance = (1 + np.array([creep(series, x) for x in t])) / (1 + creep(series, 0.0))
+    modulus = 1 - sum(
+        g * (1 - np.exp(-t / tau)) for g, tau in zip(series.g, series.tau, strict=True)
+    )
+    # integral of G(t - s) dJ(s), with the step of J at zero
+    middle = (modulus[1:] + modulus[:-1]) / 2
+    held = modulus[-1] + np.sum(middle[::-1] * np.diff(compliance))
+    assert held == pytest.approx(1, abs=1e-5)
+    late = (1 + creep(series, 1e5)) / (1 + creep(series, 0.0))
+    assert late == pytest.approx(1 / 0.75)
+
+
+def test_neighbours_move_one_tolerance_each_and_nothing_at_rest() -> None:
+    spec = load_skin(SKIN)
+    variants = variants_of(spec)
+    own = continuous_inputs(named(spec))
+    for path, values in variants.inputs.items():
+        assert values[0] == own[path]
+    thickness = variants.inputs["geometry.thickness"]
+    row = variants.changes.index("geometry.thickness")
+    np.testing.assert_allclose(variants.slopes(thickness)[row], 0.03 * 1.5e-3)
+    assert np.count_nonzero(thickness != thickness[0]) == 2
+    assert (thickness.max() / 1.5e-3 - 1) == pytest.approx(0.03 * STEP)
+
+
+@pytest.mark.long  # programs of lanes with prestress, of a solve and of small motions
+def test_sheet_of_the_papers_skin() -> None:
+    from fitting.datasheet.sheet import data_sheet
+
+    sheet = data_sheet(load_skin(SKIN), (17, 4))
+    contact = sheet.at["range_N"][0]
+    assert contact[8] == pytest.approx(82.8, rel=5e-3)  # the crown, an independent continuum
+    row = {name: sheet.effects[i] for i, name in enumerate(sheet.variants.changes)}
+    # Forces scale with the stiffness, and places don't feel it.
+    np.testing.assert_allclose(row["stiffness of the material"], [-0.1, 0, 0.1], atol=1e-5)
+    own = {figure.key: figure for figure in sheet.figures}
+    # Hoop buckling of a clamped half-circle that keeps its area, in the third mode.
+    closed = 2 / 3 * (1.5 / 58.25) ** 2
+    assert own["buckling_mismatch"].value == pytest.approx(closed, rel=0.02)
+    assert "density" in own["bandwidth_Hz"].reason
+    assert own["range_N"].deviation > 0.1 * own["range_N"].value
+
+
+@pytest.mark.long  # second derivatives of the forward model
+def test_derivatives_of_every_figure() -> None:
+    from fitting.design.problem import Problem
+    from fitting.design.want import Limit, Variable, Want
+
+    variables = (
+        Variable("geometry.thickness", ("geometry.thickness",), 1e-3, 2e-3, False),
+        Variable("geometry.oil_gap", ("geometry.oil_gap",), 4e-3, 6e-3, False),
+        Variable("stiffness", ("material.C1", "material.C2"), 0.5, 1.5, True),
+    )
+    limits = tuple(Limit(key, 1.0, True) for key in PLACED)
+    region = (np.deg2rad(-42.0), np.deg2rad(55.0))
+    want = Want(
+        SKIN, load_skin(SKIN), variables, "range_N", True, limits, region, 4, 10.0, 1, 0
+    )
+    problem = Problem(want, elements=8)
+    x, step = np.array([0.45, 0.55, 0.5]), 1e-4
+    touch = problem.first_contacts(x)
+    # One step of Newton's method from the same forces, whatever the design.
+    problem.first_contacts = lambda _: touch  # type: ignore[method-assign]
+    found = problem(x)
+    assert found.found
+    assert set(found.values) == set(PLACED)
+    for i in range(3):
+        low, high = (problem(x + side * np.eye(3)[i]).values for side in (-step, step))
+        for key, slopes in found.slopes.items():
+            by_steps = (high[key] - low[key]) / (2 * step)
+            atol = 1e-5 * np.abs(found.values[key]).max()
+            np.testing.assert_allclose(slopes[:, i], by_steps, 1e-5, atol, err_msg=key)

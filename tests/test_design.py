@@ -1,0 +1,103 @@
+"""Designs: what is wanted, the search on problems with a known answer, and skin files."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fitting.design.problem import Outcome
+from fitting.design.search import search
+from fitting.design.skin_file import designed_skin
+from fitting.design.want import Limit, Variable, load_want
+from suas_jax.config import ConfigError, continuous_inputs, load_skin
+
+ROOT = Path(__file__).parent.parent
+WANT = ROOT / "configs" / "design" / "sensitive.toml"
+
+
+class Problem:
+    """Two variables; figures (x - 0.8)^2 + (y - 0.6)^2 + 1 + k and x + y at two places."""
+
+    angle = np.zeros(2)
+    calls = 0
+
+    def __init__(self, starts: int = 3) -> None:
+        variables = tuple(Variable(name, (name,), 0.0, 1.0, False) for name in "xy")
+        self.want: Any = SimpleNamespace(
+            variables=variables,
+            start=np.array([0.1, 0.2]),
+            starts=starts,
+            seed=1,
+            goal="force_resolution_N",
+            maximise=False,
+            limits=(Limit("range_N", 1.0, False),),
+        )
+
+    def __call__(self, x: Any) -> Outcome:
+        """Figures and slopes."""
+        centre = np.array([0.8, 0.6])
+        goal = np.sum((x - centre) ** 2) + 1 + np.arange(2.0)
+        return Outcome(
+            {"force_resolution_N": goal, "range_N": np.full(2, x.sum())},
+            {
+                "force_resolution_N": np.tile(2 * (x - centre), (2, 1)),
+                "range_N": np.ones((2, 2)),
+            },
+            True,
+        )
+
+
+def test_search_finds_the_optimum_on_its_limit_and_its_price() -> None:
+    found = search(Problem())  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.x, [0.6, 0.4], atol=1e-5)  # nearest of x + y <= 1
+    assert found.goal == pytest.approx(2.08)  # the worst of both places
+    assert found.agreeing == 3
+    # The limit moved by 1 % moves the goal by 0.4 * 0.01: of 2.08, 0.192 %.
+    assert sum(price.price for price in found.prices) == pytest.approx(0.4 / 2.08, rel=1e-3)
+    assert {price.name for price in found.prices} == {"range_N"}
+
+
+def test_search_says_where_no_design_keeps_the_limits() -> None:
+    problem = Problem()
+    problem.want.limits = (Limit("range_N", 3.0, True),)
+    with pytest.raises(ValueError, match="no design within the bounds keeps the limits"):
+        search(problem)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("geometry.thickness", "geometry.thicknes", 'did you mean "geometry.thickness"'),
+        ('"0.8 mm", "3 mm"', '"0.8 mm"', "two values"),
+        ('"0.8 mm"', '"0.8 N"', "a length with its unit is expected"),
+        ('"0.8 mm"', '"-1 mm"', "must be greater than zero"),
+        ("minimise", "optimise", "minimise or maximise"),
+        ('"force_resolution_N"', '"force_resolution"', 'did you mean "force_resolution_N"'),
+        ("range_N ", "rang_N", "unknown figure"),
+        ('"30 N"', "30", "the unit is missing"),
+        ("[search]", "[serch]", 'did you mean "search"'),
+        ('["-60 deg", "60 deg"]', '["60 deg", "-60 deg"]', "left of the second"),
+    ],
+)
+def test_mistakes_are_named(tmp_path: Path, old: str, new: str, words: str) -> None:
+    text = WANT.read_text().replace("../skins", str(ROOT / "configs" / "skins"))
+    assert old in text
+    file = tmp_path / "want.toml"
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(ConfigError, match=words):
+        load_want(file)
+
+
+def test_designed_file_has_the_numbers_and_keeps_the_rest(tmp_path: Path) -> None:
+    want, output = load_want(WANT), tmp_path / "designed.toml"
+    x = np.array([0.25, 0.5, 0.75])
+    output.write_text(designed_skin(want, x, output))
+    found = continuous_inputs(load_skin(output))
+    before = continuous_inputs(want.spec)
+    wanted = want.inputs(x)
+    assert found["geometry.thickness"] == pytest.approx(1.35e-3)
+    for path, value in {**before, **wanted}.items():
+        assert found[path] == pytest.approx(float(value), rel=1e-8)
+    assert "# from the symmetry axis to an edge" in output.read_text()
