@@ -8,12 +8,17 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from suas_jax.config import SceneSpec, SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
@@ -83,14 +88,33 @@ class SceneParts(NamedTuple):
         return sum(self.pressures, jnp.zeros(1))
 
 
+class _SkinStructure(Keyed):
+    """A skin compared by all but its numbers."""
+
+    def __init__(self, spec: SkinSpec) -> None:
+        self.spec, self.key = spec, structure(spec)
+
+
+@eqx.filter_jit
+def _compiled(skin: _SkinStructure, inputs: Mapping[str, ArrayLike]) -> SkinParts:
+    return _skin(skin.spec, _all_numbers(skin.spec, inputs))
+
+
 def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
     """Make a skin's objects.
+
+    A circle's few numbers need no program; the curves of other sections are made by one that
+    is kept between runs.
 
     Args:
         spec: says which classes; its numbers are not used where `inputs` has them.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
     """
-    return _skin(spec, _all_numbers(spec, inputs))
+    if spec.geometry.is_circle or any(isinstance(x, jax.core.Tracer) for x in inputs.values()):
+        return _skin(spec, _all_numbers(spec, inputs))
+    numbers = {path: np.asarray(x, float) for path, x in inputs.items()}
+    found: SkinParts = COMPILED.run(_compiled, _SkinStructure(spec), numbers, once=True)
+    return found
 
 
 def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts:
