@@ -58,7 +58,8 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
-        spec.geometry.circle("`suas range`")
+        if spec.geometry.dimension == 3:
+            spec.geometry.circle("`suas range` on pads, whose map of places is an even one,")
         check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
         settings = pad_settings(diameter, None)

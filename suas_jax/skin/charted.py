@@ -316,12 +316,12 @@ def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Ar
 
 @_foot.def_jvp
 def _(primals: Any, tangents: Any) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """By the normal n and the tangent t at a foot that the section itself moves.
+    """By the normal n and the tangent t at a foot that the section itself may move.
 
-    With the place and the inner face at a fixed angle ::
+    With what the section changes at a fixed angle::
 
-    dheight = n . (dplace - dinner),
-    dangle = (t . (dplace - dinner) - height ddirection) / (darc + height bend)
+        dheight = n . (dplace - dinner)
+        dangle = (t . (dplace - dinner) - height ddirection) / (darc + height bend)
     """
     section, place, _ = primals
     t_section, t_place, _ = tangents
