@@ -128,29 +128,20 @@ class ForceRange:
                 "wall_contact": bool(self.force[i, k] > self.first_contact[i]),
                 "wall_force_N": float(self.wall_force[i, k]),
                 "force_error_N": float(self.force_error[i, k]),
-                **self._place_error(i, k),
+                **self.along.error_keys(self.angle[i], self.angle_error[i, k]),
                 "saturated_taxels": int(self.saturated[i, k].sum()),
             }
             for k in range(self.force.shape[1])
             if np.isfinite(self.force[i, k])
         ]
-        arc = self.along.arc(self.angle[i])
         return {
-            "angle_deg": float(np.rad2deg(self.along.angle(self.angle[i]))),
-            **({} if arc is None else {"arc_m": float(arc)}),
+            **self.along.keys(self.angle[i]),
             "first_contact": at if known else None,
             "smallest_force_told_N": float(self.smallest[i]),
             "largest_force_told_N": float(self.largest[i]),
             "saturation_force_N": float(self.saturation[i]),
             "points": points,
         }
-
-    def _place_error(self, i: int, k: int) -> dict[str, float]:
-        """Least error of the coordinate that is estimated."""
-        error = float(self.angle_error[i, k] * np.abs(self.along.slope(self.angle[i])))
-        if self.along.name == "arc":
-            return {"arc_error_m": error}
-        return {"angle_error_deg": float(np.rad2deg(error))}
 
 
 def force_range(

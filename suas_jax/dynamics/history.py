@@ -390,7 +390,8 @@ class _Follower:
         known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
         rows, _ = course.block(0, row + 1)
         tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
-        taken = record(known, rows, course.rest, tolerance)
+        peak: Any = {k: x[np.argmax(np.abs(x))] for k, x in course.values.items()}
+        taken = record(known, rows, course.rest, peak, tolerance)
         return None if taken is None else history_gradient(known, taken, path)
 
     def _block(

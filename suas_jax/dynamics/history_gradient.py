@@ -70,7 +70,7 @@ class Record(NamedTuple):
         begin: the skin at rest.
         values: there.
         steps: from there on.
-        peak: largest of the values, by path.
+        peak: the largest values of the whole history.
     """
 
     begin: State
@@ -111,6 +111,7 @@ def record(
     known: Known,
     rows: Rows,
     rest: dict[str, float],
+    peak: Values,
     tolerance: Float[np.ndarray, ""],
 ) -> Record | None:
     """Follow a history and keep every step.
@@ -119,6 +120,7 @@ def record(
         known: scene with the instantaneous response of its material, mesh and numbers.
         rows: of the history.
         rest: values before the first of them.
+        peak: the largest values of the whole history.
         tolerance: see `steps.through`.
 
     Returns:
@@ -140,11 +142,10 @@ def record(
                 taken.append(Steps(after.time - now.time, after.values, after.state))
             now = after
     if not taken:
-        taken.append(Steps(np.zeros(()), begin.values, begin.state))
+        taken.append(Steps(0 * begin.time, begin.values, begin.state))
     left = -len(taken) % _TOGETHER
     nothing = taken[-1]._replace(length=np.zeros(()))
     steps = jax.tree.map(lambda *x: np.stack(x), *taken, *([nothing] * left))
-    peak = {k: x[np.argmax(np.abs(x))] for k, x in steps.values.items()}
     at_begin: Any = values
     return Record(begin.state, at_begin, steps, peak)
 

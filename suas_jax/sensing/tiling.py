@@ -54,7 +54,8 @@ def tiled_modules(
     _must_fit("arc", (columns + 1) * edge / 2, last - first)
     _must_fit("width", rows * height, geometry.width)
     along = (first + last + (np.arange(columns) - (columns - 1) / 2) * edge) / 2
-    places = skin.along_wall(np.zeros((columns, 1)), along[:, None])
+    middle: Any = np.zeros((columns, 1))  # NumPy's, which need no program on a circle
+    places = skin.along_wall(middle, middle + along[:, None])
     told = "angle" if geometry.has_angle else "arc"
     known = skin.section.given_angle if geometry.has_angle else skin.section.arc
     place = np.asarray(known(places))[:, 0].tolist()

@@ -186,27 +186,25 @@ class ChartedSection(AbstractSection):
 
     def _pieces(
         self, angle: Float[Array, "*shape"], names: Sequence[str]
-    ) -> tuple[Array, Array, list[list[Array]]]:
-        """Begin and inverse half length of the pieces at angles, fields there by powers."""
+    ) -> tuple[Array, Array, list[Array]]:
+        """Begin and inverse half length of the pieces at angles, powers [field, *shape]."""
         lanes = self.ends.shape[-1]
         flat = angle.reshape(-1, angle.shape[-1])
 
-        def look_up(ends: Array, table: Array, x: Array) -> tuple[Array, Array, Array]:
+        def look_up(ends: Array, table: Array, x: Array) -> tuple[Array, Array]:
             # Not `searchsorted`: XLA folds it wrongly where several lanes ask at constants.
             inside = jnp.sum(x[:, None] >= ends[1:-1], 1)
-            low, high = ends[inside], ends[inside + 1]
-            return low, 2 / (high - low), table[inside]
+            pieces = jnp.stack([ends[:-1], 2 / (ends[1:] - ends[:-1])], 1)
+            return pieces[inside], table[inside]
 
         table = self.table[:, np.array([_FIELDS.index(name) for name in names])]
         axes = (None, None, -1) if lanes == 1 else (-1, -1, -1)
         own = (self.ends[:, 0], table[..., 0]) if lanes == 1 else (self.ends, table)
         fixed = jax.lax.stop_gradient(flat)
-        low, scale, rows = jax.vmap(look_up, axes, -1)(*own, fixed)
-        powers = [
-            [rows[:, i, k].reshape(angle.shape) for k in range(_NODES)]
-            for i in range(len(names))
-        ]
-        return low.reshape(angle.shape), scale.reshape(angle.shape), powers
+        piece, rows = jax.vmap(look_up, axes, -1)(*own, fixed)
+        low, scale = jnp.moveaxis(piece, 1, 0).reshape(2, *angle.shape)
+        powers = jnp.moveaxis(rows, (2, 1), (0, 1))
+        return low, scale, list(powers.reshape(_NODES, len(names), *angle.shape))
 
     def _with_slopes(
         self, angle: Array, values: Sequence[str], slopes: Sequence[str]
@@ -217,9 +215,13 @@ class ChartedSection(AbstractSection):
         names = list(dict.fromkeys((*values, *slopes)))
         low, scale, powers = self._pieces(angle, names)
         v = (angle - low) * scale - 1
-        found = [polynomial(powers[names.index(name)], v) for name in values]
-        for name in slopes:
-            found.append(_slope(powers[names.index(name)], v) * scale)
+        found = []
+        if values:
+            all_values = polynomial(powers, v)
+            found += [all_values[names.index(name)] for name in values]
+        if slopes:
+            all_slopes = _slope(powers, v) * scale
+            found += [all_slopes[names.index(name)] for name in slopes]
         return found
 
     def frame(self, angle: Array) -> Frame:
@@ -297,13 +299,13 @@ def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Ar
 
     def look(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         angle, height = carry
-        low, scale, (x, y, direction, arc) = section._pieces(angle, names)
+        low, scale, powers = section._pieces(angle, names)
         for _ in range(_FOOT_STEPS):
             v = (angle - low) * scale - 1
-            away = place - jnp.stack([polynomial(x, v), polynomial(y, v)])
-            turned = polynomial(direction, v)
+            at, slope = polynomial(powers, v), scale * _slope(powers, v)
+            away, turned = place - at[:2], at[2]
             height = jnp.sum(away * outward(turned), 0)
-            rate = scale * (_slope(arc, v) + height * _slope(direction, v))
+            rate = slope[3] + height * slope[2]
             angle = angle + jnp.sum(away * tangent(turned), 0) / rate
         return angle, height
 

@@ -12,10 +12,24 @@ from suas_jax.config import continuous_inputs, structure
 from suas_jax.config.errors import ConfigError, Mistake
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.registry import build_geometry
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.section_checks import check_section
+
+
+class _Table(Keyed):
+    """A [geometry] table compared by all but its numbers."""
+
+    def __init__(self, spec: GeometrySpec) -> None:
+        self.spec, self.key = spec, structure(spec)
+
+
+@eqx.filter_jit
+def _built(table: _Table, numbers: dict[str, Any]) -> SkinGeometry:
+    return build_geometry(table.spec, numbers.__getitem__)
 
 
 @functools.lru_cache(maxsize=64)
@@ -29,15 +43,11 @@ def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
         ConfigError: the section can't be; the message says where and why.
     """
     known = {**dict(structure(spec)), **continuous_inputs(spec)}
-    numbers = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
-
-    def build(numbers: dict[str, Any]) -> SkinGeometry:
-        return build_geometry(spec, numbers.__getitem__)
-
+    numbers: Any = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
     if spec.is_circle:
-        return build(numbers)
+        return build_geometry(spec, numbers.__getitem__)
     with jax.ensure_compile_time_eval():  # also while a caller is traced
-        geometry: SkinGeometry = eqx.filter_jit(build)(numbers)
+        geometry: SkinGeometry = COMPILED.run(_built, _Table(spec), numbers, once=True)
         check_section(geometry)
     return geometry
 

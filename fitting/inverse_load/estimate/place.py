@@ -80,6 +80,18 @@ class ContactPlaces:
         angle, rows = self._rows
         return np.interp(place, rows[:, int(name == "arc")], angle)
 
+    def keys(self, angle: Floats) -> dict[str, float]:
+        """A place as reports tell it."""
+        arc = self.arc(angle)
+        told = {"angle_deg": float(np.rad2deg(self.angle(angle)))}
+        return told if arc is None else {**told, "arc_m": float(arc)}
+
+    def error_keys(self, angle: Floats, error: float) -> dict[str, float]:
+        """An error of the model's angle at a place, as one of what is estimated there."""
+        own = float(error * np.abs(self.slope(angle)))
+        known = self.name == "arc"
+        return {"arc_error_m": own} if known else {"angle_error_deg": float(np.rad2deg(own))}
+
     def slope(self, angle: Floats) -> Floats:
         """Its derivative by the model's angle."""
         if self._circle:
