@@ -119,7 +119,10 @@ def test_any_section_is_drawn_by_its_arc(name: str) -> None:
     assert arc[np.argmin(height)] == pytest.approx(taxels[5], abs=3e-3)
     np.testing.assert_allclose(np.interp(taxels, arc, height), dent, atol=2e-5)
     # A contact told by its arc is where the membrane's arc is as long.
-    contact = Contact(0.0, 5.0, None, np.diag([1e-6, 0.1]), arc=20e-3, by_arc=True)
+    around = grid.places.estimated(grid.places.from_place("arc", np.array([19.5e-3, 20.5e-3])))
+    covariance = np.diag([np.diff(around)[0] ** 2, 0.1])  # a millimetre, as it is estimated
+    by_arc = grid.places.name == "arc"
+    contact = Contact(0.0, 5.0, None, covariance, arc=20e-3, by_arc=by_arc)
     drawn = arrow(contact, grid)
     assert grid.places.inner_arc(np.array(drawn["angle"])) == pytest.approx(20e-3, rel=1e-5)
     outer = np.diff(grid.place + spec.geometry.mean_thickness * grid.normal, axis=0)
