@@ -25,6 +25,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import DeadLoad, PadLoad
+from suas_jax.skin.plain import charted
 from suas_jax.skin.prestress import Prestress, ambient_pressure
 from suas_jax.skin.registry import build_geometry, build_oil
 from suas_jax.skin.wall import RigidLimit, Wall
@@ -110,7 +111,8 @@ def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
         spec: says which classes; its numbers are not used where `inputs` has them.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
     """
-    if spec.geometry.is_circle or any(isinstance(x, jax.core.Tracer) for x in inputs.values()):
+    traced = any(isinstance(x, jax.core.Tracer) for x in inputs.values())
+    if traced or not charted(spec.geometry):
         return _skin(spec, _all_numbers(spec, inputs))
     numbers = {path: np.asarray(x, float) for path, x in inputs.items()}
     found: SkinParts = COMPILED.run(_compiled, _SkinStructure(spec), numbers, once=True)

@@ -32,6 +32,11 @@ def _built(table: _Table, numbers: dict[str, Any]) -> SkinGeometry:
     return build_geometry(table.spec, numbers.__getitem__)
 
 
+def charted(spec: GeometrySpec) -> bool:
+    """Whether a section is described by a table, which takes a program to make."""
+    return not spec.is_circle
+
+
 @functools.lru_cache(maxsize=64)
 def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
     """The dimensions, in one lane: a circle's are NumPy arrays, which need no program.
