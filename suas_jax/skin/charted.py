@@ -191,20 +191,23 @@ class ChartedSection(AbstractSection):
         lanes = self.ends.shape[-1]
         flat = angle.reshape(-1, angle.shape[-1])
 
-        def look_up(ends: Array, table: Array, x: Array) -> tuple[Array, Array]:
-            # Not `searchsorted`: XLA folds it wrongly where several lanes ask at constants.
-            inside = jnp.sum(x[:, None] >= ends[1:-1], 1)
+        # A product with ones and zeros: XLA makes gathers anew for all that is made of them,
+        # and folds `searchsorted` wrongly where several lanes ask at constants.
+        def look_up(ends: Array, table: Array, x: Array) -> Array:
+            beyond = x[:, None] >= ends[1:-1]
+            here = jnp.pad(beyond, ((0, 0), (1, 0)), constant_values=True)
+            here &= ~jnp.pad(beyond, ((0, 0), (0, 1)))
             pieces = jnp.stack([ends[:-1], 2 / (ends[1:] - ends[:-1])], 1)
-            return pieces[inside], table[inside]
+            every = jnp.concatenate([pieces, table.reshape(len(table), -1)], 1)
+            return here.astype(x.dtype) @ every
 
         table = self.table[:, np.array([_FIELDS.index(name) for name in names])]
         axes = (None, None, -1) if lanes == 1 else (-1, -1, -1)
         own = (self.ends[:, 0], table[..., 0]) if lanes == 1 else (self.ends, table)
         fixed = jax.lax.stop_gradient(flat)
-        piece, rows = jax.vmap(look_up, axes, -1)(*own, fixed)
-        low, scale = jnp.moveaxis(piece, 1, 0).reshape(2, *angle.shape)
-        powers = jnp.moveaxis(rows, (2, 1), (0, 1))
-        return low, scale, list(powers.reshape(_NODES, len(names), *angle.shape))
+        found = jnp.moveaxis(jax.vmap(look_up, axes, -1)(*own, fixed), 1, 0)
+        found = found.reshape(-1, *angle.shape)
+        return found[0], found[1], [found[2 + k :: _NODES] for k in range(_NODES)]
 
     def _with_slopes(
         self, angle: Array, values: Sequence[str], slopes: Sequence[str]
