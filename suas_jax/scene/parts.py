@@ -25,7 +25,7 @@ from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import DeadLoad, PadLoad
-from suas_jax.skin.plain import charted
+from suas_jax.skin.plain import charted, shape_key
 from suas_jax.skin.prestress import Prestress, ambient_pressure
 from suas_jax.skin.registry import build_geometry, build_oil
 from suas_jax.skin.wall import RigidLimit, Wall
@@ -90,10 +90,10 @@ class SceneParts(NamedTuple):
 
 
 class _SkinStructure(Keyed):
-    """A skin compared by all but its numbers."""
+    """A skin compared by its section, and of the rest by all but its numbers."""
 
     def __init__(self, spec: SkinSpec) -> None:
-        self.spec, self.key = spec, structure(spec)
+        self.spec, self.key = spec, (structure(spec), shape_key(spec.geometry))
 
 
 @eqx.filter_jit

@@ -21,10 +21,18 @@ from suas_jax.skin.section_checks import check_section
 
 
 class _Table(Keyed):
-    """A [geometry] table compared by all but its numbers."""
+    """A [geometry] table compared by all of it."""
 
     def __init__(self, spec: GeometrySpec) -> None:
-        self.spec, self.key = spec, structure(spec)
+        self.spec, self.key = spec, shape_key(spec)
+
+
+def shape_key(spec: GeometrySpec) -> tuple[Any, ...]:
+    """What decides the program that makes a section.
+
+    Its numbers are part of it: they tell whether the section is its own mirror image.
+    """
+    return structure(spec), tuple(continuous_inputs(spec).items())
 
 
 @eqx.filter_jit
