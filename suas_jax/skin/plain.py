@@ -76,7 +76,8 @@ def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
         The number, and what a person reads.
     """
     half = section.half_angle
-    end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
+    with jax.ensure_compile_time_eval():  # also while a caller is traced
+        end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
     return end, format_quantity(end, "length" if by_arc else "angle")
 
 
