@@ -19,6 +19,7 @@ from benchmarks.pad_estimation import measured, readings_off_the_wall
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import SkinSpec, load_skin
+from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.scene.pad_forward import pad_skin_of
 
 FINE = (36, 30)
@@ -70,7 +71,8 @@ def random_contacts(
     random: np.random.Generator, spec: SkinSpec, force: float
 ) -> list[np.ndarray]:
     """Angle, axial position and force [frame] [contact, 3]."""
-    g = spec.geometry.circle("this benchmark")
+    g = spec.geometry
+    assert isinstance(g, CircleSpec)
     most = np.array([0.6 * g.half_angle, 0.3 * g.width])
     frames = [
         np.array([[*random.uniform(-most, most), np.exp(random.uniform(*np.log([0.03, 0.7])))]])
@@ -100,7 +102,8 @@ def errors(estimate: LoadEstimate, truth: np.ndarray, radius: float) -> np.ndarr
 
 
 def study(spec: SkinSpec, random: np.random.Generator) -> None:
-    estimator = LoadEstimator(spec)
+    estimator, g = LoadEstimator(spec), spec.geometry
+    assert isinstance(g, CircleSpec)
     touch = float(estimator.table.first_contact_at(np.zeros(1), np.zeros(1))[0])
     contacts = random_contacts(random, spec, touch)
     skin = pad_skin_of(spec, elements=FINE, contact=False)
@@ -117,9 +120,8 @@ def study(spec: SkinSpec, random: np.random.Generator) -> None:
         if len(estimate.contacts) != len(truth):
             other[len(truth), len(estimate.contacts), estimate.status] += 1
         elif estimate.status == "ok":
-            own = errors(estimate, truth, spec.geometry.circle("this benchmark").inner_radius)
+            own = errors(estimate, truth, g.inner_radius)
             pulls += [] if own is None else list(own)
-    g = spec.geometry.circle("this benchmark")
     size = f"radius {1e3 * g.inner_radius:.0f} mm, {1e3 * g.mean_thickness:.1f} mm thick"
     print(f"{size}, first contact at {touch:.2f} N: {len(found)} frames, {dict(statuses)}")
     print(f"  another number of contacts (true, found, status): {dict(other)}")

@@ -126,17 +126,11 @@ ROUND = {
 }
 # What works with circles alone, or takes a shorter way for them: the list only gets shorter.
 STILL_ROUND = {
-    "fitting/cli/force_range.py",
     "fitting/cli/new.py",
     "fitting/inverse_load/estimate/place.py",
-    "fitting/view/grid.py",
-    "fitting/view/membrane.py",
-    "fitting/view/picture.py",
-    "fitting/view/scene_source.py",
     "suas_jax/figures/outline.py",
     "suas_jax/mesh/section.py",
     "suas_jax/scene/observables.py",
-    "suas_jax/sensing/tiling.py",
 }
 
 

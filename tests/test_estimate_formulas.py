@@ -1,6 +1,8 @@
 """What is made of fitted loads, against closed forms: verdicts, statuses, evidence, ranges."""
 
 import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +13,7 @@ from scipy import stats
 from skins import shaped
 
 from fitting.force_range.bound import ForceRange, least_errors
+from fitting.force_range.inputs import contact_deviation
 from fitting.inverse_load import frame_posterior
 from fitting.inverse_load.check import section_log
 from fitting.inverse_load.check.changed_input import AbstractInputFit
@@ -30,6 +33,7 @@ from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.model.contact_parameters import SECTION
+from suas_jax.config import continuous_inputs, input_errors, load_skin
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.skin.plain import plain_geometry
@@ -607,6 +611,30 @@ def test_least_errors_are_the_bound_of_cramer_and_rao() -> None:
     expected = np.sqrt(np.diag(np.linalg.inv((SLOPES * WEIGHT) @ SLOPES.T)))
     np.testing.assert_allclose(found, np.stack([expected, expected / 2], 1), rtol=1e-9)
     assert least_errors(jacobian, 0 * weight).tolist() == [[np.inf] * 2] * 2
+
+
+def test_a_force_of_first_contact_is_as_uncertain_as_what_makes_the_gap() -> None:
+    """Of a spring: gap = oil gap - force / (k thickness^3), inputs with their defaults."""
+    spec = load_skin(Path(__file__).parent.parent / "configs" / "skins" / "suas.toml")
+    known = continuous_inputs(spec)
+    stiff, names = 1e12, ("thickness", "oil_gap")
+
+    def smallest_gap(inputs: Mapping[str, float], force: float) -> float:
+        t, gap = ({**known, **inputs}[f"geometry.{name}"] for name in names)
+        assert not any(path.startswith("electrodes.") for path in inputs)
+        return gap - force / (stiff * t**3)
+
+    force = stiff * known["geometry.thickness"] ** 3 * known["geometry.oil_gap"]
+    errors = input_errors(spec)
+    relative = {
+        name: errors.directions[:, errors.paths.index(f"geometry.{name}")]
+        / known[f"geometry.{name}"]
+        for name in names
+    }
+    # At 0.9 of the force the gap moves by 3 x 0.9 of a relative error of the thickness.
+    expected = np.sqrt(np.sum((relative["oil_gap"] + 2.7 * relative["thickness"]) ** 2))
+    assert contact_deviation(spec, force, smallest_gap) == pytest.approx(expected, rel=1e-5)
+    assert np.isnan(contact_deviation(spec, np.nan, smallest_gap))
 
 
 def test_range_is_from_the_first_force_told_to_the_last() -> None:

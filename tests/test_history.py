@@ -313,6 +313,93 @@ def test_what_a_history_cannot_move() -> None:
     suas("sweep", str(HOLD), status=2)
 
 
+@pytest.mark.parametrize("index", [0, 1])
+def test_what_is_remembered_has_derivatives_by_shares_and_times(index: int) -> None:
+    """Of a ramp over 3 s, in closed form."""
+    g, tau = (jnp.array(x) for x in SERIES_NUMBERS)
+
+    def stress(g: Any, tau: Any) -> Any:
+        series = PronySeries(g, tau)
+        past = Past.none(series, (1,))
+        for end in (1.0, 1.0, 3.0):
+            past = past.after(series, end - past.stress[0] / 2, jnp.array([2 * end]))
+        return series.long_term_share * past.stress[0] + jnp.sum(past.parts)
+
+    by_g, by_tau = jax.grad(stress, (0, 1))(g, tau)
+    x = 3 / tau[index]
+    closed = 2 * (tau[index] * -jnp.expm1(-x) - 3)
+    assert float(by_g[index]) == pytest.approx(float(closed), rel=1e-9)
+    slope = 2 * g[index] * (-jnp.expm1(-x) - x * jnp.exp(-x))
+    assert float(by_tau[index]) == pytest.approx(float(slope), rel=1e-9)
+
+
+# A program of a step and one of derivatives; the chain of pasts above, the balance below.
+@pytest.mark.long
+@pytest.mark.parametrize("warm", [False, True])
+def test_derivatives_of_a_history_are_those_of_differences(warm: bool) -> None:
+    scene = with_solve(load_scene(HOLD), model="shell", elements=16, rtol=0.1)
+    time = np.linspace(0.0, 0.12, 13)  # a step each: steps are the same for other inputs
+    force = np.minimum(time / 0.1, 1.0) ** 2
+    names = ["material.C1", "material.relaxation.g.0", "material.relaxation.tau.1"]
+    names += ["geometry.thickness", "load.0.angle", "load.0.force"]
+    values = {"factor": force}
+    if warm:
+        around = EnvironmentSpec(temperature="22 degC")
+        grows = {"material": scene.material.model_copy(update={"expansion": 1.6e-4})}
+        scene = scene.model_copy(update=grows | {"environment": around})
+        values["temperature_degC"] = 22 + 5 * time
+        names += ["environment.temperature", "material.expansion"]
+    plan = plan_for(scene, "shell", (16,))
+
+    def follower(scene: SceneSpec) -> history._Follower:
+        course = Course.of(scene, history_of(list(time), **values))
+        return history._Follower(course, history._Errors(plan, 0.0, 0.0), STILL)
+
+    own = follower(scene)
+    points = own.points()
+    assert {p["status"] for p in points} == {"converged"}
+    known = continuous_inputs(own.course.scene)
+    for path in ("oil_pressure_Pa", "loads.0.displacement_m"):
+        row, asked = own.asked(f"points.11.{path}")
+        slopes = own.gradient(row, asked, points)
+        assert slopes is not None
+        assert slopes.keys() == known.keys()
+        for name in names:
+            if warm and name == "environment.temperature":
+                continue  # moved by the history's own column
+            step = 1e-4 * (known[name] or 1.0)
+            ends = []
+            for side in (-1, 1):
+                moved = with_inputs(scene, {name: known[name] + side * step})
+                found: Any = follower(moved).points()[11]
+                for key in path.split("."):
+                    found = found[int(key) if key.isdigit() else key]
+                ends.append(found)
+            difference = (ends[1] - ends[0]) / (2 * step)
+            size = abs(points[11]["oil_pressure_Pa"] if "oil" in path else 1e-3)
+            floor = 1e-8 * size / step
+            assert slopes[name] == pytest.approx(difference, rel=1e-5, abs=floor), name
+
+
+def test_a_history_says_why_it_has_no_derivatives() -> None:
+    course = Course.of(load_scene(HOLD), history_of([0.0, 1.0], factor=[0.0, 1.0]))
+    plans = {name: plan_for(course.scene, *how) for name, how in MESHES.items()}
+    moving = history._Follower(course, history._Errors(plans["shell"], 0, 0), Film(True, ""))
+    solid = history._Follower(course, history._Errors(plans["solid"], 0, 0), STILL)
+    for follower, message in ((moving, "film moves"), (solid, "sections as shells")):
+        with pytest.raises(SweepError, match=message):
+            follower.asked("oil_pressure_Pa")
+    shell = history._Follower(course, history._Errors(plans["shell"], 0, 0), STILL)
+    assert shell.asked("min_gap_m") == (1, "min_gap_m")
+    assert shell.asked("points.0.loads.0.force_N") == (0, "loads.0.force_N")
+    for wrong in ("points.2.min_gap_m", "points.x.min_gap_m", "points.1"):
+        with pytest.raises(SweepError, match=r"points\.0 to points\.1 are there"):
+            shell.asked(wrong)
+
+
+MESHES = {"shell": ("shell", (4,)), "solid": ("solid", (4, 1))}
+
+
 def under_a_cylinder(**how: Any) -> SceneSpec:
     """The references' skin under a body."""
     body = BodyLoadSpec(shape="cylinder", radius="10 mm", angle="0 deg", **how)

@@ -397,8 +397,7 @@ def test_the_range_of_a_pad_is_the_bound_of_its_readings(
 ) -> None:
     fitter = estimator.selection.fitter
     assert isinstance(fitter, PadFitter)
-    radius, taxels = float(skin.geometry.outer_size[0]), np.zeros((0, 2))
-    found = range_from_table(table, radius, taxels, (5, 3), 2.0)
+    found = range_from_table(table, estimator.along, np.zeros((0, 2)), (5, 3), 2.0)
     place = found.angle[3], found.axial[1]
     # The inverse of the information that the estimator's own weights and slopes hold.
     own = fitter.interpolant(np.array([[*place, found.force[3, 1, 6]]]), 1)

@@ -13,6 +13,7 @@ from suas_jax.config import (
     SceneSpec,
     continuous_inputs,
     load_scene,
+    load_skin,
     scene_from_dict,
 )
 from suas_jax.config.sections.circle import CircleSpec
@@ -29,6 +30,7 @@ from suas_jax.sensing.capacitances.concentric import Concentric
 from suas_jax.sensing.capacitances.parallel_plate import ParallelPlate
 from suas_jax.sensing.converter import EIGHT_BIT_LSB, PAPER_LSB, Converter
 from suas_jax.sensing.electrodes import Electrodes, Readings
+from suas_jax.sensing.field import field_capacitance_under
 from suas_jax.sensing.taxels import (
     CHORDS,
     DISC,
@@ -39,9 +41,11 @@ from suas_jax.sensing.taxels import (
     taxel_names,
 )
 from suas_jax.sensing.tiling import tiled_modules
+from suas_jax.skin.plain import angles_at, plain_geometry
 from suas_jax.skin.section import outward
 
 DATA = Path(__file__).parent / "data"
+SKINS = Path(__file__).parent.parent / "configs" / "skins"
 SKIN = half_cylinder()
 WALL = 0.0525  # its radius
 
@@ -373,6 +377,34 @@ def test_thirty_two_triangles_tile_the_wall() -> None:
     np.testing.assert_allclose(gaps, 24e-3 / np.sqrt(3), rtol=1e-12)  # no holes, no overlap
     with pytest.raises(ValueError, match=r"138.564 mm of the wall's width"):
         tiled_modules(geometry, rows=8, edge=20e-3)
+
+
+@pytest.mark.parametrize("name", ["suas-ellipse", "suas-flat-topped"])
+def test_triangles_tile_any_wall(name: str) -> None:
+    geometry = load_skin(SKINS / f"{name}.toml").geometry
+    modules = tiled_modules(geometry, rows=2, columns=6)
+    told = "angle" if geometry.has_angle else "arc"
+    skin = plain_geometry(geometry)
+    row = angles_at(geometry, told, np.array([getattr(m, told) for m in modules[:6]]))
+    wall = np.asarray(skin.wall_arc(jnp.asarray(row)[:, None]))[:, 0]
+    np.testing.assert_allclose(np.diff(wall), 12e-3, rtol=1e-6)
+    np.testing.assert_allclose(wall, -wall[::-1], atol=1e-9)
+    with pytest.raises(ValueError, match="of the wall's arc"):
+        tiled_modules(geometry, rows=2, columns=20)
+
+
+def test_the_field_under_a_flat_top_is_a_plate_s_and_round_its_corner_a_cylinder_s() -> None:
+    spec = load_skin(SKINS / "suas-flat-topped.toml")
+    electrodes = skin_parts(spec, continuous_inputs(spec)).sensing()
+    half = electrodes.geometry.half_angle
+    edges, even = jnp.linspace(-1, 1, 3)[:, None] * half, jnp.zeros((5, 2, 1))
+    face = NormalFace(edges, even, jnp.zeros(1, bool))
+    find = quick(field_capacitance_under)
+    own = np.asarray(find(electrodes, face, 360))[:, 0] / (VACUUM_PERMITTIVITY * 2.2)
+    area = np.pi * 2e-3**2
+    np.testing.assert_allclose(own[3:5], area / 5e-3, rtol=1e-3)  # at 11 mm of 27.5
+    # At 55 mm, in the middle of a quarter of a circle, the wall's radius is 25 mm.
+    np.testing.assert_allclose(own[[1, 6]], area / (25e-3 * np.log(30 / 25)), rtol=1e-3)
 
 
 def test_scales_of_the_paper() -> None:

@@ -38,13 +38,14 @@ from fitting.view.log_source import LogSource
 from fitting.view.membrane import InterpolatedMembrane
 from fitting.view.picture import arrow
 from fitting.view.readings_picture import ReadingsPictures
-from fitting.view.scene_source import SceneSource
+from fitting.view.scene_source import SceneSource, sliders_of
 from fitting.view.server import ViewServer
 from suas_jax.acquisition.device.device import Device
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.log.log_file import LogWriter, log_header, read_log
 from suas_jax.acquisition.stream import Stream
-from suas_jax.config import load_scene, load_skin
+from suas_jax.config import LineLoadSpec, SceneSpec, load_scene, load_skin
+from suas_jax.config.geometry import AlongSpec
 from suas_jax.scene.taxel_film import TaxelFilm
 
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -89,13 +90,62 @@ def test_an_ellipse_holds_its_contact_with_95_percent() -> None:
     outer = geometry.inner_radius + geometry.thickness
     covariance = np.array([[2e-4, 3e-6, 0.0], [3e-6, 1e-6, 0.0], [0.0, 0.0, 0.01]])
     contact = Contact(0.2, 5.0, None, covariance, axial=0.01)
-    long, short, turn = arrow(contact, geometry)["ellipse"]
+    long, short, turn = arrow(contact, Grid.of(geometry))["ellipse"]
     rng = np.random.default_rng(1)
     place = rng.multivariate_normal([0, 0], covariance[:2, :2], 20_000) * [outer, 1.0]
     turned = place @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     inside = (turned[:, 0] / long) ** 2 + (turned[:, 1] / short) ** 2 < 1
     assert inside.mean() == pytest.approx(0.95, abs=0.005)
     assert long > short
+
+
+@pytest.mark.parametrize("name", ["suas-ellipse", "suas-flat-topped"])
+def test_any_section_is_drawn_by_its_arc(name: str) -> None:
+    spec = load_skin(CONFIGS / "skins" / f"{name}.toml")
+    film, grid = TaxelFilm(spec), Grid.of(spec.geometry)
+    steps = np.linalg.norm(np.diff(grid.place, axis=0), axis=1)
+    arc = grid.places.inner_arc(grid.angle)
+    np.testing.assert_allclose(steps, np.diff(arc), rtol=2e-4)
+    # The wall's taxels lie along the normals of their feet, a film below them.
+    feet = [np.interp(film.section_angle, grid.angle, x) for x in grid.place.T]
+    depth = np.linalg.norm(film.positions[:, :2] - np.stack(feet, 1), axis=1)
+    np.testing.assert_allclose(depth, spec.geometry.mean_gap, rtol=2e-3)
+    # A dent is found by arc length, whatever the section.
+    membrane = InterpolatedMembrane(spec.geometry, film, 0.05, grid)
+    taxels = grid.places.inner_arc(film.section_angle)
+    dent = -1e-3 * np.exp(-(((taxels - taxels[5]) / 25e-3) ** 2))
+    so = np.array(film._electrodes.read_even_film((film.rest_gap + dent)[:, None]))[:, 0]
+    height = np.sum(membrane(so, np.ones(len(so), bool)) * grid.outward, 1)
+    assert arc[np.argmin(height)] == pytest.approx(taxels[5], abs=3e-3)
+    np.testing.assert_allclose(np.interp(taxels, arc, height), dent, atol=2e-5)
+    # A contact told by its arc is where the membrane's arc is as long.
+    around = grid.places.estimated(grid.places.from_place("arc", np.array([19.5e-3, 20.5e-3])))
+    covariance = np.diag([np.diff(around)[0] ** 2, 0.1])  # a millimetre, as it is estimated
+    by_arc = grid.places.name == "arc"
+    contact = Contact(0.0, 5.0, None, covariance, arc=20e-3, by_arc=by_arc)
+    drawn = arrow(contact, grid)
+    assert grid.places.inner_arc(np.array(drawn["angle"])) == pytest.approx(20e-3, rel=1e-5)
+    outer = np.diff(grid.place + spec.geometry.mean_thickness * grid.normal, axis=0)
+    k = int(np.searchsorted(grid.angle, drawn["angle"]))
+    longer = np.linalg.norm(outer, axis=1)[k - 1] / steps[k - 1]
+    assert drawn["ellipse"][0] == pytest.approx(1.96e-3 * longer, rel=2e-2)
+
+
+def test_loads_of_any_section_have_sliders() -> None:
+    spec = load_skin(CONFIGS / "skins" / "suas-flat-topped.toml")
+    line = LineLoadSpec(arc="10 mm", force="5 N")
+    table = AlongSpec(arc=[0, 0.5, 1], value=["1.2 mm", "1.8 mm", "1.2 mm"])
+    geometry = spec.geometry.model_copy(update={"thickness": table})
+    given = {name: getattr(spec, name) for name in spec.model_fields_set}
+    scene = SceneSpec(**(given | {"geometry": geometry}), load=(line,))
+    sliders = {slider["name"]: slider for slider in sliders_of(scene)}
+    assert "geometry.thickness" not in sliders
+    assert sliders["geometry.oil_gap"]["value"] == 5e-3
+    arc = sliders["load.0.arc"]
+    # 20 mm, a quarter of a circle of 30 mm and 27.5 mm are half of the section.
+    half = 20e-3 + 30e-3 * np.pi / 2 + 27.5e-3
+    assert arc["value"] == 10e-3
+    assert arc["most"] == pytest.approx(0.94 * half, rel=1e-9)
 
 
 def test_wishes_are_kept_within_what_is_offered() -> None:

@@ -58,7 +58,6 @@ def find_range(
         from suas_jax.config import load_skin
 
         spec = load_skin(skin)
-        spec.geometry.circle("`suas range`")
         check_figures(plot)
         check_outputs([plot], overwrite=overwrite)
         settings = pad_settings(diameter, None)
@@ -140,9 +139,10 @@ def _section_rows(found: "ForceRange") -> list[list[str]]:
 def _pad_rows(found: "PadForceRange") -> list[list[str]]:
     """The same of a pad, halfway between its ends."""
     force, middle = found.reference, int(np.abs(found.axial).argmin())
+    places, what = found.along.shown(found.angle)
     rows = [
         [
-            "angle [deg]",
+            what,
             "first contact [N]",
             "oil [kPa]",
             "measurable from [N]",
@@ -150,7 +150,7 @@ def _pad_rows(found: "PadForceRange") -> list[list[str]]:
             f"force at {force:g} N [%]",
         ]
     ]
-    for i, angle in enumerate(found.angle):
+    for i, place in enumerate(places):
         values = (
             found.first_contact[i, middle],
             1e-3 * found.oil_pressure[i, middle],
@@ -158,7 +158,7 @@ def _pad_rows(found: "PadForceRange") -> list[list[str]]:
             1e3 * found.position_error[i, middle, -1],
             100 * found.error[2, i, middle, -1] / force,
         )
-        rows.append([f"{np.rad2deg(angle):.1f}", *(_shown(x) for x in values)])
+        rows.append([f"{place:.1f}", *(_shown(x) for x in values)])
     return rows
 
 

@@ -106,7 +106,7 @@ def solve(
         if report.get("gradient"):
             from suas_jax.config import continuous_inputs
 
-            _print_gradient(report["gradient"], continuous_inputs(spec))
+            print_gradient(report["gradient"], continuous_inputs(spec))
             error = report["gradient_error_estimate"]
             text = "unknown" if error is None else f"{error:.1e}"
             say(f"estimated error of the gradient: {text}")
@@ -214,7 +214,7 @@ def _stress(rest: dict[str, Any]) -> str:
     return text
 
 
-def _print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
+def print_gradient(slopes: dict[str, float], inputs: dict[str, float]) -> None:
     """Derivatives by what a per cent of each input does, the largest first."""
     from rich.table import Table
 

@@ -50,6 +50,14 @@ def sweep(
             "[material] says.",
         ),
     ] = None,
+    gradient: Annotated[
+        str | None,
+        typer.Option(
+            metavar="QUANTITY",
+            help="Of a history: also differentiate a quantity of its last point (such as "
+            "oil_pressure_Pa), or of points.3.oil_pressure_Pa, by every continuous input.",
+        ),
+    ] = None,
     as_json: AsJson = False,
     model: Model = None,
     rtol: Rtol = None,
@@ -70,6 +78,10 @@ def sweep(
                 "--force, --oil-pressure, --depth, --history: give one of them, all but the "
                 "last as FROM:TO:COUNT"
             )
+        if gradient is not None and history is None:
+            raise ValueError(
+                "--gradient goes with --history; of one load, `suas solve --gradient` does it"
+            )
         spec = scene_of(scene, model, rtol)
         check_figures(plot)
         check_outputs([csv_file, plot], overwrite=overwrite)
@@ -83,7 +95,7 @@ def sweep(
             if history is not None:
                 from suas_jax.dynamics.history import history_sweep, read_history
 
-                curve = history_sweep(spec, read_history(history))
+                curve = history_sweep(spec, read_history(history), gradient)
             else:
                 from suas_jax.scene.sweep import sweep as run
 
@@ -98,9 +110,16 @@ def sweep(
         result: dict[str, Any] = {"points": curve.points, "first_contact": curve.first_contact}
         if curve.film is not None:
             result["film"] = curve.film
+        if gradient is not None:
+            result["gradient"] = curve.gradient
         say(json_text(result))
     else:
         _print_curve(curve)
+        if curve.gradient is not None:
+            from fitting.cli.solve import print_gradient
+            from suas_jax.config import continuous_inputs
+
+            print_gradient(curve.gradient, continuous_inputs(curve.scene))
     if any(point["status"] != "converged" for point in curve.points):
         raise typer.Exit(NO_SOLUTION)
 

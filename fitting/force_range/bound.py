@@ -11,12 +11,13 @@ the membrane lies on the wall nearly all further load goes there: readings hardl
 the bound on the force grows by orders of magnitude. That is where the range ends.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
+from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats
 from fitting.force_range.inputs import contact_deviation
@@ -127,29 +128,20 @@ class ForceRange:
                 "wall_contact": bool(self.force[i, k] > self.first_contact[i]),
                 "wall_force_N": float(self.wall_force[i, k]),
                 "force_error_N": float(self.force_error[i, k]),
-                **self._place_error(i, k),
+                **self.along.error_keys(self.angle[i], self.angle_error[i, k]),
                 "saturated_taxels": int(self.saturated[i, k].sum()),
             }
             for k in range(self.force.shape[1])
             if np.isfinite(self.force[i, k])
         ]
-        arc = self.along.arc(self.angle[i])
         return {
-            "angle_deg": float(np.rad2deg(self.along.angle(self.angle[i]))),
-            **({} if arc is None else {"arc_m": float(arc)}),
+            **self.along.keys(self.angle[i]),
             "first_contact": at if known else None,
             "smallest_force_told_N": float(self.smallest[i]),
             "largest_force_told_N": float(self.largest[i]),
             "saturation_force_N": float(self.saturation[i]),
             "points": points,
         }
-
-    def _place_error(self, i: int, k: int) -> dict[str, float]:
-        """Least error of the coordinate that is estimated."""
-        error = float(self.angle_error[i, k] * np.abs(self.along.slope(self.angle[i])))
-        if self.along.name == "arc":
-            return {"arc_error_m": error}
-        return {"angle_error_deg": float(np.rad2deg(error))}
 
 
 def force_range(
@@ -184,7 +176,7 @@ def force_range(
     progress("first contact")
     touch, pressure = _first_contacts(free, angle)
     held = skin_of(spec)
-    rest = np.asarray(COMPILED.run(_rest_readings, free, once=True))
+    rest = _solved(free, angle, np.zeros(len(angle))).so[:, :1, None]
     ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
     force = touch[:, None] * ladder
     progress("what the taxels tell")
@@ -219,13 +211,41 @@ def _deviation(
     """Of the force of first contact nearest to the middle, relative, by the inputs' errors."""
     progress("what the skin file leaves open")
     middle = int(np.argmin(np.where(np.isfinite(touch), np.abs(angle), np.inf)))
-    return contact_deviation(spec, float(angle[middle]), float(touch[middle]))
+    place = np.full(len(angle), angle[middle])  # as many as the program is made for
+
+    def smallest_gap(inputs: Mapping[str, float], force: float) -> float:
+        skin = skin_of(spec, inputs, contact=False)
+        found = _solved(skin, place, np.full(len(angle), force))
+        return float(found.min_gap[0]) if found.result[0] == 0 else float("nan")
+
+    return contact_deviation(spec, float(touch[middle]), smallest_gap)
+
+
+class _Solved(NamedTuple):
+    """States under line loads, the wall left out: a lane each.
+
+    Attributes:
+        min_gap: [m].
+        oil_pressure: [Pa].
+        so: readings [taxel, lane] [counts].
+        result: index of the outcome.
+    """
+
+    min_gap: Floats
+    oil_pressure: Floats
+    so: Floats
+    result: NDArray[np.int64]
 
 
 @eqx.filter_jit
 def _forward(skin: Skin, loads: Loads) -> tuple[Any, ...]:
     found = forward(skin, loads)
-    return found.min_gap, found.oil_pressure, found.result
+    return found.min_gap, found.oil_pressure, found.so, found.result
+
+
+def _solved(skin: Skin, angle: Floats, force: Floats) -> _Solved:
+    found = COMPILED.run(_forward, skin, Loads.line(angle, force), once=True)
+    return _Solved(*(np.asarray(x) for x in found))
 
 
 @eqx.filter_jit
@@ -241,10 +261,7 @@ def _first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
     pressure = np.full(len(angle), np.nan)
     force = low.copy()
     for _ in range(80):
-        gap, p, result = (
-            np.asarray(x)
-            for x in COMPILED.run(_forward, skin, Loads.line(angle, force), once=True)
-        )
+        gap, p, _, result = _solved(skin, angle, force)
         closed = gap <= 0  # of a failure, too: the gap is that of the last equilibrium
         lost |= (result != 0) & ~closed
         low = np.where(closed, low, force)
@@ -273,11 +290,6 @@ def least_errors(jacobian: Floats, weight: Floats) -> Floats:
     covariance = inverse(rows.reshape(-1, size, size)).reshape(rows.shape)
     variance = np.moveaxis(np.diagonal(covariance, axis1=-2, axis2=-1), -1, 0)
     return np.sqrt(np.where(variance > 0, variance, np.inf))
-
-
-@eqx.filter_jit
-def _rest_readings(skin: Skin) -> Any:
-    return forward(skin, Loads.line(0.0, 0.0)).so[..., None]
 
 
 def _sensitivities(

@@ -66,7 +66,7 @@ def plot_pad_range(found: PadForceRange, file: Path | None = None) -> Figure:
         (1e3 * found.position_error[..., -1], f"error of the place at {force:g} N [mm]"),
         (relative, f"error of the force at {force:g} N [%]"),
     )
-    degrees, axial = np.rad2deg(found.angle), 1e3 * found.axial
+    (places, what), axial = found.along.shown(found.angle), 1e3 * found.axial
     for axes, (values, label) in zip(figure.subplots(2, 2).flat, maps, strict=True):
         shown = np.ma.masked_invalid(values.T)
         low = np.nanmin(values, initial=np.inf)
@@ -76,15 +76,15 @@ def plot_pad_range(found: PadForceRange, file: Path | None = None) -> Figure:
             axes.set_title(f"{label}: nowhere")
             continue
         limits = {"norm": norm} if norm else {"vmin": low, "vmax": high}
-        image = axes.pcolormesh(degrees, axial, shown, shading="gouraud", **limits)
+        image = axes.pcolormesh(places, axial, shown, shading="gouraud", **limits)
         steps = np.geomspace if norm else np.linspace
         levels = steps(low, high, 7)[1:-1]
         if min(values.shape) > 1 and high > low:
-            lines = axes.contour(degrees, axial, shown, levels, colors="w", linewidths=0.8)
+            lines = axes.contour(places, axial, shown, levels, colors="w", linewidths=0.8)
             axes.clabel(lines, fmt="%.2g", fontsize=8)
-        taxels = np.rad2deg(found.taxels[:, 0]), 1e3 * found.taxels[:, 1]
+        taxels = found.along.shown(found.taxels[:, 0])[0], 1e3 * found.taxels[:, 1]
         axes.plot(*taxels, ".", ms=2, color="w", alpha=0.6)
-        axes.set(xlabel="angle [deg]", ylabel="along the axis [mm]", title=label)
+        axes.set(xlabel=what, ylabel="along the axis [mm]", title=label)
         beyond = "max" if np.nanmax(values) > high else "neither"
         bar = figure.colorbar(image, ax=axes, extend=beyond, format="%g")
         if norm:

@@ -1,38 +1,46 @@
 """What the errors of a skin file's inputs do to the force of first contact.
 
 At a force shortly before it, the smallest gap is as uncertain as the inputs leave it; over its
-slope by the force, that is the uncertainty of the force at which it closes.
+slope by the force, that is the uncertainty of the force at which it closes. Both are
+differences of the program that has found the force.
 """
 
 import math
+from collections.abc import Callable, Mapping
 
-from suas_jax.config import SceneSpec, SkinSpec, input_errors
-from suas_jax.config.schema_load import LineLoadSpec
-from suas_jax.scene.solve import solve
-from suas_jax.scene.uncertainty import uncertainty
+from suas_jax.config import SkinSpec, continuous_inputs, input_errors
+
+SmallestGap = Callable[[Mapping[str, float], float], float]
 
 _BEFORE, _STEP = 0.9, 0.05  # of the force of first contact
+_DEVIATIONS = 0.01  # of a standard deviation
+_SENSING = "electrodes."  # what moves no membrane
 
 
-def contact_deviation(spec: SkinSpec, angle: float, force: float) -> float:
+def contact_deviation(spec: SkinSpec, force: float, smallest_gap: SmallestGap) -> float:
     """Standard deviation of the force of first contact, relative; NaN where it is unknown.
 
     Args:
         spec: the skin.
-        angle: of a radial line load [rad].
         force: of first contact [N].
+        smallest_gap: [m] of the skin with some inputs changed, by path, under a force [N]; NaN
+            where there is no equilibrium.
     """
     if not math.isfinite(force):
         return math.nan
+    known, errors = continuous_inputs(spec), input_errors(spec)
 
-    def at(share: float) -> SceneSpec:
-        load = LineLoadSpec(kind="line", angle=angle, force=share * force)
-        given = {name: getattr(spec, name) for name in spec.model_fields_set}
-        return SceneSpec(**given, load=(load,))
+    def moved(direction: Mapping[str, float], size: float) -> float:
+        changed = {path: known[path] + size * by for path, by in direction.items()}
+        return smallest_gap(changed, _BEFORE * force)
 
-    solution, lower = solve(at(_BEFORE)), solve(at(_BEFORE - _STEP))
-    if not (solution.converged and lower.converged):
-        return math.nan
-    sigma = uncertainty(solution, input_errors(solution.scene))["min_gap_m"]
-    slope = (solution.report["min_gap_m"] - lower.report["min_gap_m"]) / (_STEP * force)
-    return abs(sigma / slope) / force if slope else math.nan
+    variance = 0.0
+    for row in errors.directions:
+        pairs = zip(errors.paths, row.tolist(), strict=True)
+        own = {k: x for k, x in pairs if x and k in known and not k.startswith(_SENSING)}
+        if own:
+            change = moved(own, _DEVIATIONS) - moved(own, -_DEVIATIONS)
+            variance += (change / (2 * _DEVIATIONS)) ** 2
+    lower = smallest_gap({}, (_BEFORE - _STEP) * force)
+    slope = (smallest_gap({}, _BEFORE * force) - lower) / (_STEP * force)
+    return math.sqrt(variance) / abs(slope) / force if slope else math.nan

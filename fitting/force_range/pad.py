@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fitting.arrays import Floats
 from fitting.force_range.bound import LADDER, TOLD, least_errors
+from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import DIAMETER, PAD_MODEL_ERROR
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.parts import table_of_pad
@@ -31,10 +32,10 @@ class PadForceRange:
     """The range of one round contact over a pad.
 
     Attributes:
-        angle: of the contact [angle] [rad].
+        angle: of the contact [angle] [rad], see `suas_jax.skin.section`.
         axial: of the contact [axial] [m].
         diameter: of the contact [m].
-        radius: of the outer face [m].
+        along: what scenes call places.
         first_contact: force at which the membrane reaches the wall [angle, axial] [N]; NaN
             where it is far beyond the table.
         oil_pressure: there [angle, axial] [Pa]; NaN beyond the table.
@@ -50,7 +51,7 @@ class PadForceRange:
     angle: Floats
     axial: Floats
     diameter: float
-    radius: float
+    along: ContactPlaces
     first_contact: Floats
     oil_pressure: Floats
     force: Floats
@@ -86,7 +87,8 @@ class PadForceRange:
     @property
     def position_error(self) -> Floats:
         """Of the place on the outer face [angle, axial, force] [m]."""
-        return np.hypot(self.radius * self.error[0], self.error[1])
+        rate = self.along.outer_rate(self.angle)
+        return np.hypot(rate[:, None, None] * self.error[0], self.error[1])
 
     def report(self) -> dict[str, Any]:
         """What `suas range --json` prints of a pad."""
@@ -111,7 +113,7 @@ class PadForceRange:
             {
                 "force_N": float(self.force[i, j, k]),
                 "force_error_N": float(self.error[2, i, j, k]),
-                "angle_error_deg": float(np.rad2deg(self.error[0, i, j, k])),
+                **self.along.error_keys(self.angle[i], self.error[0, i, j, k]),
                 "axial_error_m": float(self.error[1, i, j, k]),
                 "saturated_taxels": int(self.saturated[i, j, k]),
             }
@@ -119,7 +121,7 @@ class PadForceRange:
         ]
         saturated = self.force[i, j][self.saturated[i, j] > 0]
         return {
-            "angle_deg": float(np.rad2deg(self.angle[i])),
+            **self.along.keys(self.angle[i]),
             "axial_m": float(self.axial[j]),
             "first_contact": touch if known else None,
             "smallest_force_told_N": float(self.smallest[i, j]),
@@ -170,19 +172,22 @@ def pad_force_range(
     progress("what the taxels tell")
     own = skin.electrodes.taxels
     taxels = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
-    return range_from_table(
-        table, float(skin.geometry.outer_size[0]), taxels, places, deviation
-    )
+    along = ContactPlaces(spec.geometry, skin.geometry)
+    return range_from_table(table, along, taxels, places, deviation)
 
 
 def range_from_table(
-    table: PadTable, radius: float, taxels: Floats, places: tuple[int, int], noise: float
+    table: PadTable,
+    along: ContactPlaces,
+    taxels: Floats,
+    places: tuple[int, int],
+    noise: float,
 ) -> PadForceRange:
     """The range of a contact over a pad whose states are known.
 
     Args:
         table: the states.
-        radius: of the outer face [m].
+        along: what scenes call places.
         taxels: angle and axial position [taxel, 2].
         places: how many along the arc and along the axis.
         noise: standard deviation of a reading [counts].
@@ -218,7 +223,7 @@ def range_from_table(
         angle,
         axial,
         table.diameter,
-        radius,
+        along,
         np.where(known, touch, np.nan).reshape(places),
         at_touch.reshape(places),
         force.reshape(shape),

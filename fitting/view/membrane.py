@@ -1,6 +1,6 @@
 """The membrane's shape between its taxels, without a model of what loads it.
 
-The radial displacement over the skin is a Gaussian process with a Matern covariance
+The displacement along the normal over the skin is a Gaussian process with a Matern covariance
 (smoothness 5/2), zero at the clamps; the gaps that the counts mean are its noisy values at
 the taxels. Its mean is linear in them, so a frame costs one product with a matrix that is
 made once for each set of taxels that can be used.
@@ -36,14 +36,12 @@ class InterpolatedMembrane:
     ) -> None:
         self._film, self._grid = film, grid
         self._pad = geometry.dimension == 3
-        circle = geometry.circle("`suas view`")
-        self._rest, radius = circle.mean_gap, circle.inner_radius
-        self._points = self._place(*grid.points, radius)
-        self._taxels = self._place(film.angle, film.axial, radius)
-        self._edges = self._place(*_clamps(geometry), radius)
+        self._points = self._place(*grid.points)
+        self._taxels = self._place(film.section_angle, film.axial)
+        self._edges = self._place(*_clamps(grid, geometry.width / 2))
         self._length = max(_LENGTHS * _spacing(self._taxels), _LEAST_LENGTH)
         slope = film.gap(film.rest + noise) - film.gap(film.rest - noise)
-        self._variance = (slope / 2 / (_AMPLITUDE * self._rest)) ** 2
+        self._variance = (slope / 2 / (_AMPLITUDE * geometry.mean_gap)) ** 2
         self._used = np.zeros(len(film.rest), bool)
         self._weights = np.zeros((len(self._points), 0))
 
@@ -58,13 +56,13 @@ class InterpolatedMembrane:
         usable = usable & np.isfinite(gap)
         if not np.array_equal(usable, self._used) or not self._weights.size:
             self._used, self._weights = usable, self._weights_of(usable)
-        radial = self._weights @ (gap - self._rest)[usable]
-        return radial[:, None] * self._grid.outward
+        height = self._weights @ (gap - self._film.rest_gap)[usable]
+        return height[:, None] * self._grid.outward
 
-    def _place(self, angle: NDArray, axial: NDArray, radius: float) -> Floats:
+    def _place(self, angle: NDArray, axial: NDArray) -> Floats:
         """Places on the unrolled inner face [place, 2] [m]; a section has the arc alone."""
         along = axial if self._pad else np.zeros_like(axial)
-        return np.stack([radius * angle, along], 1)
+        return np.stack([self._grid.places.inner_arc(angle), along], 1)
 
     def _weights_of(self, usable: Flags) -> Floats:
         known = np.concatenate([self._taxels[usable], self._edges])
@@ -80,10 +78,10 @@ class InterpolatedMembrane:
         return np.asarray((1 + x + x**2 / 3) * np.exp(-x))
 
 
-def _clamps(geometry: GeometrySpec) -> tuple[Floats, Floats]:
+def _clamps(grid: Grid, end: float) -> tuple[Floats, Floats]:
     """Angles and axial positions of points along the clamped edges."""
-    half, end = geometry.circle("`suas view`").half_angle, geometry.width / 2
-    if geometry.dimension == 2:
+    half = float(grid.angle[-1])
+    if len(grid.axial) == 1:
         return np.array([-half, half]), np.zeros(2)
     arc = np.linspace(-half, half, _EDGE_POINTS)
     axial = np.linspace(-end, end, _EDGE_POINTS)[1:-1]

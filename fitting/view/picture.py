@@ -21,7 +21,7 @@ from fitting.inverse_load.report.text import contact_text
 from fitting.json_text import json_text
 from fitting.view.grid import Grid
 from suas_jax.acquisition.log.format import MAX_COUNT
-from suas_jax.config import GeometrySpec, SkinSpec
+from suas_jax.config import SkinSpec
 from suas_jax.scene.taxel_film import TaxelFilm
 
 GOOD, MISSING, SATURATED, LEFT_OUT = range(4)
@@ -108,15 +108,18 @@ def taxel_states(so: Floats, left_out: Sequence[int] = ()) -> NDArray[np.uint8]:
     return states
 
 
-def arrow(contact: Contact, geometry: GeometrySpec) -> dict[str, Any]:
+def arrow(contact: Contact, grid: Grid) -> dict[str, Any]:
     """A contact as the page draws it: place, force and the ellipse that holds it with 95 %.
 
     In plane strain the force acts along a line, and the ellipse is a strip.
     """
-    circle = geometry.circle("`suas view`")
-    outer = circle.inner_radius + circle.mean_thickness
+    places = grid.places
+    told = "angle" if contact.arc is None else "arc"
+    angle = float(places.from_place(told, np.asarray(getattr(contact, told))))
+    rate = float(places.outer_rate(np.asarray(angle)))
     entry: dict[str, Any] = {
-        "angle": contact.angle,
+        "angle": angle,
+        "outer_rate": rate,
         "axial": contact.axial or 0.0,
         "force": contact.force,
         "turn": contact.direction or 0.0,
@@ -126,19 +129,20 @@ def arrow(contact: Contact, geometry: GeometrySpec) -> dict[str, Any]:
     covariance = contact.covariance
     if covariance is None:
         return entry
-    names = [name for name in ("angle", "axial") if name in contact.names]
+    names = [name for name in ("angle", "arc", "axial") if name in contact.names[:2]]
     rows = [contact.names.index(name) for name in names]
-    size = np.array([outer, 1.0])[: len(names)]
+    along = rate / float(places.slope(np.asarray(angle)))
+    size = np.array([along, 1.0])[: len(names)]
     place = covariance[np.ix_(rows, rows)] * np.outer(size, size)
     if not np.isfinite(place).all():
         return entry
     if len(names) == 1:
-        along = _INTERVAL * float(np.sqrt(max(place[0, 0], 0.0)))
-        return entry | {"ellipse": [along, geometry.width / 2, 0.0]}
+        half = _INTERVAL * float(np.sqrt(max(place[0, 0], 0.0)))
+        return entry | {"ellipse": [half, grid.width / 2, 0.0]}
     variance, axes = np.linalg.eigh(place)
-    half = _ELLIPSE * np.sqrt(np.maximum(variance, 0.0))
+    half_axes = _ELLIPSE * np.sqrt(np.maximum(variance, 0.0))
     turn = float(np.arctan2(axes[1, 1], axes[0, 1]))
-    return entry | {"ellipse": [float(half[1]), float(half[0]), turn]}
+    return entry | {"ellipse": [float(half_axes[1]), float(half_axes[0]), turn]}
 
 
 def estimate_values(estimate: LoadEstimate | None) -> list[tuple[str, str]]:
@@ -186,27 +190,30 @@ def describe(
     geometry = spec.geometry
     taxels = []
     if film is not None:
-        rows = zip(film.module, film.number, film.angle, film.axial, film.diameter, strict=True)
+        columns = film.section_angle, film.axial, film.diameter, film.rest_gap
+        rows = zip(film.module, film.number, *columns, strict=True)
         taxels = [
             {
                 "name": f"{module}.{number}",
                 "angle": float(angle),
                 "axial": float(axial),
                 "diameter": float(diameter),
+                "gap": float(gap),
             }
-            for module, number, angle, axial, diameter in rows
+            for module, number, angle, axial, diameter, gap in rows
         ]
-    circle = geometry.circle("`suas view`")
     return {
         "title": title,
         "dimension": geometry.dimension,
-        "inner_radius": circle.inner_radius,
-        "thickness": circle.mean_thickness,
-        "half_angle": circle.half_angle,
-        "width": circle.width,
-        "oil_gap": circle.mean_gap,
+        "thickness": geometry.mean_thickness,
+        "width": geometry.width,
+        "oil_gap": geometry.mean_gap,
         "grid_angle": grid.angle.tolist(),
         "grid_axial": grid.axial.tolist(),
+        "place": grid.place.tolist(),
+        "normal": grid.normal.tolist(),
+        "curvature": grid.curvature.tolist(),
+        "gap": grid.gap.tolist(),
         "taxels": taxels,
         **more,
     }

@@ -32,7 +32,6 @@ class ReadingsPictures:
 
     def __init__(self, spec: SkinSpec, rest: Floats | None) -> None:
         assert spec.electrodes is not None
-        self._geometry = spec.geometry
         self._spec, self._grid = spec, Grid.of(spec.geometry)
         self.film = TaxelFilm(spec, rest)
         self._membrane = InterpolatedMembrane(
@@ -77,7 +76,7 @@ class ReadingsPictures:
             lambda: self._membrane(so, states == GOOD),
             so - self.film.rest,
             states,
-            [] if estimate is None else [arrow(c, self._geometry) for c in estimate.contacts],
+            [] if estimate is None else [arrow(c, self._grid) for c in estimate.contacts],
             rows + values,
             total_force(estimate),
             float("nan") if estimate is None else estimate.oil_pressure,

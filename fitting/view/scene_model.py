@@ -18,6 +18,7 @@ from fitting.arrays import Floats
 from fitting.view.grid import Grid
 from suas_jax.config import (
     ElectrodesSpec,
+    GeometrySpec,
     SceneSpec,
     TaxelSpec,
     continuous_inputs,
@@ -137,8 +138,13 @@ def _with_a_taxel(scene: SceneSpec) -> SceneSpec:
     if scene.electrodes is not None:
         return scene
     return scene.model_copy(
-        update={"electrodes": ElectrodesSpec(taxels=(TaxelSpec(angle=0.0),))}
+        update={"electrodes": ElectrodesSpec(taxels=(TaxelSpec(**crown(scene.geometry)),))}
     )
+
+
+def crown(geometry: GeometrySpec) -> dict[str, Any]:
+    """The middle of a section, as its scenes state places."""
+    return {"angle": 0.0} if geometry.has_angle else {"arc": 0.0}
 
 
 @eqx.filter_jit

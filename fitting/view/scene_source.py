@@ -10,7 +10,7 @@ from fitting.inverse_load.estimate.estimate import Contact
 from fitting.view.grid import Grid
 from fitting.view.hub import Hub
 from fitting.view.picture import Picture, arrow, describe, taxel_states
-from fitting.view.scene_model import AbstractSceneModel, Solved, scene_model
+from fitting.view.scene_model import AbstractSceneModel, Solved, crown, scene_model
 from suas_jax.config import (
     LAWS,
     LineLoadSpec,
@@ -23,6 +23,7 @@ from suas_jax.config import (
 from suas_jax.equilibrium.outcomes import advice
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.taxel_film import TaxelFilm
+from suas_jax.skin.plain import clamped_edge, plain_geometry
 
 _LOOK = 0.25  # between two looks whether to end [s]
 _LEAST_FORCE = 20.0  # upper end of a force's slider, unless the scene has a larger force [N]
@@ -33,6 +34,7 @@ _COMPILING = (
     "kept for the next time."
 )
 _STIFFNESS = "stiffness"
+_SIZES = {"thickness": "geometry.thickness", "oil_gap": "geometry.oil_gap"}
 
 
 class SceneSource:
@@ -86,11 +88,11 @@ class SceneSource:
             lambda: solved.displacement,
             change,
             states,
-            [arrow(contact, self._scene.geometry) for contact in self._contacts(values)],
+            [arrow(contact, self._grid) for contact in self._contacts(values)],
             self._rows(solved, spent),
             sum(contact.force for contact in self._contacts(values)),
             solved.oil_pressure if solved.status == "converged" else float("nan"),
-            {"geometry": {k: values[f"geometry.{k}"] for k in ("thickness", "oil_gap")}},
+            {"geometry": {k: values[p] for k, p in _SIZES.items() if p in values}},
         )
 
     def _without_answer(self, elapsed: float, status: str, message: str) -> Picture:
@@ -106,7 +108,8 @@ class SceneSource:
     def _rest_of(self, values: dict[str, float]) -> np.ndarray:
         """Counts at rest under the oil gap that the slider says."""
         assert self._film is not None
-        return self._film.rest_under(values["geometry.oil_gap"])
+        gap = values.get(_SIZES["oil_gap"])
+        return self._film.rest if gap is None else self._film.rest_under(gap)
 
     def _contacts(self, values: dict[str, float]) -> list[Contact]:
         """The scene's forces, as contacts whose place is known."""
@@ -114,13 +117,18 @@ class SceneSource:
         for i, load in enumerate(self._scene.loads):
             if load.kind not in ("line", "patch"):
                 continue
-            angle = values[f"load.{i}.angle"]
+            told = "angle" if load.arc is None else "arc"
+            place = values[f"load.{i}.{told}"]
+            angle = float(self._grid.places.from_place(told, np.asarray(place)))
             turn = load.direction if isinstance(load.direction, float) else 0.0
             if load.direction == "vertical":
-                turn = angle
+                turn = self._grid.direction(angle)
             pad = self._scene.geometry.dimension == 3 and load.kind == "patch"
             axial = values.get(f"load.{i}.axial") if pad else None
-            found.append(Contact(angle, values[f"load.{i}.force"], turn, None, axial=axial))
+            arc = place if told == "arc" else None
+            shown = float(self._grid.places.angle(np.asarray(angle)))
+            force = values[f"load.{i}.force"]
+            found.append(Contact(shown, force, turn, None, axial=axial, arc=arc))
         return found
 
     def _rows(self, solved: Solved, spent: float) -> list[tuple[str, str]]:
@@ -150,11 +158,11 @@ def _all_stated(scene: SceneSpec) -> SceneSpec:
         for load in scene.loads
     ]
     if not loads:  # a skin alone: something to press it with
-        pad = scene.geometry.dimension == 3
+        pad, place = scene.geometry.dimension == 3, crown(scene.geometry)
         loads.append(
-            PatchLoadSpec(angle=0.0, force=_FORCE, axial=0.0, diameter=_FINGER)
+            PatchLoadSpec(**place, force=_FORCE, axial=0.0, diameter=_FINGER)
             if pad
-            else LineLoadSpec(angle=0.0, force=_FORCE)
+            else LineLoadSpec(**place, force=_FORCE)
         )
     return scene.model_copy(update={"loads": tuple(loads)})
 
@@ -183,8 +191,8 @@ def sliders_of(scene: SceneSpec) -> list[dict[str, Any]]:
             }
         )  # fmt: skip
 
-    circle = geometry.circle("`suas view`")
-    half, end = _EDGE * circle.half_angle, _EDGE * geometry.width / 2
+    section, end = plain_geometry(geometry).section, _EDGE * geometry.width / 2
+    reach = {by_arc: _EDGE * clamped_edge(section, by_arc)[0] for by_arc in (True, False)}
     for i, load in enumerate(scene.loads):
         which = f" {i + 1}" if len(scene.loads) > 1 else ""
         if load.kind == "pressure":
@@ -195,12 +203,16 @@ def sliders_of(scene: SceneSpec) -> list[dict[str, Any]]:
         assert load.kind != "body"  # refused above
         most = max(_LEAST_FORCE, 2 * load.force)
         add(f"load.{i}.force", f"force{which}", "N", 1.0, (0.0, most), load.force)
-        if load.angle is not None:
+        half = reach[load.arc is not None]
+        if load.arc is not None:
+            add(f"load.{i}.arc", f"arc{which}", "mm", 1e3, (-half, half), load.arc)
+        elif load.angle is not None:
             add(f"load.{i}.angle", f"angle{which}", "°", 180 / np.pi, (-half, half), load.angle)
         if load.kind == "patch":
             add(f"load.{i}.axial", f"along the axis{which}", "mm", 1e3, (-end, end), load.axial)
-    thick, gap = circle.mean_thickness, circle.mean_gap
-    add("geometry.thickness", "thickness", "mm", 1e3, (thick / 2, 2 * thick), thick)
-    add("geometry.oil_gap", "oil gap", "mm", 1e3, (gap / 2, 2 * gap), gap)
+    for name, path in _SIZES.items():
+        size = getattr(geometry, name)
+        if isinstance(size, float):  # tables along the skin have no one number
+            add(path, name.replace("_", " "), "mm", 1e3, (size / 2, 2 * size), size)
     add(_STIFFNESS, "stiffness", "×", 1.0, (0.25, 4.0), 1.0)
     return found

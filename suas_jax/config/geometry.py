@@ -164,20 +164,6 @@ class GeometrySpec(Spec):
         """Whether the section is a circle of one thickness and gap."""
         return False
 
-    def circle(self, what: str) -> Any:
-        """The `CircleSpec` that this is, for what knows no other section.
-
-        Args:
-            what: works with circles alone; begins the message.
-
-        Raises:
-            ValueError: the section is another one.
-        """
-        raise ValueError(
-            f"{what} works with circles of one thickness and gap alone, and geometry.section "
-            f'= "{self.section}" or a table along its arc makes this skin another one'
-        )
-
     @property
     def mean_thickness(self) -> float:
         """Of the membrane [m]."""

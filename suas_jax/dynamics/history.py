@@ -29,6 +29,7 @@ from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solv
 from suas_jax.config.csv_table import number_in, read_csv_table
 from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.film import Film, film_of
+from suas_jax.dynamics.history_gradient import history_gradient, reason_against, record
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
 from suas_jax.dynamics.transient import Moving, film_at_rest, through_film
 from suas_jax.mechanics.model import AbstractPlan
@@ -111,7 +112,7 @@ def _allowed(names: Sequence[str]) -> bool:
     return known and not {"factor", "force_N"} <= set(names)
 
 
-def history_sweep(scene: SceneSpec, history: History) -> Sweep:
+def history_sweep(scene: SceneSpec, history: History, gradient: str | None = None) -> Sweep:
     """Follow a scene through its history.
 
     The mesh is that of a curve; with bodies and on pads, that of a solve. Its error and the
@@ -121,12 +122,16 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     Args:
         scene: its material's `relaxation` is its memory, without one it answers at once.
         history: its loads over time.
+        gradient: a quantity to differentiate by every continuous input, as a path in the
+            report of the last row, or of another one: ``points.3.oil_pressure_Pa``.
 
     Returns:
         A report for each row, with `t_s`.
 
     Raises:
-        SweepError: the scene has nothing that the history could change, or has friction.
+        SweepError: the scene has nothing that the history could change, or has friction; or
+            the history has no derivatives.
+        UnknownQuantityError: there is no such quantity to differentiate.
     """
     require_float64()
     if any(body.friction is not None for body in scene.bodies):
@@ -136,7 +141,9 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
     errors = _Errors.at(course.largest)
     changes = course.time, course.values, course.rest
     film = film_of(course.scene, course.largest, errors.plan, *changes)
-    points = _Follower(course, errors, film, len(history.time) <= _FEW).points()
+    follower = _Follower(course, errors, film, len(history.time) <= _FEW)
+    asked = None if gradient is None else follower.asked(gradient)
+    points = follower.points()
     hits = [p for p in points if p["status"] == "converged" and p["wall_contact"]]
     contact = None
     if hits:
@@ -146,7 +153,8 @@ def history_sweep(scene: SceneSpec, history: History) -> Sweep:
             "oil_pressure_Pa": hits[0]["oil_pressure_Pa"],
             "angle_deg": hits[0]["min_gap_angle_deg"],
         }
-    return Sweep(points, contact, scene, film.report())
+    slopes = None if asked is None else follower.gradient(*asked, points)
+    return Sweep(points, contact, course.scaled, film.report(), slopes)
 
 
 class Course(NamedTuple):
@@ -196,6 +204,11 @@ class Course(NamedTuple):
         if _TEMPERATURE in columns:
             rest[_WARMTH] = float(driven[_WARMTH][0])
         return cls(scene, history.time, driven, rest)
+
+    @property
+    def scaled(self) -> SceneSpec:
+        """The scene by whose inputs derivatives are: at a factor of one, or the largest."""
+        return self.scene if FACTOR in self.values else self.largest
 
     @property
     def largest(self) -> SceneSpec:
@@ -342,6 +355,44 @@ class _Follower:
             points += found
             moment = end
         return points
+
+    def asked(self, quantity: str) -> tuple[int, str]:
+        """Row and path of a quantity to differentiate.
+
+        Raises:
+            SweepError: there is no such row, or the history has no derivatives.
+        """
+        known = Structure(_responding(self.course.scene, "instantaneous")), self.errors.plan
+        reason = reason_against(*known, self.film.included)
+        if reason is not None:
+            raise SweepError(f"--gradient: this history can't be differentiated: {reason}")
+        count = len(self.course.time)
+        if not quantity.startswith("points."):
+            return count - 1, quantity
+        number, _, path = quantity.removeprefix("points.").partition(".")
+        if not (number.isdecimal() and int(number) < count and path):
+            raise SweepError(
+                f'--gradient "{quantity[:80]}": points.0 to points.{count - 1} are there, each '
+                "with the quantities of `suas solve`, for example "
+                f"points.{count - 1}.oil_pressure_Pa"
+            )
+        return int(number), path
+
+    def gradient(
+        self, row: int, path: str, points: list[dict[str, Any]]
+    ) -> dict[str, float] | None:
+        """Derivatives of a quantity of a row; None where the history does not reach it."""
+        own, course = points[: row + 1], self.course
+        if any(p["status"] != "converged" for p in own):
+            return None
+        wall = course.scene.wall.contact and any(p["wall_contact"] for p in own)
+        spec = _responding(course.scene, "instantaneous")
+        known = Structure(spec, wall=wall), self.errors.plan, inputs_of(spec)
+        rows, _ = course.block(0, row + 1)
+        tolerance = np.asarray(_STEP_SHARE * course.scene.rtol)
+        peak: Any = {k: x[np.argmax(np.abs(x))] for k, x in course.values.items()}
+        taken = record(known, rows, course.rest, peak, tolerance)
+        return None if taken is None else history_gradient(known, taken, path)
 
     def _block(
         self, first: int, moment: Moment | Moving | None, *, wall: bool

@@ -213,18 +213,24 @@ def followed(
         jumps = row.end <= row.begin
         now = now._replace(last=jnp.where(jumps, 0.0, now.last))
 
-        def going(now: Moment) -> Bool[Array, ""]:
-            apart = jnp.stack([jnp.any(now.values[k] != x) for k, x in row.final.items()])
-            left = jnp.where(jumps, jnp.any(apart), now.time < row.end)
-            return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
-
-        now = jax.lax.while_loop(going, lambda now: _step(skin, now, row, tolerance), now)
+        now = jax.lax.while_loop(
+            lambda now: unfinished(now, row),
+            lambda now: attempt(skin, now, row, tolerance),
+            now,
+        )
         late = (now.time < row.end) & (now.steps >= MOST_STEPS)
         result = jnp.where(late & (now.result == 0), index_of("max_steps"), now.result)
         now = now._replace(result=result.astype(now.result.dtype))
         return now, read(now)
 
     return jax.lax.scan(visit, start, rows)
+
+
+def unfinished(now: Moment, row: Rows) -> Bool[Array, ""]:
+    """Whether there is more of a row to follow."""
+    apart = jnp.stack([jnp.any(now.values[k] != x) for k, x in row.final.items()])
+    left = jnp.where(row.end <= row.begin, jnp.any(apart), now.time < row.end)
+    return left & jnp.all(now.result == 0) & (now.steps < MOST_STEPS)
 
 
 def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -254,7 +260,7 @@ def observed_at(skin: DrivenSkin, now: Any) -> tuple[dict[str, Any], dict[str, A
     return report, outcome
 
 
-def _step(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> Moment:
+def attempt(skin: AbstractDriven, now: Moment, row: Rows, tolerance: Array) -> Moment:
     """Try a step towards the end of a row, and take it where it is short enough."""
     series = skin.series
     left = row.end - now.time

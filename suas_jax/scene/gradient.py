@@ -46,7 +46,8 @@ def quantities(report: Any, prefix: str = "") -> list[str]:
     return [name for key, value in items for name in quantities(value, f"{prefix}{key}.")]
 
 
-def _pick(report: Any, path: str) -> Array:
+def picked(report: Any, path: str) -> Array:
+    """A quantity of a report by its path."""
     for key in path.split("."):
         if isinstance(report, dict) and key.isdigit():  # a table of columns over the taxels
             report = {name: column[int(key)] for name, column in report.items()}
@@ -77,8 +78,8 @@ def _program(
     def quantity(inputs: Inputs) -> Array:
         report = _observed(scene, plan, states, inputs)
         # Here, as no more than the trace is needed to know them.
-        _require_known(path, quantities(report))
-        return _pick(report, path)[0]
+        require_known(path, quantities(report))
+        return picked(report, path)[0]
 
     driven = driven_by_force(scene.scene)
     if not driven:
@@ -98,7 +99,12 @@ def _program(
     return {path: row[0] - shares @ row[1:] for path, row in rows.items()}
 
 
-def _require_known(path: str, allowed: list[str]) -> None:
+def require_known(path: str, allowed: list[str]) -> None:
+    """Refuse what is no quantity of a report.
+
+    Raises:
+        UnknownQuantityError: the message lists what is.
+    """
     if path in allowed:
         return
     near = nearest(path, allowed)

@@ -8,18 +8,24 @@ import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from suas_jax.config import SceneSpec, SkinSpec, structure
 from suas_jax.constitutive import AbstractLaw, build_law
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.sensing.electrodes import Electrodes, electrodes_of
 from suas_jax.skin.body import Body
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad, angle_of
 from suas_jax.skin.oil import AbstractOil
 from suas_jax.skin.pad_loads import DeadLoad, PadLoad
+from suas_jax.skin.plain import charted, shape_key
 from suas_jax.skin.prestress import Prestress, ambient_pressure
 from suas_jax.skin.registry import build_geometry, build_oil
 from suas_jax.skin.wall import RigidLimit, Wall
@@ -83,14 +89,34 @@ class SceneParts(NamedTuple):
         return sum(self.pressures, jnp.zeros(1))
 
 
+class _SkinStructure(Keyed):
+    """A skin compared by its section, and of the rest by all but its numbers."""
+
+    def __init__(self, spec: SkinSpec) -> None:
+        self.spec, self.key = spec, (structure(spec), shape_key(spec.geometry))
+
+
+@eqx.filter_jit
+def _compiled(skin: _SkinStructure, inputs: Mapping[str, ArrayLike]) -> SkinParts:
+    return _skin(skin.spec, _all_numbers(skin.spec, inputs))
+
+
 def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
     """Make a skin's objects.
+
+    A circle's few numbers need no program; the curves of other sections are made by one that
+    is kept between runs.
 
     Args:
         spec: says which classes; its numbers are not used where `inputs` has them.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
     """
-    return _skin(spec, _all_numbers(spec, inputs))
+    traced = any(isinstance(x, jax.core.Tracer) for x in inputs.values())
+    if traced or not charted(spec.geometry):
+        return _skin(spec, _all_numbers(spec, inputs))
+    numbers = {path: np.asarray(x, float) for path, x in inputs.items()}
+    found: SkinParts = COMPILED.run(_compiled, _SkinStructure(spec), numbers, once=True)
+    return found
 
 
 def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts:

@@ -46,12 +46,14 @@ class Sweep:
         first_contact: load at which the inner face first reaches the rigid wall, or None.
         scene: what was swept.
         film: of a history, whether the oil's film moves in it, and why; None of a curve.
+        gradient: of a history, derivatives of the quantity that was asked for, by TOML path.
     """
 
     points: list[dict[str, Any]]
     first_contact: dict[str, float] | None
     scene: SceneSpec
     film: dict[str, Any] | None = None
+    gradient: dict[str, float] | None = None
 
     def rows(self) -> list[dict[str, Any]]:
         """The curve as a table: total force, each load's entries, the main observables."""

@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from suas_jax.config import SkinSpec, continuous_inputs
@@ -28,11 +28,13 @@ class TaxelFilm:
     Attributes:
         module: that carries a taxel [taxel].
         number: of a taxel in its module, from 1 [taxel].
-        angle: of the taxels, from the symmetry axis [taxel, rad].
+        angle: of the taxels, as scenes state it [taxel, rad].
+        section_angle: the same as sections define it, see `suas_jax.skin.section`.
         axial: from the middle of the skin [taxel, m].
         diameter: [taxel, m].
         positions: x towards growing angles, y to the crown, z along the axis [taxel, 3, m].
         rest: readings at rest [taxel, counts].
+        rest_gap: of the film at rest [taxel, m].
 
     Raises:
         ValueError: the skin has no electrodes.
@@ -48,25 +50,28 @@ class TaxelFilm:
         taxels, geometry = parts.electrodes.taxels, parts.geometry
         self.module, self.number = list(taxels.module), list(taxels.number)
         angle = geometry.section.given_angle(taxels.angle)
-        self.angle, self.axial, self.diameter = (
-            np.asarray(x)[:, 0] for x in (angle, taxels.axial, taxels.diameter)
+        gap = geometry.gap(taxels.angle, taxels.axial)
+        self.angle, self.section_angle, self.axial, self.diameter = (
+            np.asarray(x)[:, 0] for x in (angle, taxels.angle, taxels.axial, taxels.diameter)
         )
         height = parts.electrodes.height
         self.positions = np.asarray(taxels.positions(geometry, height))
-        self._model_rest = self.rest_under(float(geometry.oil_gap[0]))
+        self.rest_gap = np.broadcast_to(np.asarray(gap)[..., 0], self.angle.shape)
+        self._model_rest = self.rest_under(self.rest_gap)
         given = np.full(self.angle.shape, np.nan) if rest is None else rest
         self.rest = np.where(np.isfinite(given), given, self._model_rest)
         self.gap(self.rest)  # compiled here, not while the first frame of a stream waits
 
-    def rest_under(self, gap: float) -> NDArray[np.float64]:
-        """The model's readings at rest under another oil gap [taxel] [counts]."""
-        so = np.asarray(self._electrodes.read_even_film(jnp.full(1, gap)))[:, 0]
+    def rest_under(self, gap: ArrayLike) -> NDArray[np.float64]:
+        """The model's readings at rest under another oil gap, one or one a taxel [counts]."""
+        film = jnp.asarray(gap, float).reshape(-1, 1)
+        so = np.asarray(self._electrodes.read_even_film(film))[:, 0]
         return np.broadcast_to(so, self.angle.shape)
 
     def gap(self, so: Float[np.ndarray, "*frame taxel"]) -> Float[np.ndarray, "*frame taxel"]:
         """Gap of the even film over each taxel that gives its counts [m].
 
-        Counts are taken from `rest`, so that the gap at rest is the skin's oil gap.
+        Counts are taken from `rest`, so that the gap at rest is `rest_gap`.
 
         Args:
             so: readings [counts]; NaN where missing.

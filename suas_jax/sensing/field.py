@@ -1,9 +1,10 @@
 """The electric field in the deformed oil film: what the formulas leave out, in numbers.
 
 Laplace's equation for the potential between wall and membrane on a structured mesh of the
-film's section, r = r_w + eta d(phi), stations along the arc as everywhere in the project:
-linear in phi, a polynomial across the film (of fifth degree unless told otherwise). The
-stations' unknowns form a block-tridiagonal system for the same solver as the membrane's.
+film's section, at heights eta d(phi) over the wall, stations along the arc as everywhere in
+the project: linear in phi, a polynomial across the film (of fifth degree unless told
+otherwise). The stations' unknowns form a block-tridiagonal system for the same solver as the
+membrane's.
 
 The membrane is grounded and the electrode at one volt. The wall around it is either a
 *guard* at the same potential, as converters drive their shields, or *bare*, where the field
@@ -14,6 +15,7 @@ Bare, the section tells that of a strip, and what the field beyond its edges add
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -21,12 +23,13 @@ from jaxtyping import Array, Bool, Float
 from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.mechanics.section import section_of
 from suas_jax.mechanics.section_face import NormalFace, height_at
-from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.array_types import StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.electrodes import Electrodes
-from suas_jax.skin.circle import Circle
+from suas_jax.skin.geometry import SkinGeometry
+from suas_jax.skin.section import INVERSE_STEPS
 
 _DEGREE = 5
 _ELEMENTS = 720
@@ -38,12 +41,14 @@ class Film(NamedTuple):
     Attributes:
         angle: of the stations [rad].
         gap: between wall and inner face there, linear in between [m].
-        wall_radius: [m].
+        wall_radius: length of the wall per angle, one or one a station [m].
+        turn: of the wall's normal per angle, likewise; 1 on a circle.
     """
 
     angle: Float[Array, "station #lane"]
     gap: Float[Array, "station lane"]
-    wall_radius: Lanes
+    wall_radius: Float[Array, "*#station #lane"]
+    turn: Float[Array, "*#station #lane"] | float = 1.0
 
 
 def wall_charge(
@@ -110,34 +115,63 @@ def field_capacitance_under(
     """Capacitance of every taxel under a deformed inner face; see `field_capacitance`.
 
     Raises:
-        ValueError: the electrodes have no guard, or layers of their own; or the section is no
-            circle.
+        ValueError: the electrodes have no guard, or layers of their own; or the gap varies
+            along the skin.
     """
-    if not isinstance(electrodes.geometry.section, Circle):
-        raise ValueError("the film's field is solved under circles of one thickness only")
+    if electrodes.geometry.gap_along is not None:
+        raise ValueError(
+            "the film's field is solved over a wall that is parallel to the membrane at rest: "
+            "oil_gap may be no table"
+        )
     if not electrodes.model.guarded:
         raise ValueError("the section's field is that of electrodes with a guard around them")
     geometry, taxels = electrodes.geometry, electrodes.taxels
-    wall = geometry.wall_size
-    angle = jnp.linspace(-1, 1, elements + 1)[:, None] * geometry.half_angle
+    angle, length = _even_along_wall(geometry, elements)
     gap = height_at(face, angle) + geometry.gap(angle)
     clear = jnp.all(gap > 0, 0) & ~face.folded
-    film = Film(angle, jnp.where(clear, gap, 1.0), wall)
+    one = jnp.ones_like(angle)
+    _, wall = jax.jvp(lambda x: _wall_length(geometry, x), (angle,), (one,))
+    _, turn = jax.jvp(geometry.section.inner_direction, (angle,), (one,))
+    film = Film(angle, jnp.where(clear, gap, 1.0), wall, turn)
     charge = wall_charge(film, np.ones(elements + 1, bool))
     if electrodes.layers.ndim > 1:
         raise ValueError("the field model takes the same layers for all taxels")
     # Thin layers in series: they divide each station's voltage with the film.
-    width = wall * jnp.diff(angle, axis=0)
+    width = jnp.diff(length, axis=0)
     width = (jnp.pad(width, [(0, 1), (0, 0)]) + jnp.pad(width, [(1, 0), (0, 0)])) / 2
     charge = charge / (1 + electrodes.layers * electrodes.permittivity * charge / width)
-    weights = chords(angle[:, 0], taxels.angle[:, 0], taxels.diameter[:, 0] / wall[0])
+    centre = _wall_length(geometry, taxels.angle)
+    weights = chords(length[:, 0], centre[:, 0], taxels.diameter[:, 0])
     sum_ = jnp.einsum("ts,sl->tl", weights, charge) * taxels.diameter
     permittivity = VACUUM_PERMITTIVITY * electrodes.permittivity
     return jnp.where(clear, electrodes.stray + permittivity * sum_, jnp.nan)
 
 
+def _wall_length(geometry: SkinGeometry, angle: Array) -> Array:
+    """Arc length of the wall from the middle, of one gap [m]."""
+    section = geometry.section
+    turn = section.inner_direction(angle) - section.inner_direction(0 * angle)
+    return section.arc(angle) - geometry.oil_gap * turn
+
+
+def _even_along_wall(geometry: SkinGeometry, elements: int) -> tuple[Array, Array]:
+    """Angles of stations that are even along the wall, and where they are on it [rad, m]."""
+    share = jnp.linspace(-1, 1, elements + 1)[:, None]
+    angle = share * geometry.half_angle
+    ends = (_wall_length(geometry, side * geometry.half_angle) for side in (-1, 1))
+    first, last = ends
+    length = (first + last) / 2 + share * (last - first) / 2
+
+    def step(angle: Array, _: None) -> tuple[Array, None]:
+        one = jnp.ones_like(angle)
+        at, rate = jax.jvp(lambda x: _wall_length(geometry, x), (angle,), (one,))
+        return angle + (length - at) / rate, None
+
+    return jax.lax.scan(step, angle, None, length=INVERSE_STEPS)[0], length
+
+
 def chords(
-    angle: Float[Array, " station"],
+    place: Float[Array, " station"],
     centre: Float[Array, " taxel"],
     diameter: Float[Array, " taxel"],
 ) -> Float[Array, "taxel station"]:
@@ -148,11 +182,11 @@ def chords(
     shape function, in closed form.
 
     Args:
-        angle: of the stations, evenly spaced [rad].
-        centre: of the discs [rad].
-        diameter: of the discs, as an angle [rad].
+        place: of the stations along the wall, evenly spaced [m].
+        centre: of the discs [m].
+        diameter: of the discs [m].
     """
-    step = angle[1] - angle[0]
+    step = place[1] - place[0]
 
     def twice(x: Array) -> Array:
         """Second antiderivative of sqrt(1 - x^2) on [-1, 1], continued beyond."""
@@ -163,7 +197,7 @@ def chords(
         return value + slope * (x - inside)
 
     half = diameter[:, None] / 2
-    x, h = (angle - centre[:, None]) / half, step / half
+    x, h = (place - centre[:, None]) / half, step / half
     return (twice(x + h) - 2 * twice(x) + twice(x - h)) / h**2
 
 
@@ -174,12 +208,17 @@ def _stiffness(film: Film, degree: int) -> Float[Array, "2 2 node node element l
     span = film.angle[1:] - film.angle[:-1]
     rise = (film.gap[1:] - film.gap[:-1]) / span
     total = jnp.zeros(())
+
+    def between(x: Array | float, xi: float) -> Array | float:
+        return x if jnp.ndim(x) < 2 else (1 - xi) * x[:-1] + xi * x[1:]  # type: ignore[index]
+
     for xi, weight in zip(*gauss_legendre(2), strict=True):
         gap = (1 - xi) * film.gap[:-1] + xi * film.gap[1:]
+        wall, turn = between(film.wall_radius, xi), between(film.turn, xi)
         side = np.array([1 - xi, xi])
         for k, eta_weight in enumerate(eta_weights):
-            radius = film.wall_radius + eta[k] * gap
-            # u = sum over sides and nodes; derivatives by r, and by phi at constant r.
+            radius = wall + eta[k] * gap * turn
+            # u = sum over sides and nodes; derivatives by height, and by phi at one height.
             across = side[:, None] * slope[:, k]
             along = np.array([-1.0, 1.0])[:, None] * shape[:, k]
             by_r = across[..., None, None] / gap

@@ -28,9 +28,9 @@ from suas_jax.skin.section import (
     tangent,
 )
 
-# Newton steps from a material point to the foot of a place near it: its angle changes by
-# little, and the derivatives of the last steps are exact to second order.
-_FOOT_STEPS = 6
+# Newton steps from a material point to the foot of a place near it, whose angle changes by
+# little: on the piece at hand, which is looked up again so many times.
+_FOOT_STEPS, _LOOKS = 2, 3
 
 # Nodes on a piece, and pieces at least: an ellipse of twice the height is told to 1e-12.
 _NODES, _PIECES = 7, 48
@@ -184,32 +184,48 @@ class ChartedSection(AbstractSection):
         """Fields at angles [*shape, lane]."""
         return self._with_slopes(angle, names, ())
 
+    def _pieces(
+        self, angle: Float[Array, "*shape"], names: Sequence[str]
+    ) -> tuple[Array, Array, list[Array]]:
+        """Begin and inverse half length of the pieces at angles, powers [field, *shape]."""
+        lanes = self.ends.shape[-1]
+        flat = angle.reshape(-1, angle.shape[-1])
+
+        # A product with ones and zeros: XLA makes gathers anew for all that is made of them,
+        # and folds `searchsorted` wrongly where several lanes ask at constants.
+        def look_up(ends: Array, table: Array, x: Array) -> Array:
+            beyond = x[:, None] >= ends[1:-1]
+            here = jnp.pad(beyond, ((0, 0), (1, 0)), constant_values=True)
+            here &= ~jnp.pad(beyond, ((0, 0), (0, 1)))
+            pieces = jnp.stack([ends[:-1], 2 / (ends[1:] - ends[:-1])], 1)
+            every = jnp.concatenate([pieces, table.reshape(len(table), -1)], 1)
+            return here.astype(x.dtype) @ every
+
+        table = self.table[:, np.array([_FIELDS.index(name) for name in names])]
+        axes = (None, None, -1) if lanes == 1 else (-1, -1, -1)
+        own = (self.ends[:, 0], table[..., 0]) if lanes == 1 else (self.ends, table)
+        fixed = jax.lax.stop_gradient(flat)
+        found = jnp.moveaxis(jax.vmap(look_up, axes, -1)(*own, fixed), 1, 0)
+        found = found.reshape(-1, *angle.shape)
+        return found[0], found[1], [found[2 + k :: _NODES] for k in range(_NODES)]
+
     def _with_slopes(
         self, angle: Array, values: Sequence[str], slopes: Sequence[str]
     ) -> list[Array]:
         """Fields at angles [*shape, lane], and the derivatives of some by the angle."""
-        lanes = self.ends.shape[-1]
-        shape = jnp.broadcast_shapes(jnp.shape(angle), (lanes,))
-        flat = jnp.broadcast_to(angle, shape).reshape(-1, shape[-1])
-
-        def look_up(ends: Array, table: Array, x: Array) -> list[Array]:
-            fixed = jax.lax.stop_gradient(x)
-            # Not `searchsorted`: XLA folds it wrongly where several lanes ask at constants.
-            inside = jnp.sum(fixed[:, None] >= ends[1:-1], 1)
-            row, low, high = table[inside], ends[inside], ends[inside + 1]
-            scale = 2 / (high - low)
-            v = (x - low) * scale - 1
-            found = []
-            for name in values:
-                found.append(polynomial(list(row[:, _FIELDS.index(name)].T), v))
-            for name in slopes:
-                powers = row[:, _FIELDS.index(name)].T
-                found.append(polynomial([k * powers[k] for k in range(1, _NODES)], v) * scale)
-            return found
-
-        axes = (None, None, -1) if lanes == 1 else (-1, -1, -1)
-        own = (self.ends[:, 0], self.table[..., 0]) if lanes == 1 else (self.ends, self.table)
-        return [x.reshape(shape) for x in jax.vmap(look_up, axes, -1)(*own, flat)]
+        shape = jnp.broadcast_shapes(jnp.shape(angle), self.ends.shape[-1:])
+        angle = jnp.broadcast_to(angle, shape)
+        names = list(dict.fromkeys((*values, *slopes)))
+        low, scale, powers = self._pieces(angle, names)
+        v = (angle - low) * scale - 1
+        found = []
+        if values:
+            all_values = polynomial(powers, v)
+            found += [all_values[names.index(name)] for name in values]
+        if slopes:
+            all_slopes = _slope(powers, v) * scale
+            found += [all_slopes[names.index(name)] for name in slopes]
+        return found
 
     def frame(self, angle: Array) -> Frame:
         """See the base class."""
@@ -221,23 +237,9 @@ class ChartedSection(AbstractSection):
 
     def foot(self, position: Float[Array, "2 *shape"], near: Array) -> tuple[Array, Array]:
         """On the normals of the inner face; see the base class."""
-        place = position[:2]
-
-        def off(angle: Array) -> tuple[Array, Array, Array, Array]:
-            x, y, direction, length, bend = self._with_slopes(
-                angle, ("x", "y", "direction"), ("arc", "direction")
-            )
-            away = place - jnp.stack([x, y])
-            along = jnp.sum(away * tangent(direction), 0)
-            return along, jnp.sum(away * outward(direction), 0), length, bend
-
-        def step(angle: Array, _: None) -> tuple[Array, None]:
-            along, height, length, bend = off(angle)
-            return angle + along / (length + height * bend), None
-
-        start = jnp.broadcast_to(jax.lax.stop_gradient(near), place.shape[1:])
-        angle, _ = jax.lax.scan(step, start, None, length=_FOOT_STEPS)
-        return angle, off(angle)[1]
+        start = jnp.broadcast_to(jax.lax.stop_gradient(near), position.shape[1:])
+        found: tuple[Array, Array] = _foot(self, position[:2], start)
+        return found
 
     def thickness(self, angle: Array) -> Array:
         """See the base class."""
@@ -291,6 +293,62 @@ class ChartedSection(AbstractSection):
             return angle + (value - here) / rate, None
 
         return jax.lax.scan(step, start, None, length=INVERSE_STEPS)[0]
+
+
+@eqx.filter_custom_jvp
+def _foot(section: ChartedSection, place: Array, near: Array) -> tuple[Array, Array]:
+    """Newton's method; its steps have no derivatives, the foot has them in closed form."""
+    names = ("x", "y", "direction", "arc")
+
+    def look(_: int, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        angle, height = carry
+        low, scale, powers = section._pieces(angle, names)
+        for _ in range(_FOOT_STEPS):
+            v = (angle - low) * scale - 1
+            at, slope = polynomial(powers, v), scale * _slope(powers, v)
+            away, turned = place - at[:2], at[2]
+            height = jnp.sum(away * outward(turned), 0)
+            rate = slope[3] + height * slope[2]
+            angle = angle + jnp.sum(away * tangent(turned), 0) / rate
+        return angle, height
+
+    shape = jnp.broadcast_shapes(place.shape[1:], section.ends.shape[-1:])
+    start = jnp.broadcast_to(near, shape), jnp.zeros(shape)
+    angle, _ = jax.lax.fori_loop(0, _LOOKS, look, start)
+    x, y, turned = section._at(angle, "x", "y", "direction")
+    return angle, jnp.sum((place - jnp.stack([x, y])) * outward(turned), 0)
+
+
+@_foot.def_jvp
+def _(primals: Any, tangents: Any) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """By the normal n and the tangent t at a foot that the section itself may move.
+
+    With what the section changes at a fixed angle::
+
+        dheight = n . (dplace - dinner)
+        dangle = (t . (dplace - dinner) - height ddirection) / (darc + height bend)
+    """
+    section, place, _ = primals
+    t_section, t_place, _ = tangents
+    angle, height = _foot(*primals)
+    direction, length, bend = section._with_slopes(angle, ("direction",), ("arc", "direction"))
+    moved = jnp.zeros_like(place) if t_place is None else t_place
+    turn: Array | float = 0.0
+    if jax.tree.leaves(t_section):
+
+        def here(section: ChartedSection) -> list[Array]:
+            return section._at(angle, "x", "y", "direction")
+
+        _, (x, y, turn) = eqx.filter_jvp(here, (section,), (t_section,))
+        moved = moved - jnp.stack([x, y])
+    along = jnp.sum(moved * tangent(direction), 0) - height * turn
+    up = jnp.sum(moved * outward(direction), 0)
+    return (angle, height), (along / (length + height * bend), up)
+
+
+def _slope(powers: list[Array], v: Array) -> Array:
+    """Derivative of a polynomial by its coordinate."""
+    return polynomial([k * powers[k] for k in range(1, len(powers))], v)
 
 
 def _tables() -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -12,10 +12,37 @@ from suas_jax.config import continuous_inputs, structure
 from suas_jax.config.errors import ConfigError, Mistake
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.quantities import format_quantity
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.runtime.content_key import Keyed
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.registry import build_geometry
 from suas_jax.skin.section import AbstractSection
 from suas_jax.skin.section_checks import check_section
+
+
+class _Table(Keyed):
+    """A [geometry] table compared by all of it."""
+
+    def __init__(self, spec: GeometrySpec) -> None:
+        self.spec, self.key = spec, shape_key(spec)
+
+
+def shape_key(spec: GeometrySpec) -> tuple[Any, ...]:
+    """What decides the program that makes a section.
+
+    Its numbers are part of it: they tell whether the section is its own mirror image.
+    """
+    return structure(spec), tuple(continuous_inputs(spec).items())
+
+
+@eqx.filter_jit
+def _built(table: _Table, numbers: dict[str, Any]) -> SkinGeometry:
+    return build_geometry(table.spec, numbers.__getitem__)
+
+
+def charted(spec: GeometrySpec) -> bool:
+    """Whether a section is described by a table, which takes a program to make."""
+    return not spec.is_circle
 
 
 @functools.lru_cache(maxsize=64)
@@ -29,15 +56,11 @@ def plain_geometry(spec: GeometrySpec) -> SkinGeometry:
         ConfigError: the section can't be; the message says where and why.
     """
     known = {**dict(structure(spec)), **continuous_inputs(spec)}
-    numbers = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
-
-    def build(numbers: dict[str, Any]) -> SkinGeometry:
-        return build_geometry(spec, numbers.__getitem__)
-
+    numbers: Any = {k: np.array([v]) for k, v in known.items() if isinstance(v, float | int)}
     if spec.is_circle:
-        return build(numbers)
+        return build_geometry(spec, numbers.__getitem__)
     with jax.ensure_compile_time_eval():  # also while a caller is traced
-        geometry: SkinGeometry = eqx.filter_jit(build)(numbers)
+        geometry: SkinGeometry = COMPILED.run(_built, _Table(spec), numbers, once=True)
         check_section(geometry)
     return geometry
 
@@ -53,7 +76,8 @@ def clamped_edge(section: AbstractSection, by_arc: bool) -> tuple[float, str]:
         The number, and what a person reads.
     """
     half = section.half_angle
-    end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
+    with jax.ensure_compile_time_eval():  # also while a caller is traced
+        end = float((section.arc(half) if by_arc else section.given_angle(half))[0])
     return end, format_quantity(end, "length" if by_arc else "angle")
 
 

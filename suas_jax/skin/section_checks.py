@@ -8,9 +8,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 from suas_jax.config.errors import ConfigError, Mistake
 from suas_jax.config.quantities import format_quantity
+from suas_jax.runtime.compiled import COMPILED
 from suas_jax.skin.geometry import SkinGeometry
 
 _POINTS = 1601
@@ -41,7 +43,7 @@ class Samples(NamedTuple):
 
 
 @eqx.filter_jit
-def samples(geometry: SkinGeometry, share: float = 0.0) -> Samples:
+def samples(geometry: SkinGeometry, share: ArrayLike = 0.0) -> Samples:
     """Sample a section from clamp to clamp.
 
     Args:
@@ -50,7 +52,7 @@ def samples(geometry: SkinGeometry, share: float = 0.0) -> Samples:
     """
     section = geometry.section
     angle = jnp.linspace(-1.0, 1.0, _POINTS)[:, None] * section.half_angle
-    axial = share * geometry.width
+    axial = jnp.asarray(share) * geometry.width
     mean, gap = section.thickness(angle), geometry.gap(angle, axial)
     thick = mean + geometry.thickness_beyond_mean(angle, axial)
     middle, inner, normal = (
@@ -76,12 +78,13 @@ def check_section(geometry: SkinGeometry) -> None:
     """
     shares = np.linspace(-0.5, 0.5, _ALONG) if geometry.varies_along_axis else [0.0]
     for share in shares:
-        at = Samples(*(np.asarray(x) for x in samples(geometry, share)))
-        found = [*_sizes(at), *_crossings(at)]
-        if found:
+        found = COMPILED.run(samples, geometry, np.asarray(share), once=True)
+        at = Samples(*(np.asarray(x) for x in found))
+        wrong = [*_sizes(at), *_crossings(at)]
+        if wrong:
             place = format_quantity(float(share * geometry.width[0]), "length")
             where = f" (axial = {place})" if geometry.varies_along_axis else ""
-            raise ConfigError(Mistake("skin", key, text + where) for key, text in found)
+            raise ConfigError(Mistake("skin", key, text + where) for key, text in wrong)
 
 
 def _sizes(at: Samples) -> list[tuple[str, str]]:

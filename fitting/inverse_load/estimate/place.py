@@ -30,11 +30,13 @@ class ContactPlaces:
         self.name = "angle" if spec.has_angle else "arc"
         self._circle = spec.is_circle
         self._outer_size = float(geometry.outer_size[0])
+        self._inner_size = self._outer_size - float(geometry.thickness[0])
         if not spec.is_circle:
             edge = float(geometry.half_angle[0])
             angle = np.linspace(-edge, edge, _POINTS)
             rows = _told(geometry, jnp.asarray(angle)[:, None])
-            self._table = CubicSpline(angle, np.concatenate([np.asarray(x) for x in rows], 1))
+            self._rows = angle, np.concatenate([np.asarray(x) for x in rows], 1)
+            self._table = CubicSpline(*self._rows)
         self.edge = float(self.estimated(np.asarray(geometry.half_angle)[0]))
 
     def angle(self, angle: Floats) -> Floats:
@@ -60,6 +62,35 @@ class ContactPlaces:
         if self.name == "arc":
             return 1e3 * self.estimated(angle), "arc [mm]"
         return np.rad2deg(self.estimated(angle)), "angle [deg]"
+
+    def inner_arc(self, angle: Floats) -> Floats:
+        """Arc length of the inner face from its middle [m], of a circle too."""
+        return angle * self._inner_size if self._circle else self._table(angle)[..., 1]
+
+    def outer_rate(self, angle: Floats) -> Floats:
+        """Length of the outer face per angle of the model [m]."""
+        if self._circle:
+            return np.full(np.shape(angle), self._outer_size)
+        return np.asarray(self._table(angle, 1)[..., 2])
+
+    def from_place(self, name: str, place: Floats) -> Floats:
+        """The model's angle of places that are told by "angle" [rad] or "arc" [m]."""
+        if self._circle:
+            return place if name == "angle" else place / self._inner_size
+        angle, rows = self._rows
+        return np.interp(place, rows[:, int(name == "arc")], angle)
+
+    def keys(self, angle: Floats) -> dict[str, float]:
+        """A place as reports tell it."""
+        arc = self.arc(angle)
+        told = {"angle_deg": float(np.rad2deg(self.angle(angle)))}
+        return told if arc is None else {**told, "arc_m": float(arc)}
+
+    def error_keys(self, angle: Floats, error: float) -> dict[str, float]:
+        """An error of the model's angle at a place, as one of what is estimated there."""
+        own = float(error * np.abs(self.slope(angle)))
+        known = self.name == "arc"
+        return {"arc_error_m": own} if known else {"angle_error_deg": float(np.rad2deg(own))}
 
     def slope(self, angle: Floats) -> Floats:
         """Its derivative by the model's angle."""

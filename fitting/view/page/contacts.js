@@ -4,6 +4,7 @@ import {
   BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, Group, InstancedMesh, LineBasicMaterial,
   LineLoop, Matrix4, MeshLambertMaterial, Quaternion, Vector3,
 } from "./three.min.js";
+import { footAt } from "./section.js";
 
 const MM = 1000;
 const MOST = 16; // contacts
@@ -32,15 +33,15 @@ export class Contacts {
   }
 
   show({ header }, now, options) {
-    const outer = now.inner_radius + now.thickness;
     const found = header.contacts.slice(0, MOST);
     this.shafts.count = this.heads.count = found.length;
     this.rings.forEach((ring) => { ring.visible = false; });
     const [up, matrix, turn] = [new Vector3(0, 1, 0), new Matrix4(), new Quaternion()];
     found.forEach((contact, k) => {
-      const way = contact.angle - contact.turn; // outwards along the force's line
+      const { x, y, nx, ny } = footAt(this.skin, contact.angle);
+      const way = Math.atan2(nx, ny) - contact.turn; // outwards along the force's line
       const out = new Vector3(Math.sin(way), Math.cos(way), 0);
-      const foot = new Vector3(MM * outer * Math.sin(contact.angle), MM * outer * Math.cos(contact.angle), MM * contact.axial);
+      const foot = new Vector3(MM * (x + now.thickness * nx), MM * (y + now.thickness * ny), MM * contact.axial);
       const length = Math.min(HEAD + PER_NEWTON * Math.abs(contact.force), LONGEST);
       const pulls = contact.force < 0;
       const at = (distance) => foot.clone().addScaledVector(out, distance);
@@ -50,21 +51,21 @@ export class Contacts {
       this.shafts.setMatrixAt(k, matrix);
       matrix.compose(at(pulls ? shaft + HEAD / 2 : HEAD / 2), turn, new Vector3(3, HEAD, 3));
       this.heads.setMatrixAt(k, matrix);
-      if (contact.ellipse) this.#ring(this.rings[k], contact, outer, options.ellipses);
+      if (contact.ellipse) this.#ring(this.rings[k], contact, now.thickness, options.ellipses);
     });
     this.shafts.instanceMatrix.needsUpdate = this.heads.instanceMatrix.needsUpdate = true;
   }
 
-  #ring(ring, contact, outer, scale) {
+  #ring(ring, contact, thickness, scale) {
     const [long, short, turn] = contact.ellipse;
     const [c, s] = [Math.cos(turn), Math.sin(turn)];
     const place = ring.geometry.attributes.position;
     for (let k = 0; k < ROUND; k++) {
       const round = (2 * Math.PI * k) / ROUND;
       const [a, b] = [scale * long * Math.cos(round), (contact.line ? 1 : scale) * short * Math.sin(round)];
-      const angle = contact.angle + (a * c - b * s) / outer;
-      const radius = MM * outer + 0.5;
-      place.setXYZ(k, radius * Math.sin(angle), radius * Math.cos(angle), MM * (contact.axial + a * s + b * c));
+      const { x, y, nx, ny } = footAt(this.skin, contact.angle + (a * c - b * s) / contact.outer_rate);
+      const height = MM * thickness + 0.5;
+      place.setXYZ(k, MM * x + height * nx, MM * y + height * ny, MM * (contact.axial + a * s + b * c));
     }
     place.needsUpdate = true;
     ring.visible = true;

@@ -1,15 +1,28 @@
 // One mesh over the grid's points, its value as the colour of the vertices; wall beneath.
 
 import {
-  BufferAttribute, BufferGeometry, Color, CylinderGeometry, DoubleSide, DynamicDrawUsage, Group,
+  BufferAttribute, BufferGeometry, Color, DoubleSide, DynamicDrawUsage, Group,
   LineBasicMaterial, LineSegments, Mesh, MeshLambertMaterial,
 } from "./three.min.js";
 import { drawBar, table } from "./colours.js";
+import { gapAt, heightOf } from "./section.js";
 
 const MM = 1000;
 const SIZE = 256; // colours of a scale
 const FLOOR = 0.05; // of the oil gap: the least end of a scale
 const FADE = 0.98; // per picture: how slowly a scale shrinks again
+
+// Of a grid whose points lie along the arc and, for each of these, across.
+function triangles(arc, across) {
+  const found = [];
+  for (let i = 0; i + 1 < arc; i++) {
+    for (let j = 0; j + 1 < across; j++) {
+      const k = i * across + j;
+      found.push(k, k + 1, k + across, k + 1, k + across + 1, k + across);
+    }
+  }
+  return found;
+}
 
 export class Membrane {
   constructor(skin, legend) {
@@ -27,7 +40,7 @@ export class Membrane {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", this.position);
     geometry.setAttribute("color", this.colour);
-    geometry.setIndex(this.#triangles());
+    geometry.setIndex(triangles(this.arc, this.axial.length));
     const look = { vertexColors: true, side: DoubleSide, transparent: true, opacity: 0.72, depthWrite: false };
     this.mesh = new Mesh(geometry, new MeshLambertMaterial(look));
     this.mesh.frustumCulled = false;
@@ -41,18 +54,6 @@ export class Membrane {
     this.lines.renderOrder = 2;
     this.wall = null;
     this.group.add(this.mesh, this.lines);
-  }
-
-  #triangles() {
-    const found = [];
-    const across = this.axial.length;
-    for (let i = 0; i + 1 < this.arc; i++) {
-      for (let j = 0; j + 1 < across; j++) {
-        const k = i * across + j;
-        found.push(k, k + 1, k + across, k + 1, k + across + 1, k + across);
-      }
-    }
-    return found;
   }
 
   #lines() {
@@ -70,36 +71,39 @@ export class Membrane {
   }
 
   #rebuildWall(now) {
-    const radius = MM * (now.inner_radius - now.oil_gap);
-    if (this.wall?.userData.radius === radius) return;
+    if (this.wall?.userData.gap === now.oil_gap) return;
     if (this.wall) { this.group.remove(this.wall); this.wall.geometry.dispose(); }
-    const half = now.half_angle;
-    const geometry = new CylinderGeometry(radius, radius, MM * now.width, 96, 1, true, -half, 2 * half);
-    // A cylinder's own axis is y and its angles begin at z: turned so that they begin at y.
-    geometry.rotateX(-Math.PI / 2);
+    const geometry = new BufferGeometry();
+    const points = this.skin.place.flatMap(([x, y], i) => {
+      const [[nx, ny], gap] = [this.skin.normal[i], gapAt(this.skin, now, i)];
+      return [-1, 1].flatMap((side) => [MM * (x - gap * nx), MM * (y - gap * ny), (MM * side * now.width) / 2]);
+    });
+    geometry.setAttribute("position", new BufferAttribute(new Float32Array(points), 3));
+    geometry.setIndex(triangles(this.arc, 2));
+    geometry.computeVertexNormals();
     this.wall = new Mesh(geometry, new MeshLambertMaterial({ color: new Color(0x9aa5b1), side: DoubleSide }));
-    this.wall.userData.radius = radius;
+    this.wall.userData.gap = now.oil_gap;
     this.group.add(this.wall);
   }
 
   show({ header, moved }, now, options) {
     this.#rebuildWall(now);
     const across = this.axial.length;
-    const [wall, scale] = [now.inner_radius - now.oil_gap, header.scale];
+    const scale = header.scale;
     const values = new Float32Array(this.arc * across);
     let largest = FLOOR * now.oil_gap;
     for (let i = 0; i < this.arc; i++) {
-      const [s, c] = [Math.sin(this.skin.grid_angle[i]), Math.cos(this.skin.grid_angle[i])];
+      const [x, y] = this.skin.place[i];
       for (let j = 0; j < across; j++) {
         const k = i * across + j;
         const p = 3 * (this.section ? i : k);
         const [u, v, w] = [scale * moved[p], scale * moved[p + 1], scale * moved[p + 2]];
-        const gap = Math.hypot(now.inner_radius * s + u, now.inner_radius * c + v) - wall;
+        const gap = gapAt(this.skin, now, i) + heightOf(this.skin, i, u, v);
         values[k] = options.colour === "gap" ? gap - now.oil_gap : Math.hypot(u, v, w);
         largest = Math.max(largest, Math.abs(values[k]));
         const e = options.exaggeration;
-        this.position.array[3 * k] = MM * (now.inner_radius * s + e * u);
-        this.position.array[3 * k + 1] = MM * (now.inner_radius * c + e * v);
+        this.position.array[3 * k] = MM * (x + e * u);
+        this.position.array[3 * k + 1] = MM * (y + e * v);
         this.position.array[3 * k + 2] = MM * (this.axial[j] + e * w);
       }
     }

@@ -5,6 +5,7 @@ import {
 } from "./three.min.js";
 import { Contacts } from "./contacts.js";
 import { Membrane } from "./membrane.js";
+import { reachOf } from "./section.js";
 import { Taxels } from "./taxels.js";
 
 export const MM = 1000; // drawn in millimetres
@@ -37,9 +38,10 @@ export class Space {
       contacts: new Contacts(skin),
     };
     for (const part of Object.values(this.parts)) this.scene.add(part.group);
-    const size = MM * Math.max(2 * skin.inner_radius, skin.width);
+    const [half, height] = reachOf(skin);
+    const size = MM * Math.max(2 * half, skin.width);
     this.camera.position.set(0.9 * size, 1.75 * size, 1.55 * size);
-    this.controls.target.set(0, 0.4 * MM * skin.inner_radius, 0);
+    this.controls.target.set(0, 0.4 * MM * height, 0);
     this.controls.update();
     this.due = true;
   }

@@ -1,6 +1,7 @@
 // Taxels as bars on the wall, as high as their counts above rest; grey where they aren't used.
 
 import { BoxGeometry, Color, Group, InstancedMesh, Matrix4, MeshLambertMaterial, Quaternion, Vector3 } from "./three.min.js";
+import { footAt } from "./section.js";
 
 const MM = 1000;
 const LONGEST = 22; // [mm]
@@ -25,15 +26,15 @@ export class Taxels {
     let largest = LEAST_SCALE;
     for (let k = 0; k < change.length; k++) if (states[k] === 0) largest = Math.max(largest, Math.abs(change[k]));
     this.most = Math.max(largest, FADE * this.most);
-    const radius = MM * (now.inner_radius - now.oil_gap);
     const [up, out, turn, place, size] = [new Vector3(0, 1, 0), new Vector3(), new Quaternion(), new Vector3(), new Vector3()];
     const matrix = new Matrix4();
     this.skin.taxels.forEach((taxel, k) => {
       const height = Math.max(0.6, (LONGEST * Math.min(Math.abs(change[k]), this.most)) / this.most);
-      out.set(Math.sin(taxel.angle), Math.cos(taxel.angle), 0);
+      const { x, y, nx, ny } = footAt(this.skin, taxel.angle);
+      const over = height / 2 - (MM * taxel.gap * now.oil_gap) / this.skin.oil_gap;
+      out.set(nx, ny, 0);
       turn.setFromUnitVectors(up, out);
-      place.copy(out).multiplyScalar(radius + height / 2);
-      place.z = MM * taxel.axial;
+      place.set(MM * x + over * nx, MM * y + over * ny, MM * taxel.axial);
       const wide = 0.62 * MM * taxel.diameter;
       matrix.compose(place, turn, size.set(wide, height, wide));
       this.bars.setMatrixAt(k, matrix);

@@ -31,10 +31,6 @@ class CircleSpec(GeometrySpec):
         """See the base class."""
         return isinstance(self.thickness, float) and isinstance(self.oil_gap, float)
 
-    def circle(self, what: str) -> CircleSpec:
-        """Itself; see the base class."""
-        return self if self.is_circle else super().circle(what)
-
     @model_validator(mode="after")
     def _sizes_fit(self) -> Self:
         thickness, gap, radius = self.mean_thickness, self.mean_gap, self.inner_radius

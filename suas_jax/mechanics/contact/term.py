@@ -50,17 +50,22 @@ def expanded(
     unit = jnp.eye(inputs.shape[0], dtype=inputs.dtype)
     unit = unit.reshape(*unit.shape, *(1,) * (inputs.ndim - 1))
 
-    def along(z: Array, direction: Array) -> Array:
-        return jax.jvp(gap, (z,), (jnp.broadcast_to(direction, z.shape),))[1]
+    # Values and first derivatives are the same in all directions: told once.
+    def slopes(z: Array) -> tuple[Array, Array]:
+        def along(direction: Array) -> tuple[Array, Array]:
+            value, slope = jax.jvp(gap, (z,), (jnp.broadcast_to(direction, z.shape),))
+            return value, slope
 
-    def slopes(z: Array) -> Array:
-        return jax.vmap(lambda direction: along(z, direction))(unit)
+        return jax.vmap(along, out_axes=(None, 0))(unit)
 
-    def curvatures(direction: Array) -> tuple[Array, Array]:
-        return jax.jvp(slopes, (inputs,), (jnp.broadcast_to(direction, inputs.shape),))
+    def curvatures(direction: Array) -> tuple[tuple[Array, Array], Array]:
+        known, (_, second) = jax.jvp(
+            slopes, (inputs,), (jnp.broadcast_to(direction, inputs.shape),)
+        )
+        return known, second
 
-    first, second = jax.vmap(curvatures)(unit)
-    return Gap(gap(inputs), first[0], second)
+    (value, first), second = jax.vmap(curvatures, out_axes=((None, None), 0))(unit)
+    return Gap(value, first, second)
 
 
 class ContactTerms(NamedTuple):
