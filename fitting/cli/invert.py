@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.stream import LiveWatcher
     from fitting.robotics.recording import Recording
+    from suas_jax.config import SkinSpec
 
 
 def invert(
@@ -43,6 +44,13 @@ def invert(
     ] = 0.1,
     baseline: Annotated[
         Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
+    ] = None,
+    zero: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|none",
+            help="What `suas zero` wrote; default: SKIN.zero.toml beside the skin file, if any.",
+        ),
     ] = None,
     direction: Annotated[
         bool, typer.Option("--direction", help="Free the directions; radial otherwise.")
@@ -121,7 +129,7 @@ def invert(
         from suas_jax.config import load_skin
         from suas_jax.runtime.settings import configure
 
-        spec = load_skin(skin)
+        spec = _zeroed(load_skin(skin), skin, zero)
         configure()
 
         def prepare() -> "LoadEstimator":
@@ -185,6 +193,19 @@ def invert(
 
             with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
+
+
+def _zeroed(spec: "SkinSpec", skin: Path, zero: str | None) -> "SkinSpec":
+    """The skin with the zero that is given, or stands beside its file."""
+    from fitting.inverse_load.zero.zero_file import read_zero, zero_file_of, zeroed
+
+    beside = zero_file_of(skin)
+    path = Path(zero) if zero is not None else beside
+    if zero == "none" or (zero is None and not beside.is_file()):
+        return spec
+    record = read_zero(path, skin)
+    say(f"suas: with the zero of {path}, {record.created}; --zero none leaves it out", err=True)
+    return zeroed(spec, record)
 
 
 def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":

@@ -1,0 +1,83 @@
+"""Relaxation in terms of the long-term constants that a skin file holds.
+
+With the stress S of the file's constants at the strain of now, the stress of a membrane that
+relaxes is, from G(t) = 1 - sum g_i (1 - exp(-t/tau_i)) divided by its end G_end = 1 - sum g_i::
+
+    S(t) + sum_i gamma_i R_i(t),   gamma_i = g_i / G_end,   dR_i/dt + R_i / tau_i = dS/dt
+
+Over a step in which S changes linearly R is exact: R -> exp(-x) R + (1 - exp(-x))/x dS,
+x = dt/tau. The R_i do not depend on g.
+"""
+
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from fitting.arrays import Floats
+from suas_jax.config import SkinSpec
+from suas_jax.config.tolerance import deviation_of
+
+SHARE_ERROR = 0.1
+"""Standard deviation of the g_i together where a file states none, relative: from batch to
+batch, and what a fit to one test leaves open."""
+_SHORT = 1e-6
+
+
+class LoadMemory(NamedTuple):
+    """How a skin's membrane relaxes.
+
+    Attributes:
+        gamma: relaxing shares of the stress over its long-term share [term].
+        tau: relaxation times [term] [s].
+        errors: change of `gamma` by independent errors of the g_i, one standard deviation
+            each [error, term].
+    """
+
+    gamma: Floats
+    tau: Floats
+    errors: Floats
+
+    @classmethod
+    def of(cls, spec: SkinSpec) -> Self | None:
+        """That of a skin's file; None where it states no relaxation."""
+        given = spec.material.relaxation
+        if given is None or not given.g:
+            return None
+        g, end = np.array(given.g, float), given.long_term_share
+        stated = [deviation_of(x) for x in given.g]
+        if any(x is not None for x in stated):
+            columns = np.diag([x or 0.0 for x in stated])
+            columns = columns[columns.any(1)]
+        else:
+            columns = SHARE_ERROR * g[None]
+        by_g = np.eye(len(g)) / end + g[None] / end**2  # d gamma_j / d g_i
+        return cls(g / end, np.array(given.tau, float), columns @ by_g)
+
+    def over(self, elapsed: float) -> tuple[Floats, Floats]:
+        """exp(-x) and (1 - exp(-x))/x for a step of some seconds, x = elapsed/tau [term]."""
+        x = elapsed / self.tau
+        safe = np.where(x < _SHORT, 1.0, x)
+        return np.exp(-x), np.where(x < _SHORT, 1 - x / 2, -np.expm1(-safe) / safe)
+
+
+def creeping_load(memory: LoadMemory, time: Floats) -> Floats:
+    """Load that the long-term constants need for a creeping dent, over the constant load [...].
+
+    E(t) with E + sum gamma_i R_i = 1, the load coming at once at t = 0: the states
+    R follow A R' = -R/tau with A = 1 + 1 gamma^T, from R = E(0) = 1 / (1 + sum gamma).
+
+    Args:
+        memory: of the membrane.
+        time: since the load came on [s].
+    """
+    total = 1 + memory.gamma.sum()
+    # R' = -R/tau + E', and E' = -gamma . R'
+    rate = np.linalg.solve(
+        np.eye(len(memory.tau)) + np.ones((len(memory.tau), 1)) * memory.gamma,
+        -np.diag(1 / memory.tau),
+    )
+    values, vectors = np.linalg.eig(rate)
+    start = np.linalg.solve(vectors, np.full(len(memory.tau), 1 / total))
+    late = np.exp(values * np.asarray(time, float)[..., None])
+    states = np.real((late * start) @ vectors.T)
+    return np.asarray(1 - states @ memory.gamma)
