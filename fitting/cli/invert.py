@@ -49,7 +49,7 @@ def invert(
         str | None,
         typer.Option(
             metavar="FILE|none",
-            help="What `suas zero` wrote; default: SKIN.zero.toml beside the skin file, if any.",
+            help="What `suas zero` wrote; default: SKIN.zero.toml beside the skin, if any.",
         ),
     ] = None,
     direction: Annotated[

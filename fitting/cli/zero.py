@@ -38,7 +38,10 @@ def zero(
     output: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="Default: SKIN.zero.toml beside the skin file."
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Default: SKIN.zero.toml beside the skin file.",
         ),
     ] = None,
     overwrite: Overwrite = False,
@@ -110,7 +113,8 @@ def _report(found: "Zero", target: Path) -> dict[str, Any]:
 
 def _print(found: "Zero", target: Path) -> None:
     for press, before, after in zip(found.presses, found.before, found.after, strict=True):
-        say(f"{press.text}: forces there are known to {100 * after:.2g} % ({100 * before:.2g} % without)")
+        known = f"{100 * after:.2g} % ({100 * before:.2g} % without the zero)"
+        say(f"{press.text}: forces there are known to {known}")
     say("errors of the inputs, in standard deviations of what the file allows:")
     covariance = found.posterior.covariance.diagonal()
     for name, mean, variance in zip(

@@ -441,8 +441,9 @@ def _chi2_at_rest(change: Any, weight: Any, errors: Floats | None) -> Floats:
 
 def _drifting(estimate: LoadEstimate, mean: float, largest: float) -> LoadEstimate:
     """An estimate with the drift that was taken off its readings."""
-    far = estimate.status == "no_contact" and abs(largest) > _DRIFTING
-    status = "drifting" if far else estimate.status
+    names = {"no_contact": "drifting", "ok": "ok_drifted"}
+    far = abs(largest) > _DRIFTING
+    status = names.get(estimate.status, estimate.status) if far else estimate.status
     return replace(estimate, status=status, drift=(mean, largest))
 
 

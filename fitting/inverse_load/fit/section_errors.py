@@ -164,7 +164,9 @@ class SectionErrors(AbstractSystematicErrors):
             pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
             there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
             columns = [
-                COMPILED.run(SLOPE_PROGRAMS[count], self._skin, *along, parameters[pick].T, there)
+                COMPILED.run(
+                    SLOPE_PROGRAMS[count], self._skin, *along, parameters[pick].T, there
+                )
                 for along in directions
             ]
             parts.append(np.stack([np.asarray(column).T for column in columns], 1))

@@ -129,9 +129,7 @@ class MemoryFollower:
         )
         self._wide = None
         if not direction:
-            self._wide = WideContactFitter(
-                skin, table, live=True, most_contacts=most_contacts
-            )
+            self._wide = WideContactFitter(skin, table, live=True, most_contacts=most_contacts)
         self._nodes = RememberingNodes(skin, table)
         self.selection = Selection(
             self._fitter, self._nodes, penalty, most_contacts, self.errors, self._wide

@@ -101,22 +101,30 @@ def _told_in_columns(
         )
     presses = tuple(
         press_at(
-            kind, place[run[0]], force[run[0]], spec.geometry, _in_words(kind, place, force, run)
+            kind,
+            place[run[0]],
+            force[run[0]],
+            spec.geometry,
+            _in_words(kind, place, force, run),
         )
         for run in runs
     )
-    return presses, PressedFrames(rest, [settled(run) for run in runs], [int(r[0]) for r in runs])
+    return presses, PressedFrames(
+        rest, [settled(run) for run in runs], [int(r[0]) for r in runs]
+    )
 
 
 def _in_words(kind: str, place: Floats, force: Floats, run: Floats) -> str:
     at = int(run[0])
-    where = f"{np.rad2deg(place[at]):.6g} deg" if kind == "angle" else f"arc {1e3 * place[at]:.6g} mm"
+    where = (
+        f"{np.rad2deg(place[at]):.6g} deg"
+        if kind == "angle"
+        else f"arc {1e3 * place[at]:.6g} mm"
+    )
     return f"{force[at]:.6g} N at {where}"
 
 
-def _averaged(
-    spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames
-) -> PressReadings:
+def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -> PressReadings:
     """Means of the presses' frames, less the mean at rest."""
     noise = noise_of_readings(spec, None) ** 2 + ROUNDING
     rest, rest_variance = _mean(so[frames.rest], noise)

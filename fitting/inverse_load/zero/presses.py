@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from suas_jax.config import GeometrySpec
+from suas_jax.config import GeometrySpec, parse_quantity
 from suas_jax.config.quantities import DimensionName
 from suas_jax.config.tolerance import deviation_of, is_uncertain_text, parse_uncertain
-from suas_jax.config import parse_quantity
 from suas_jax.skin.plain import angles_at, plain_geometry
 
 FORCE_ERROR = 2e-3
@@ -94,9 +93,7 @@ def known_press(text: str, geometry: GeometrySpec) -> KnownPress:
         )
     kind: DimensionName = "length" if by_arc else "angle"
     at, place_error = _quantity(place.removeprefix("arc "), kind, where)
-    return press_at(
-        "arc" if by_arc else "angle", at, force, geometry, text, place_error, error
-    )
+    return press_at("arc" if by_arc else "angle", at, force, geometry, text, place_error, error)
 
 
 def press_at(

@@ -115,9 +115,7 @@ def read_zero(path: Path, skin: Path) -> CalibrationSpec:
     if foreign or "zero" not in data:
         key = foreign[0] if foreign else "zero"
         advice = "is no table of a zero" if foreign else "is missing"
-        raise ConfigError(
-            [Mistake(file, key, f"{advice}; give a file that `suas zero` wrote")]
-        )
+        raise ConfigError([Mistake(file, key, f"{advice}; give a file that `suas zero` wrote")])
     record, findings = validate_table(CalibrationSpec, data["zero"], "zero")
     if record is None:
         raise ConfigError([Mistake(file, k, advice, value) for k, advice, value in findings])
