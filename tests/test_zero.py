@@ -97,7 +97,7 @@ def test_frames_of_presses_are_the_held_parts_in_order() -> None:
     with pytest.raises(ValueError, match="holds 2 presses, but 3"):
         frames_of_presses(so, patterns[[0, 1, 0]], 1.0)
     with pytest.raises(ValueError, match="at rest before the first press"):
-        frames_of_presses(np.concatenate([so[:1], so[10:]]), patterns, 1.0)
+        frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
 
 
 def made_up(skin: Path) -> Zero:

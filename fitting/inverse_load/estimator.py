@@ -355,8 +355,11 @@ class LoadEstimator:
     def warm_up(self) -> None:
         """Compile, or load, what a stream needs before the first frame comes."""
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
+        time = None if self._memory is None else np.zeros(1)
+        drift, self._drift = self._drift, None  # trials say nothing of it
         for trial in self._parts.trials[: self.most_contacts]:
-            self.estimate((trial + shift)[None])
+            self.estimate((trial + shift)[None], time=time)
+        self._drift = drift
         self.forget()
 
     def _batch(

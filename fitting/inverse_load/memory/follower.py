@@ -134,6 +134,7 @@ class MemoryFollower:
         self.selection = Selection(
             self._fitter, self._nodes, penalty, most_contacts, self.errors, self._wide
         )
+        self._time = self._at = self._stood = 0.0
         self.forget()
 
     def forget(self) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.drift import ROUNDING
 from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
@@ -114,7 +114,7 @@ def _told_in_columns(
     )
 
 
-def _in_words(kind: str, place: Floats, force: Floats, run: Floats) -> str:
+def _in_words(kind: str, place: Floats, force: Floats, run: Rows) -> str:
     at = int(run[0])
     where = (
         f"{np.rad2deg(place[at]):.6g} deg"

@@ -119,7 +119,7 @@ def zeroed_inputs(spec: SkinSpec, values: dict[str, float]) -> SkinSpec:
     if LSB in values and spec.electrodes is not None:  # which files need not give
         electrodes = spec.electrodes.model_copy(update={"lsb": values[LSB]})
         spec = spec.model_copy(update={"electrodes": electrodes})
-    return with_inputs(spec, values)  # type: ignore[type-var, arg-type, return-value]
+    return with_inputs(spec, values)  # type: ignore[arg-type]
 
 
 class SectionPresses:
