@@ -78,7 +78,11 @@ def mcap(
         elif estimator is not None:
             with bar("estimating loads", len(readings.so)) as advance:
                 estimates = estimator.estimate(
-                    readings.so, readings.stuck, advance, pressure=readings.pressure
+                    readings.so,
+                    readings.stuck,
+                    advance,
+                    pressure=readings.pressure,
+                    time=readings.time,
                 )
         from fitting.robotics.recording import Recording, write_readings
 

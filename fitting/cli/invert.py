@@ -133,6 +133,7 @@ def invert(
         configure()
 
         def prepare() -> "LoadEstimator":
+            from fitting.inverse_load.memory.series import assumed_of_memory
             from fitting.inverse_load.skin_estimator import estimator_of
 
             with (
@@ -153,8 +154,9 @@ def invert(
                     workers=processes,
                     **on_pad,
                 )
-            if estimator.input_errors.text:
-                say(f"suas: {estimator.input_errors.text}", err=True)
+            for text in (estimator.input_errors.text, assumed_of_memory(spec)):
+                if text:
+                    say(f"suas: {text}", err=True)
             return estimator
 
         if live is not None:

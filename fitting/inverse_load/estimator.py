@@ -238,6 +238,11 @@ class LoadEstimator:
             )
 
     @property
+    def remembers(self) -> bool:
+        """Whether loads are told with what the membrane remembers, where times are given."""
+        return self._memory is not None
+
+    @property
     def taxels(self) -> int:
         """Number of taxels in the layout."""
         return len(self.model_rest)

@@ -60,6 +60,25 @@ class LoadMemory(NamedTuple):
         return np.exp(-x), np.where(x < _SHORT, 1 - x / 2, -np.expm1(-safe) / safe)
 
 
+def assumed_of_memory(spec: SkinSpec) -> str:
+    """What estimates assume of a membrane that relaxes, in a sentence; empty for nothing."""
+    given = spec.material.relaxation
+    if given is None:
+        return ""
+    if spec.geometry.dimension == 3:
+        return (
+            "[material] relaxation: a pad's memory is not followed; forces are those that the "
+            f"long-term constants need: {100 * (1 - given.long_term_share):.3g} % too low at "
+            "first, and the dent that a load leaves reads as a load"
+        )
+    if any(deviation_of(share) is not None for share in given.g):
+        return ""
+    return (
+        "[material] relaxation states no deviations; g is taken to be known to "
+        f'{100 * SHARE_ERROR:g} % (write your own, such as g = ["0.15 +- 0.01"])'
+    )
+
+
 def creeping_load(memory: LoadMemory, time: Floats) -> Floats:
     """Load that the long-term constants need for a creeping dent, over the constant load [...].
 
