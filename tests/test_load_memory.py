@@ -102,7 +102,7 @@ def hold_and_slide(folder: Path, skin: Path) -> Path:
     lines = "\n".join(",".join(map(str, row)) for row in rows)
     path = folder / "path.csv"
     path.write_text(f"# scene: scene.toml\nt_s,loads.0.force_N,loads.0.angle_deg\n{lines}\n")
-    log = simulate_log(path, rate=20.0, settings={"noise": 1.0}, seed=3)
+    log = simulate_log(path, rate=20.0, settings={"noise": 0.3}, seed=3)
     write_simulated_log(log, folder / "log.csv", path)
     return folder / "log.csv"
 

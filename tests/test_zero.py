@@ -12,7 +12,7 @@ from fitting.inverse_load.zero.presses import (
     frames_of_presses,
     known_press,
 )
-from fitting.inverse_load.zero.update import Zero
+from fitting.inverse_load.zero.zero import Zero
 from fitting.inverse_load.zero.zero_file import read_zero, zero_file_of, zero_text, zeroed
 from suas_jax.config import ConfigError, input_errors, load_skin
 from suas_jax.config.input_errors import as_assembled, value_of

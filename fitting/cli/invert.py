@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.stream import LiveWatcher
     from fitting.robotics.recording import Recording
-    from suas_jax.config import SkinSpec
 
 
 def invert(
@@ -126,10 +125,12 @@ def invert(
 
             require_mcap()
         on_pad = pad_settings(diameter, pressure_noise)
-        from suas_jax.config import load_skin
+        from fitting.inverse_load.zero.zero_file import skin_with_zero
         from suas_jax.runtime.settings import configure
 
-        spec = _zeroed(load_skin(skin), skin, zero)
+        spec, told = skin_with_zero(skin, zero)
+        if told:
+            say(f"suas: {told}", err=True)
         configure()
 
         def prepare() -> "LoadEstimator":
@@ -195,19 +196,6 @@ def invert(
 
             with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
-
-
-def _zeroed(spec: "SkinSpec", skin: Path, zero: str | None) -> "SkinSpec":
-    """The skin with the zero that is given, or stands beside its file."""
-    from fitting.inverse_load.zero.zero_file import read_zero, zero_file_of, zeroed
-
-    beside = zero_file_of(skin)
-    path = Path(zero) if zero is not None else beside
-    if zero == "none" or (zero is None and not beside.is_file()):
-        return spec
-    record = read_zero(path, skin)
-    say(f"suas: with the zero of {path}, {record.created}; --zero none leaves it out", err=True)
-    return zeroed(spec, record)
 
 
 def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":

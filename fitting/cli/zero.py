@@ -14,7 +14,7 @@ from suas_jax.files.reading import read_bytes
 from suas_jax.files.writing import check_output, write_text
 
 if TYPE_CHECKING:
-    from fitting.inverse_load.zero.update import Zero
+    from fitting.inverse_load.zero.zero import Zero
 
 
 def zero(

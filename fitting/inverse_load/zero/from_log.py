@@ -11,14 +11,14 @@ from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.memory.series import LoadMemory, creeping_load
 from fitting.inverse_load.readings import LogReadings, noise_of_readings, readings_of
 from fitting.inverse_load.zero.presses import (
-    KnownPress,
     PressedFrames,
     frames_of_presses,
     known_press,
     press_at,
     settled,
 )
-from fitting.inverse_load.zero.update import PressReadings, Zero, expected_changes, zero_of
+from fitting.inverse_load.zero.update import PressReadings, expected_changes, zero_of
+from fitting.inverse_load.zero.zero import KnownPress, Zero
 from fitting.sensor.logs.log import AlignedLog, read_aligned
 from suas_jax.acquisition.log.log_file import read_log
 from suas_jax.config import SkinSpec, input_errors

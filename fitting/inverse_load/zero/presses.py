@@ -6,13 +6,13 @@ the frames before the first press are its baseline.
 """
 
 import re
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
+from fitting.inverse_load.zero.zero import KnownPress
 from suas_jax.config import GeometrySpec, parse_quantity
 from suas_jax.config.quantities import DimensionName
 from suas_jax.config.tolerance import deviation_of, is_uncertain_text, parse_uncertain
@@ -28,25 +28,6 @@ _EXAMPLE = '"500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"'
 _PRESSED, _AT_REST = 0.5, 0.1  # of the change that a press is expected to make
 _FEWEST = 3  # frames of rest, and of a press
 _SETTLING, _LEAVING = 1 / 3, 0.1  # shares of a press that are left out at its ends
-
-
-@dataclass(frozen=True)
-class KnownPress:
-    """One press with a known force.
-
-    Attributes:
-        angle: where, as sections define angles [rad].
-        force: inwards [N].
-        angle_deviation: standard deviation of the place [rad].
-        force_deviation: of the force [N].
-        text: as it was told.
-    """
-
-    angle: float
-    force: float
-    angle_deviation: float
-    force_deviation: float
-    text: str
 
 
 class PressedFrames(NamedTuple):

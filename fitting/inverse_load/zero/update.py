@@ -10,7 +10,6 @@ counted from the readings at rest. All of (e, x) is updated together (`condition
 own mean until that stays where it is; what is left of e is the zero.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import equinox as eqx
@@ -28,16 +27,14 @@ from fitting.inverse_load.fit.section_errors import (
 )
 from fitting.inverse_load.model.evaluation import at_rest, evaluate
 from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
-from fitting.inverse_load.zero.presses import KnownPress
-from suas_jax.config import InputErrors, SkinSpec, with_inputs
-from suas_jax.config.input_errors import value_of
+from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
+from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Skin, skin_of
 
 _ROUNDS = 12
 _ENDED = 1e-2  # step in standard deviations
 _BEYOND = 9.0  # chi2 per degree of freedom beyond which nothing is concluded
-LSB = "electrodes.lsb"
 
 
 class PressReadings(NamedTuple):
@@ -67,59 +64,6 @@ class _Model(NamedTuple):
     change: Floats
     by_press: Floats
     by_error: Floats
-
-
-@dataclass(frozen=True)
-class Zero:
-    """What known presses say.
-
-    Attributes:
-        errors: of the inputs, as they were before.
-        posterior: of the errors, in standard deviations.
-        presses: in the order of the log.
-        before: standard deviation of a force estimated at each press, without the zero
-            [press], relative.
-        after: the same with it.
-        chi2_per_dof: of the presses' readings; about 1 where the model holds.
-        status: "ok", or "poor_fit" where the covariance is scaled up by chi2.
-    """
-
-    errors: InputErrors
-    posterior: Gaussian
-    presses: tuple[KnownPress, ...]
-    before: Floats
-    after: Floats
-    chi2_per_dof: float
-    status: str
-
-    @property
-    def values(self) -> Floats:
-        """Most probable inputs [path], SI."""
-        return inputs_at(self.errors, self.posterior.mean)
-
-    @property
-    def covariance(self) -> Floats:
-        """Of the inputs [path, path], SI."""
-        columns = self.errors.directions
-        return np.asarray(columns.T @ self.posterior.covariance @ columns)
-
-
-def inputs_at(errors: InputErrors, e: Floats) -> Floats:
-    """Inputs [path] at some errors [error], SI."""
-    own = np.array([value_of(errors.spec, path) for path in errors.paths])
-    return np.asarray(own + e @ errors.directions)
-
-
-def zeroed_inputs(spec: SkinSpec, values: dict[str, float]) -> SkinSpec:
-    """A skin with other inputs, which state no deviations any more.
-
-    Raises:
-        ValueError: a path is none of its inputs, or a value is not allowed.
-    """
-    if LSB in values and spec.electrodes is not None:  # which files need not give
-        electrodes = spec.electrodes.model_copy(update={"lsb": values[LSB]})
-        spec = spec.model_copy(update={"electrodes": electrodes})
-    return with_inputs(spec, values)  # type: ignore[arg-type]
 
 
 class SectionPresses:

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fitting.inverse_load.zero.update import Zero, zeroed_inputs
+from fitting.inverse_load.zero.zero import Zero, zeroed_inputs
 from suas_jax.acquisition.log.reader import MOST_BYTES as LOG_BYTES
-from suas_jax.config import ConfigError, SkinSpec, format_quantity
+from suas_jax.config import ConfigError, SkinSpec, format_quantity, load_skin
 from suas_jax.config.errors import Mistake
 from suas_jax.config.input_errors import as_assembled
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -150,3 +150,24 @@ def zeroed(spec: SkinSpec, record: CalibrationSpec) -> SkinSpec:
     if own is not None:  # offsets of single taxels are nothing that a press tells
         record = record.model_copy(update={key: getattr(own, key) for key in _OF_TAXELS})
     return changed.model_copy(update={"calibration": record})
+
+
+def skin_with_zero(skin: Path, zero: Path | str | None = None) -> tuple[SkinSpec, str]:
+    """A skin with its zero, and a sentence that says which one it is; empty without one.
+
+    Args:
+        skin: the skin file.
+        zero: what `suas zero` wrote; None for the one beside the skin file, if there is one;
+            "none" for none.
+
+    Raises:
+        ConfigError: a file can't be used, or the zero is not this skin's.
+        ValueError: the zero has inputs that the skin does not allow.
+    """
+    spec, beside = load_skin(skin), zero_file_of(skin)
+    if str(zero) == "none" or (zero is None and not beside.is_file()):
+        return spec, ""
+    path = beside if zero is None else Path(zero)
+    record = read_zero(path, skin)
+    said = f"with the zero of {path}, {record.created} (zero: none leaves it out)"
+    return zeroed(spec, record), said
