@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fitting.inverse_load.memory.remembering import Past, Series, after, response_of
+from fitting.inverse_load.memory.remembering import Series, response_of
 from fitting.inverse_load.memory.series import SHARE_ERROR, LoadMemory, creeping_load
 from suas_jax.config import load_skin
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.tolerance import UncertainQuantity
+from suas_jax.constitutive.relaxation import Past
 
 G, TAU = np.array([0.15, 0.10]), np.array([0.5, 10.0])
 END = 1 - G.sum()
@@ -37,7 +38,7 @@ def test_states_are_the_hereditary_integral_on_jittered_and_missing_frames() -> 
         elapsed = jnp.asarray(time[k] - time[k - 1])
         response = response_of(series, series.gamma, past, elapsed)
         found.append(float(response.share * stress[k] + response.rest[0]))
-        past = after(series, past, elapsed, jnp.asarray(stress[k : k + 1]))
+        past = past.after(series.states, elapsed, jnp.asarray(stress[k : k + 1]))
     slope = np.diff(stress) / np.diff(time)
 
     def kernel(age: float) -> float:
@@ -60,7 +61,8 @@ def test_creep_under_a_constant_load_balances_it_at_all_times() -> None:
     assert load[-1] == pytest.approx(1.0, abs=1e-6)
     states, before = np.full(2, load[0]), load[0]  # a step at once, then a creep
     for k in range(1, len(time)):
-        fade, mean = memory.over(time[k] - time[k - 1])
+        x = (time[k] - time[k - 1]) / memory.tau
+        fade, mean = np.exp(-x), -np.expm1(-x) / x
         states, before = fade * states + mean * (load[k] - before), load[k]
         assert load[k] + memory.gamma @ states == pytest.approx(1.0, abs=1e-5)
 

@@ -18,13 +18,13 @@ from fitting.inverse_load.memory.remembering import (
     EXPECTED,
     UNDER_LOADS,
     Expected,
-    Past,
     RememberingSkin,
     Series,
 )
 from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.search.pairs import NodeSearch
 from fitting.inverse_load.search.table import LoadTable
+from suas_jax.constitutive.relaxation import Past
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Skin
@@ -82,14 +82,14 @@ class RememberedErrors(AbstractSystematicErrors):
         """See the base class."""
         assert self._now is not None
         width = per_contact * contacts
-        rows = []
-        for k in range(len(best)):
+        rows = [np.zeros((len(self._now.by_error), best.so.shape[1]))] * len(best)
+        for k in range(len(best) if self._now.by_error else 0):
             own = best.rows(np.array([k]))
             parameters = own.parameters[:, :width].T
             found = COMPILED.run(
                 UNDER_LOADS[contacts], self.skin, self._now.by_error, parameters, own.state
             )
-            rows.append(np.asarray(found))
+            rows[k] = np.asarray(found)
         own_slopes = np.stack(rows)
         if self._base is None:
             return own_slopes

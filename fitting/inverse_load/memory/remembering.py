@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from fitting.inverse_load.model.evaluation import loads_from
-from suas_jax.constitutive.relaxation import Response
+from suas_jax.constitutive.relaxation import Past, PronySeries, Response
 from suas_jax.dynamics.driven import answering, membrane_of
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected
@@ -83,18 +83,6 @@ class RememberingSkin(eqx.Module):
         return answering(self.skin.problem(loads), self.response)
 
 
-class Past(NamedTuple):
-    """What a membrane remembers, in terms of its long-term constants.
-
-    Attributes:
-        stress: S at the end of the last step [Pa].
-        parts: R_i, a term each [Pa].
-    """
-
-    stress: Float[Array, " *shape"]
-    parts: Float[Array, "term *shape"]
-
-
 class Series(NamedTuple):
     """`LoadMemory` as a program takes it; attributes as there."""
 
@@ -102,12 +90,17 @@ class Series(NamedTuple):
     tau: Float[Array, " term"]
     errors: Float[Array, "error term"]
 
+    @property
+    def states(self) -> PronySeries:
+        """Of the states R_i, which do not depend on the shares that relax."""
+        return PronySeries(jnp.ones_like(self.tau), self.tau)
+
 
 class Expected(NamedTuple):
     """What the past leaves at a frame, if nothing presses.
 
     Attributes:
-        past: up to the frame before.
+        past: up to the frame before: S and the R_i, of the long-term constants [Pa].
         response: of the membrane in this frame.
         by_error: its change by every error of the series.
         so: readings [counts].
@@ -125,45 +118,18 @@ class Expected(NamedTuple):
     result: Array
 
 
-def _over(series: Series, elapsed: Array) -> tuple[Array, Array]:
-    """exp(-x) and (1 - exp(-x))/x, x = elapsed/tau [term]."""
-    x = elapsed / series.tau
-    short = x < 1e-6
-    safe = jnp.where(short, 1.0, x)
-    return jnp.exp(-x), jnp.where(short, 1 - x / 2, -jnp.expm1(-safe) / safe)
-
-
-def _weighed(terms: Array, fields: Array) -> Array:
-    """Sum of fields [term, ...] with a weight each."""
-    return jnp.tensordot(terms, fields, 1)
-
-
-def after(series: Series, past: Past, elapsed: Array, stress: Array) -> Past:
-    """The past at the end of a step over which the stress has changed linearly.
-
-    Args:
-        series: of the membrane.
-        past: at its begin.
-        elapsed: its length [s].
-        stress: S at its end.
-    """
-    fade, mean = _over(series, elapsed)
-    own = (-1, *(1,) * stress.ndim)
-    grown = mean.reshape(own) * (stress - past.stress)
-    return Past(stress, fade.reshape(own) * past.parts + grown)
-
-
 def response_of(series: Series, gamma: Array, past: Past, elapsed: Array) -> Response:
     """How the membrane answers at the end of a step; linear in gamma, but for the one.
 
     Args:
         series: of the membrane, for its times.
         gamma: shares [term].
-        past: at the begin of the step.
+        past: at the begin of the step; its parts are the R_i.
         elapsed: its length [s].
     """
-    fade, mean = _over(series, elapsed)
-    rest = _weighed(gamma * fade, past.parts) - jnp.sum(gamma * mean) * past.stress
+    fade, mean = series.states.over(elapsed)
+    left = jnp.tensordot(gamma * fade, past.parts, 1)
+    rest = left - jnp.sum(gamma * mean) * past.stress
     return Response(1 + jnp.sum(gamma * mean), rest)
 
 
@@ -200,7 +166,7 @@ def expected(
     """
     none = jnp.zeros((1, 1))
     problem = skin.problem(Loads(none, none, none, none[0]))
-    past = after(series, past, stood, membrane_of(problem).deviator(last))
+    past = past.after(series.states, stood, membrane_of(problem).deviator(last))
     response = response_of(series, series.gamma, past, elapsed)
     by_error = []
     for row in series.errors:

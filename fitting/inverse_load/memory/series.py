@@ -20,7 +20,6 @@ from suas_jax.config.tolerance import deviation_of
 SHARE_ERROR = 0.1
 """Standard deviation of the g_i together where a file states none, relative: from batch to
 batch, and what a fit to one test leaves open."""
-_SHORT = 1e-6
 
 
 class LoadMemory(NamedTuple):
@@ -52,12 +51,6 @@ class LoadMemory(NamedTuple):
             columns = SHARE_ERROR * g[None]
         by_g = np.eye(len(g)) / end + g[None] / end**2  # d gamma_j / d g_i
         return cls(g / end, np.array(given.tau, float), columns @ by_g)
-
-    def over(self, elapsed: float) -> tuple[Floats, Floats]:
-        """exp(-x) and (1 - exp(-x))/x for a step of some seconds, x = elapsed/tau [term]."""
-        x = elapsed / self.tau
-        safe = np.where(x < _SHORT, 1.0, x)
-        return np.exp(-x), np.where(x < _SHORT, 1 - x / 2, -np.expm1(-safe) / safe)
 
 
 def assumed_of_memory(spec: SkinSpec) -> str:
