@@ -33,6 +33,7 @@ from suas_jax.runtime.compiled import COMPILED
 from suas_jax.scene.forward import Skin, skin_of
 
 _ROUNDS = 12
+_SHORTER = 5  # halvings of a step beyond which the model has no state
 _ENDED = 1e-2  # step in standard deviations
 _BEYOND = 9.0  # chi2 per degree of freedom beyond which nothing is concluded
 
@@ -152,16 +153,15 @@ def zero_of(
     used = np.isfinite(readings.change)
     variance = readings.variance + (model_error * np.nan_to_num(readings.change)) ** 2
     weight = np.where(used, 1 / variance, 0.0)
-    at = prior.mean.copy()
+    at, size_of = prior.mean.copy(), np.sqrt(np.diag(prior.covariance))
+    now = model.at(at[:count], at[count:].reshape(-1, 2))
     for _ in range(_ROUNDS):
-        now = model.at(at[:count], at[count:].reshape(-1, 2))
-        jacobian = _jacobian(now, size)
         residual = np.where(used, readings.change - now.change, 0.0)
+        jacobian = _jacobian(now, size)
         found = conditioned(prior, at, jacobian, residual.ravel(), weight.ravel())
-        step = (found.mean - at) / np.sqrt(np.diag(prior.covariance))
-        at = found.mean
-        if np.abs(step).max() < _ENDED:
+        if np.abs((found.mean - at) / size_of).max() < _ENDED:
             break
+        at, now = _moved(model, at, found.mean, count)
     else:
         raise ValueError(
             "the update by the known presses does not settle: more than the tolerances allow "
@@ -183,6 +183,18 @@ def zero_of(
     posterior = Gaussian(found.mean[:count], own)
     status = "poor_fit" if poor else "ok"
     return Zero(errors, posterior, presses, before, after, ratio, status)
+
+
+def _moved(
+    model: SectionPresses, at: Floats, wanted: Floats, count: int
+) -> tuple[Floats, _Model]:
+    """The model at wanted errors and presses, or on the way there where it has no state."""
+    for _ in range(_SHORTER):
+        try:
+            return wanted, model.at(wanted[:count], wanted[count:].reshape(-1, 2))
+        except ValueError:
+            wanted = (at + wanted) / 2
+    return wanted, model.at(wanted[:count], wanted[count:].reshape(-1, 2))
 
 
 def _jacobian(model: _Model, size: int) -> Floats:
