@@ -57,7 +57,7 @@ def mcap(
         skin = skin_of_log(read) if skin is None else skin
         if skin is None:
             raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
-        from fitting.inverse_load.skin_estimator import estimator_of, rest_of
+        from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
         from suas_jax.runtime.settings import configure
         from suas_jax.simulation.load_path import skin_behind
 
