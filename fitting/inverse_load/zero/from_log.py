@@ -128,15 +128,30 @@ def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -
     """Means of the presses' frames, less the mean at rest."""
     noise = noise_of_readings(spec, None) ** 2 + ROUNDING
     rest, rest_variance = _mean(so[frames.rest], noise)
-    changes, variances, shares = [], [], []
+    changes, variances, shares, unsure = [], [], [], []
     memory = LoadMemory.of(spec)
     for began, pressed in zip(frames.began, frames.pressed, strict=True):
         mean, variance = _mean(so[pressed], noise)
         changes.append(mean - rest)
         variances.append(variance + rest_variance)
-        since = time[pressed] - time[began]
-        shares.append(1.0 if memory is None else float(creeping_load(memory, since).mean()))
-    return PressReadings(np.array(changes), np.array(variances), np.array(shares))
+        share, deviation = _creep(memory, time[pressed] - time[began])
+        shares.append(share)
+        unsure.append(deviation)
+    return PressReadings(
+        np.array(changes), np.array(variances), np.array(shares), np.array(unsure)
+    )
+
+
+def _creep(memory: LoadMemory | None, since: Floats) -> tuple[float, float]:
+    """Mean of `creeping_load` over some frames, and its relative standard deviation."""
+    if memory is None:
+        return 1.0, 0.0
+    share = float(creeping_load(memory, since).mean())
+    moved = [
+        float(creeping_load(memory._replace(gamma=memory.gamma + by), since).mean()) - share
+        for by in memory.errors
+    ]
+    return share, float(np.linalg.norm(moved)) / share
 
 
 def _mean(so: Floats, variance: float) -> tuple[Floats, Floats]:

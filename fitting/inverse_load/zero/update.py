@@ -46,11 +46,13 @@ class PressReadings(NamedTuple):
         variance: of it, without the model's error [press, taxel] [counts^2].
         share: elastic load of the long-term constants over the press's force [press]: below one
             while a membrane that relaxes still creeps.
+        share_deviation: of the share, relative [press].
     """
 
     change: Floats
     variance: Floats
     share: Floats
+    share_deviation: Floats | float = 0.0
 
 
 class _Model(NamedTuple):
@@ -146,6 +148,8 @@ def zero_of(
     model = SectionPresses(errors, presses, readings.share)
     count, size = len(errors), len(errors) + 2 * len(presses)
     deviations = np.array([(p.angle_deviation, p.force_deviation) for p in presses])
+    creep = model.known[:, 1] * readings.share_deviation  # a share that is off reads as a force
+    deviations[:, 1] = np.hypot(deviations[:, 1], creep)
     prior = Gaussian(
         np.concatenate([np.zeros(count), model.known.ravel()]),
         np.diag(np.concatenate([np.ones(count), deviations.ravel() ** 2])),
