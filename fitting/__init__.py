@@ -31,7 +31,9 @@ _HOMES = {
     "sample_material": "fitting.material.fit.material_posterior",
     "sample_sensor": "fitting.sensor.fit.sensor_posterior",
     "sensor_report": "fitting.sensor.report.summary",
+    "skin_with_zero": "fitting.inverse_load.zero.zero_file",
     "write_card": "fitting.material.cards.card",
+    "zero_from_log": "fitting.inverse_load.zero.from_log",
 }
 
 __all__ = sorted(_HOMES)

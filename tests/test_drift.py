@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from fitting.inverse_load.drift import Drift, DriftDensities, DriftFollower
+from fitting.inverse_load.estimate.estimate import STATUS, LoadEstimate
+from fitting.inverse_load.estimator import _drifting
 from fitting.inverse_load.fit.detection import ArcDetector, Detection
 
 TAXELS, NOISE = 40, 2.0
@@ -176,3 +178,20 @@ def test_frames_of_a_stream_are_taken_together() -> None:
     log = DriftFollower(REST, NOISE**2, ArcDetector(SIGNATURES), gathered=8)
     log.follow(np.arange(3) / 40.0, still[:3])
     assert log.known
+
+
+@pytest.mark.parametrize(
+    ("status", "largest", "told"),
+    [
+        ("ok", 2.0, "ok"),
+        ("ok", -4.0, "ok_drifted"),
+        ("no_contact", 4.0, "drifting"),
+        ("poor_fit", 4.0, "poor_fit"),
+    ],
+)
+def test_status_tells_that_the_device_has_drifted(
+    status: str, largest: float, told: str
+) -> None:
+    found = _drifting(LoadEstimate(True, status=status), 0.5, largest)
+    assert (found.status, found.drift) == (told, (0.5, largest))
+    assert told in STATUS

@@ -298,7 +298,7 @@ def test_the_commands_record_and_serve(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "fitting.inverse_load.skin_estimator.estimator_of", lambda *_, **__: KnownLoads()
+        "fitting.inverse_load.zero.skin_estimator.estimator_of", lambda *_, **__: KnownLoads()
     )
     log, recording = tmp_path / "run.csv", tmp_path / "run.mcap"
     options = {

@@ -24,6 +24,7 @@ from fitting.cli import (
     solve,
     sweep,
     view,
+    zero,
 )
 from fitting.cli.examples import add_examples
 from suas_jax.acquisition.terminal import say
@@ -55,6 +56,7 @@ fit.command("material")(fit_material.material)
 fit.command("sensor")(fit_sensor.sensor)
 fit.command("materials")(fit_materials.materials)
 app.add_typer(fit, name="fit")
+app.command("zero")(zero.zero)
 app.command("invert")(invert.invert)
 exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
 exports.command("mcap")(export.mcap)

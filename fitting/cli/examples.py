@@ -45,6 +45,11 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "suas invert configs/skins/suas.toml press.csv --plot loads.png",
         "suas invert configs/skins/suas.toml --live /dev/ttyUSB0 --json",
     ),
+    "zero": (
+        'suas zero configs/skins/suas.toml weight.csv --known "500 g at 0 deg"',
+        'suas zero configs/skins/suas.toml weights.csv --known "5 N at -30 deg" '
+        '--known "5 N at 30 deg"',
+    ),
     "export mcap": ("suas export mcap press.csv --skin configs/skins/suas.toml",),
     "view": (
         "suas view configs/scenes/pad_crown.toml --open",
@@ -74,7 +79,7 @@ PANELS = {
         "view",
     ),
     "Measurements": ("log", "health", "baseline", "data", "convert", "export"),
-    "Fits": ("calibrate", "fit", "invert"),
+    "Fits": ("calibrate", "fit", "zero", "invert"),
 }
 """Headings of the overview, and the commands below each; others stand under `Commands`."""
 

@@ -57,7 +57,7 @@ def mcap(
         skin = skin_of_log(read) if skin is None else skin
         if skin is None:
             raise ValueError(f"{log}: its header names no skin file that is here; give --skin")
-        from fitting.inverse_load.skin_estimator import estimator_of, rest_of
+        from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
         from suas_jax.runtime.settings import configure
         from suas_jax.simulation.load_path import skin_behind
 
@@ -78,7 +78,11 @@ def mcap(
         elif estimator is not None:
             with bar("estimating loads", len(readings.so)) as advance:
                 estimates = estimator.estimate(
-                    readings.so, readings.stuck, advance, pressure=readings.pressure
+                    readings.so,
+                    readings.stuck,
+                    advance,
+                    pressure=readings.pressure,
+                    time=readings.time,
                 )
         from fitting.robotics.recording import Recording, write_readings
 

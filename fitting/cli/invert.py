@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.stream import LiveWatcher
     from fitting.robotics.recording import Recording
+    from suas_jax.config import SkinSpec
 
 
 def invert(
@@ -46,6 +47,13 @@ def invert(
     ] = 0.1,
     baseline: Annotated[
         Path | None, typer.Option(help="Readings at rest, from `suas baseline`.")
+    ] = None,
+    zero: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|none",
+            help="What `suas zero` wrote; default: SKIN.zero.toml beside the skin, if any.",
+        ),
     ] = None,
     direction: Annotated[
         bool, typer.Option("--direction", help="Estimate directions of forces; else radial.")
@@ -122,14 +130,14 @@ def invert(
 
             require_mcap()
         on_pad = pad_settings(diameter, pressure_noise)
-        from suas_jax.config import load_skin
         from suas_jax.runtime.settings import configure
 
-        spec = load_skin(skin)
+        spec = _spec_of(skin, zero)
         configure()
 
         def prepare() -> "LoadEstimator":
-            from fitting.inverse_load.skin_estimator import estimator_of
+            from fitting.inverse_load.memory.series import assumed_of_memory
+            from fitting.inverse_load.zero.skin_estimator import estimator_of
 
             with (
                 executor(workers, trust_network) as processes,
@@ -149,8 +157,7 @@ def invert(
                     workers=processes,
                     **on_pad,
                 )
-            if estimator.input_errors.text:
-                say(f"suas: {estimator.input_errors.text}", err=True)
+            _told(estimator.input_errors.text, assumed_of_memory(spec))
             return estimator
 
         if live is not None:
@@ -189,6 +196,22 @@ def invert(
 
             with _recording(estimator, skin, mcap) as recording:
                 write_readings(recording, readings, estimates)
+
+
+def _spec_of(skin: Path, zero: str | None) -> "SkinSpec":
+    """The skin with its zero, which is named."""
+    from fitting.inverse_load.zero.zero_file import skin_with_zero
+
+    spec, told = skin_with_zero(skin, zero)
+    _told(told)
+    return spec
+
+
+def _told(*sentences: str) -> None:
+    """Say on stderr what there is to be said."""
+    for sentence in sentences:
+        if sentence:
+            say(f"suas: {sentence}", err=True)
 
 
 def _recording(estimator: "LoadEstimator", skin: Path, mcap: Path) -> "Recording":

@@ -147,7 +147,12 @@ def invert_log(
 def _verdict(
     estimator: LoadEstimator, readings: LogReadings, estimates: list[LoadEstimate]
 ) -> ModelVerdict | None:
-    """What a log says about its skin file; None where it has too few contacts."""
+    """What a log says about its skin file; None where it has too few contacts.
+
+    None of a membrane that remembers: what one frame reads is not its loads' alone.
+    """
+    if estimator.remembers:
+        return None
     so, stuck, pressure = readings.so, readings.stuck, readings.pressure
     if estimator.spec.geometry.dimension == 3:
         from fitting.inverse_load.check.skin_file import model_verdict
@@ -162,6 +167,11 @@ def _verdict(
 
 def _modes(estimator: LoadEstimator, readings: LogReadings, seq: int) -> list[LoadMode]:
     """Modes of the frame with a number."""
+    if estimator.remembers:
+        raise ValueError(
+            f"--posterior {seq}: the membrane remembers ([material] relaxation), so that a "
+            "frame alone doesn't tell its loads; sample with a skin file without relaxation"
+        )
     i = int(np.flatnonzero(readings.seq == seq)[0])
     try:
         return frame_posterior(

@@ -131,7 +131,7 @@ def _live(
     served: Callable[["Hub"], contextlib.AbstractContextManager[None]],
 ) -> None:
     from fitting.inverse_load.live.run import LiveOptions, run_live
-    from fitting.inverse_load.skin_estimator import skin_estimator
+    from fitting.inverse_load.zero.skin_estimator import skin_estimator
     from fitting.view.live_source import LiveSource
     from fitting.view.readings_picture import ReadingsPictures
 
@@ -164,7 +164,7 @@ def _log_source(
     taxels_only: bool,
 ) -> "LogSource":
     from fitting.inverse_load.readings import readings_of
-    from fitting.inverse_load.skin_estimator import estimator_of, rest_of
+    from fitting.inverse_load.zero.skin_estimator import estimator_of, rest_of
     from fitting.view.log_source import LogSource
     from fitting.view.readings_picture import ReadingsPictures
     from suas_jax.acquisition.log.log_file import read_log

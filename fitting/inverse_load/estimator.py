@@ -37,8 +37,12 @@ from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
 from fitting.inverse_load.estimate.parts import EstimationParts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import without_errors
+from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
 from fitting.inverse_load.fit.selection import Alternative, Selection
+from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
+from fitting.inverse_load.memory.follower import MemoryFollower
+from fitting.inverse_load.memory.series import LoadMemory
 from fitting.inverse_load.readings import noise_of_readings
 from fitting.inverse_load.section import section_parts
 from suas_jax.acquisition.log.format import MAX_COUNT
@@ -152,6 +156,18 @@ class LoadEstimator:
             self._systematic,
             parts.wide_fitter,
         )
+        memory = None if pad else LoadMemory.of(self.spec)
+        self._memory: MemoryFollower | None = None
+        if memory is not None:
+            self._memory = MemoryFollower(
+                memory,
+                self.skin,
+                self.table,
+                self._systematic,
+                direction=self.direction,
+                most_contacts=self.most_contacts,
+                penalty=max(penalty, asked),
+            )
 
     def _make_parts(self) -> EstimationParts:
         if self.spec.geometry.dimension == 3:
@@ -222,6 +238,11 @@ class LoadEstimator:
             )
 
     @property
+    def remembers(self) -> bool:
+        """Whether loads are told with what the membrane remembers, where times are given."""
+        return self._memory is not None
+
+    @property
     def taxels(self) -> int:
         """Number of taxels in the layout."""
         return len(self.model_rest)
@@ -274,7 +295,9 @@ class LoadEstimator:
             faulty: taxels known to be faulty [frame, taxel].
             done: called with the number of frames estimated so far.
             pressure: measured of the oil [frame] [Pa]; NaN where missing.
-            time: of the frames [frame] [s], in order; what drift is followed by.
+            time: of the frames [frame] [s], in order; what drift, and the memory of a
+                membrane that relaxes, are followed by. Without it loads are those that the
+                long-term constants would need.
 
         Raises:
             ValueError: the readings don't have a column for every taxel.
@@ -287,6 +310,8 @@ class LoadEstimator:
             )
         if faulty is None:
             faulty = np.zeros(so.shape, bool)
+        if self._memory is not None and time is not None:
+            return self._remembered(self._memory, so, faulty, np.asarray(time, float), done)
         drift = self._followed(so, faulty, time)
         size = 1 if self.live else _BLOCK
         found: list[LoadEstimate] = []
@@ -295,6 +320,27 @@ class LoadEstimator:
             measured = None if pressure is None else pressure[part]
             own = None if drift is None else drift.rows(part)
             found += self._batch(so[part], faulty[part], measured, own)
+            done(len(found))
+        return found
+
+    def _remembered(
+        self,
+        memory: MemoryFollower,
+        so: Floats,
+        faulty: Flags,
+        time: Floats,
+        done: Callable[[int], None],
+    ) -> list[LoadEstimate]:
+        """Frame after frame, each with what the membrane remembers of those before."""
+        found: list[LoadEstimate] = []
+        if not self.live:
+            memory.forget()
+        for k in range(len(so)):
+            row = slice(k, k + 1)
+            shift = memory.before(float(time[k]))
+            # The dent of a load before is no drift.
+            drift = self._followed(so[row] - shift, faulty[row], time[row])
+            found += self._batch(so[row], faulty[row], None, drift, memory, shift)
             done(len(found))
         return found
 
@@ -308,28 +354,43 @@ class LoadEstimator:
     def forget(self) -> None:
         """Live: start the next frame from the table instead of from the last frame."""
         self.selection.forget()
+        if self._memory is not None:
+            self._memory.forget()
 
     def warm_up(self) -> None:
         """Compile, or load, what a stream needs before the first frame comes."""
         shift = 0.0 if self.rest is None else np.nan_to_num(self.rest - self.model_rest)
+        time = None if self._memory is None else np.zeros(1)
+        drift, self._drift = self._drift, None  # trials say nothing of it
         for trial in self._parts.trials[: self.most_contacts]:
-            self.estimate((trial + shift)[None])
+            self.estimate((trial + shift)[None], time=time)
+        self._drift = drift
         self.forget()
 
     def _batch(
-        self, so: Floats, faulty: Flags, pressure: Floats | None, drift: Drift | None
+        self,
+        so: Floats,
+        faulty: Flags,
+        pressure: Floats | None,
+        drift: Drift | None,
+        memory: MemoryFollower | None = None,
+        shift: Floats | float = 0.0,
     ) -> list[LoadEstimate]:
+        """Estimates of some frames; of one, with what its membrane remembers."""
         begin, compiling = time.perf_counter(), COMPILED.seconds
+        selection = self.selection if memory is None else memory.selection
+        systematic = self._systematic if memory is None else memory.errors
         y, weight = self.weigh(so, faulty, pressure, drift)
+        y = np.where(weight > 0, y - shift, 0.0)
         taxels = slice(self.taxels)
         change = np.where(weight > 0, y - self._parts.nodes.rest, 0.0)
         count = (weight[:, taxels] > 0).sum(1)
         enough = count >= max(_FEWEST_TAXELS, self._parts.fitter.per_contact + 1)
-        errors = None if self._systematic is None else self._systematic.rest
+        errors = None if systematic is None else systematic.rest
         test = self._parts.detector.test(change, weight, errors)
         touched = enough & (test.p_value < self.false_alarm)
         results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
-        chi2_rest = self._chi2_at_rest(change, weight)
+        chi2_rest = _chi2_at_rest(change, weight, errors)
         at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
         for i in np.flatnonzero(~touched):
             ratio = float(chi2_rest[i] / max(int(count[i]), 1))
@@ -341,42 +402,56 @@ class LoadEstimator:
             (np.flatnonzero(enough & ~touched & ~at_rest), True),
         ):
             if index.size:
-                found = self._explained(y[index], weight[index], full_scale[index], pulled)
+                best, found = self._explained(
+                    selection, systematic, y[index], weight[index], full_scale[index], pulled
+                )
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
+                if memory is not None:
+                    memory.after(best.q[0] if results[0].contacts else None)
+        if memory is not None and results[0].contact is False:
+            memory.after(memory.unloaded)
         if drift is not None:
             results = [_drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
         spent /= len(so)
         return [replace(result, latency=spent) for result in results]
 
-    def _chi2_at_rest(self, change: Any, weight: Any) -> Floats:
-        """Weighted squares of the change from rest that no error of the inputs explains."""
-        left = change
-        if self._systematic is not None and self._systematic.rest.any():
-            left, _ = without_errors(change, weight, self._systematic.rest)
-        return np.asarray((weight * left * change).sum(1))
-
     def _explained(
-        self, y: Any, weight: Any, full_scale: Any, pulled: bool
-    ) -> list[LoadEstimate]:
+        self,
+        selection: Selection,
+        systematic: AbstractSystematicErrors | None,
+        y: Any,
+        weight: Any,
+        full_scale: Any,
+        pulled: bool,
+    ) -> tuple[Explanations, list[LoadEstimate]]:
         """Estimates of frames that are not at rest, whether pressed or pulled."""
         if pulled:
-            best = self.selection.pulled(y, weight)
+            best = selection.pulled(y, weight)
             others: list[Alternative | None] = [None] * len(y)
         else:
-            best, others = self.selection.explain(y, weight)
-        systematic = None
-        if self._systematic is not None:
+            best, others = selection.explain(y, weight)
+        covariance = None
+        if systematic is not None:
             per_contact = self._parts.fitter.per_contact
-            systematic = self._systematic.covariance(best, y, per_contact)
-        return self._parts.assessment.estimates(best, others, full_scale, systematic)
+            covariance = systematic.covariance(best, y, per_contact)
+        return best, self._parts.assessment.estimates(best, others, full_scale, covariance)
+
+
+def _chi2_at_rest(change: Any, weight: Any, errors: Floats | None) -> Floats:
+    """Weighted squares of the change from rest that no error of the inputs explains."""
+    left = change
+    if errors is not None and errors.any():
+        left, _ = without_errors(change, weight, errors)
+    return np.asarray((weight * left * change).sum(1))
 
 
 def _drifting(estimate: LoadEstimate, mean: float, largest: float) -> LoadEstimate:
     """An estimate with the drift that was taken off its readings."""
-    far = estimate.status == "no_contact" and abs(largest) > _DRIFTING
-    status = "drifting" if far else estimate.status
+    names = {"no_contact": "drifting", "ok": "ok_drifted"}
+    far = abs(largest) > _DRIFTING
+    status = names.get(estimate.status, estimate.status) if far else estimate.status
     return replace(estimate, status=status, drift=(mean, largest))
 
 

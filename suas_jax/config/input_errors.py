@@ -175,8 +175,9 @@ def as_assembled(spec: SkinSpec) -> SkinSpec:
     if deviation_of(spec.geometry.thickness) == 0:
         return spec
     tables: dict[str, Any] = {}
-    found = set() if spec.calibration is None else set(spec.calibration.parameters)
-    known = not found.isdisjoint({"fill", "mounting"})
+    record = spec.calibration
+    found = {_CALIBRATED.get(n, n) for n in (() if record is None else record.parameters)}
+    known = not found.isdisjoint(_ASSEMBLY[:2])
     if not known and spec.oil.trapped and deviation_of(spec.oil.fill) is None:
         fill = TypicalQuantity(spec.oil.fill or 1.0, _FILL)
         tables["oil"] = spec.oil.model_copy(update={"fill": fill})
@@ -185,9 +186,8 @@ def as_assembled(spec: SkinSpec) -> SkinSpec:
         tables["geometry"] = spec.geometry.model_copy(update={"mounting": mounting})
     parts = (spec.material, spec.oil, spec.wall)
     around = spec.environment or EnvironmentSpec()
-    if any(part.expansion is not None for part in parts) and (
-        deviation_of(around.temperature) is None
-    ):
+    warmth_told = _ASSEMBLY[2] in found or deviation_of(around.temperature) is not None
+    if any(part.expansion is not None for part in parts) and not warmth_told:
         now = around.temperature or spec.reference.temperature
         warmth = TypicalQuantity(now, _WARMTH)
         tables["environment"] = around.model_copy(update={"temperature": warmth})

@@ -23,6 +23,7 @@ LARGER = 1.2
 _ALIKE = 0.02  # share of chi2 that tells no two inputs apart: the model's own error
 USABLE = (
     "ok",
+    "ok_drifted",
     "poor_fit",
     "model_mismatch",
     "imprecise",

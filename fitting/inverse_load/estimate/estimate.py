@@ -20,6 +20,8 @@ WANTED = {
 
 STATUS = {
     "ok": "The estimate and its covariance hold.",
+    "ok_drifted": "The estimate and its covariance hold; the readings at rest have left the "
+    "baseline, and the drift is taken off: look at the device, or take a new baseline.",
     "no_contact": "Nothing touches the skin, at the stated false-alarm rate.",
     "drifting": "Nothing touches the skin, and its readings at rest have left the baseline; "
     "the drift is taken off.",
@@ -27,7 +29,8 @@ STATUS = {
     "ambiguous": "Another load explains the readings almost as well: see alternatives.",
     "pull": "Something pulls the skin outwards: the force is negative.",
     "at_edge": "The contact is at the clamp or beyond it, where readings hardly change.",
-    "poor_fit": "The residuals are larger than noise; the covariance is scaled up accordingly.",
+    "poor_fit": "The model is wrong by more than noise and tolerances explain; the covariance "
+    "is scaled up accordingly.",
     "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "
     "least the force stated acts.",
     "model_mismatch": "No load on this skin explains the readings: check skin file, "

@@ -143,7 +143,7 @@ class SectionErrors(AbstractSystematicErrors):
         """Change of readings by each error, from the model [frame, error, taxel]."""
         if not self._tangents:
             self._tangents = [
-                _tangent(self._spec, self._skin, self._errors.paths, column)
+                skin_tangent(self._spec, self._skin, self._errors.paths, column)
                 for column in self._errors.directions
             ]
         none = np.zeros(parameters.shape[1])
@@ -164,7 +164,9 @@ class SectionErrors(AbstractSystematicErrors):
             pick = np.minimum(np.arange(begin, begin + lanes), len(parameters) - 1)
             there = jax.tree.map(lambda x, i=pick: np.asarray(x)[..., i], state)
             columns = [
-                COMPILED.run(_PROGRAMS[count], self._skin, *along, parameters[pick].T, there)
+                COMPILED.run(
+                    SLOPE_PROGRAMS[count], self._skin, *along, parameters[pick].T, there
+                )
                 for along in directions
             ]
             parts.append(np.stack([np.asarray(column).T for column in columns], 1))
@@ -206,8 +208,15 @@ def changed_skin(spec: SkinSpec, skin: Skin, inputs: Mapping[str, ArrayLike]) ->
     return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, skin.elements)
 
 
-def _tangent(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: Floats) -> Skin:
-    """Derivative of a skin by its inputs along a direction."""
+def skin_tangent(spec: SkinSpec, skin: Skin, paths: tuple[str, ...], column: Floats) -> Skin:
+    """Derivative of a skin by its inputs along a direction.
+
+    Args:
+        spec: the skin's file.
+        skin: the model made from it.
+        paths: of the inputs.
+        column: their change [path], SI.
+    """
     at = [value_of(spec, path) for path in paths]
 
     def changed(values: Float[Array, " path"]) -> Skin:
@@ -236,4 +245,5 @@ def _slope(
     return eqx.filter_jvp(so, (skin, parameters), (tangent, moved))[1]
 
 
-_PROGRAMS = {k: eqx.filter_jit(partial(_slope, contacts=k)) for k in (1, 2, 3)}
+SLOPE_PROGRAMS = {k: eqx.filter_jit(partial(_slope, contacts=k)) for k in (1, 2, 3)}
+"""Derivatives of readings as skin and contacts change together, by number of contacts."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fitting.inverse_load.estimate.estimate import LoadEstimate, load_array
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.live.stream import LiveFrame, live_frames
-from fitting.inverse_load.skin_estimator import skin_estimator
+from fitting.inverse_load.zero.skin_estimator import skin_estimator
 from suas_jax.acquisition.frames.registry import decoder, open_source
 from suas_jax.acquisition.stream import Stream, discard_waiting
 from suas_jax.runtime import settings as runtime

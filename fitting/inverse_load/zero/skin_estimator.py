@@ -1,5 +1,6 @@
-"""The estimator that a skin file and a baseline file describe."""
+"""The estimator that a skin file, its zero and a baseline file describe."""
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -7,23 +8,36 @@ from numpy.typing import NDArray
 
 from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.readings import Layout
-from suas_jax.config import SkinSpec, load_skin
+from fitting.inverse_load.zero.zero_file import skin_with_zero
+from suas_jax.config import SkinSpec
+
+_log = logging.getLogger("suas")
 
 
-def skin_estimator(skin: Path, baseline: Path | None = None, **settings: Any) -> LoadEstimator:
+def skin_estimator(
+    skin: Path,
+    baseline: Path | None = None,
+    zero: Path | str | None = None,
+    **settings: Any,
+) -> LoadEstimator:
     """Make the estimator of a skin.
 
     Args:
         skin: skin file.
         baseline: readings at rest, of `suas baseline`; None: readings are absolute.
+        zero: what `suas zero` wrote; None for the one beside the skin file, if there is one,
+            "none" for none. The logger `suas` says which it is.
         settings: of the `LoadEstimator`.
 
     Raises:
-        ConfigError: the skin file can't be used.
+        ConfigError: the skin file or the zero can't be used.
         ValueError: the baseline is of another layout, or a setting makes no sense.
         Float64Error: float64 is off.
     """
-    return estimator_of(load_skin(skin), baseline, **settings)
+    spec, told = skin_with_zero(skin, zero)
+    if told:
+        _log.warning(told)
+    return estimator_of(spec, baseline, **settings)
 
 
 def estimator_of(

@@ -1,0 +1,119 @@
+"""One known weight on many skins: how far forces are off afterwards, and how sure that is.
+
+True skins are drawn from what the file leaves open: filling, mounting, stiffness, thickness,
+gap, permittivity, scale. Each is pressed by 10 N at the crown once, `zero_of` takes the
+readings, and loads anywhere on it are then found with the zero's inputs and covariance, and
+with the file's::
+
+    python benchmarks/known_weight.py --skins 60
+"""
+
+import argparse
+
+import numpy as np
+
+from fitting.inverse_load.drift import ROUNDING
+from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
+from fitting.inverse_load.zero.presses import known_press
+from fitting.inverse_load.zero.update import PressReadings, SectionPresses, zero_of
+from suas_jax import configure
+from suas_jax.config import input_errors, load_skin
+from suas_jax.config.input_errors import as_assembled
+
+_KNOWN = "10 N at 0 deg"
+_FRAMES = 50  # of the weight, and of the rest before it
+_LOADS = 6  # found on each skin at a time
+_FREE = 1e6  # variance of what is not known
+_NEAR = np.deg2rad(3.0)
+
+
+def found_loads(
+    model: SectionPresses, change: np.ndarray, weight: np.ndarray, errors: Gaussian
+) -> tuple[np.ndarray, np.ndarray]:
+    """Loads [load, 2] and standard deviations of their forces [load], from their readings."""
+    x, count = model.known.copy(), len(errors.mean)
+    for _ in range(6):
+        now = model.at(errors.mean, x)
+        step = np.zeros_like(x)
+        deviation = np.zeros(len(x))
+        for k in range(len(x)):
+            prior = Gaussian(
+                np.concatenate([errors.mean, x[k]]),
+                np.block(
+                    [
+                        [errors.covariance, np.zeros((count, 2))],
+                        [np.zeros((2, count)), _FREE * np.eye(2)],
+                    ]
+                ),
+            )
+            jacobian = np.concatenate([now.by_error[k], now.by_press[k]]).T
+            left = change[k] - now.change[k]
+            only = np.concatenate([0 * now.by_error[k], now.by_press[k]]).T
+            step[k] = conditioned(prior, prior.mean, only, left, weight[k]).mean[count:] - x[k]
+            full = conditioned(prior, prior.mean, jacobian, 0 * left, weight[k])
+            deviation[k] = np.sqrt(full.covariance[-1, -1])
+        x = x + step
+    return x, deviation
+
+
+def main() -> None:
+    """Print errors, intervals and coverage."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--skin", default="configs/skins/suas.toml")
+    parser.add_argument("--skins", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    configure()
+    rng = np.random.default_rng(options.seed)
+    spec = load_skin(options.skin)
+    errors = input_errors(as_assembled(spec))
+    count, taxels = len(errors), len(spec.electrodes.taxels)
+    noise = spec.electrodes.noise**2 + ROUNDING
+    weighed = (known_press(_KNOWN, spec.geometry),)
+    truth_of_weight = SectionPresses(errors, weighed, np.ones(1))
+    rows = []
+    for _ in range(options.skins):
+        e = rng.normal(size=count)
+        place = np.concatenate([[0.0], rng.uniform(-60, 60, _LOADS - 1)])
+        force = np.concatenate([[10.0], rng.uniform(3, 15, _LOADS - 1)])
+        loads = tuple(
+            known_press(f"{f} N at {a} deg", spec.geometry)
+            for a, f in zip(place, force, strict=True)
+        )
+        pressed = SectionPresses(errors, loads, np.ones(_LOADS))
+        try:
+            scale_error = 1 + weighed[0].force_deviation / weighed[0].force * rng.normal()
+            x = truth_of_weight.known * [1.0, scale_error]
+            read = truth_of_weight.at(e, x).change
+            change = pressed.at(e, pressed.known).change
+        except ValueError:  # beyond buckling, or at the wall
+            continue
+        variance = np.full((1, taxels), 2 * noise / _FRAMES)
+        read = read + np.sqrt(variance) * rng.normal(size=read.shape)
+        readings = PressReadings(read, variance, np.ones(1))
+        change = change + np.sqrt(noise) * rng.normal(size=change.shape)
+        weight = 1 / (noise + (MODEL_ERROR * change) ** 2)
+        try:
+            zero = zero_of(errors, weighed, readings, MODEL_ERROR)
+            for own in (Gaussian(np.zeros(count), np.eye(count)), zero.posterior):
+                at, deviation = found_loads(pressed, change, weight, own)
+                off = at[:, 1] / force - 1
+                rows.append((off, deviation / force, np.abs(np.deg2rad(place)) < _NEAR))
+        except ValueError as error:
+            print("left out:", str(error)[:90])
+    print(f"{len(rows) // 2} skins")
+    for name, part in (("file", rows[::2]), ("zero", rows[1::2])):
+        off, deviation = (np.concatenate([row[i] for row in part]) for i in (0, 1))
+        near = np.concatenate([row[2] for row in part])
+        for where, own in (("at the weight's place", near), ("elsewhere", ~near)):
+            inside = np.abs(off[own]) < 1.96 * deviation[own]
+            print(
+                f"{name}, {where}: median error {100 * np.median(np.abs(off[own])):.2f} %, "
+                f"median deviation {100 * np.median(deviation[own]):.2f} %, "
+                f"in its 95 % interval {100 * inside.mean():.1f} % of {own.sum()}"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,125 @@
+"""`suas zero`. JAX is imported inside the command."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from fitting.cli.contract import Overwrite, bad_input
+from fitting.cli.options import AsJson
+from fitting.cli.progress import spinner
+from fitting.json_text import json_text
+from suas_jax.acquisition.terminal import say
+from suas_jax.files.reading import read_bytes
+from suas_jax.files.writing import check_output, write_text
+
+if TYPE_CHECKING:
+    from fitting.inverse_load.zero.zero import Zero
+
+
+def zero(
+    skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
+    log: Annotated[
+        Path, typer.Argument(metavar="LOG", help="SO log: some seconds at rest, then presses.")
+    ],
+    known: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PRESS",
+            help='A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
+            "each, in their order. Without it the log's columns say them (load_0_force_N, "
+            "load_0_angle_deg).",
+        ),
+    ] = None,
+    inputs: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Known inputs in a CSV of their own (t_s)."),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FILE",
+            help="Default: SKIN.zero.toml beside the skin file.",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Learn from a known weight what the baseline can't show: filling, mounting, stiffness.
+
+    `suas invert` uses the file it writes. Exit status: 0 written, 2 bad input (no file).
+    """
+    with bad_input():
+        from fitting.inverse_load.zero.zero_file import MARK, zero_file_of, zero_text
+
+        target = output or zero_file_of(skin)
+        own = output is None and target.is_file() and _wrote(target, MARK)
+        check_output(target, overwrite=overwrite or own)
+        if known and inputs is not None:
+            raise ValueError("--known, --inputs: both say what the presses were; leave one out")
+        from suas_jax.config import load_skin
+        from suas_jax.runtime.settings import configure
+
+        spec = load_skin(skin)
+        configure()
+        from fitting.inverse_load.zero.from_log import zero_from_log
+
+        with spinner("updating the inputs by the known presses"):
+            found = zero_from_log(spec, log, known or (), inputs)
+        write_text(target, zero_text(found, skin, log))
+    if as_json:
+        say(json_text(_report(found, target)))
+    else:
+        _print(found, target)
+
+
+def _wrote(path: Path, mark: str) -> bool:
+    from suas_jax.config.toml_file import MOST_BYTES
+
+    return mark in read_bytes(path, MOST_BYTES, remember=False).decode(errors="replace")
+
+
+def _report(found: "Zero", target: Path) -> dict[str, Any]:
+    errors, posterior = found.errors, found.posterior
+    return {
+        "status": found.status,
+        "zero_file": str(target),
+        "chi2_per_dof": found.chi2_per_dof,
+        "presses": [
+            {
+                "known": press.text,
+                "angle_rad": press.angle,
+                "force_N": press.force,
+                "force_deviation_before": float(before),
+                "force_deviation_after": float(after),
+            }
+            for press, before, after in zip(
+                found.presses, found.before, found.after, strict=True
+            )
+        ],
+        "errors": {
+            name: {"mean": float(mean), "deviation": float(variance) ** 0.5}
+            for name, mean, variance in zip(
+                errors.names, posterior.mean, posterior.covariance.diagonal(), strict=True
+            )
+        },
+        "parameters": list(errors.paths),
+        "values": found.values.tolist(),
+        "covariance": found.covariance.tolist(),
+    }
+
+
+def _print(found: "Zero", target: Path) -> None:
+    for press, before, after in zip(found.presses, found.before, found.after, strict=True):
+        known = f"{100 * after:.2g} % ({100 * before:.2g} % without the zero)"
+        say(f"{press.text}: forces there are known to {known}")
+    say("errors of the inputs, in standard deviations of what the file allows:")
+    covariance = found.posterior.covariance.diagonal()
+    for name, mean, variance in zip(
+        found.errors.names, found.posterior.mean, covariance, strict=True
+    ):
+        say(f"  {name}: {mean:+.2f} +- {variance**0.5:.2f}")
+    say(f"chi2 per degree of freedom {found.chi2_per_dof:.2f}, {found.status}")
+    say(f"written: {target}", err=True)

@@ -1,0 +1,95 @@
+"""Relaxation in terms of the long-term constants that a skin file holds.
+
+With the stress S of the file's constants at the strain of now, the stress of a membrane that
+relaxes is, from G(t) = 1 - sum g_i (1 - exp(-t/tau_i)) divided by its end G_end = 1 - sum g_i::
+
+    S(t) + sum_i gamma_i R_i(t),   gamma_i = g_i / G_end,   dR_i/dt + R_i / tau_i = dS/dt
+
+Over a step in which S changes linearly R is exact: R -> exp(-x) R + (1 - exp(-x))/x dS,
+x = dt/tau. The R_i do not depend on g.
+"""
+
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from fitting.arrays import Floats
+from suas_jax.config import SkinSpec
+from suas_jax.config.tolerance import deviation_of
+
+SHARE_ERROR = 0.1
+"""Standard deviation of the g_i together where a file states none, relative: from batch to
+batch, and what a fit to one test leaves open."""
+
+
+class LoadMemory(NamedTuple):
+    """How a skin's membrane relaxes.
+
+    Attributes:
+        gamma: relaxing shares of the stress over its long-term share [term].
+        tau: relaxation times [term] [s].
+        errors: change of `gamma` by independent errors of the g_i, one standard deviation
+            each [error, term].
+    """
+
+    gamma: Floats
+    tau: Floats
+    errors: Floats
+
+    @classmethod
+    def of(cls, spec: SkinSpec) -> Self | None:
+        """That of a skin's file; None where it states no relaxation."""
+        given = spec.material.relaxation
+        if given is None or not given.g:
+            return None
+        g, end = np.array(given.g, float), given.long_term_share
+        stated = [deviation_of(x) for x in given.g]
+        if any(x is not None for x in stated):
+            columns = np.diag([x or 0.0 for x in stated])
+            columns = columns[columns.any(1)]
+        else:
+            columns = SHARE_ERROR * g[None]
+        by_g = np.eye(len(g)) / end + g[None] / end**2  # d gamma_j / d g_i
+        return cls(g / end, np.array(given.tau, float), columns @ by_g)
+
+
+def assumed_of_memory(spec: SkinSpec) -> str:
+    """What estimates assume of a membrane that relaxes, in a sentence; empty for nothing."""
+    given = spec.material.relaxation
+    if given is None:
+        return ""
+    if spec.geometry.dimension == 3:
+        return (
+            "[material] relaxation: a pad's memory is not followed; forces are those that the "
+            f"long-term constants need: {100 * (1 - given.long_term_share):.3g} % too low at "
+            "first, and the dent that a load leaves reads as a load"
+        )
+    if any(deviation_of(share) is not None for share in given.g):
+        return ""
+    return (
+        "[material] relaxation states no deviations; g is taken to be known to "
+        f'{100 * SHARE_ERROR:g} % (write your own, such as g = ["0.15 +- 0.01"])'
+    )
+
+
+def creeping_load(memory: LoadMemory, time: Floats) -> Floats:
+    """Load that the long-term constants need for a creeping dent, over the constant load [...].
+
+    E(t) with E + sum gamma_i R_i = 1, the load coming at once at t = 0: the states
+    R follow A R' = -R/tau with A = 1 + 1 gamma^T, from R = E(0) = 1 / (1 + sum gamma).
+
+    Args:
+        memory: of the membrane.
+        time: since the load came on [s].
+    """
+    total = 1 + memory.gamma.sum()
+    # R' = -R/tau + E', and E' = -gamma . R'
+    rate = np.linalg.solve(
+        np.eye(len(memory.tau)) + np.ones((len(memory.tau), 1)) * memory.gamma,
+        -np.diag(1 / memory.tau),
+    )
+    values, vectors = np.linalg.eig(rate)
+    start = np.linalg.solve(vectors, np.full(len(memory.tau), 1 / total))
+    late = np.exp(values * np.asarray(time, float)[..., None])
+    states = np.real((late * start) @ vectors.T)
+    return np.asarray(1 - states @ memory.gamma)

@@ -1,0 +1,162 @@
+"""A zero from a log: its frames of rest and of known presses."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fitting.arrays import Floats, Rows
+from fitting.inverse_load.drift import ROUNDING
+from fitting.inverse_load.estimator import MODEL_ERROR
+from fitting.inverse_load.memory.series import LoadMemory, creeping_load
+from fitting.inverse_load.readings import LogReadings, noise_of_readings, readings_of
+from fitting.inverse_load.zero.presses import (
+    PressedFrames,
+    frames_of_presses,
+    known_press,
+    press_at,
+    settled,
+)
+from fitting.inverse_load.zero.update import PressReadings, expected_changes, zero_of
+from fitting.inverse_load.zero.zero import KnownPress, Zero
+from fitting.sensor.logs.log import AlignedLog, read_aligned
+from suas_jax.acquisition.log.log_file import read_log
+from suas_jax.config import SkinSpec, input_errors
+from suas_jax.config.input_errors import as_assembled
+
+_SAME = 1e-3  # of the largest force, by which a known force may vary within a press
+
+
+def zero_from_log(
+    spec: SkinSpec,
+    log: Path,
+    known: Sequence[str] = (),
+    inputs: Path | None = None,
+    model_error: float = MODEL_ERROR,
+) -> Zero:
+    """Find what known presses in a log say of a skin's inputs.
+
+    Args:
+        spec: the skin, in plane strain.
+        log: SO log that begins at rest.
+        known: the presses in words, in their order; without any the log, or `inputs`, says
+            them in columns.
+        inputs: a second file of known inputs.
+        model_error: of the model's change of readings, relative.
+
+    Raises:
+        ValueError: the skin, the log or a press can't be used.
+        OSError: a file can't be read.
+    """
+    if spec.geometry.dimension == 3:
+        raise ValueError(
+            "suas zero: a pad's errors of filling, mounting and stiffness are taken as one "
+            "change of stiffness, so that one press would claim to know forces everywhere; "
+            "give known presses over the pad to suas fit sensor --fit permittivity,gap,fill"
+        )
+    errors = input_errors(as_assembled(spec))
+    if not len(errors):
+        raise ValueError("the skin file states every input as exact: there is nothing to find")
+    if known:
+        presses = tuple(known_press(text, spec.geometry) for text in known)
+        readings = readings_of(read_log(log), spec, None)
+        so, time = _usable(readings), readings.time
+        noise = noise_of_readings(spec, None)
+        frames = frames_of_presses(so, expected_changes(spec, presses), noise)
+    else:
+        aligned = read_aligned(spec, log, inputs, None)
+        so, time = aligned.so.T, aligned.time
+        presses, frames = _told_in_columns(spec, aligned)
+    return zero_of(errors, presses, _averaged(spec, so, time, frames), model_error)
+
+
+def _usable(readings: LogReadings) -> Floats:
+    return np.where(readings.stuck, np.nan, readings.so)
+
+
+def _told_in_columns(
+    spec: SkinSpec, log: AlignedLog
+) -> tuple[tuple[KnownPress, ...], PressedFrames]:
+    """Presses whose forces and places stand in columns of a log."""
+    known = log.known.values
+    kind = "angle" if (0, "angle") in known else "arc"
+    others = [f"load {load}: {quantity}" for load, quantity in known if load > 0]
+    if (0, "force") not in known or (0, kind) not in known or others:
+        raise ValueError(
+            f"{log.path}: one load with its force and place is needed in every press (columns "
+            'load_0_force_N and load_0_angle_deg); or give --known "500 g at 0 deg"'
+            + (f"; found beside it: {', '.join(others)}" if others else "")
+        )
+    force, place = np.nan_to_num(known[0, "force"]), np.nan_to_num(known[0, kind])
+    same = _SAME * np.abs(force).max(initial=0.0)
+    loaded = force > same
+    moved = (np.abs(np.diff(force)) > same) | (np.abs(np.diff(place)) > 1e-9)
+    parts = np.split(np.arange(len(force)), np.flatnonzero(moved) + 1)
+    runs = [run for run in parts if loaded[run[0]] and len(run) >= 3]
+    rest = np.arange(int(loaded.argmax())) if loaded.any() else np.zeros(0, int)
+    if not runs or len(rest) < 3:
+        raise ValueError(
+            f"{log.path}: {len(runs)} held presses and {len(rest)} frames of rest before the "
+            "first; one press that is held, after 3 frames of rest, is needed at least"
+        )
+    presses = tuple(
+        press_at(
+            kind,
+            place[run[0]],
+            force[run[0]],
+            spec.geometry,
+            _in_words(kind, place, force, run),
+        )
+        for run in runs
+    )
+    return presses, PressedFrames(
+        rest, [settled(run) for run in runs], [int(r[0]) for r in runs]
+    )
+
+
+def _in_words(kind: str, place: Floats, force: Floats, run: Rows) -> str:
+    at = int(run[0])
+    where = (
+        f"{np.rad2deg(place[at]):.6g} deg"
+        if kind == "angle"
+        else f"arc {1e3 * place[at]:.6g} mm"
+    )
+    return f"{force[at]:.6g} N at {where}"
+
+
+def _averaged(spec: SkinSpec, so: Floats, time: Floats, frames: PressedFrames) -> PressReadings:
+    """Means of the presses' frames, less the mean at rest."""
+    noise = noise_of_readings(spec, None) ** 2 + ROUNDING
+    rest, rest_variance = _mean(so[frames.rest], noise)
+    changes, variances, shares, unsure = [], [], [], []
+    memory = LoadMemory.of(spec)
+    for began, pressed in zip(frames.began, frames.pressed, strict=True):
+        mean, variance = _mean(so[pressed], noise)
+        changes.append(mean - rest)
+        variances.append(variance + rest_variance)
+        share, deviation = _creep(memory, time[pressed] - time[began])
+        shares.append(share)
+        unsure.append(deviation)
+    return PressReadings(
+        np.array(changes), np.array(variances), np.array(shares), np.array(unsure)
+    )
+
+
+def _creep(memory: LoadMemory | None, since: Floats) -> tuple[float, float]:
+    """Mean of `creeping_load` over some frames, and its relative standard deviation."""
+    if memory is None:
+        return 1.0, 0.0
+    share = float(creeping_load(memory, since).mean())
+    moved = [
+        float(creeping_load(memory._replace(gamma=memory.gamma + by), since).mean()) - share
+        for by in memory.errors
+    ]
+    return share, float(np.linalg.norm(moved)) / share
+
+
+def _mean(so: Floats, variance: float) -> tuple[Floats, Floats]:
+    """Mean readings [taxel] and their variance; NaN where nothing was read."""
+    count = np.isfinite(so).sum(0)
+    total = np.nansum(so, 0)
+    safe = np.where(count > 0, count, 1)
+    return np.where(count > 0, total / safe, np.nan), variance / safe

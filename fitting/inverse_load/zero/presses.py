@@ -1,0 +1,163 @@
+"""Known presses, and the frames of a log that hold them.
+
+A press is told in words, ``"500 g at 0 deg"``, or stands in the log as `suas fit sensor` reads
+it: columns `load_0_force_N` and `load_0_angle_deg` or `load_0_arc_mm`. The log begins at rest;
+the frames before the first press are its baseline.
+"""
+
+import re
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fitting.arrays import Floats
+from fitting.inverse_load.zero.zero import KnownPress
+from suas_jax.config import GeometrySpec, parse_quantity
+from suas_jax.config.quantities import DimensionName
+from suas_jax.config.tolerance import deviation_of, is_uncertain_text, parse_uncertain
+from suas_jax.skin.plain import angles_at, plain_geometry
+
+FORCE_ERROR = 2e-3
+"""Standard deviation of a known force that states none, relative: of a kitchen scale."""
+PLACE_ERROR = 1e-3
+"""Standard deviation of a known place that states none, along the arc [m]."""
+_KNOWN = re.compile(r"\s*(?P<force>.+?)\s+at\s+(?P<place>[^,]+?)\s*(?:,\s*(?P<axial>.+?)\s*)?")
+_GRAMS = re.compile(r"(?<![A-Za-z])(k?)g(?![A-Za-z])")
+_EXAMPLE = '"500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"'
+_PRESSED, _AT_REST = 0.5, 0.1  # of the change that a press is expected to make
+_FEWEST = 3  # frames of rest, and of a press
+_SETTLING, _LEAVING = 1 / 3, 0.1  # shares of a press that are left out at its ends
+
+
+class PressedFrames(NamedTuple):
+    """Frames of a log.
+
+    Attributes:
+        rest: those before the first press.
+        pressed: those of every press, when it has settled.
+        began: first frame of every press.
+    """
+
+    rest: NDArray[np.int64]
+    pressed: list[NDArray[np.int64]]
+    began: list[int]
+
+
+def known_press(text: str, geometry: GeometrySpec) -> KnownPress:
+    """Read ``--known "FORCE at PLACE"``.
+
+    Masses weigh 9.80665 m/s^2. Places are angles, or arc lengths of the inner face from its
+    middle.
+
+    Raises:
+        ValueError: the text can't be understood, or the skin has no such place.
+    """
+    where = f'--known "{text}"'
+    found = _KNOWN.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{where}: expected FORCE at PLACE, such as {_EXAMPLE}")
+    if found["axial"] is not None:
+        raise ValueError(
+            f"{where}: the skin is in plane strain, where a press has no place along the "
+            f'axis; leave ", {found["axial"]}" out'
+        )
+    force, error = _quantity(_GRAMS.sub(r"\1gf", found["force"]), "force", where)
+    if not force > 0:
+        raise ValueError(f"{where}: a force above zero is needed, that presses inwards")
+    place = found["place"].strip()
+    by_arc = place.startswith("arc ") or not place.rstrip(")").endswith(("deg", "rad", "°"))
+    if not by_arc and not geometry.has_angle:
+        raise ValueError(
+            f'{where}: angles mean nothing on geometry.section = "{geometry.section}"; give '
+            'the place along the arc, such as "arc 12 mm"'
+        )
+    kind: DimensionName = "length" if by_arc else "angle"
+    at, place_error = _quantity(place.removeprefix("arc "), kind, where)
+    return press_at("arc" if by_arc else "angle", at, force, geometry, text, place_error, error)
+
+
+def press_at(
+    kind: str,
+    place: float,
+    force: float,
+    geometry: GeometrySpec,
+    text: str,
+    place_error: float | None = None,
+    force_error: float | None = None,
+) -> KnownPress:
+    """A press at an angle or an arc length, with deviations where none are stated.
+
+    Raises:
+        ValueError: the place is not on the skin.
+    """
+    size = float(plain_geometry(geometry).section.size[0])
+    angle = float(angles_at(geometry, kind, np.array(place)))
+    edge = float(np.asarray(plain_geometry(geometry).half_angle).ravel()[0])
+    if not abs(angle) < edge:
+        raise ValueError(f"{text}: the place is beyond the clamps of the skin")
+    if place_error is None:
+        deviation = PLACE_ERROR / size
+    elif kind == "arc":
+        deviation = place_error / size
+    else:
+        deviation = place_error
+    own = FORCE_ERROR * force if force_error is None else force_error
+    least = 1e-6
+    return KnownPress(angle, force, max(deviation, least), max(own, least * force), text)
+
+
+def _quantity(text: str, kind: DimensionName, where: str) -> tuple[float, float | None]:
+    try:
+        if not is_uncertain_text(text):
+            return parse_quantity(text, kind), None
+        value = parse_uncertain(text, kind)
+    except ValueError as error:
+        raise ValueError(f"{where}: {text}: {error}") from None
+    return float(value), deviation_of(value)
+
+
+def frames_of_presses(so: Floats, patterns: Floats, noise: float) -> PressedFrames:
+    """Which frames hold the presses, in their order; the log begins at rest.
+
+    Args:
+        so: readings [frame, taxel] [counts]; NaN where missing.
+        patterns: change of readings that is expected under every press [press, taxel].
+        noise: standard deviation of a reading [counts].
+
+    Raises:
+        ValueError: the log has no rest before the first press, or another number of presses.
+    """
+    first = np.nanmedian(so[:_FEWEST], 0)
+    change = np.nan_to_num(so - first)
+    size = (patterns**2).sum(1)
+    floor = _AT_REST + 3 * noise / np.sqrt(size)  # [press]
+    amplitude = change @ patterns.T / size
+    pressed = (amplitude > _PRESSED).any(1)
+    runs = [run for run in _runs(pressed) if len(run) >= _FEWEST]
+    if len(runs) != len(patterns):
+        raise ValueError(
+            f"the log holds {len(runs)} presses, but {len(patterns)} are known: give --known "
+            "once for each, in their order; a press is a stretch of frames whose readings "
+            "change by more than half of what its force should do"
+        )
+    before = np.arange(runs[0][0])
+    rest = before[(np.abs(amplitude[before]) < floor).all(1)]
+    if len(rest) < _FEWEST:
+        raise ValueError(
+            f"the log has {len(rest)} frames at rest before the first press, and {_FEWEST} "
+            "are needed: readings count from there; record some seconds at rest first"
+        )
+    return PressedFrames(rest, [settled(run) for run in runs], [int(run[0]) for run in runs])
+
+
+def settled(run: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The part of a press in which it is held: not its first third, nor its last tenth."""
+    last = max(int(np.ceil((1 - _LEAVING) * len(run))), int(_SETTLING * len(run)) + 1)
+    return run[int(_SETTLING * len(run)) : last]
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Stretches of frames in a row that are flagged."""
+    at = np.flatnonzero(flags)
+    return np.split(at, np.flatnonzero(np.diff(at) > 1) + 1) if at.size else []

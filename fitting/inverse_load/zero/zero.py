@@ -1,0 +1,84 @@
+"""What is known after known presses: a skin's inputs with the covariance of their errors."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.inverse_load.zero.gaussian import Gaussian
+from suas_jax.config import InputErrors, SkinSpec, with_inputs
+from suas_jax.config.input_errors import value_of
+
+_LSB = "electrodes.lsb"
+
+
+@dataclass(frozen=True)
+class KnownPress:
+    """One press with a known force.
+
+    Attributes:
+        angle: where, as sections define angles [rad].
+        force: inwards [N].
+        angle_deviation: standard deviation of the place [rad].
+        force_deviation: of the force [N].
+        text: as it was told.
+    """
+
+    angle: float
+    force: float
+    angle_deviation: float
+    force_deviation: float
+    text: str
+
+
+@dataclass(frozen=True)
+class Zero:
+    """What known presses say.
+
+    Attributes:
+        errors: of the inputs, as they were before.
+        posterior: of the errors, in standard deviations.
+        presses: in the order of the log.
+        before: standard deviation of a force estimated at each press, without the zero
+            [press], relative.
+        after: the same with it.
+        chi2_per_dof: of the presses' readings; about 1 where the model holds.
+        status: "ok", or "poor_fit" where the covariance is scaled up by chi2.
+    """
+
+    errors: InputErrors
+    posterior: Gaussian
+    presses: tuple[KnownPress, ...]
+    before: Floats
+    after: Floats
+    chi2_per_dof: float
+    status: str
+
+    @property
+    def values(self) -> Floats:
+        """Most probable inputs [path], SI."""
+        return inputs_at(self.errors, self.posterior.mean)
+
+    @property
+    def covariance(self) -> Floats:
+        """Of the inputs [path, path], SI."""
+        columns = self.errors.directions
+        return np.asarray(columns.T @ self.posterior.covariance @ columns)
+
+
+def inputs_at(errors: InputErrors, e: Floats) -> Floats:
+    """Inputs [path] at some errors [error], SI."""
+    own = np.array([value_of(errors.spec, path) for path in errors.paths])
+    return np.asarray(own + e @ errors.directions)
+
+
+def zeroed_inputs(spec: SkinSpec, values: dict[str, float]) -> SkinSpec:
+    """A skin with other inputs, which state no deviations any more.
+
+    Raises:
+        ValueError: a path is none of its inputs, or a value is not allowed.
+    """
+    if _LSB in values and spec.electrodes is not None:  # which files need not give
+        electrodes = spec.electrodes.model_copy(update={"lsb": values[_LSB]})
+        spec = spec.model_copy(update={"electrodes": electrodes})
+    return with_inputs(spec, values)  # type: ignore[arg-type]

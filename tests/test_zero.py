@@ -1,0 +1,208 @@
+"""Known weights: the update against Gaussian conditioning, presses in logs, the file."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
+from fitting.inverse_load.zero.presses import (
+    FORCE_ERROR,
+    PLACE_ERROR,
+    frames_of_presses,
+    known_press,
+)
+from fitting.inverse_load.zero.zero import Zero
+from fitting.inverse_load.zero.zero_file import read_zero, zero_file_of, zero_text, zeroed
+from suas_jax.config import ConfigError, input_errors, load_skin
+from suas_jax.config.input_errors import as_assembled, value_of
+
+ROOT = Path(__file__).parent.parent / "configs/skins"
+SKIN, PAD, ARC = (ROOT / f"{n}.toml" for n in ("suas", "suas-pad", "suas-flat-topped"))
+GEOMETRY = load_skin(SKIN).geometry
+
+
+def test_update_is_gaussian_conditioning() -> None:
+    rng = np.random.default_rng(0)
+    root, jacobian = rng.normal(size=(4, 4)), rng.normal(size=(7, 4))
+    prior = Gaussian(rng.normal(size=4), root @ root.T)
+    variance = rng.uniform(0.1, 2.0, 7)
+    y = rng.normal(size=7)
+    # Of the joint distribution of x and y: mean and covariance of x given y.
+    across = prior.covariance @ jacobian.T
+    total = jacobian @ across + np.diag(variance)
+    mean = prior.mean + across @ np.linalg.solve(total, y - jacobian @ prior.mean)
+    covariance = prior.covariance - across @ np.linalg.solve(total, across.T)
+    at = rng.normal(size=4)  # anywhere: the model is linear
+    found = conditioned(prior, at, jacobian, y - jacobian @ at, 1 / variance)
+    assert found.mean == pytest.approx(mean)
+    assert found.covariance == pytest.approx(covariance)
+
+
+def test_what_was_not_measured_says_nothing() -> None:
+    prior = Gaussian(np.array([1.0, 2.0]), np.diag([1.0, 4.0]))
+    none = np.zeros(3)
+    found = conditioned(prior, np.zeros(2), np.ones((3, 2)), none, none)
+    assert found.mean == pytest.approx(prior.mean)
+    assert found.covariance == pytest.approx(prior.covariance)
+
+
+def test_presses_are_read_with_their_deviations() -> None:
+    press = known_press("500 g at 10 deg", GEOMETRY)
+    assert press.force == pytest.approx(0.5 * 9.80665)
+    assert press.angle == pytest.approx(np.deg2rad(10))
+    assert press.force_deviation == pytest.approx(FORCE_ERROR * press.force)
+    assert press.angle_deviation == pytest.approx(PLACE_ERROR / 57.5e-3, rel=0.05)
+    stated = known_press("5 N +- 0.1 N at 0 deg +- 2 deg", GEOMETRY)
+    assert stated.force_deviation == pytest.approx(0.1)
+    assert stated.angle_deviation == pytest.approx(np.deg2rad(2))
+    along = known_press("0.5 kg at arc 10 mm", GEOMETRY)
+    assert along.angle == pytest.approx(10 / 57.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("500 g", "FORCE at PLACE"),
+        ("500 V at 0 deg", "force"),
+        ("-5 N at 0 deg", "above zero"),
+        ("5 N at 95 deg", "beyond the clamps"),
+        ("5 N at 0 deg, 20 mm", "no place along the axis"),
+    ],
+)
+def test_presses_that_cannot_be_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        known_press(text, GEOMETRY)
+
+
+def test_angles_are_refused_where_a_section_has_none() -> None:
+    geometry = load_skin(ARC).geometry
+    if geometry.has_angle:
+        pytest.skip("the section has angles")
+    with pytest.raises(ValueError, match="arc 12 mm"):
+        known_press("5 N at 0 deg", geometry)
+
+
+def test_frames_of_presses_are_the_held_parts_in_order() -> None:
+    rng = np.random.default_rng(2)
+    patterns = np.array([[30.0, 10.0, -5.0], [-5.0, 10.0, 30.0]])
+    level = np.zeros((60, 2))
+    level[10:25, 0] = level[35:55, 1] = 1.0
+    so = 1000 + level @ patterns + rng.normal(size=(60, 3))
+    frames = frames_of_presses(so, patterns, 1.0)
+    assert frames.rest.tolist() == list(range(10))
+    assert frames.began == [10, 35]
+    assert [run[0] for run in frames.pressed] == [15, 41]
+    assert all(run[-1] < end for run, end in zip(frames.pressed, (24, 54), strict=True))
+    with pytest.raises(ValueError, match="holds 2 presses, but 3"):
+        frames_of_presses(so, patterns[[0, 1, 0]], 1.0)
+    with pytest.raises(ValueError, match="at rest before the first press"):
+        frames_of_presses(np.concatenate([so[:2], so[10:]]), patterns, 1.0)
+
+
+def made_up(skin: Path) -> Zero:
+    """A zero of a skin with another mean and covariance of its errors."""
+    rng = np.random.default_rng(4)
+    errors = input_errors(as_assembled(load_skin(skin)))
+    root = 0.2 * rng.normal(size=(len(errors), len(errors)))
+    posterior = Gaussian(rng.normal(size=len(errors)), root @ root.T)
+    press = known_press("500 g at 0 deg", GEOMETRY)
+    return Zero(errors, posterior, (press,), np.array([0.14]), np.array([0.005]), 1.0, "ok")
+
+
+def test_a_zero_written_and_read_is_what_estimates_assume(tmp_path: Path) -> None:
+    skin, log = tmp_path / "skin.toml", tmp_path / "log.csv"
+    skin.write_bytes(SKIN.read_bytes())
+    log.write_text("readings\n")
+    zero = made_up(skin)
+    path = zero_file_of(skin)
+    path.write_text(zero_text(zero, skin, log))
+    spec = zeroed(load_skin(skin), read_zero(path, skin))
+    for name, value in zip(zero.errors.paths, zero.values, strict=True):
+        assert value_of(spec, name) == pytest.approx(value)
+    found = input_errors(as_assembled(spec))
+    assert found.assumed == ()
+    order = [found.paths.index(name) for name in zero.errors.paths]
+    columns = found.directions[:, order]
+    size = np.sqrt(np.diag(zero.covariance))
+    scale = np.outer(size, size)
+    assert columns.T @ columns / scale == pytest.approx(zero.covariance / scale, abs=1e-4)
+
+
+def test_a_zero_of_another_skin_or_another_file_is_refused(tmp_path: Path) -> None:
+    skin, log = tmp_path / "skin.toml", tmp_path / "log.csv"
+    skin.write_bytes(SKIN.read_bytes())
+    log.write_text("readings\n")
+    path, text = zero_file_of(skin), zero_text(made_up(skin), skin, log)
+    for changed, message in (
+        (text.replace("[zero]", "[other]"), "other"),
+        (text.replace("values = [", "values = [nan, "), "finite entries"),
+        ("[geometry]\n", "geometry"),
+    ):
+        path.write_text(changed)
+        with pytest.raises(ConfigError, match=message):
+            read_zero(path, skin)
+    path.write_text(text)
+    skin.write_text(skin.read_text() + "# changed\n")
+    with pytest.raises(ConfigError, match="run suas zero again"):
+        read_zero(path, skin)
+
+
+def test_pads_are_refused_by_name() -> None:
+    from fitting.inverse_load.zero.from_log import zero_from_log
+
+    with pytest.raises(ValueError, match="pad's errors of filling"):
+        zero_from_log(load_skin(PAD), Path("log.csv"), ["5 N at 0 deg"])
+
+
+# Compiles readings under presses with their derivatives, the simulation, and an estimator.
+@pytest.mark.long
+def test_one_weight_sets_the_forces_right(tmp_path: Path) -> None:
+    from typer.testing import CliRunner
+
+    from fitting import LoadEstimator, readings_of
+    from fitting.cli.commands import app
+    from suas_jax import read_log
+    from suas_jax.simulation.simulated_log import simulate_log, write_simulated_log
+
+    text = SKIN.read_text()
+    skin = tmp_path / "skin.toml"
+    skin.write_text(text)
+    # What nobody measured: less oil, a softer rubber.
+    true = text.replace('model = "incompressible"', 'model = "incompressible"\nfill = 0.998')
+    material = 'law = "mooney-rivlin"\nC1 = "19.2 MPa"\nC2 = "-4.08 MPa"\nC3 = "71.5 kPa"'
+    (tmp_path / "true.toml").write_text(true.replace('preset = "epdm-paper"', material))
+    (tmp_path / "scene.toml").write_text(
+        'skin = "true.toml"\n[[load]]\nkind = "line"\nangle = "0 deg"\nforce = "10 N"\n'
+    )
+    logs = {}
+    for name, rows in (
+        ("weight", [(0, 0, 0), (1, 0, 0), (1.1, 10, 0), (4, 10, 0)]),
+        ("use", [(0, 10, 0), (1, 10, 0), (2, 10, 30), (3, 5, 0), (4, 14, 0)]),
+    ):
+        path = tmp_path / f"{name}_path.csv"
+        lines = "\n".join(",".join(map(str, row)) for row in rows)
+        head = "# scene: scene.toml\nt_s,loads.0.force_N,loads.0.angle_deg\n"
+        path.write_text(f"{head}{lines}\n")
+        logs[name] = tmp_path / f"{name}.csv"
+        log = simulate_log(path, rate=20.0, seed=5, settings={"noise": 0.5})
+        write_simulated_log(log, logs[name], path)
+    run = CliRunner().invoke(
+        app, ["zero", str(skin), str(logs["weight"]), "--known", "10 N at 0 deg"]
+    )
+    assert run.exit_code == 0, run.output
+    record = read_zero(zero_file_of(skin), skin)
+    spec = load_skin(skin)
+    readings = readings_of(read_log(logs["use"]), spec, None)
+    place = np.interp(readings.time, [0, 1, 2, 3, 4], [0, 0, 30, 0, 0])
+    force = np.interp(readings.time, [0, 1, 2, 3, 4], [10, 10, 10, 5, 14])
+    for own, least, most in ((spec, 0.1, 0.5), (zeroed(spec, record), 0.003, 0.02)):
+        found = LoadEstimator(own, noise=0.5).estimate(readings.so)
+        told = np.array([e.contacts[0].force for e in found])
+        deviation = np.array([e.contacts[0].deviation("force") for e in found])
+        error = told - force
+        here = (np.abs(place) < 1) & (np.abs(force - 10) < 0.1)
+        assert least < deviation[here].mean() / 10 < most
+        assert (np.abs(error) < 3 * deviation).mean() > 0.97
+    assert np.abs(error[here]).mean() / 10 < 0.02  # with the zero
+    assert deviation[~here].mean() > deviation[here].mean()  # and less sure elsewhere
