@@ -19,7 +19,7 @@ from benchmarks.pad_estimation import measured, readings_off_the_wall
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import SkinSpec, load_skin
-from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.scene.skin import skin_of
 
 FINE = (36, 30)
 SINGLES, PAIRS, APART = 40, 20, 18e-3
@@ -103,7 +103,7 @@ def study(spec: SkinSpec, random: np.random.Generator) -> None:
     estimator = LoadEstimator(spec)
     touch = float(estimator.table.first_contact_at(np.zeros(1), np.zeros(1))[0])
     contacts = random_contacts(random, spec, touch)
-    skin = pad_skin_of(spec, elements=FINE, contact=False)
+    skin = skin_of(spec, elements=FINE, contact=False)
     solved = []
     for frame in contacts:
         # One program for all: a second contact without a force changes nothing.

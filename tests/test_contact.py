@@ -32,8 +32,10 @@ from suas_jax.equilibrium.equilibrium_path import path
 from suas_jax.mechanics.base import ContactState
 from suas_jax.mechanics.contact.term import contact_pressure
 from suas_jax.scene.contact_zone import contact_zone
-from suas_jax.scene.forward import Loads, Skin, forward, skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.wall import RigidLimit, SoftLayer, Wall
 

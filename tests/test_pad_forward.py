@@ -11,8 +11,9 @@ import pytest
 
 from suas_jax.config import load_skin, scene_from_dict
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.scene.forward import SensorOutput
-from suas_jax.scene.pad_forward import Patches, pad_forward, pad_skin_of, readings
+from suas_jax.scene.forward import SensorOutput, forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 
 # A pad's forward model takes a minute to compile: its parts in test_pad_mechanics and
@@ -46,7 +47,7 @@ POKES = [[0.1, 0.012, 4.0], [-0.4, -0.02, 2.0]]  # angle, axial, force
 DIAMETER = 0.012
 INPUTS = {"geometry.thickness": 4e-3, "material.C2": 2e5, "oil.relative_permittivity": 2.2}
 QUICK = {**OPTIONS, "xla_backend_optimization_level": 0}
-Numbers = tuple[dict[str, jax.Array], Patches]
+Numbers = tuple[dict[str, jax.Array], Loads]
 
 
 def scene(poke: list[float]) -> dict:
@@ -66,7 +67,7 @@ def scene(poke: list[float]) -> dict:
 
 @pytest.fixture(scope="module")
 def numbers() -> Numbers:
-    return {k: jnp.asarray(v, float) for k, v in INPUTS.items()}, Patches.poke(
+    return {k: jnp.asarray(v, float) for k, v in INPUTS.items()}, Loads.patch(
         *np.transpose(POKES), DIAMETER
     )
 
@@ -75,13 +76,12 @@ def numbers() -> Numbers:
 def run(numbers: Numbers) -> Callable[[Numbers, Numbers], tuple[SensorOutput, SensorOutput]]:
     """Output and its derivative along a direction."""
     spec = scene_from_dict(scene(POKES[0]))
-    skin = pad_skin_of(spec, elements=MESH, contact=False)
-    meshes = skin.meshes(numbers[1])
+    mesh = skin_of(spec, elements=MESH, contact=False).around(numbers[1]).mesh
 
     def output(numbers: Numbers) -> SensorOutput:
         inputs, patches = numbers
-        skin = pad_skin_of(spec, inputs, elements=MESH, contact=False)
-        return pad_forward(skin, patches, meshes)
+        skin = skin_of(spec, inputs, elements=MESH, contact=False, mesh=mesh)
+        return forward(skin, patches)
 
     def both(at: Numbers, along: Numbers) -> tuple[SensorOutput, SensorOutput]:
         return eqx.filter_jvp(output, (at,), (along,))
@@ -100,7 +100,7 @@ def test_a_lane_is_the_solved_scene(run: Callable, numbers: Numbers) -> None:
 
 
 def test_derivatives_are_the_differences(run: Callable, numbers: Numbers) -> None:
-    sizes = (numbers[0], Patches.poke(0.5, 0.05, [4.0, 2.0], DIAMETER))
+    sizes = (numbers[0], Loads.patch(0.5, 0.05, [4.0, 2.0], DIAMETER))
     signs = iter(np.random.default_rng(1).choice([-1.0, 1.0], 20))
     along = jax.tree.map(lambda x: next(signs) * x, sizes)
     slope, h = run(numbers, along)[1], 2e-5
@@ -119,14 +119,14 @@ def test_readings_are_those_of_a_continuum() -> None:
     They are stiffer than finer ones by 0.2 to 0.5 %.
     """
     rows = np.loadtxt(CONTINUUM, delimiter=",", skiprows=4)
-    skin = pad_skin_of(load_skin(SHIPPED), contact=False)
-    solve = eqx.filter_jit(readings, compiler_options=QUICK)
+    skin = skin_of(load_skin(SHIPPED), contact=False)
+    solve = eqx.filter_jit(forward, compiler_options=QUICK)
     for poke in ([33.0, 22.5, 6.1], [-13.4, -9.6, 14.0], [0.0, 31.4, 10.6]):
         ((_, _, _, pressure, *so),) = rows[(rows[:, :3] == poke).all(1)]
         angle, axial, force = np.array(poke) * [np.pi / 180, 1e-3, 1.0]
-        patches = Patches(*(jnp.array([x]) for x in (angle, axial, force, 6e-3)))
-        found = solve(skin, patches, skin.plan(patches))
-        assert found.found
-        assert float(found.pressure) == pytest.approx(pressure, rel=0.01)
+        patches = Loads.patch(angle, axial, force, 6e-3)
+        found = solve(skin.around(patches), patches)
+        assert not int(found.result[0])
+        assert float(found.oil_pressure[0]) == pytest.approx(pressure, rel=0.01)
         film = 1 / np.array(so)  # nearly the gaps
-        assert np.abs(1 / found.so - film).max() < 0.01 * np.ptp(film)
+        assert np.abs(1 / found.so[:, 0] - film).max() < 0.01 * np.ptp(film)

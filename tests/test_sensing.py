@@ -19,9 +19,11 @@ from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, height_at, normal_face
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.forward import Loads, forward, skin_of
+from suas_jax.scene.forward import forward
 from suas_jax.scene.gradient import gradient
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Dielectric
 from suas_jax.sensing.capacitances.bare_disc import BareDisc, disc_capacitance

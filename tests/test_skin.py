@@ -16,15 +16,9 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.error_estimate import bounded
-from suas_jax.scene.forward import (
-    Loads,
-    SensorOutput,
-    forward,
-    load_jacobian,
-    loads_of,
-    skin_of,
-)
-from suas_jax.scene.pad_forward import pad_forward, pad_skin_of
+from suas_jax.scene.forward import SensorOutput, forward, load_jacobian
+from suas_jax.scene.loads import Loads, loads_of
+from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 
 PAD = Path(__file__).parent.parent / "configs" / "skins" / "suas-pad.toml"
@@ -179,10 +173,9 @@ def test_what_numbers_call_is_kept_between_runs(monkeypatch: pytest.MonkeyPatch)
     """A program is kept where its name says what it is."""
     called: list[Callable] = []
     monkeypatch.setattr(COMPILED, "run", lambda function, *_: called.append(function))
-    forward(None, loads())
-    load_jacobian(None, loads())
-    pad_forward(None, None, None)
-    assert len({content_key(function) for function in called}) == 3
+    forward(skin_of(a_scene()), loads())
+    load_jacobian(skin_of(a_scene()), loads())
+    assert len({content_key(function) for function in called}) == 2
 
 
 @pytest.mark.long  # a fine mesh; a solve in test_sensing
@@ -243,7 +236,7 @@ def test_a_skin_without_electrodes_is_refused() -> None:
     with pytest.raises(ValueError, match=r"electrodes\.strays.*electrodes\.stray\b"):
         skin_of(a_scene(), {"electrodes.strays": 1.0})
     with pytest.raises(ValueError, match=r"electrodes\.strays"):
-        pad_skin_of(load_skin(PAD), {"electrodes.strays": 1.0})
+        skin_of(load_skin(PAD), {"electrodes.strays": 1.0})
 
 
 def test_many_lanes_are_those_of_few(pad: object) -> None:
