@@ -19,7 +19,7 @@ from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
 from suas_jax.simulation.capacitances import capacitances
 from suas_jax.simulation.load_path import LoadPath, load_path
-from suas_jax.simulation.true_loads import NotKnownInputsError, true_loads
+from suas_jax.simulation.simulated_log import NotKnownInputsError, true_loads
 
 SCENE = """
 [geometry]

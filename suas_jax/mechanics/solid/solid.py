@@ -33,9 +33,8 @@ from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.solid.contact import ContactFace
 from suas_jax.mechanics.solid.element import TABLES, mixed
-from suas_jax.mechanics.solid.enclosed_volume import enclosed_volume, follower
+from suas_jax.mechanics.solid.face_forces import enclosed_volume, follower, load_vector
 from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
-from suas_jax.mechanics.solid.loads import load_vector
 from suas_jax.mechanics.solid.points import (
     Grid,
     Kinematics,
