@@ -1,8 +1,8 @@
 """What acts on the solid's faces: the oil's pressure on the inner one, dead loads on the outer.
 
 The inner face is a chain of quadratic edges, so the area under it is a quadratic form of its
-nodes' positions. Its first derivative is the load of a unit of pressure, the second one how that
-load follows the face.
+nodes' positions. Its first derivative is the load of a unit of pressure, the second one how
+that load follows the face.
 """
 
 import jax.numpy as jnp
