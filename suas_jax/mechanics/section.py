@@ -5,22 +5,24 @@ differentiated.
 """
 
 import abc
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
 from suas_jax.constitutive.stability import drucker_modulus
-from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
+from suas_jax.mechanics.base import AbstractMechanics, BodyContact, Displacements, Profile
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
 from suas_jax.skin.prestress import Growth
+from suas_jax.skin.wall import Wall
 
 _CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
 SAMPLES = 8  # intervals per element in which extremes are sought
@@ -150,16 +152,28 @@ class SectionShape(AbstractShape):
         return jnp.all(law.has_energy(held), 0)
 
 
+class _ContactFace(Protocol):
+    """A face at its contact points."""
+
+    def energy(self) -> Lanes: ...
+
+    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact: ...
+
+    def grip(self) -> Grip | None: ...
+
+
 class AbstractPlaneStrain(AbstractMechanics):
     """A membrane in plane strain; sums are per unit of width.
 
     Attributes:
         resolves_loads: whether stretches of the outer face diverge under line loads on finer
             meshes.
+        angles: of the stations from the symmetry axis [rad].
     """
 
     per_width: ClassVar[bool] = True
     resolves_loads: ClassVar[bool] = False
+    angles: eqx.AbstractVar[Float[Array, "station #lane"]]
 
     @property
     @abc.abstractmethod
@@ -186,6 +200,42 @@ class AbstractPlaneStrain(AbstractMechanics):
         Returns:
             Displacements [2, 1, 1, lane].
         """
+
+    @abc.abstractmethod
+    def _gathered(self, q: StationVector) -> Array:
+        """Displacements element by element."""
+
+    @abc.abstractmethod
+    def _inner_face(self, u: Array, wall: Wall) -> _ContactFace:
+        """The inner face at its contact points."""
+
+    @abc.abstractmethod
+    def _outer_face(self, u: Array, body: PlacedBody) -> _ContactFace:
+        """The outer face likewise."""
+
+    @property
+    def mid_extent(self) -> Lanes:
+        """Length of the mid-line [m]."""
+        return self.section.size * (self.angles[-1] - self.angles[0])
+
+    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
+        """Energy of contact per width [J/m]; see the base class."""
+        u, energy = self._gathered(q), jnp.zeros_like(self.section.mean_thickness)
+        if self.wall is not None:
+            energy = self._inner_face(u, self.wall).energy()
+        for body in self.bodies:
+            energy = energy + self._outer_face(u, body.placed(factor)).energy()
+        return energy
+
+    def touched(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> BodyContact:
+        """The outer face against a body; see the base class."""
+        return self._outer_face(self._gathered(q), body).touched(body, shift)
+
+    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
+        """See the base class."""
+        return self._outer_face(self._gathered(q), body).grip()
 
     def shape(self, q: StationVector) -> SectionShape:
         """The deformed section, sampled; see the base class."""
