@@ -115,8 +115,13 @@ def _meshed(skin: Skin, loads: Loads) -> Skin:
 @eqx.filter_jit
 def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
     if skin.is_pad:
-        return by_lane((skin, loads, start), _without_lane)
+        return by_lane(_with_lanes((skin, loads, start)), _without_lane)
     return _section(skin, loads, start)
+
+
+def _with_lanes(case: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Every array with lanes, which come last."""
+    return jax.tree.map(lambda x: jnp.atleast_1d(x) if eqx.is_array(x) else x, case)
 
 
 def _without_lane(case: tuple[Skin, Loads, State | None]) -> SensorOutput:
@@ -135,8 +140,7 @@ def _solve(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
 @eqx.filter_custom_jvp
 def _section(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
     """All of it chunk by chunk: what is read of many lanes at once leaves the cache."""
-    arrays, static = eqx.partition((skin, loads, start), eqx.is_array)
-    arrays = jax.tree.map(jnp.atleast_1d, arrays)  # lanes come last
+    arrays, static = eqx.partition(_with_lanes((skin, loads, start)), eqx.is_array)
 
     def one(arrays: Any) -> SensorOutput:
         return _solve(*eqx.combine(arrays, static))
