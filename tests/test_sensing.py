@@ -6,7 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import CASE_B, EPDM, converged, half_cylinder, line, problem_of, quick, scene
+from skins import (
+    CASE_B,
+    EPDM,
+    GEOMETRY,
+    converged,
+    half_cylinder,
+    line,
+    problem_of,
+    quick,
+    scene,
+)
 
 from suas_jax.config import (
     ConfigError,
@@ -57,13 +67,7 @@ def electrodes(**more: object) -> dict[str, object]:
 def sensing(*loads: dict, table: dict | None = None, **oil: object) -> SceneSpec:
     return scene_from_dict(
         {
-            "geometry": {
-                "inner_radius": "57.5 mm",
-                "thickness": "1.5 mm",
-                "half_angle": "90 deg",
-                "width": "123 mm",
-                "oil_gap": "5 mm",
-            },
+            "geometry": GEOMETRY,
             "material": EPDM,
             "oil": {"model": "incompressible", "relative_permittivity": 2.2} | oil,
             "electrodes": table or electrodes(),

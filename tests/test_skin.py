@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, quick
+from skins import EPDM, GEOMETRY, quick
 
 from suas_jax.config import continuous_inputs, load_skin, scene_from_dict
 from suas_jax.equilibrium.balance import State
@@ -22,13 +22,6 @@ from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 
 PAD = Path(__file__).parent.parent / "configs" / "skins" / "suas-pad.toml"
-GEOMETRY = {
-    "inner_radius": "57.5 mm",
-    "thickness": "1.5 mm",
-    "half_angle": "90 deg",
-    "width": "123 mm",
-    "oil_gap": "5 mm",
-}
 LIST = {
     "stray": "3 fF",
     "lsb": "0.305 fF",
