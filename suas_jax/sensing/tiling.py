@@ -1,15 +1,70 @@
-"""Tile the wall with triangular modules, as the paper's pad carries up to 32 of them."""
+"""ROBOSKIN triangles in rows on the wall, pointing up and down in turn.
+
+A row of n triangles of edge a is (n + 1) a / 2 long and sqrt(3) a / 2 wide. Rows follow one
+another along the axis, the triangles of a row along the arc, half an edge apart, all about the
+crown and mid-width. The paper's pad carries up to 32 of them.
+"""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from suas_jax.config import GeometrySpec, ModuleSpec
 from suas_jax.config.quantities import format_quantity
 
 PAPER_EDGE = 24e-3
 """Edge of the paper's triangle [m]."""
+PITCH_PER_EDGE = 6.533 / 30.0
+"""Distance between neighbouring taxels over the edge of their triangle: an iCub's."""
 
-_MEASURED_EDGE, _MEASURED_PITCH = 30e-3, 6.533e-3  # of an iCub's triangle
+
+class Triangle(NamedTuple):
+    """Where a module lies.
+
+    Attributes:
+        angle: of its centroid, from the symmetry axis [rad].
+        axial: of its centroid, from mid-width [m].
+        rotation: about its centroid [rad].
+    """
+
+    angle: float
+    axial: float
+    rotation: float
+
+
+class PadLayout(NamedTuple):
+    """Triangles of one size.
+
+    Attributes:
+        edge: of the triangles [m].
+        pitch: between neighbouring taxels [m].
+        triangles: row by row along the axis, each towards +angle.
+    """
+
+    edge: float
+    pitch: float
+    triangles: tuple[Triangle, ...]
+
+
+def pad_layout(
+    rows: int, columns: int, *, wall_radius: float, half_angle: float, width: float
+) -> PadLayout:
+    """Rows of triangles, as large as the pad's wall allows.
+
+    Args:
+        rows: along the axis.
+        columns: triangles of a row, along the arc.
+        wall_radius: of the wall that carries them [m].
+        half_angle: from the symmetry axis to an edge of the wall [rad].
+        width: of the pad, along the axis [m].
+
+    Raises:
+        ValueError: no rows or columns.
+    """
+    if rows < 1 or columns < 1:
+        raise ValueError(f"{rows}x{columns}: at least one row and one column are needed")
+    arc = 2 * half_angle * wall_radius
+    edge = min(2 * arc / (columns + 1), 2 * width / (math.sqrt(3) * rows))
+    return PadLayout(edge, PITCH_PER_EDGE * edge, _triangles(rows, columns, edge, wall_radius))
 
 
 def tiled_modules(
@@ -21,11 +76,10 @@ def tiled_modules(
     pitch: float | None = None,
     **module: Any,
 ) -> tuple[ModuleSpec, ...]:
-    """Cover the wall with rows of triangles that point up and down in turn.
+    """Cover the wall with triangles of a given size.
 
-    Rows follow one another along the axis, the triangles of a row along the arc, half an
-    edge apart; the tiling is centred on the crown and on mid-width. By default four rows of
-    eight: the 32 triangles (320 taxels) of a half-cylinder, a row a bus.
+    By default four rows of eight: the 32 triangles (320 taxels) of a half-cylinder, a row a
+    bus.
 
     Args:
         geometry: of the skin.
@@ -43,27 +97,26 @@ def tiled_modules(
     Raises:
         ValueError: the tiling is larger than the wall; the message says by how much.
     """
-    if pitch is None:
-        pitch = _MEASURED_PITCH * edge / _MEASURED_EDGE
-    circle, height = geometry.circle("`tiled_modules`"), edge * math.sqrt(3) / 2
+    circle = geometry.circle("`tiled_modules`")
     wall = circle.inner_radius - circle.mean_gap
     _must_fit("arc", (columns + 1) * edge / 2, 2 * circle.half_angle * wall)
-    _must_fit("width", rows * height, geometry.width)
-    modules = []
+    _must_fit("width", rows * edge * math.sqrt(3) / 2, geometry.width)
+    module["pitch"] = PITCH_PER_EDGE * edge if pitch is None else pitch
+    places = _triangles(rows, columns, edge, wall)
+    return tuple(ModuleSpec(**place._asdict(), **module) for place in places)
+
+
+def _triangles(rows: int, columns: int, edge: float, wall: float) -> tuple[Triangle, ...]:
+    height = edge * math.sqrt(3) / 2
+    found = []
     for row in range(rows):
         for column in range(columns):
             down = (row + column) % 2 == 1
             # A triangle's centroid lies a third of its height above its base.
             middle = row + (2 / 3 if down else 1 / 3) - rows / 2
             angle = (column - (columns - 1) / 2) * edge / 2 / wall
-            rotation = math.pi if down else 0.0
-            pose: dict[str, Any] = {
-                "angle": angle,
-                "axial": middle * height,
-                "rotation": rotation,
-            }
-            modules.append(ModuleSpec(**pose, pitch=pitch, **module))
-    return tuple(modules)
+            found.append(Triangle(angle, middle * height, math.pi if down else 0.0))
+    return tuple(found)
 
 
 def _must_fit(what: str, needed: float, available: float) -> None:
