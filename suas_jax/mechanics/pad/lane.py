@@ -114,8 +114,13 @@ class PadLane(AbstractLane):
         place = jnp.broadcast_arrays(angle, axial)
         return faces(self.law, s, (place[0], place[1]), self._layers(s.rest))
 
-    def omitted_energy(self, q: Array) -> Array:
-        """See `omitted`; straight lines join the resultants at the points of an element."""
+    def omitted_energy(self, q: Array, factor: Array) -> Array:
+        """See `omitted`; straight lines join the resultants at the points of an element.
+
+        Args:
+            q: unknowns.
+            factor: on the loads.
+        """
         qe, g = self.net.gather(q), self.gauss
         found = forces_of(self.law, self.surface(qe), self.fibres)
         thickness = jnp.broadcast_to(self.rest.thickness, self.angle.shape)
@@ -135,7 +140,8 @@ class PadLane(AbstractLane):
         points = self.points
         under = self._at(qe, points.angle, points.axial)
         below = forces_of(self.law, under, self._layers(under.rest))
-        inward = -jnp.sum(points.force * jnp.stack(jnp.broadcast_arrays(*under.n)), 0)
+        normal = jnp.stack(jnp.broadcast_arrays(*under.n))
+        inward = -factor * jnp.sum(points.force * normal, 0)
         return energy + thinning_work(below, inward, under.rest.thickness, self.modulus)
 
     def _at(self, qe: ElementVector, angle: Array, axial: Array) -> Surface:

@@ -219,7 +219,7 @@ class Pad(AbstractMechanics):
 
     def stored_energy(self, q: StationVector) -> Lanes:
         """Strain energy, less that of shear: q has the displacement by shear in it [J]."""
-        return self.strain_energy(q) - self.omitted_energy(q)
+        return self.strain_energy(q) - self.omitted_energy(q, jnp.ones(1))
 
     @classmethod
     def build(
@@ -379,21 +379,25 @@ class Pad(AbstractMechanics):
 
         return by_lane(self, moved, q)
 
-    def omitted_energy(self, q: StationVector) -> Lanes:
-        """Energy of transverse shear; see `omitted` [J]."""
+    def omitted_energy(self, q: StationVector, factor: Lanes) -> Lanes:
+        """Energy of transverse shear and of loads where the membrane thins; see `omitted` [J].
 
-        def energy(pad: "Pad", q: Array) -> Array:
+        Args:
+            q: unknowns.
+            factor: on the loads.
+        """
+
+        def energy(pad: "Pad", q: Array, factor: Array) -> Array:
             lane = pad.one_lane()
             assert isinstance(lane, PadLane)
-            return lane.omitted_energy(q)
+            return lane.omitted_energy(q, factor)
 
-        return by_lane(self, energy, q)
+        return by_lane(self, energy, q, factor)
 
     def omitted_gradient(self, q: StationVector, factor: Lanes) -> StationVector | None:
         """Derivative of the omitted energy by the unknowns that are free; see the base."""
-        del factor
         free = self.topology.free[..., None]
-        return jax.grad(lambda q: jnp.sum(self.omitted_energy(q)))(q) * free
+        return jax.grad(lambda q: jnp.sum(self.omitted_energy(q, factor)))(q) * free
 
     @property
     def omitted_at_wall(self) -> float:
