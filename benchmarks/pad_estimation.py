@@ -65,18 +65,20 @@ def pairs(count: int, seed: int, radius: float) -> np.ndarray:
 def solved(loads: np.ndarray) -> Truth:
     skin = skin_of(load_skin(SKIN), elements=FINE, contact=False)
     found = [readings_off_the_wall(skin, frame) for frame in loads]
-    kept = [k for k, so in enumerate(found) if so is not None]
-    return Truth(loads[kept], np.array([so for so in found if so is not None]))
+    kept = [k for k, read in enumerate(found) if read is not None]
+    return Truth(loads[kept], np.array([read[0] for read in found if read is not None]))
 
 
-def readings_off_the_wall(skin: Skin, contacts: np.ndarray) -> np.ndarray | None:
-    """What a pad reads under contacts [contact, (angle, axial, force)].
+def readings_off_the_wall(skin: Skin, contacts: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Counts [taxel] and oil pressure under contacts [contact, (angle, axial, force)].
 
     None where no state was found, or one that touches the wall.
     """
     found = forward(skin, Loads.patch(*contacts.T[..., None], DIAMETER))
     touching = int(found.result[0]) or float(found.min_gap[0]) <= 0
-    return None if touching else np.asarray(found.so)[:, 0]
+    if touching:
+        return None
+    return np.asarray(found.so)[:, 0], float(found.oil_pressure[0])
 
 
 def measured(so: np.ndarray, seed: int) -> np.ndarray:

@@ -48,7 +48,7 @@ def true_frames(
     for load in loads:
         found = readings_off_the_wall(skin, load[None])
         if found is not None:
-            rows.append((load, np.asarray(found.so), float(found.pressure)))
+            rows.append((load, *found))
     kept, so, pressure = map(np.array, zip(*rows, strict=True))
     return kept, so, pressure, rest_readings(skin)
 

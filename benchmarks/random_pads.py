@@ -110,7 +110,7 @@ def study(spec: SkinSpec, random: np.random.Generator) -> None:
         pair = frame if len(frame) > 1 else np.concatenate([frame, frame * [1, 1, 0]])
         read = readings_off_the_wall(skin, pair)
         if read is not None:
-            solved.append((frame, read.so))
+            solved.append((frame, read[0]))
     found = estimator.estimate(measured(np.array([so for _, so in solved]), 1))
     statuses, other, pulls = Counter(e.status for e in found), Counter(), []
     for (truth, _), estimate in zip(solved, found, strict=True):
