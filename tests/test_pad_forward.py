@@ -96,8 +96,8 @@ def test_a_lane_is_the_solved_scene(run: Callable, numbers: Numbers) -> None:
     report = solve(scene_from_dict(scene(POKES[1]))).report
     assert float(output.oil_pressure[1]) == pytest.approx(report["oil_pressure_Pa"], rel=1e-6)
     so = [taxel["so"] for taxel in report["taxels"]]
-    # The lanes share the points of the larger disc: more than the scene's own disc has.
-    np.testing.assert_allclose(output.so[:, 1], so, rtol=5e-6)
+    # The scene's own disc has other points, beneath which the membrane thins.
+    np.testing.assert_allclose(output.so[:, 1], so, rtol=1e-5)
 
 
 def test_derivatives_are_the_differences(run: Callable, numbers: Numbers) -> None:
