@@ -25,7 +25,9 @@ from fitting.inverse_load.estimate.estimate import LoadEstimate
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure, jit
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.scene.forward import SPREAD_POINTS, Loads, SensorOutput, forward, skin_of
+from suas_jax.scene.forward import SensorOutput, forward
+from suas_jax.scene.loads import SPREAD_POINTS, Loads
+from suas_jax.scene.skin import skin_of
 
 REGION = 0.999
 _BASELINE_FRAMES = 100

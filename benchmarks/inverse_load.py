@@ -34,7 +34,8 @@ from suas_jax.config import (
     with_inputs,
 )
 from suas_jax.config.input_errors import default_errors
-from suas_jax.scene.forward import Loads, load_jacobian
+from suas_jax.scene.forward import load_jacobian
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.solve import solve
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas.toml"

@@ -25,7 +25,8 @@ from scipy.optimize import least_squares
 from benchmarks.inverse_load import SKIN, measured, skin_of_40
 from fitting.inverse_load.estimator import LoadEstimator
 from suas_jax import configure, jit
-from suas_jax.scene.forward import Loads, forward
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
 
 FRAMES = 10_000
 _RATE = 100.0

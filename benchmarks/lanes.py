@@ -18,7 +18,9 @@ from jaxtyping import Array
 
 from benchmarks.pages import write_section
 from suas_jax import configure, jit, load_skin
-from suas_jax.scene.forward import Loads, SensorOutput, forward, skin_of
+from suas_jax.scene.forward import SensorOutput, forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import skin_of
 
 SKIN = Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"
 LANES, MANY, ROUNDS = 64, 10_000, 5

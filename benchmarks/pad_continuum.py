@@ -31,7 +31,7 @@ from suas_jax import configure
 from suas_jax.config import load_scene, load_skin, with_solve
 from suas_jax.files.writing import write_text
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 
 ROOT = Path(__file__).parent.parent
@@ -143,7 +143,7 @@ def face_of(pad: FelupePad) -> InterpolatedFace:
 
 def write_readings() -> None:
     """Solve all pokes; a line each in the file."""
-    electrodes = pad_skin_of(load_skin(CONFIGS / "skins" / "suas-pad.toml")).electrodes
+    electrodes = skin_of(load_skin(CONFIGS / "skins" / "suas-pad.toml")).electrodes
     lines = []
     for angle, axial in PLACES:
         at = {"angle": math.radians(angle), "axial": 1e-3 * axial}

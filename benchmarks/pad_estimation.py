@@ -15,8 +15,6 @@ from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -24,14 +22,8 @@ from benchmarks.inverse_load import with_tolerances
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_skin
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import (
-    PadReadings,
-    PadSkin,
-    Patches,
-    pad_skin_of,
-    readings,
-)
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin, skin_of
 
 SKIN = Path(__file__).parent.parent / "configs/skins/suas-pad.toml"
 NOISE = 2.0
@@ -43,7 +35,6 @@ _OF_PAIRS = (2.0, 7.0)
 _DISTANCES = (0.015, 0.05)
 _LIGHT = np.array([0.3, 0.5, 1.0, 3.0])  # ends of ranges of light contacts' forces
 _FAR = 10e-3
-SOLVE = eqx.filter_jit(readings)
 NAMES = ("angle", "axial", "force")
 
 
@@ -72,21 +63,22 @@ def pairs(count: int, seed: int, radius: float) -> np.ndarray:
 
 
 def solved(loads: np.ndarray) -> Truth:
-    skin = pad_skin_of(load_skin(SKIN), elements=FINE, contact=False)
+    skin = skin_of(load_skin(SKIN), elements=FINE, contact=False)
     found = [readings_off_the_wall(skin, frame) for frame in loads]
-    kept = [k for k, frame in enumerate(found) if frame is not None]
-    return Truth(loads[kept], np.array([frame.so for frame in found if frame is not None]))
+    kept = [k for k, read in enumerate(found) if read is not None]
+    return Truth(loads[kept], np.array([read[0] for read in found if read is not None]))
 
 
-def readings_off_the_wall(skin: PadSkin, contacts: np.ndarray) -> PadReadings | None:
-    """What a pad reads under contacts [contact, (angle, axial, force)].
+def readings_off_the_wall(skin: Skin, contacts: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """Counts [taxel] and oil pressure under contacts [contact, (angle, axial, force)].
 
     None where no state was found, or one that touches the wall.
     """
-    numbers = (jnp.asarray(x) for x in contacts.T)
-    patches = Patches(*numbers, jnp.full(len(contacts), DIAMETER))
-    found: PadReadings = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
-    return found if bool(found.found) and float(found.min_gap) > 0 else None
+    found = forward(skin, Loads.patch(*contacts.T[..., None], DIAMETER))
+    touching = int(found.result[0]) or float(found.min_gap[0]) <= 0
+    if touching:
+        return None
+    return np.asarray(found.so)[:, 0], float(found.oil_pressure[0])
 
 
 def measured(so: np.ndarray, seed: int) -> np.ndarray:
@@ -159,13 +151,12 @@ def light_contacts(estimator: LoadEstimator, count: int = 400) -> None:
 
 def by_scipy(estimator: LoadEstimator, so: np.ndarray, start: np.ndarray) -> float:
     """Seconds for a frame by SciPy with finite differences of the solved model."""
-    skin = pad_skin_of(load_skin(SKIN), contact=False)
+    skin = skin_of(load_skin(SKIN), contact=False)
     scale = np.array([0.1, 5e-3, 1.0])
 
     def residual(x: np.ndarray) -> np.ndarray:
-        patches = Patches(*(jnp.array([v]) for v in (*(scale * x), DIAMETER)))
-        found = COMPILED.run(SOLVE, skin, patches, skin.plan(patches))
-        return (np.asarray(found.so) - so) / NOISE
+        found = forward(skin, Loads.patch(*(scale * x), DIAMETER))
+        return (np.asarray(found.so)[:, 0] - so) / NOISE
 
     residual(start / scale)  # compiles
     begin = time.perf_counter()

@@ -31,7 +31,7 @@ from fitting.inverse_load.estimator import LoadEstimator
 from fitting.inverse_load.pad.rest import rest_readings
 from suas_jax import configure
 from suas_jax.config import SkinSpec, continuous_inputs, load_skin
-from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.scene.skin import skin_of
 
 _BASELINE_FRAMES = 100
 _PRESSURE_NOISE = 20.0  # [Pa], where the oil's pressure is measured
@@ -43,12 +43,12 @@ def true_frames(
     """Loads that have a state off the wall, their readings and pressures, readings at rest."""
     own = continuous_inputs(spec)
     inputs = {path: own[path] * (1 + by) for path, by in changes.items()}
-    skin = pad_skin_of(spec, inputs, elements=FINE, contact=False)
+    skin = skin_of(spec, inputs, elements=FINE, contact=False)
     rows = []
     for load in loads:
         found = readings_off_the_wall(skin, load[None])
         if found is not None:
-            rows.append((load, np.asarray(found.so), float(found.pressure)))
+            rows.append((load, *found))
     kept, so, pressure = map(np.array, zip(*rows, strict=True))
     return kept, so, pressure, rest_readings(skin)
 

@@ -20,7 +20,7 @@ from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import SkinSpec, load_skin
 from suas_jax.config.sections.circle import CircleSpec
-from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.scene.skin import skin_of
 
 FINE = (36, 30)
 SINGLES, PAIRS, APART = 40, 20, 18e-3
@@ -106,14 +106,14 @@ def study(spec: SkinSpec, random: np.random.Generator) -> None:
     assert isinstance(g, CircleSpec)
     touch = float(estimator.table.first_contact_at(np.zeros(1), np.zeros(1))[0])
     contacts = random_contacts(random, spec, touch)
-    skin = pad_skin_of(spec, elements=FINE, contact=False)
+    skin = skin_of(spec, elements=FINE, contact=False)
     solved = []
     for frame in contacts:
         # One program for all: a second contact without a force changes nothing.
         pair = frame if len(frame) > 1 else np.concatenate([frame, frame * [1, 1, 0]])
         read = readings_off_the_wall(skin, pair)
         if read is not None:
-            solved.append((frame, read.so))
+            solved.append((frame, read[0]))
     found = estimator.estimate(measured(np.array([so for _, so in solved]), 1))
     statuses, other, pulls = Counter(e.status for e in found), Counter(), []
     for (truth, _), estimate in zip(solved, found, strict=True):

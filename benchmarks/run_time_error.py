@@ -26,7 +26,6 @@ from rich.progress import Progress
 
 from benchmarks.pages import DOCS, write_section
 from benchmarks.run_time_report import Row, draw, equal_error, table_of
-from benchmarks.skipping import skipping_table
 from suas_jax import configure
 from suas_jax.config import SceneSpec, continuous_inputs, scene_from_dict
 from suas_jax.equilibrium.correction import corrected
@@ -204,13 +203,10 @@ def main() -> None:
         rows += group
         console.print("\n".join(table_of(group)), markup=False)
     console.print("\n".join(equal_error(rows)), markup=False)
-    skipped = skipping_table()
-    console.print("\n".join(skipped), markup=False)
     if not arguments.quick:
         draw(rows, DOCS / "run_time_error.png")
         write_section("benchmarks.md", "table", table_of(rows))
         write_section("benchmarks.md", "equal error", equal_error(rows))
-        write_section("benchmarks.md", "skipping", skipped)
 
 
 if __name__ == "__main__":

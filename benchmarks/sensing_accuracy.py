@@ -22,8 +22,10 @@ import numpy as np
 from suas_jax import configure, jit
 from suas_jax.config import ElectrodesSpec, SceneSpec, continuous_inputs, load_scene, with_solve
 from suas_jax.equilibrium.equilibrium import equilibrium
-from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
+from suas_jax.scene.forward import forward, load_jacobian
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from suas_jax.sensing.capacitances.concentric import Concentric

@@ -14,9 +14,8 @@ import pytest
 
 from suas_jax.files.cache_folder import CacheFolder
 from suas_jax.runtime import compiled, settings
-from suas_jax.runtime.compiled import COMPILED, OPTIONS
+from suas_jax.runtime.compiled import COMPILED, OPTIONS, give_back_freed_memory
 from suas_jax.runtime.machine_code import keep_machine_code
-from suas_jax.runtime.memory import give_back_freed_memory
 
 # The options of compiled programs for every other one, too. Read when the first is compiled.
 QUICK = {

@@ -24,6 +24,14 @@ from suas_jax.skin.geometry import SkinGeometry
 CASE_B = Path(__file__).parent.parent / "configs" / "scenes" / "case_b.toml"
 """The scene that tests solve whole where any will do: its programs are compiled once."""
 WIDTH = 0.123
+GEOMETRY: dict[str, Any] = {
+    "inner_radius": "57.5 mm",
+    "thickness": "1.5 mm",
+    "half_angle": "90 deg",
+    "width": "123 mm",
+    "oil_gap": "5 mm",
+}
+"""The [geometry] of the paper's skin."""
 EPDM = {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"}
 LAWS: dict[str, dict[str, Any]] = {
     "mooney-rivlin": EPDM,

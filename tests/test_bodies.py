@@ -33,7 +33,7 @@ from suas_jax.mesh.section import measures
 from suas_jax.scene.assessment import error_by_squeezing
 from suas_jax.scene.build import plan_for
 from suas_jax.scene.contact_zone import body_observables
-from suas_jax.scene.forward import loads_of
+from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts, skin_parts
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.sweep import SweepError, sweep

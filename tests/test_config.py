@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
+from skins import GEOMETRY
 
 from suas_jax.config import (
     CompressibleOilSpec,
@@ -176,13 +177,7 @@ def test_preset_file_is_its_material_table(name):
 
 
 SCENE = {
-    "geometry": {
-        "inner_radius": "57.5 mm",
-        "thickness": "1.5 mm",
-        "half_angle": "90 deg",
-        "width": "123 mm",
-        "oil_gap": "5 mm",
-    },
+    "geometry": GEOMETRY,
     "material": {
         "law": "ogden",
         "convention": "mu/alpha",

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jaxtyping import Array
-from skins import WIDTH, find, line, problem_of, quick, scene
+from skins import GEOMETRY, WIDTH, find, line, problem_of, quick, scene
 
 from suas_jax.config import (
     ConfigError,
@@ -32,8 +32,10 @@ from suas_jax.equilibrium.equilibrium_path import path
 from suas_jax.mechanics.base import ContactState
 from suas_jax.mechanics.contact.term import contact_pressure
 from suas_jax.scene.contact_zone import contact_zone
-from suas_jax.scene.forward import Loads, Skin, forward, skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.wall import RigidLimit, SoftLayer, Wall
 
@@ -388,13 +390,7 @@ def test_lanes_meet_the_wall_each_for_itself() -> None:
 )
 def test_a_wrong_wall_is_named(wall: dict[str, Any], key: str) -> None:
     table = {
-        "geometry": {
-            "inner_radius": "57.5 mm",
-            "thickness": "1.5 mm",
-            "half_angle": "90 deg",
-            "width": "123 mm",
-            "oil_gap": "5 mm",
-        },
+        "geometry": GEOMETRY,
         "material": {"law": "neo-hookean", "mu": "3 MPa"},
         "oil": {"model": "incompressible"},
         "wall": wall,

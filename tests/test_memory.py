@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from suas_jax.runtime.memory import give_back_freed_memory
+from suas_jax.runtime.compiled import give_back_freed_memory
 
 PAGE = 4096
 

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from fitting.cli.app import app
 from suas_jax.config import load_scene, load_skin
 from suas_jax.scene.build import plan_for
-from suas_jax.sensing.pad_layout import pad_layout
 from suas_jax.sensing.taxels import taxel_places
+from suas_jax.sensing.tiling import pad_layout
 
 
 def suas(*arguments: object) -> tuple[int, str]:

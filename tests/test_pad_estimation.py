@@ -1,7 +1,6 @@
 """Contacts on a pad from readings: table and spline, bounds, pairs, faults, oil pressure."""
 
 import dataclasses
-import functools
 import json
 import pickle
 from collections.abc import Callable, Iterator
@@ -10,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
@@ -25,7 +23,7 @@ from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.frame_posterior import frame_posterior, likely_modes
 from fitting.inverse_load.live.filter import LoadFilter
 from fitting.inverse_load.pad import parts as pad_parts
-from fitting.inverse_load.pad.columns import LEVELS, READ, Column, Columns, largest_forces
+from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.interpolant import PadInterpolant
@@ -44,7 +42,10 @@ from suas_jax.config import SkinSpec, continuous_inputs, load_skin
 from suas_jax.config.input_errors import STIFFNESS
 from suas_jax.runtime import compiled
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.pad_levels import PadReadings
+from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.simulation.load_path import load_path
 from suas_jax.simulation.pad_frames import pad_capacitances
 from tests.chains import assert_chain_agrees_with_the_mode
@@ -101,24 +102,24 @@ def patch() -> Iterator[pytest.MonkeyPatch]:
 
 
 @pytest.fixture(scope="module")
-def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> PadSkin:
+def skin(spec: SkinSpec, patch: pytest.MonkeyPatch) -> Skin:
     # What follows runs a few times: compiled quickly.
     quick = {**compiled.OPTIONS, "xla_backend_optimization_level": 0}
     patch.setattr(compiled, "OPTIONS", quick)
-    return pad_skin_of(spec, elements=ELEMENTS, contact=False)
+    return skin_of(spec, elements=ELEMENTS, contact=False)
 
 
 @pytest.fixture(scope="module")
-def table(skin: PadSkin) -> PadTable:
+def table(skin: Skin) -> PadTable:
     return build_pad_table(skin, DIAMETER, PadResolution(ELEMENTS, 14e-3, (3, 3)))
 
 
 @pytest.fixture(scope="module")
 def estimator(
-    spec: SkinSpec, skin: PadSkin, table: PadTable, patch: pytest.MonkeyPatch
+    spec: SkinSpec, skin: Skin, table: PadTable, patch: pytest.MonkeyPatch
 ) -> LoadEstimator:
     patch.setattr(pad_parts, "_table", lambda *_: table)
-    patch.setattr(pad_parts, "pad_skin_of", lambda *_, **__: skin)
+    patch.setattr(pad_parts, "skin_of", lambda *_, **__: skin)
     return LoadEstimator(spec, diameter=DIAMETER, most_contacts=1, pressure_noise=20.0)
 
 
@@ -126,7 +127,7 @@ Solve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @pytest.fixture(scope="module")
-def solved(skin: PadSkin, table: PadTable) -> Solve:
+def solved(skin: Skin, table: PadTable) -> Solve:
     """Readings and pressures under contacts [contact, (angle, axial, force)], solved each."""
     images, where = mirror_images(skin)
     columns = Columns(images, DIAMETER, lambda *_: None, MANY)
@@ -221,7 +222,7 @@ class _Pickling(ThreadPoolExecutor):
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 @pytest.mark.parametrize("executor", [_Pickling, LocalWorkers])
 def test_workers_solve_what_this_process_does(
-    skin: PadSkin,
+    skin: Skin,
     solved: Solve,
     contacts: np.ndarray,
     executor: Callable[[int], Executor],
@@ -294,7 +295,7 @@ def test_a_contact_lighter_than_those_tabulated_is_found_where_it_is(
 class _EndingPaths:
     """Gaps that close at a force of one newton, on paths that end early if steps are long."""
 
-    def __init__(self, skin: PadSkin) -> None:
+    def __init__(self, skin: Skin) -> None:
         self.skin = skin
 
     def solve(self, places: np.ndarray, force: np.ndarray, levels: np.ndarray) -> Column:
@@ -304,7 +305,7 @@ class _EndingPaths:
         return Column(np.zeros((*x.shape, 1)), np.zeros(x.shape), gap, found)
 
 
-def test_a_path_that_ends_early_is_tried_with_shorter_steps(skin: PadSkin) -> None:
+def test_a_path_that_ends_early_is_tried_with_shorter_steps(skin: Skin) -> None:
     probes = np.linspace(0, 1, 3), np.linspace(0, 1, 2)
     cap, touch = largest_forces(_EndingPaths(skin), probes)  # type: ignore[arg-type]
     # 5 % of the gap are left at 0.95 / 1.05 N, where the path's levels are coarse.
@@ -314,7 +315,7 @@ def test_a_path_that_ends_early_is_tried_with_shorter_steps(skin: PadSkin) -> No
 
 @pytest.mark.long  # 15 s to compile; random pads are a study of their own
 def test_a_state_that_a_path_does_not_find_is_solved_from_rest(
-    skin: PadSkin, monkeypatch: pytest.MonkeyPatch
+    skin: Skin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     columns = Columns(skin, DIAMETER, lambda *_: None, MANY)
     place, force, levels = np.array([[0.2, 0.01]]), np.array([8.0]), LEVELS[LEVELS != 0]
@@ -323,7 +324,7 @@ def test_a_state_that_a_path_does_not_find_is_solved_from_rest(
 
     def losing_one(function: Any, *arguments: Any, **settings: Any) -> Any:
         found = run(function, *arguments, **settings)
-        if function is READ:
+        if not isinstance(found, PadReadings):
             return found
         return found._replace(found=found.found.at[3].set(False), so=found.so.at[3].set(0.0))
 
@@ -393,7 +394,7 @@ def test_drift_of_a_pad_is_taken_off_before_contacts_are_sought(
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_the_range_of_a_pad_is_the_bound_of_its_readings(
-    estimator: LoadEstimator, skin: PadSkin, table: PadTable
+    estimator: LoadEstimator, skin: Skin, table: PadTable
 ) -> None:
     fitter = estimator.selection.fitter
     assert isinstance(fitter, PadFitter)
@@ -447,16 +448,14 @@ def test_posterior_agrees_with_the_covariance(
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
-def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: PadSkin) -> None:
+def test_two_contacts_are_told_apart(estimator: LoadEstimator, skin: Skin) -> None:
     true = np.array([(-0.35, -0.012, 6.0), (0.3, 0.015, 5.0)])
-    patches = Patches(*(jnp.asarray(x) for x in true.T), jnp.full(2, DIAMETER))
-    plan = skin.plan(patches)
-    found = COMPILED.run(READ, skin, patches, plan)  # the estimator's own program
-    assert bool(found.found)
+    found = forward(skin, Loads.patch(*true.T[..., None], DIAMETER))
+    assert not int(found.result[0])
     several = LoadEstimator(
         estimator.spec, diameter=DIAMETER, most_contacts=2, pressure_noise=20.0
     )
-    for estimate in several.estimate(noisy(np.asarray(found.so)[None], 3)):
+    for estimate in several.estimate(noisy(np.asarray(found.so).T, 3)):
         assert estimate.status == "ok"
         assert len(estimate.contacts) == 2
         for contact, place in zip(estimate.contacts, true, strict=True):
@@ -521,7 +520,7 @@ def test_a_wrong_skin_file_is_noticed(
     name: str,
     within: float,
 ) -> None:
-    true = pad_skin_of(
+    true = skin_of(
         spec, {path: 1.06 * continuous_inputs(spec)[path]}, elements=ELEMENTS, contact=False
     )
     columns = Columns(mirror_images(true)[0], DIAMETER, lambda *_: None, MANY)
@@ -690,7 +689,7 @@ def test_a_path_on_a_pad_is_what_single_solves_say(folder: Path, solved: Solve) 
 def test_known_pokes_calibrate_the_electrodes_of_a_pad(
     folder: Path, spec: SkinSpec, contacts: np.ndarray, solved: Solve, patch: pytest.MonkeyPatch
 ) -> None:
-    patch.setattr(pad_deformations, "PadSkin", functools.partial(PadSkin, elements=ELEMENTS))
+    patch.setattr(pad_deformations, "PAD_ELEMENTS", ELEMENTS)
     pokes = contacts[:4]
     so, _ = solved(pokes)
     stray, scale = 40.0, 1.07
@@ -711,9 +710,9 @@ def test_known_pokes_calibrate_the_electrodes_of_a_pad(
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_a_known_displacement_is_met(
-    skin: PadSkin, solved: Solve, patch: pytest.MonkeyPatch
+    skin: Skin, solved: Solve, patch: pytest.MonkeyPatch
 ) -> None:
-    patch.setattr(pad_deformations, "PadSkin", functools.partial(PadSkin, elements=ELEMENTS))
+    patch.setattr(pad_deformations, "PAD_ELEMENTS", ELEMENTS)
     one = np.ones((1, 1))
     unknown = np.nan * one
     place = (0.3 * one, 0 * one)

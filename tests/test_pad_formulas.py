@@ -27,7 +27,7 @@ from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.config.input_errors import value_of
-from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from tests.stand_ins import explanations
 
@@ -137,7 +137,7 @@ def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
     table: Any = SimpleNamespace(rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PadErrors, "_solved_stiffening", _stiffened)
-        skin = pad_skin_of(spec, contact=False)
+        skin = skin_of(spec, contact=False)
         return PadErrors(errors, skin, table, from_rest=from_rest, slots=1)
 
 
@@ -229,7 +229,7 @@ def test_a_dimension_stiffens_as_less_force_does(
 
     monkeypatch.setattr(pad_errors, "solved_channels", channels)
     own = object.__new__(PadErrors)
-    own._spec, own._skin, own._slots = spec, pad_skin_of(spec, contact=False), 1
+    own._spec, own._skin, own._slots = spec, skin_of(spec, contact=False), 1
     own._inputs, own._table = {}, linear_table()
     change = 1e-4, 3.0 * 1e-4 / 5e-3  # of the thickness [m], of the stiffness
     found = own._solved_stiffening("geometry.thickness", change[0])
@@ -672,7 +672,7 @@ def test_values_of_a_quarter_are_even_between_its_probes() -> None:
 
 
 def test_contacts_stay_on_the_pad(spec: SkinSpec) -> None:
-    angle, axial = edge_of(pad_skin_of(spec, contact=False), 12e-3)
+    angle, axial = edge_of(skin_of(spec, contact=False), 12e-3)
     margin = 6e-3 + 5e-3 / 4
     assert angle == pytest.approx(np.deg2rad(60) - margin / 60e-3, rel=1e-12)
     assert axial == pytest.approx(50e-3 - margin, rel=1e-12)
@@ -708,7 +708,7 @@ def test_quarters_are_mirrored_about_their_first_row_and_column() -> None:
 
 def test_mirror_images_of_taxels_are_told_apart_by_place_and_size(spec: SkinSpec) -> None:
     """Two taxels are each other's image; the third, on the middle plane, is its own."""
-    skin, image = mirror_images(pad_skin_of(spec, contact=False))
+    skin, image = mirror_images(skin_of(spec, contact=False))
     taxels = skin.electrodes.taxels
     place = np.stack([np.asarray(taxels.angle)[:, 0], np.asarray(taxels.axial)[:, 0]], 1)
     assert len(place) == 2 + 2 + 1 + 1

@@ -23,7 +23,7 @@ from suas_jax.scene.assessment import error_beyond_wall
 from suas_jax.scene.build import plan_for, problem_of
 from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.parts import scene_parts
-from tests.skins import program_text
+from tests.skins import GEOMETRY, program_text
 
 # Force [N], oil pressure [Pa], displacement of the inner face under the patch [m].
 REFERENCE = np.loadtxt(
@@ -37,14 +37,7 @@ def pad(*loads: dict[str, Any], ends: str = "clamped", **solve: Any) -> Any:
     patch = {"kind": "patch", "size": ["6 mm", "6 mm"], "force": "6 N"}
     return scene_from_dict(
         {
-            "geometry": {
-                "inner_radius": "57.5 mm",
-                "thickness": "1.5 mm",
-                "half_angle": "90 deg",
-                "width": "123 mm",
-                "oil_gap": "5 mm",
-                "ends": ends,
-            },
+            "geometry": {**GEOMETRY, "ends": ends},
             "material": {"preset": "epdm-paper"},
             "oil": {"model": "incompressible"},
             "load": [{**patch, **load} for load in loads],

@@ -27,16 +27,9 @@ from suas_jax.scene.gradient import gradient
 from suas_jax.scene.solve import solve
 from suas_jax.skin.prestress import ContainedOil, Growth, Prestress, is_prestressed
 from suas_jax.skin.registry import build_oil
-from tests.skins import EPDM, line
+from tests.skins import EPDM, GEOMETRY, line
 
 RUBBER, WALL, OIL = 1.6e-4, 7e-5, 9.6e-4  # expansions [1/K]
-SIZES = {
-    "inner_radius": "57.5 mm",
-    "thickness": "1.5 mm",
-    "half_angle": "90 deg",
-    "width": "123 mm",
-    "oil_gap": "5 mm",
-}
 # A clamped half-cylinder buckles in an antisymmetric mode, which keeps the oil's volume.
 RADIUS, THICKNESS, MODULUS = 0.05825, 0.0015, 32.6e6
 BUCKLING = 8 * MODULUS * THICKNESS**3 / 3 / RADIUS**2  # hoop force [N/m]
@@ -59,7 +52,7 @@ def skin(
     loads = (*loads, {"kind": "pressure", "pressure": f"{pressure!r} Pa"})
     return scene_from_dict(
         {
-            "geometry": {**SIZES, "mounting": mounting},
+            "geometry": {**GEOMETRY, "mounting": mounting},
             "material": EPDM | {"expansion": f"{rubber!r} / K", "bulk_modulus": "1e9 GPa"},
             "wall": {"expansion": f"{wall!r} / K", "bulk_modulus": "1e9 GPa"},
             "oil": {
@@ -87,7 +80,7 @@ def report(**changes: Any) -> dict[str, Any]:
 def test_a_skin_that_fits_is_the_one_without_stress() -> None:
     oil = {"model": "compressible", "bulk_modulus": "1 GPa"}
     loads = [line(0, 5), {"kind": "pressure", "pressure": "0 Pa"}]
-    tables = {"geometry": SIZES, "material": EPDM, "oil": oil, "load": loads}
+    tables = {"geometry": GEOMETRY, "material": EPDM, "oil": oil, "load": loads}
     own = solve(scene_from_dict({**tables, "solve": {"model": "shell", "elements": 32}})).report
     assert "rest" not in own
     for key in ("oil_pressure_Pa", "strain_energy_J", "max_displacement_m", "stretch_max"):
@@ -195,7 +188,7 @@ def test_every_quantity_is_an_input() -> None:
 
 
 def test_what_is_not_named_costs_nothing() -> None:
-    tables = {"geometry": SIZES, "material": EPDM}
+    tables = {"geometry": GEOMETRY, "material": EPDM}
     water = {"environment": {"depth": "300 m", "temperature": "4 degC"}}
     for model in ("vented", "incompressible"):
         assert not is_prestressed(scene_from_dict({**tables, "oil": {"model": model}, **water}))
@@ -218,7 +211,7 @@ def prestress(spec: SceneSpec) -> Prestress:
 def test_free_sizes_are_those_of_the_closed_form() -> None:
     """A free ring: (1 + alpha dT) (1 - dP / 3K), and of the wall the same."""
     table = {
-        "geometry": SIZES | {"mounting": "0.1 %"},
+        "geometry": GEOMETRY | {"mounting": "0.1 %"},
         "material": EPDM | {"expansion": "1.6e-4 / K", "bulk_modulus": "2 GPa"},
         "wall": {"expansion": "7e-5 / K", "bulk_modulus": "3 GPa"},
         "oil": {"model": "compressible", "bulk_modulus": "1.1 GPa"},
@@ -291,8 +284,8 @@ def test_laws_see_the_stretch_less_the_growth(stretch: float) -> None:
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"oil": {"model": "vented", "fill": 0.99}}, "oil.fill"),
     ({"oil": {"model": "incompressible", "fill": 0}}, "oil.fill"),
-    ({"geometry": SIZES | {"mounting": "80 %"}}, "geometry.mounting"),
-    ({"geometry": SIZES | {"mounting_axial": "0.1 %"}}, "geometry.mounting_axial"),
+    ({"geometry": GEOMETRY | {"mounting": "80 %"}}, "geometry.mounting"),
+    ({"geometry": GEOMETRY | {"mounting_axial": "0.1 %"}}, "geometry.mounting_axial"),
     ({"environment": {"temperature": "-300 degC"}}, "environment.temperature"),
     ({"environment": {"temperature": "4"}}, "environment.temperature"),
     ({"wall": {"expansion": "7e-5 mm"}}, "wall.expansion"),
@@ -310,14 +303,14 @@ WRONG: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("change", "key"), WRONG)
 def test_what_can_t_be_is_refused_by_its_key(change: dict[str, Any], key: str) -> None:
-    table = {"geometry": SIZES, "material": EPDM, "oil": {"model": "incompressible"}}
+    table = {"geometry": GEOMETRY, "material": EPDM, "oil": {"model": "incompressible"}}
     with pytest.raises(ConfigError, match=key.replace(".", r"\.")):
         scene_from_dict(table | change)
 
 
 def test_temperatures_are_read_in_celsius_and_kelvin() -> None:
     def read(text: str) -> float:
-        table = {"geometry": SIZES, "material": EPDM, "oil": {"model": "incompressible"}}
+        table = {"geometry": GEOMETRY, "material": EPDM, "oil": {"model": "incompressible"}}
         spec = scene_from_dict(table | {"environment": {"temperature": text}})
         assert spec.environment is not None
         assert spec.environment.temperature is not None
@@ -329,7 +322,7 @@ def test_temperatures_are_read_in_celsius_and_kelvin() -> None:
 
 def test_a_substance_brings_its_typical_figures_and_their_deviation() -> None:
     table = {
-        "geometry": SIZES,
+        "geometry": GEOMETRY,
         "material": EPDM | {"expansion": "EPDM"},
         "oil": {"model": "compressible", "bulk_modulus": "silicone-oil"},
         "wall": {"expansion": "PLA"},
@@ -345,7 +338,7 @@ def test_a_substance_brings_its_typical_figures_and_their_deviation() -> None:
 
 def test_an_assembly_is_doubted_where_its_file_is_silent() -> None:
     table = {
-        "geometry": SIZES,
+        "geometry": GEOMETRY,
         "material": EPDM | {"expansion": "EPDM"},
         "oil": {"model": "incompressible"},
     }
@@ -362,7 +355,7 @@ def test_an_assembly_is_doubted_where_its_file_is_silent() -> None:
         scene_from_dict(table | {"oil": {"model": "incompressible", "fill": "0.998 +- 0.001"}})
     )
     assert (told.oil.fill, deviation_of(told.oil.fill)) == (0.998, 1e-3)
-    exact = scene_from_dict(table | {"geometry": SIZES | {"thickness": "1.5 mm +- 0"}})
+    exact = scene_from_dict(table | {"geometry": GEOMETRY | {"thickness": "1.5 mm +- 0"}})
     assert as_assembled(exact) is exact
     vented = as_assembled(scene_from_dict(table | {"oil": {"model": "vented"}}))
     assert "oil.fill" not in input_errors(vented).names
@@ -370,7 +363,7 @@ def test_an_assembly_is_doubted_where_its_file_is_silent() -> None:
 
 @pytest.mark.parametrize(("hardness", "modulus"), [("60 A", 1.2e6), ("90 A", 6.94e6)])
 def test_a_hardness_is_a_first_guess_of_the_modulus(hardness: str, modulus: float) -> None:
-    table = {"geometry": SIZES, "oil": {"model": "incompressible"}}
+    table = {"geometry": GEOMETRY, "oil": {"model": "incompressible"}}
     spec = scene_from_dict(table | {"material": {"shore": hardness}})
     assert isinstance(spec.material, LAWS["neo-hookean"])
     assert spec.material.mu == pytest.approx(modulus, rel=0.01)

@@ -6,7 +6,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import CASE_B, EPDM, converged, half_cylinder, line, problem_of, quick, scene
+from skins import (
+    CASE_B,
+    EPDM,
+    GEOMETRY,
+    converged,
+    half_cylinder,
+    line,
+    problem_of,
+    quick,
+    scene,
+)
 
 from suas_jax.config import (
     ConfigError,
@@ -20,9 +30,11 @@ from suas_jax.config.sections.circle import CircleSpec
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, height_at, normal_face
 from suas_jax.mechanics.shell.shell import Shell
-from suas_jax.scene.forward import Loads, forward, skin_of
+from suas_jax.scene.forward import forward
 from suas_jax.scene.gradient import gradient
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY, Dielectric
 from suas_jax.sensing.capacitances.bare_disc import BareDisc, disc_capacitance
@@ -59,13 +71,7 @@ def electrodes(**more: object) -> dict[str, object]:
 def sensing(*loads: dict, table: dict | None = None, **oil: object) -> SceneSpec:
     return scene_from_dict(
         {
-            "geometry": {
-                "inner_radius": "57.5 mm",
-                "thickness": "1.5 mm",
-                "half_angle": "90 deg",
-                "width": "123 mm",
-                "oil_gap": "5 mm",
-            },
+            "geometry": GEOMETRY,
             "material": EPDM,
             "oil": {"model": "incompressible", "relative_permittivity": 2.2} | oil,
             "electrodes": table or electrodes(),

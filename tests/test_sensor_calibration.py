@@ -29,7 +29,9 @@ from suas_jax.config import (
 )
 from suas_jax.config.input_errors import as_assembled
 from suas_jax.config.oils.vented import VentedOilSpec
-from suas_jax.scene.forward import Loads, forward, skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 
 ROOT = Path(__file__).parent.parent

@@ -14,10 +14,12 @@ from suas_jax.acquisition.log.log_file import SoLog, group_frames, read_log
 from suas_jax.config import load_scene, with_inputs
 from suas_jax.config.inelastic import RelaxationSpec
 from suas_jax.config.schema_load import PatchLoadSpec, PressureLoadSpec
-from suas_jax.scene.forward import Loads, forward, skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import skin_of
 from suas_jax.simulation.capacitances import capacitances
 from suas_jax.simulation.load_path import LoadPath, load_path
-from suas_jax.simulation.true_loads import NotKnownInputsError, true_loads
+from suas_jax.simulation.simulated_log import NotKnownInputsError, true_loads
 
 SCENE = """
 [geometry]

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from skins import EPDM, quick
+from skins import EPDM, GEOMETRY, quick
 
 from suas_jax.config import continuous_inputs, load_skin, scene_from_dict
 from suas_jax.equilibrium.balance import State
@@ -16,25 +16,13 @@ from suas_jax.equilibrium.outcomes import NAMES
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
 from suas_jax.scene.error_estimate import bounded
-from suas_jax.scene.forward import (
-    Loads,
-    SensorOutput,
-    forward,
-    load_jacobian,
-    loads_of,
-    skin_of,
-)
-from suas_jax.scene.pad_forward import pad_forward, pad_skin_of
+from suas_jax.scene.forward import SensorOutput, forward, load_jacobian
+from suas_jax.scene.loads import Loads, loads_of
+from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.field import Film, field_capacitance, wall_charge
 
 PAD = Path(__file__).parent.parent / "configs" / "skins" / "suas-pad.toml"
-GEOMETRY = {
-    "inner_radius": "57.5 mm",
-    "thickness": "1.5 mm",
-    "half_angle": "90 deg",
-    "width": "123 mm",
-    "oil_gap": "5 mm",
-}
 LIST = {
     "stray": "3 fF",
     "lsb": "0.305 fF",
@@ -179,10 +167,9 @@ def test_what_numbers_call_is_kept_between_runs(monkeypatch: pytest.MonkeyPatch)
     """A program is kept where its name says what it is."""
     called: list[Callable] = []
     monkeypatch.setattr(COMPILED, "run", lambda function, *_: called.append(function))
-    forward(None, loads())
-    load_jacobian(None, loads())
-    pad_forward(None, None, None)
-    assert len({content_key(function) for function in called}) == 3
+    forward(skin_of(a_scene()), loads())
+    load_jacobian(skin_of(a_scene()), loads())
+    assert len({content_key(function) for function in called}) == 2
 
 
 @pytest.mark.long  # a fine mesh; a solve in test_sensing
@@ -243,7 +230,38 @@ def test_a_skin_without_electrodes_is_refused() -> None:
     with pytest.raises(ValueError, match=r"electrodes\.strays.*electrodes\.stray\b"):
         skin_of(a_scene(), {"electrodes.strays": 1.0})
     with pytest.raises(ValueError, match=r"electrodes\.strays"):
-        pad_skin_of(load_skin(PAD), {"electrodes.strays": 1.0})
+        skin_of(load_skin(PAD), {"electrodes.strays": 1.0})
+
+
+def test_loads_of_the_other_kind_are_refused() -> None:
+    section, whole = skin_of(a_scene()), skin_of(load_skin(PAD), contact=False)
+    with pytest.raises(ValueError, match=r"Loads\.patch"):
+        forward(whole, Loads.line(0.1, 1.0))
+    with pytest.raises(ValueError, match=r"Loads\.line"):
+        section.problem(Loads.patch(0.1, 0.0, 1.0, 6e-3))
+    with pytest.raises(ValueError, match="one number"):
+        skin_of(a_scene(), elements=(4, 4))
+    with pytest.raises(ValueError, match=r"skin\.around"):
+        jax.eval_shape(lambda angle: forward(whole, Loads.patch(angle, 0.0, 1.0, 6e-3)), 0.1)
+
+
+def test_the_discs_of_a_scene_are_its_loads() -> None:
+    down = {"kind": "patch", "angle": "20 deg", "axial": "-5 mm", "force": "3 N"}
+    down |= {"direction": "vertical", "tilt": "10 deg", "diameter": "8 mm"}
+    turned = {**down, "direction": "15 deg", "angle": "-40 deg", "tilt": "0 deg"}
+    table = {"geometry": {**GEOMETRY, "ends": "clamped"}, "material": EPDM}
+    table |= {"oil": {"model": "incompressible"}, "load": [down, turned, PRESSURE]}
+    spec = scene_from_dict(table)
+    found, parts = loads_of(spec), scene_parts(spec, continuous_inputs(spec))
+    section = parts.skin.geometry.section
+    for own, other in zip(found.patches(), parts.forces, strict=True):
+        np.testing.assert_allclose(own.direction(section), other.direction(section), atol=1e-15)
+        np.testing.assert_array_equal(own.axial, other.axial)
+        assert float(own.diameter[0]) == 8e-3
+    assert float(found.external_pressure[0]) == 500.0
+    square = {k: v for k, v in down.items() if k != "diameter"} | {"size": ["6 mm", "6 mm"]}
+    with pytest.raises(ValueError, match="round patches"):
+        loads_of(scene_from_dict({**table, "load": [square]}))
 
 
 def test_many_lanes_are_those_of_few(pad: object) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from skins import (
     EPDM,
+    GEOMETRY,
     built,
     check,
     find,
@@ -417,13 +418,7 @@ def test_gradient_of_a_solid_is_that_of_differences() -> None:
     from suas_jax.scene.gradient import gradient
 
     table = {
-        "geometry": {
-            "inner_radius": "57.5 mm",
-            "thickness": "1.5 mm",
-            "half_angle": "90 deg",
-            "width": "123 mm",
-            "oil_gap": "5 mm",
-        },
+        "geometry": GEOMETRY,
         "material": EPDM,
         "oil": {"model": "compressible", "bulk_modulus": "5 MPa"},
         "load": [{"kind": "line", "angle": "40 deg", "force": "12 N"}],

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from skins import CASE_B
+from skins import CASE_B, GEOMETRY
 
 from suas_jax.config import (
     ConfigError,
@@ -30,13 +30,7 @@ from suas_jax.scene.solve import Solution, solve
 from suas_jax.scene.uncertainty import uncertainty
 
 SKIN: dict[str, Any] = {
-    "geometry": {
-        "inner_radius": "57.5 mm",
-        "thickness": "1.5 mm",
-        "half_angle": "90 deg",
-        "width": "123 mm",
-        "oil_gap": "5 mm",
-    },
+    "geometry": GEOMETRY,
     "material": {"law": "mooney-rivlin", "C1": "20.7 MPa", "C2": "-4.4 MPa", "C3": "77 kPa"},
     "oil": {"model": "incompressible", "relative_permittivity": 2.2},
     "electrodes": {"taxels": [{"angle": "-20 deg"}, {"angle": "10 deg"}]},

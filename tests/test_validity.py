@@ -20,7 +20,7 @@ from suas_jax.equilibrium.validity import force_balance, validity
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.pad.faces import Faces
 from suas_jax.mechanics.pad.shape import PadShape
-from suas_jax.mechanics.section_shape import SectionShape
+from suas_jax.mechanics.section import SectionShape
 from suas_jax.scene.solve import solve
 
 SKIN = pathlib.Path(__file__).parent.parent / "configs" / "skins" / "suas.toml"

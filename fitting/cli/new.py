@@ -207,7 +207,7 @@ def _section_text(section: str) -> str:
 
 
 def _pad_text(rows: int, columns: int) -> str:
-    from suas_jax.sensing.pad_layout import pad_layout
+    from suas_jax.sensing.tiling import pad_layout
 
     layout = pad_layout(
         rows,

@@ -21,7 +21,7 @@ from fitting.inverse_load.pad.input_errors import PadErrors
 from fitting.inverse_load.pad.interpolant import MOST, PadInterpolant
 from fitting.inverse_load.pad.table_build import PadResolution, pad_table_of
 from suas_jax.config import InputErrors
-from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
+from suas_jax.scene.skin import Skin, skin_of
 
 _RESOLUTION = PadResolution(elements=(18, 15), spacing=10e-3, probes=(3, 3))
 _LIGHT = 0.02  # of the largest force, that stands for none
@@ -51,7 +51,7 @@ def measure_pad(
         progress(f"table of solved states: {done} of {total} columns")
 
     spec = variants.spec
-    skin = pad_skin_of(spec, elements=_RESOLUTION.elements, contact=False)
+    skin = skin_of(spec, elements=_RESOLUTION.elements, contact=False)
     table = pad_table_of(spec, DIAMETER, _RESOLUTION, progress=shown, workers=workers)
     interpolant = PadInterpolant((table,))
     sides = [
@@ -101,7 +101,7 @@ def measure_pad(
     )
 
 
-def _errors(variants: Variants, skin: PadSkin, table: object) -> PadErrors:
+def _errors(variants: Variants, skin: Skin, table: object) -> PadErrors:
     """What every change of the variants does to the readings."""
     own, paths = variants.errors, tuple(variants.inputs)
     directions = np.zeros((len(variants.changes), len(paths)))

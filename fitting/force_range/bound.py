@@ -26,7 +26,9 @@ from fitting.inverse_load.estimator import MODEL_ERROR
 from fitting.inverse_load.fit.covariance import inverse
 from suas_jax.config import SkinSpec
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Loads, Skin, forward, load_jacobian, skin_of
+from suas_jax.scene.forward import forward, load_jacobian
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.sensing.converter import Converter
 
 TOLD = 0.2

@@ -15,7 +15,7 @@ from fitting.inverse_load.fit.wide_contact import WideContactFitter
 from fitting.inverse_load.search.pairs import NodeSearch
 from fitting.inverse_load.search.table import LoadTable, table_of
 from suas_jax.config import InputErrors, SkinSpec
-from suas_jax.scene.forward import Skin, skin_of
+from suas_jax.scene.skin import Skin, skin_of
 
 
 def section_parts(

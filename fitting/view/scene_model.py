@@ -34,8 +34,10 @@ from suas_jax.mechanics.section import section_of
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import Keyed
 from suas_jax.scene.build import plan_for, problem_of
-from suas_jax.scene.forward import forward, loads_of, skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import loads_of
 from suas_jax.scene.parts import scene_parts
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.structure import Inputs, Structure
 
 PAD_ELEMENTS = (16, 12)

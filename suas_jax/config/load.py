@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from suas_jax.config.consistency import contradictions
+from suas_jax.config.csv_table import read_points
 from suas_jax.config.errors import ConfigError, Mistake, show, show_key
 from suas_jax.config.geometry import GeometrySpec
 from suas_jax.config.oil import OilSpec
-from suas_jax.config.points_table import read_points
 from suas_jax.config.presets import expand_preset, expand_shore
 from suas_jax.config.schema_scene import SceneSpec, SkinSpec
 from suas_jax.config.toml_file import missing_file, read_toml

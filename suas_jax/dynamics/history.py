@@ -31,7 +31,8 @@ from suas_jax.dynamics.driven import FACTOR
 from suas_jax.dynamics.film import Film, film_of
 from suas_jax.dynamics.history_gradient import history_gradient, reason_against, record
 from suas_jax.dynamics.steps import Moment, Rows, at_rest, through
-from suas_jax.dynamics.transient import Moving, film_at_rest, through_film
+from suas_jax.dynamics.tr_bdf2 import Moving
+from suas_jax.dynamics.transient import film_at_rest, through_film
 from suas_jax.mechanics.model import AbstractPlan
 from suas_jax.mechanics.registry import MODELS
 from suas_jax.runtime.compiled import COMPILED

@@ -212,9 +212,9 @@ class AbstractMechanics(eqx.Module):
     bodies: eqx.AbstractVar[tuple[Body, ...]]
 
     @property
-    @abc.abstractmethod
     def length_scale(self) -> Lanes:
-        """Displacement beyond which linearisation can't be trusted [m]."""
+        """The thickness: displacement beyond which linearisation can't be trusted [m]."""
+        return self.section.mean_thickness
 
     @property
     @abc.abstractmethod

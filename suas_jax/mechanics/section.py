@@ -1,13 +1,165 @@
-"""What every mechanics of the section in plane strain has in common."""
+"""What every mechanics of the section in plane strain has in common; its sampled shape.
+
+Extremes are taken at the vertex of a parabola through neighbouring samples, so that they can be
+differentiated.
+"""
 
 import abc
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
-from suas_jax.mechanics.base import AbstractMechanics, Displacements, Profile
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from suas_jax.constitutive.base import AbstractLaw
+from suas_jax.constitutive.deformation import FibreStretch, HeldFibre
+from suas_jax.constitutive.stability import drucker_modulus
+from suas_jax.mechanics.base import AbstractMechanics, BodyContact, Displacements, Profile
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
-from suas_jax.mechanics.section_shape import SAMPLES, SectionShape
+from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.skin.body import Grip, PlacedBody
+from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
+from suas_jax.skin.prestress import Growth
+from suas_jax.skin.wall import Wall
+
+_CRUSHED = 1e-3  # stretch of a fibre below which no material follows its law
+SAMPLES = 8  # intervals per element in which extremes are sought
+
+
+def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
+    """Largest of a sampled function, each element's samples joined by parabolas.
+
+    Parabolas never reach across an element's end, where solutions may have a kink.
+
+    Args:
+        values: samples [sample, element, lane].
+        companions: functions to evaluate at the same place.
+
+    Returns:
+        The largest value and each companion there, per lane.
+    """
+    samples, elements, lanes = values.shape
+    flat = values.reshape(samples * elements, lanes)
+    best = jnp.argmax(flat, 0)
+    row = jnp.clip(best // elements, 1, samples - 2)
+    element, lane = best % elements, jnp.arange(lanes)
+
+    def local(f: Array) -> tuple[Array, Array, Array]:
+        f = jnp.broadcast_to(f, values.shape)
+        left, middle, right = (f[row + d, element, lane] for d in (-1, 0, 1))
+        return middle, (right - left) / 2, left + right - 2 * middle
+
+    middle, slope, bend = local(values)
+    curved = jnp.where(bend < 0, bend, -1.0)
+    vertex = jnp.where(bend < 0, -slope / curved, jnp.sign(slope))
+    x = jnp.clip(vertex, -1.0, 1.0)
+    found = [middle + slope * x + bend * x**2 / 2]
+    for companion in companions:
+        middle, slope, bend = local(companion)
+        found.append(middle + slope * x + bend * x**2 / 2)
+    return tuple(found)
+
+
+def _magnitude(displacement: Array) -> Array:
+    square = jnp.sum(displacement**2, 0)
+    at_rest = square == 0  # where a square root has no derivative
+    return jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
+
+
+class SectionShape(AbstractShape):
+    """Samples of a deformed section.
+
+    Attributes:
+        profile: the samples.
+        clamp_reach: angle from a clamped edge within which stretches diverge [rad].
+        growth: of the membrane; None where it fits its seat.
+        resolves_loads: whether stretches of the outer face diverge under line loads.
+    """
+
+    profile: Profile
+    clamp_reach: Lanes
+    growth: Growth | None = None
+    resolves_loads: bool = eqx.field(static=True, default=False)
+
+    def _inner_face(self, geometry: SkinGeometry) -> tuple[Array, Array]:
+        """Height over rest [m] and angle [rad] of the inner face as it is now."""
+        profile = self.profile
+        place = profile.rest + profile.inner_displacement
+        angle, height = geometry.section.foot(place, profile.angle)
+        return height, angle
+
+    def smallest_gap(self, geometry: SkinGeometry) -> Extreme:
+        """See the base class."""
+        height, angle = self._inner_face(geometry)
+        negative, at = peak(-height - geometry.gap(angle), angle)
+        return Extreme(-negative, at)
+
+    def largest_displacement(self) -> Extreme:
+        """See the base class."""
+        size = _magnitude(self.profile.inner_displacement)
+        return Extreme(*peak(size, self.profile.angle))
+
+    def largest_mid_displacement(self) -> Lanes:
+        """See the base class."""
+        return peak(_magnitude(self.profile.mid_displacement))[0]
+
+    def bulge(self, geometry: SkinGeometry) -> Extreme:
+        """See the base class."""
+        return Extreme(*peak(*self._inner_face(geometry)))
+
+    def _stretches(self) -> tuple[Array, Array]:
+        """Hoop stretches of both faces, those next to the clamps hidden."""
+        profile, reach = self.profile, self.clamp_reach
+        first, last = profile.angle[0, 0] + reach, profile.angle[-1, -1] - reach
+        keep = (profile.angle >= first) & (profile.angle <= last)
+        samples, elements, _ = profile.angle.shape
+        lowest, highest = jnp.argmax(keep, 0), samples - 1 - jnp.argmax(keep[::-1], 0)
+        nearest = jnp.clip(jnp.arange(samples)[:, None, None], lowest, highest)
+        seen = jnp.any(keep, 0)
+
+        def hidden(stretch: Array) -> Array:
+            kept = jnp.take_along_axis(stretch, nearest, 0)
+            return jnp.where(seen, kept, stretch[:1, elements // 2, None])
+
+        return hidden(profile.inner_stretch), hidden(profile.outer_stretch)
+
+    def stretch_range(self) -> tuple[Lanes, Lanes]:
+        """See the base class."""
+        inner, _ = self._stretches()
+        return -peak(-inner)[0], peak(inner)[0]
+
+    def material_stable(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """See the base class."""
+        stretch = jnp.stack(self._stretches())
+        axial = jnp.ones_like(stretch)
+        if self.growth is not None:
+            axial = axial * jnp.exp(-self.growth.axial)
+        modulus = drucker_modulus(law, stretch, axial)
+        return jnp.all((modulus > 0) & (stretch > _CRUSHED), (0, 1, 2))
+
+    def in_domain(self, law: AbstractLaw) -> Bool[Array, " lane"]:
+        """See the base class."""
+        inner, outer = self._stretches()
+        faces = inner if self.resolves_loads else jnp.stack([inner, outer])
+        reported = jnp.stack(self.stretch_range())
+        stretch = jnp.concatenate([faces.reshape(-1, faces.shape[-1]), reported])
+        if self.growth is None:
+            return jnp.all(law.has_energy(FibreStretch(stretch**2 - 1)), 0)
+        axial = -self.growth.axial
+        held = HeldFibre(stretch**2 * jnp.exp(axial) - 1, axial)
+        return jnp.all(law.has_energy(held), 0)
+
+
+class _ContactFace(Protocol):
+    """A face at its contact points."""
+
+    def energy(self) -> Lanes: ...
+
+    def touched(self, body: PlacedBody, shift: Array | float) -> BodyContact: ...
+
+    def grip(self) -> Grip | None: ...
 
 
 class AbstractPlaneStrain(AbstractMechanics):
@@ -16,10 +168,12 @@ class AbstractPlaneStrain(AbstractMechanics):
     Attributes:
         resolves_loads: whether stretches of the outer face diverge under line loads on finer
             meshes.
+        angles: of the stations from the symmetry axis [rad].
     """
 
     per_width: ClassVar[bool] = True
     resolves_loads: ClassVar[bool] = False
+    angles: eqx.AbstractVar[Float[Array, "station #lane"]]
 
     @property
     @abc.abstractmethod
@@ -46,6 +200,42 @@ class AbstractPlaneStrain(AbstractMechanics):
         Returns:
             Displacements [2, 1, 1, lane].
         """
+
+    @abc.abstractmethod
+    def _gathered(self, q: StationVector) -> Array:
+        """Displacements element by element."""
+
+    @abc.abstractmethod
+    def _inner_face(self, u: Array, wall: Wall) -> _ContactFace:
+        """The inner face at its contact points."""
+
+    @abc.abstractmethod
+    def _outer_face(self, u: Array, body: PlacedBody) -> _ContactFace:
+        """The outer face likewise."""
+
+    @property
+    def mid_extent(self) -> Lanes:
+        """Length of the mid-line [m]."""
+        return self.section.size * (self.angles[-1] - self.angles[0])
+
+    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
+        """Energy of contact per width [J/m]; see the base class."""
+        u, energy = self._gathered(q), jnp.zeros_like(self.section.mean_thickness)
+        if self.wall is not None:
+            energy = self._inner_face(u, self.wall).energy()
+        for body in self.bodies:
+            energy = energy + self._outer_face(u, body.placed(factor)).energy()
+        return energy
+
+    def touched(
+        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
+    ) -> BodyContact:
+        """The outer face against a body; see the base class."""
+        return self._outer_face(self._gathered(q), body).touched(body, shift)
+
+    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
+        """See the base class."""
+        return self._outer_face(self._gathered(q), body).grip()
 
     def shape(self, q: StationVector) -> SectionShape:
         """The deformed section, sampled; see the base class."""

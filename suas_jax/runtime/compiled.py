@@ -1,6 +1,7 @@
 """Compiled programs, and how much effort goes into compiling them."""
 
 import contextlib
+import ctypes
 import threading
 import time
 from collections.abc import Callable
@@ -13,8 +14,18 @@ import numpy as np
 
 from suas_jax.runtime.compiling import compiling
 from suas_jax.runtime.frame import Hole, filled_by
-from suas_jax.runtime.memory import give_back_freed_memory
 from suas_jax.runtime.program_store import KeptProgram, ProgramStore
+
+
+def give_back_freed_memory() -> None:
+    """Let the C library give back what was freed, which it keeps until it is told.
+
+    Loading or compiling a program takes for an instant what the program itself takes, hundreds
+    of megabytes for a pad. Nothing happens where the C library is not GNU's.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+
 
 # XLA's newer way of generating code for the CPU takes twice as long to compile these
 # programs of many small operations, which then run no faster. From JAX 0.11.1 on there is no

@@ -1,90 +1,44 @@
-"""The whole forward model: a skin and its loads to sensor output.
+"""The whole forward model, of sections and pads: a skin and its loads to sensor output.
 
 ::
 
     config -> geometry, law, oil, electrodes        `skin_of`, once a skin
-    loads  -> equilibrium -> gap -> capacitance -> SO        `forward`
+    loads  -> mesh of a pad, graded around them     `Skin.around`
+           -> equilibrium -> gap -> capacitance -> SO        `forward`
 
-`solve` makes a mesh for each scene and estimates its error. A `Skin` has one even mesh for
-loads anywhere on the arc: a load lies inside an element and slides from one to the next,
-so one compiled program serves every load, in batches, and loads may pass one another. With
-the default 32 elements SO is within 1e-3 of the converged shell at the load and 5e-5 in the
-mean over the pad (`benchmarks/sensing_accuracy.py`), which is the shell's own model error.
+With the default 32 elements of a section SO is within 1e-3 of the converged shell at the load
+and 5e-5 in the mean over the pad (`benchmarks/sensing_accuracy.py`), which is the shell's own
+model error. States carry the first-order effect of transverse shear, which the thin shell
+leaves out.
 """
 
-import difflib
-from collections.abc import Mapping
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from suas_jax.config import SceneSpec, SkinSpec, continuous_inputs
-from suas_jax.constitutive import AbstractLaw
-from suas_jax.equilibrium.balance import Problem, State
-from suas_jax.equilibrium.correction import corrected, corrected_contact
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.correction import Corrected, corrected, corrected_contact
 from suas_jax.equilibrium.equilibrium import equilibrium, lanes_together
-from suas_jax.mechanics.shell.shell import Shell
+from suas_jax.equilibrium.outcomes import index_of
+from suas_jax.equilibrium.validity import kept_in_domain
+from suas_jax.mechanics.base import AbstractMechanics
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector
-from suas_jax.numerics.lanes import in_chunks, in_halves, lane_count
-from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.numerics.lanes import by_lane, in_chunks, in_halves, lane_count
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.precision import require_float64
 from suas_jax.scene.error_estimate import bounded
-from suas_jax.scene.parts import scene_parts, skin_parts
-from suas_jax.sensing.electrodes import Electrodes, Readings
-from suas_jax.sensing.taxels import check_taxels
-from suas_jax.skin.geometry import SkinGeometry
-from suas_jax.skin.loads import LineLoad, LoadPoints
-from suas_jax.skin.oil import AbstractOil
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin
+from suas_jax.sensing.electrodes import Readings
 from suas_jax.skin.wall import Wall
 
-ELEMENTS = 32
-"""Elements of a skin's mesh along the whole arc, unless told otherwise."""
 _MANY_LANES = 512  # from which on a second thread is worth its while
-SPREAD_POINTS = 8
-"""Point loads that stand for one that is spread over an arc."""
-
-
-class Loads(eqx.Module):
-    """Line loads, any number at once, and any number of cases side by side in lanes.
-
-    Attributes:
-        angle: where they act, from the symmetry axis [rad].
-        force: total over the width, positive inwards [N].
-        turn: counter-clockwise rotation of the force from the inward radial [rad].
-        external_pressure: uniform on the outer face, above ambient [Pa].
-    """
-
-    angle: Float[Array, "load #lane"]
-    force: Float[Array, "load #lane"]
-    turn: Float[Array, "load #lane"]
-    external_pressure: Lanes
-
-    @classmethod
-    def line(cls, angle: ArrayLike, force: ArrayLike, turn: ArrayLike = 0.0) -> "Loads":
-        """One line load a lane.
-
-        Args:
-            angle: one value, or one a lane [rad].
-            force: likewise [N].
-            turn: likewise, from the inward radial [rad].
-
-        Raises:
-            Float64Error: float64 is off.
-        """
-        require_float64()
-        row = [jnp.atleast_1d(jnp.asarray(x, float))[None] for x in (angle, force, turn)]
-        return cls(row[0], row[1], row[2], jnp.zeros(1))
-
-    def in_lanes(self) -> "Loads":
-        """The same with every array as wide as the widest."""
-        lanes = max(x.shape[-1] for x in jax.tree.leaves(self))
-        return jax.tree.map(lambda x: jnp.broadcast_to(x, (*x.shape[:-1], lanes)), self)
+_VARIED = ("angle", "force", "turn", "axial", "tilt", "diameter")
 
 
 class SensorOutput(NamedTuple):
@@ -95,7 +49,7 @@ class SensorOutput(NamedTuple):
         oil_pressure: above ambient [Pa].
         wall_force: that the wall carries [N]; zero where the skin has none.
         min_gap: smallest between membrane and wall, over all of the skin [m].
-        state: the shell's equilibrium, to start a neighbouring one from.
+        state: the shell's equilibrium, to start a neighbouring one on the same mesh from.
         error: bound of the relative error that the thin shell makes in pressure and
             displacement; that of the mesh is not in it.
         result: index of the outcome (`suas_jax.equilibrium.outcomes`), 0 where converged.
@@ -117,49 +71,21 @@ class SensorOutput(NamedTuple):
         """Continuous sensor output [counts]; NaN where nothing parts taxel and membrane."""
         return self.readings.so
 
-
-class Skin(eqx.Module):
-    """A skin: everything but its loads, differentiable in every array.
-
-    Attributes:
-        geometry: dimensions.
-        law: the membrane's material.
-        oil: how the oil answers.
-        electrodes: taxels and converter's scale.
-        wall: what holds the membrane; None where it passes through.
-        elements: of the even mesh along the whole arc.
-    """
-
-    geometry: SkinGeometry
-    law: AbstractLaw
-    oil: AbstractOil
-    electrodes: Electrodes
-    wall: Wall | None = None
-    elements: int = eqx.field(static=True, default=ELEMENTS)
-
-    def problem(self, loads: Loads) -> Problem:
-        """The discrete problem of some loads: each a point inside an element."""
-        angles = jnp.linspace(-1, 1, self.elements + 1)[:, None] * self.geometry.half_angle
-        element = jnp.sum(loads.angle >= angles[1:-1, None], 0)
-        select = (np.arange(self.elements)[:, None, None] == element).astype(angles.dtype)
-        start, end = (jnp.sum(select * side[:, None], 0) for side in (angles[:-1], angles[1:]))
-        line = LineLoad(loads.angle, loads.force, loads.turn)
-        force = loads.force * line.direction(self.geometry.section) / self.geometry.width
-        points = LoadPoints(select, (loads.angle - start) / (end - start), force)
-        shell = Shell.build(
-            self.geometry, self.law, angles, points, symmetric=False, wall=self.wall
-        )
-        return Problem(shell, self.oil, loads.external_pressure)
+    @property
+    def solved(self) -> Bool[Array, " lane"]:
+        """Whether an equilibrium was found, within what the model knows or beyond."""
+        return (self.result == 0) | (self.result == index_of("beyond_model"))
 
 
 def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutput:
-    """Loads to sensor output.
+    """Loads to sensor output, any number of cases at once.
 
     Differentiable by every array of the skin and of the loads, in forward and reverse mode,
     through the implicit derivative of the equilibrium. Called with numbers it runs a compiled
     program, kept between runs: one serves all loads of the same shape, and a lane is cheaper
-    than a call; half of many lanes go through a second thread. What is made of it is best
-    compiled whole (``suas_jax.jit(jax.grad(loss))``).
+    than a call; half of many lanes of a section go through a second thread. What is made of it
+    is best compiled whole (``suas_jax.jit(jax.grad(loss))``); the mesh of a pad is then made
+    before (`Skin.around`), as it is where a `start` shall be on the same one.
     A load that doesn't converge is named in `result`, a taxel that touches the wall in
     `readings.touching`; nothing is raised.
 
@@ -170,6 +96,8 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
             the solution starts from rest, which takes about three times as long.
 
     Raises:
+        ValueError: line loads on a pad or patches on a section, or a pad's mesh can't be
+            made as its numbers are traced.
         Float64Error: float64 is off.
     """
     require_float64()
@@ -178,37 +106,60 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
         output: SensorOutput = COMPILED.run_or_trace(_forward, skin, loads, start)
         return output
 
+    skin = _meshed(skin, loads)
     known = not any(
         isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((skin, loads, start))
     )
-    if known and lane_count((skin, loads, start)) >= _MANY_LANES:
+    if known and not skin.is_pad and lane_count((skin, loads, start)) >= _MANY_LANES:
         return in_halves(run, skin, loads, start)
     return run(skin, loads, start)
 
 
+def _meshed(skin: Skin, loads: Loads) -> Skin:
+    return skin.around(loads) if skin.is_pad and skin.mesh is None else skin
+
+
 @eqx.filter_jit
 def _forward(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
-    return _output(skin, loads, start)
+    if skin.is_pad:
+        return by_lane(_with_lanes((skin, loads, start)), _without_lane)
+    return _section(skin, loads, start)
+
+
+def _with_lanes(case: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Every array with lanes, which come last."""
+    return jax.tree.map(lambda x: jnp.atleast_1d(x) if eqx.is_array(x) else x, case)
+
+
+def _without_lane(case: tuple[Skin, Loads, State | None]) -> SensorOutput:
+    """A pad in one lane, which leads its own way to its equilibrium."""
+    return jax.tree.map(lambda x: x[..., 0], _solve(*case))
+
+
+def _solve(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
+    # With a pad's few lanes another substitution costs less than its program's compilation.
+    found = equilibrium(
+        skin.problem(loads), start, wall_on_demand=True, omitted=not skin.is_pad
+    )
+    return _read(skin, loads, found.state, found.result, found.change)
 
 
 @eqx.filter_custom_jvp
-def _output(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
+def _section(skin: Skin, loads: Loads, start: State | None) -> SensorOutput:
     """All of it chunk by chunk: what is read of many lanes at once leaves the cache."""
-    arrays, static = eqx.partition((skin, loads, start), eqx.is_array)
-    arrays = jax.tree.map(jnp.atleast_1d, arrays)  # lanes come last
+    arrays, static = eqx.partition(_with_lanes((skin, loads, start)), eqx.is_array)
 
     def one(arrays: Any) -> SensorOutput:
-        skin, loads, start = eqx.combine(arrays, static)
-        found = equilibrium(skin.problem(loads), start, wall_on_demand=True, omitted=True)
-        return _read(skin, loads, found.state, found.result, found.change)
+        return _solve(*eqx.combine(arrays, static))
 
+    assert isinstance(skin.elements, int)
     return in_chunks(one, arrays, lanes_together(4 * (skin.elements + 1)))
 
 
-@_output.def_jvp
+@_section.def_jvp
 def _(primals: Any, tangents: Any) -> tuple[SensorOutput, SensorOutput]:
     skin, loads, _ = primals
-    output = _output(*primals)
+    output = _section(*primals)
 
     def read(skin: Skin, loads: Loads) -> SensorOutput:
         return _read(skin, loads, output.state, output.result)
@@ -225,17 +176,35 @@ def _read(
 ) -> SensorOutput:
     """What an equilibrium says, with its derivatives; see `Equilibrium` for the arguments."""
     problem = skin.problem(loads)
-    root, shown, shell = corrected(problem, state, change)
-    readings = skin.electrodes.read(shell, shown.q)
-    force = jnp.zeros_like(shown.pressure)
-    if skin.wall is None:
-        contact = shell.contact(shown.q, Wall.of(skin.geometry, skin.law.shear_modulus))
-    else:
-        contact = corrected_contact(problem.mechanics, shown, root)
-        force = jnp.sum(contact.area * contact.pressure, (0, 1)) * skin.geometry.width
-    min_gap = jnp.min(contact.gap, (0, 1))
+    found = corrected(problem, state, change)
+    root, shown, mechanics = found
+    readings = skin.electrodes.read(mechanics, shown.q)
+    min_gap, force = _at_wall(skin, found, problem.mechanics)
+    if skin.is_pad:
+        result = kept_in_domain(mechanics, shown.q, result)
     trust = bounded(problem, root, shown, result)
     return SensorOutput(readings, shown.pressure, force, min_gap, root, *trust)
+
+
+def _at_wall(skin: Skin, found: Corrected, mechanics: AbstractMechanics) -> tuple[Lanes, Lanes]:
+    """Smallest gap [m], and the force that the wall carries [N].
+
+    Args:
+        skin: the skin.
+        found: its state.
+        mechanics: in whose wall's terms the equilibrium is.
+    """
+    root, shown, seen = found
+    force, contact = jnp.zeros_like(shown.pressure), None
+    if skin.wall is not None:
+        contact = corrected_contact(mechanics, shown, root)
+        own = jnp.sum(contact.area * contact.pressure, (0, 1))
+        force = own if skin.is_pad else own * skin.geometry.width
+    if skin.is_pad:
+        return seen.shape(shown.q).smallest_gap(skin.geometry).value, force
+    if contact is None:
+        contact = seen.contact(shown.q, Wall.of(skin.geometry, skin.law.shear_modulus))
+    return jnp.min(contact.gap, (0, 1)), force
 
 
 def load_jacobian(
@@ -251,12 +220,15 @@ def load_jacobian(
         start: state of a neighbouring equilibrium.
 
     Returns:
-        The output, and the derivatives of SO by (angle [rad], force [N], turn [rad]).
+        The output, and the derivatives of SO by (angle [rad], force [N], turn [rad]); of
+        patches also by axial position [m], tilt [rad] and diameter [m].
 
     Raises:
+        ValueError: see `forward`.
         Float64Error: float64 is off.
     """
     require_float64()
+    skin = _meshed(skin, loads)
     found: tuple[SensorOutput, Array] = COMPILED.run_or_trace(_jacobian, skin, loads, start)
     return found
 
@@ -264,110 +236,17 @@ def load_jacobian(
 @eqx.filter_jit
 def _jacobian(skin: Skin, loads: Loads, start: State | None) -> tuple[SensorOutput, Array]:
     loads = loads.in_lanes()
-    count, lanes = loads.angle.shape
+    varied = {k: getattr(loads, k) for k in _VARIED if getattr(loads, k) is not None}
+    kinds, (count, lanes) = len(varied), loads.angle.shape
 
-    def so(loads: Loads) -> tuple[Array, SensorOutput]:
-        output = _forward(skin, loads, start)
+    def so(varied: dict[str, Array]) -> tuple[Array, SensorOutput]:
+        output = _forward(skin, dataclasses.replace(loads, **varied), start)
         return output.so, output
 
-    _, push, output = jax.linearize(so, loads, has_aux=True)
+    _, push, output = jax.linearize(so, varied, has_aux=True)
+    each = (kinds, count)
     unit = jnp.broadcast_to(
-        jnp.eye(3 * count).reshape(3, count, 3, count, 1), (3, count, 3, count, lanes)
+        jnp.eye(kinds * count).reshape(*each, *each, 1), (*each, *each, lanes)
     )
-    zero = jnp.zeros_like(loads.external_pressure)
-    column = jax.vmap(jax.vmap(lambda e: push(Loads(e[0], e[1], e[2], zero))))
+    column = jax.vmap(jax.vmap(lambda e: push(dict(zip(varied, e, strict=True)))))
     return output, column(unit)
-
-
-def skin_of(
-    spec: SkinSpec,
-    inputs: Mapping[str, ArrayLike] | None = None,
-    *,
-    elements: int = ELEMENTS,
-    contact: bool = True,
-) -> Skin:
-    """Build a skin from its specification.
-
-    Args:
-        spec: a skin, or a scene, with [electrodes].
-        inputs: SI values by TOML path (see `continuous_inputs`) that replace the
-            specification's own: pass traced numbers here to differentiate by them.
-        elements: of the mesh along the whole arc.
-        contact: whether the wall holds the membrane, if the specification says so. Without
-            it programs compile in half the time; states at the wall are still told by
-            `Readings.touching`.
-
-    Raises:
-        ConfigError: the section can't be, or a taxel lies off it.
-        ValueError: the skin has no electrodes, or a path is none of its inputs.
-        Float64Error: float64 is off.
-    """
-    require_float64()
-    spec.require_plane_strain("`skin_of`")
-    numbers = known_inputs(spec, inputs)
-    if spec.electrodes is not None:
-        check_taxels(spec.electrodes, spec.geometry)
-    parts = skin_parts(spec, numbers)
-    wall = parts.wall if contact else None
-    return Skin(parts.geometry, parts.law, parts.oil, parts.sensing(), wall, elements)
-
-
-def known_inputs(
-    spec: SkinSpec, inputs: Mapping[str, ArrayLike] | None
-) -> dict[str, ArrayLike]:
-    """A skin's numbers by TOML path, some of them replaced.
-
-    Args:
-        spec: the skin.
-        inputs: what replaces them; None for nothing.
-
-    Raises:
-        ValueError: a path is none of its inputs.
-    """
-    own: dict[str, ArrayLike] = dict(continuous_inputs(spec))
-    for path in inputs or ():
-        if path not in own:
-            near = difflib.get_close_matches(path, own, 1)
-            hint = f'; did you mean "{near[0]}"?' if near else ""
-            raise ValueError(f'"{path}" is no continuous input of this skin{hint}')
-    return {**own, **(inputs or {})}
-
-
-def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
-    """The loads of a scene, those spread over an arc as a few points of one direction.
-
-    Args:
-        scene: its [[load]] tables.
-        inputs: SI values by TOML path that replace the scene's own.
-
-    Raises:
-        Float64Error: float64 is off.
-    """
-    require_float64()
-    scene.require_plane_strain("`loads_of`")
-    scene.require_no_bodies("`loads_of`")
-    parts = scene_parts(scene, {**continuous_inputs(scene), **(inputs or {})})
-    section = parts.skin.geometry.section
-    angles, forces, turns = [], [], []
-    for load in parts.forces:
-        assert isinstance(load, LineLoad)  # all there is in plane strain
-        points, weights = np.zeros(1), np.ones(1)
-        if load.spread is not None:
-            points, weights = gauss_legendre(SPREAD_POINTS, -1.0, 1.0)
-            weights = weights / 2
-        # A vertical force is the inward radial one turned by its angle.
-        along = section.direction(load.angle)
-        turn = along if load.vertical else load.turn
-        half = jnp.zeros(1)
-        if load.spread is not None:
-            start, end = load.breakpoints(section)
-            half = (end - start) / 2
-        for x, weight in zip(points, weights, strict=True):
-            angles.append(load.angle + x * half)
-            forces.append(load.force * weight)
-            turns.append(turn + section.direction(angles[-1]) - along)
-
-    def stacked(rows: list[Array]) -> Array:
-        return jnp.stack(rows) if rows else jnp.zeros((0, 1))
-
-    return Loads(stacked(angles), stacked(forces), stacked(turns), parts.external_pressure)

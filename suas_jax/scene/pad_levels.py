@@ -4,7 +4,7 @@ Each state starts from a polynomial through the ones before. The last Newton cor
 factors serve the omitted energy, too, so a state costs little more than its corrections.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,14 +14,31 @@ from jaxtyping import Array, Bool, Float
 from suas_jax.equilibrium.balance import Problem, State, border_of, residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import settled
-from suas_jax.mesh.pad_plan import PadPlan
+from suas_jax.equilibrium.validity import kept_in_domain
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector, eliminate
-from suas_jax.scene.pad_forward import PadReadings, PadSkin, Patches, read
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin
 
 # Displacement by the last Newton correction before the shear is added, relative.
 _CLOSE = 1e-2
 _MOST_CORRECTIONS = 12
+
+
+class PadReadings(NamedTuple):
+    """What a pad says about its loads at several levels of them.
+
+    Attributes:
+        so: continuous sensor output [counts]; NaN where the membrane touches the electrode.
+        pressure: of the oil, above ambient [Pa].
+        min_gap: smallest between membrane and wall [m].
+        found: whether the equilibrium was found.
+    """
+
+    so: Float[Array, "level taxel"]
+    pressure: Float[Array, " level"]
+    min_gap: Float[Array, " level"]
+    found: Bool[Array, " level"]
 
 
 def _with_shear(
@@ -71,23 +88,21 @@ def _with_shear(
 
 
 def readings_along(
-    skin: PadSkin,
-    patches: Patches,
-    plan: PadPlan,
+    skin: Skin,
+    loads: Loads,
     levels: Float[Array, " level"],
     weights: Float[Array, "level level"],
 ) -> PadReadings:
     """Readings along a path of loads that starts at rest.
 
     Args:
-        skin: the pad.
-        patches: contacts with their largest forces.
-        plan: the mesh.
+        skin: the pad, with a mesh.
+        loads: patches in one lane, with their largest forces.
         levels: factors on the forces, in the order to visit.
         weights: of the states before, rest first, in the state that the next one starts
             from, see `extrapolation`.
     """
-    problem = skin.problem(patches, plan)
+    problem = skin.problem(loads)
     rest = settled(problem, 1, LoadStepping()).y
     history = jax.tree.map(lambda x: jnp.zeros((len(levels), *x.shape)).at[0].set(x), rest)
 
@@ -98,10 +113,18 @@ def readings_along(
         kept = jax.tree.map(
             lambda h, x: jax.lax.dynamic_update_index_in_dim(h, x, index + 1, 0), history, y
         )
-        return kept, read(skin, problem, state, found)
+        return kept, _read(skin, problem, state, found)
 
     steps = (jnp.arange(len(levels)), levels, weights)
     return jax.lax.scan(visit, history, steps)[1]
+
+
+def _read(skin: Skin, problem: Problem, state: State, found: Array) -> PadReadings:
+    """The readings of a state in one lane."""
+    so = skin.electrodes.read(problem.mechanics, state.q).so[..., 0]
+    gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
+    outcome = kept_in_domain(problem.mechanics, state.q, (~found).astype(jnp.int32))
+    return PadReadings(so, state.pressure[0], gap[0], outcome[0] == 0)
 
 
 def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:

@@ -1,7 +1,12 @@
-"""Tile the wall with triangular modules, as the paper's pad carries up to 32 of them."""
+"""ROBOSKIN triangles in rows on the wall, pointing up and down in turn.
+
+A row of n triangles of edge a is (n + 1) a / 2 long and sqrt(3) a / 2 wide. Rows follow one
+another along the axis, the triangles of a row along the arc, half an edge apart, all about the
+crown and mid-width. The paper's pad carries up to 32 of them.
+"""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,8 +16,60 @@ from suas_jax.skin.plain import plain_geometry
 
 PAPER_EDGE = 24e-3
 """Edge of the paper's triangle [m]."""
+PITCH_PER_EDGE = 6.533 / 30.0
+"""Distance between neighbouring taxels over the edge of their triangle: an iCub's."""
 
-_MEASURED_EDGE, _MEASURED_PITCH = 30e-3, 6.533e-3  # of an iCub's triangle
+
+class Triangle(NamedTuple):
+    """Where a module lies.
+
+    Attributes:
+        angle: of its centroid, from the symmetry axis [rad].
+        axial: of its centroid, from mid-width [m].
+        rotation: about its centroid [rad].
+    """
+
+    angle: float
+    axial: float
+    rotation: float
+
+
+class PadLayout(NamedTuple):
+    """Triangles of one size.
+
+    Attributes:
+        edge: of the triangles [m].
+        pitch: between neighbouring taxels [m].
+        triangles: row by row along the axis, each towards +angle.
+    """
+
+    edge: float
+    pitch: float
+    triangles: tuple[Triangle, ...]
+
+
+def pad_layout(
+    rows: int, columns: int, *, wall_radius: float, half_angle: float, width: float
+) -> PadLayout:
+    """Rows of triangles, as large as the pad's wall allows.
+
+    Args:
+        rows: along the axis.
+        columns: triangles of a row, along the arc.
+        wall_radius: of the wall that carries them [m].
+        half_angle: from the symmetry axis to an edge of the wall [rad].
+        width: of the pad, along the axis [m].
+
+    Raises:
+        ValueError: no rows or columns.
+    """
+    if rows < 1 or columns < 1:
+        raise ValueError(f"{rows}x{columns}: at least one row and one column are needed")
+    arc = 2 * half_angle * wall_radius
+    edge = min(2 * arc / (columns + 1), 2 * width / (math.sqrt(3) * rows))
+    places = _places(rows, columns, edge)
+    triangles = tuple(Triangle(along / wall_radius, *rest) for along, *rest in places)
+    return PadLayout(edge, PITCH_PER_EDGE * edge, triangles)
 
 
 def tiled_modules(
@@ -24,11 +81,10 @@ def tiled_modules(
     pitch: float | None = None,
     **module: Any,
 ) -> tuple[ModuleSpec, ...]:
-    """Cover the wall with rows of triangles that point up and down in turn.
+    """Cover the wall, whatever its section, with triangles of a given size.
 
-    Rows follow one another along the axis, the triangles of a row along the wall, whatever its
-    section, half an edge apart; the tiling is centred on the wall. By default four rows of
-    eight: the 32 triangles (320 taxels) of a half-cylinder, a row a bus.
+    The tiling is centred on the wall, the triangles of a row even along it. By default four
+    rows of eight: the 32 triangles (320 taxels) of a half-cylinder, a row a bus.
 
     Args:
         geometry: of the skin.
@@ -41,38 +97,40 @@ def tiled_modules(
         **module: further keys of every module: diameter [m], numbering.
 
     Returns:
-        Modules row by row from -axial, each row from the left; by `angle` where the section
-        knows one, else by `arc`.
+        Modules row by row from -axial, each row from -angle.
 
     Raises:
         ValueError: the tiling is larger than the wall; the message says by how much.
     """
-    if pitch is None:
-        pitch = _MEASURED_PITCH * edge / _MEASURED_EDGE
-    height, skin = edge * math.sqrt(3) / 2, plain_geometry(geometry)
+    skin = plain_geometry(geometry)
     first, last = (float(skin.wall_arc(side * skin.half_angle)[0]) for side in (-1, 1))
     _must_fit("arc", (columns + 1) * edge / 2, last - first)
-    _must_fit("width", rows * height, geometry.width)
-    along = (first + last + (np.arange(columns) - (columns - 1) / 2) * edge) / 2
-    middle: Any = np.zeros((columns, 1))  # NumPy's, which need no program on a circle
-    places = skin.along_wall(middle, middle + along[:, None])
+    _must_fit("width", rows * edge * math.sqrt(3) / 2, geometry.width)
+    module["pitch"] = PITCH_PER_EDGE * edge if pitch is None else pitch
+    along, axial, rotation = map(np.array, zip(*_places(rows, columns, edge), strict=True))
+    middle: Any = np.zeros((len(along), 1))  # NumPy's, which need no program on a circle
+    places = skin.along_wall(middle, middle + ((first + last) / 2 + along)[:, None])
     told = "angle" if geometry.has_angle else "arc"
     known = skin.section.given_angle if geometry.has_angle else skin.section.arc
-    place = np.asarray(known(places))[:, 0].tolist()
-    modules = []
+    place = np.asarray(known(places))[:, 0]
+    rows_of = zip(place.tolist(), axial.tolist(), rotation.tolist(), strict=True)
+    return tuple(
+        ModuleSpec(**{told: at}, axial=z, rotation=turn, **module) for at, z, turn in rows_of
+    )
+
+
+def _places(rows: int, columns: int, edge: float) -> list[tuple[float, float, float]]:
+    """Centroids along the wall and the axis [m] from the middle, and rotations [rad]."""
+    height = edge * math.sqrt(3) / 2
+    found = []
     for row in range(rows):
         for column in range(columns):
             down = (row + column) % 2 == 1
             # A triangle's centroid lies a third of its height above its base.
             middle = row + (2 / 3 if down else 1 / 3) - rows / 2
-            rotation = math.pi if down else 0.0
-            pose: dict[str, Any] = {
-                told: place[column],
-                "axial": middle * height,
-                "rotation": rotation,
-            }
-            modules.append(ModuleSpec(**pose, pitch=pitch, **module))
-    return tuple(modules)
+            along = (column - (columns - 1) / 2) * edge / 2
+            found.append((along, middle * height, math.pi if down else 0.0))
+    return found
 
 
 def _must_fit(what: str, needed: float, available: float) -> None:

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from suas_jax.config import SceneSpec
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.runtime.jit import jit
-from suas_jax.scene.forward import SPREAD_POINTS, Loads, forward, loads_of, skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import SPREAD_POINTS, Loads, loads_of
+from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
 from suas_jax.simulation.load_path import LoadPath
 from suas_jax.simulation.pad_frames import NoSolutionError, pad_capacitances, pad_path
@@ -106,7 +108,7 @@ def _loads(path: LoadPath, time: NDArray[np.float64], section: AbstractSection) 
         if load.kind == "pressure":
             pressure += values.get(f"loads.{i}.pressure_Pa", load.pressure)
             continue
-        assert load.kind == "line"  # loads_of refuses patches
+        assert load.kind == "line"  # all there is in plane strain
         if load.spread is not None:
             row += SPREAD_POINTS
             continue

@@ -1,7 +1,7 @@
 """Capacitances along a load path of a skin whose membrane remembers.
 
 Frames follow one another: each begins with what the material remembers of those before. On a
-section loads may move over an even mesh, as in `suas_jax.scene.forward`; on a pad, whose
+section loads may move over an even mesh, as in `suas_jax.scene.skin`; on a pad, whose
 elements gather at loads, they stay where they are. Before the first frame the skin has been at
 rest.
 """
@@ -33,9 +33,10 @@ from suas_jax.equilibrium.balance import Problem
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.pad.model import PadMesh
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Loads, Skin
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import scene_parts
 from suas_jax.scene.program import inputs_of
+from suas_jax.scene.skin import Skin
 from suas_jax.scene.structure import Inputs, Structure
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.simulation.pad_frames import NoSolutionError

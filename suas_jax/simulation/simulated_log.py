@@ -1,6 +1,6 @@
 """A scene, or a path of loads, as the sensor output that a skin would send."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,13 +11,88 @@ from numpy.typing import NDArray
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags, Integrity
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
-from suas_jax.config import SceneSpec, load_scene
+from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec, load_scene
 from suas_jax.files.writing import written
 from suas_jax.sensing.converter import Converter, Sample
 from suas_jax.sensing.taxels import taxel_names
 from suas_jax.simulation.capacitances import capacitances, static_state
 from suas_jax.simulation.load_path import load_path
-from suas_jax.simulation.true_loads import Columns, NotKnownInputsError, true_loads
+
+Columns = dict[str, NDArray[np.float64]]
+
+
+class NotKnownInputsError(ValueError):
+    """A load that no columns of known inputs describe; says which and why."""
+
+
+def true_loads(
+    scene: SceneSpec,
+    forces: Sequence[float],
+    moved: Mapping[str, NDArray[np.float64]],
+    frames: int,
+) -> Columns:
+    """Columns `load_0_force_N`, `load_0_angle_deg` and their like, by name [frame].
+
+    Args:
+        scene: whose loads act.
+        forces: total force of each load [N]; that of a pressure is not used.
+        moved: what a load path changes, by its columns' names [frame].
+        frames: their number.
+
+    Raises:
+        NotKnownInputsError: a load has no such columns: a pressure, a spread load, a rectangle.
+    """
+    columns: Columns = {}
+    flat = scene.geometry.dimension == 2
+    for i, load in enumerate(scene.loads):
+        _refuse_others(i, load, flat, scene.geometry)
+        assert load.kind in ("line", "patch")
+        own: dict[str, float] = {"force_N": forces[i]}
+        if load.angle is not None:
+            own["angle_deg"] = np.rad2deg(load.angle)
+        elif load.arc is not None:
+            own["arc_m"] = load.arc
+        if load.direction == "vertical":
+            own["direction_deg"] = own["angle_deg"]
+        elif load.direction != "radial":
+            own["direction_deg"] = np.rad2deg(load.direction)
+        if not flat:
+            own["axial_m"] = load.axial
+        if load.kind == "patch" and load.diameter is not None:
+            own["diameter_m"] = load.diameter
+        values = {key: np.full(frames, value) for key, value in own.items()}
+        for name, series in moved.items():
+            _, index, key = name.split(".")
+            if int(index) == i and key != "tilt_deg":
+                values[key] = np.asarray(series, float)
+        if load.direction == "vertical" and f"loads.{i}.direction_deg" not in moved:
+            values["direction_deg"] = values["angle_deg"]
+        for key, series in values.items():
+            name = f"load_{i}_{key}"
+            scale = 1e3 if key.endswith("_m") else 1.0
+            columns[name.removesuffix("_m") + "_mm" if scale > 1 else name] = scale * series
+    return columns
+
+
+def _refuse_others(i: int, load: LoadSpec, flat: bool, geometry: GeometrySpec) -> None:
+    why = ""
+    if load.kind == "pressure":
+        why = "a pressure"
+    elif load.kind == "body":
+        why = "a body"
+    elif load.kind == "line" and (load.spread is not None or not flat):
+        why = "spread" if load.spread is not None else "a line on a pad"
+    elif load.kind == "patch" and load.diameter is None:
+        why = "a rectangle"
+    elif load.tilt != 0.0:
+        why = "tilted"
+    elif load.direction == "vertical" and not (
+        geometry.section == "circle" and load.angle is not None
+    ):
+        why = "vertical, not placed by the angle of a circle"
+    if why:
+        raise NotKnownInputsError(f"load {i} is {why}, for which there are no such columns")
+
 
 _SCENE_SECONDS = 10.0
 _MOST_FRAMES = 1_000_000

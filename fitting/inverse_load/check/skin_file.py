@@ -29,7 +29,7 @@ from fitting.inverse_load.pad.fitter import PadFitter
 from fitting.inverse_load.pad.input_errors import solved_channels
 from suas_jax.config import continuous_inputs
 from suas_jax.config.input_errors import STIFFNESS
-from suas_jax.scene.pad_forward import pad_skin_of
+from suas_jax.scene.skin import skin_of
 
 _MOST = 12  # frames that are solved again
 _SURE = 1e-4  # p-value of chi2 of all frames below which something is wrong
@@ -102,7 +102,7 @@ def _slopes(estimator: LoadEstimator, parameters: Floats) -> dict[str, Floats]:
     slots = max(estimator.most_contacts, 2)  # as the estimator's own program has
     base = solved_channels(skin, parameters, diameter, slots)
     value = (1 + _STEP) * continuous_inputs(estimator.spec)[_THICKNESS]
-    changed = pad_skin_of(
+    changed = skin_of(
         estimator.spec, {_THICKNESS: value}, elements=skin.elements, contact=False
     )
     slopes = {

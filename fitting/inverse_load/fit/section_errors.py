@@ -31,8 +31,8 @@ from suas_jax.equilibrium.equilibrium import State, differentiable
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key
-from suas_jax.scene.forward import Skin
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.skin import Skin
 
 _RADIAL = 2  # parameters of a contact whose direction is held
 _RIDGE = 1e-12  # of squared cosines: where angle and force do the same

@@ -18,7 +18,7 @@ from fitting.inverse_load.model.contact_parameters import SECTION, SECTION_WITH_
 from fitting.inverse_load.search.table import LoadTable, edge_margin
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Skin
+from suas_jax.scene.skin import Skin
 
 # Lanes of a program. Most fits after the first are of a few frames, and lanes without one cost
 # as much: 10,000 frames take half the processor time that they take with 128 lanes.

@@ -20,7 +20,7 @@ from fitting.inverse_load.fit.section_fitter import SectionFitter
 from fitting.inverse_load.fit.section_least_squares import WIDE_FIT_PROGRAM, Fit
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
-from suas_jax.scene.forward import Skin
+from suas_jax.scene.skin import Skin
 
 _START = 12e-3  # length of the arc where fits begin [m]
 _SHORTEST, _LONGEST = 1e-3, 60e-3  # [m]

@@ -27,7 +27,7 @@ from fitting.inverse_load.search.table import LoadTable
 from suas_jax.constitutive.relaxation import Past
 from suas_jax.equilibrium.equilibrium import State
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Skin
+from suas_jax.scene.skin import Skin
 
 
 class RememberingNodes(NodeSearch):

@@ -22,7 +22,8 @@ from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import differentiable, equilibrium
 from suas_jax.numerics.array_types import StationVector
-from suas_jax.scene.forward import Loads, Skin
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin
 from suas_jax.sensing.electrodes import Electrodes, Readings
 from suas_jax.sensing.taxels import Taxels
 from suas_jax.skin.geometry import SkinGeometry
@@ -69,7 +70,7 @@ class RememberingSkin(eqx.Module):
         return self.skin.geometry
 
     @property
-    def elements(self) -> int:
+    def elements(self) -> int | tuple[int, int]:
         """Of its mesh."""
         return self.skin.elements
 

@@ -17,7 +17,8 @@ from suas_jax.equilibrium.equilibrium import State, differentiable, equilibrium
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.quadrature import gauss_legendre
 from suas_jax.scene.error_estimate import bounded
-from suas_jax.scene.forward import SPREAD_POINTS, Loads, Skin
+from suas_jax.scene.loads import SPREAD_POINTS, Loads
+from suas_jax.scene.skin import Skin
 
 
 class Evaluation(NamedTuple):
@@ -70,6 +71,7 @@ def wide_load(parameters: Float[Array, "parameter lane"], skin: Skin) -> Loads:
 def at_rest(skin: Skin, lanes: int) -> State:
     """The undeformed state, in lanes."""
     zero = jnp.zeros(lanes)
+    assert isinstance(skin.elements, int)  # a section's
     return State(jnp.zeros((4, skin.elements + 1, lanes)), zero, zero)
 
 

@@ -8,14 +8,15 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Flags, Floats
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.settings import configure
-from suas_jax.scene.pad_forward import PadSkin, Patches, readings
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
 from suas_jax.scene.pad_levels import extrapolation, readings_along
+from suas_jax.scene.skin import Skin
 
 LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
 """Forces as shares of the largest, rest among them."""
@@ -25,8 +26,6 @@ _PASSES = 6  # attempts to find the largest force
 _NARROWED = 1.2  # ratio of a force at which paths end to one that is reached, near enough
 _FEW = 20  # columns that aren't worth the compiler's own optimisation
 _AT_ONCE = 4  # columns that a worker is sent
-READ = eqx.filter_jit(readings)
-"""The readings of solved contacts, to be run by `COMPILED`."""
 _READ_ALONG = eqx.filter_jit(readings_along)
 
 
@@ -52,7 +51,7 @@ class Columns:
 
     def __init__(
         self,
-        skin: PadSkin,
+        skin: Skin,
         diameter: float,
         progress: Callable[[int, int], None],
         total: int,
@@ -95,7 +94,7 @@ class Columns:
         return _joined(rows)
 
     def _on_workers(
-        self, workers: Executor, skin: PadSkin, numbers: Floats, levels: Floats, once: bool
+        self, workers: Executor, skin: Skin, numbers: Floats, levels: Floats, once: bool
     ) -> list[Column]:
         """Columns in the order of their places."""
         sent = pickle.dumps(skin)
@@ -113,7 +112,7 @@ class Columns:
         self._progress(min(self._done, self._total), self._total)
 
 
-def solve_column(skin: PadSkin, numbers: Floats, levels: Floats, once: bool) -> Column:
+def solve_column(skin: Skin, numbers: Floats, levels: Floats, once: bool) -> Column:
     """Readings under shares of one contact's force.
 
     States follow one another by extrapolation; those that Newton's method doesn't find that way
@@ -125,14 +124,16 @@ def solve_column(skin: PadSkin, numbers: Floats, levels: Floats, once: bool) -> 
         levels: shares of the force.
         once: whether few columns will be solved.
     """
-    patches = Patches(*(jnp.array([float(x)]) for x in numbers))
-    plan, weights = skin.plan(patches), extrapolation(levels)
-    found = COMPILED.run(_READ_ALONG, skin, patches, plan, levels, weights, once=once)
+    angle, axial, force, diameter = numbers
+    loads = Loads.patch(angle, axial, force, diameter)
+    skin, weights = skin.around(loads), extrapolation(levels)
+    found = COMPILED.run(_READ_ALONG, skin, loads, levels, weights, once=once)
     column = Column(*(np.array(x) for x in found))
     for k in np.flatnonzero(~column.found):
-        alone = replace(patches, force=patches.force * levels[k])
-        for whole, one in zip(column, COMPILED.run(READ, skin, alone, plan), strict=True):
-            whole[k] = np.asarray(one)
+        alone = forward(skin, Loads.patch(angle, axial, force * levels[k], diameter))
+        column.so[k] = alone.so[:, 0]
+        column.pressure[k], column.min_gap[k] = alone.oil_pressure[0], alone.min_gap[0]
+        column.found[k] = alone.solved[0]
     return column
 
 

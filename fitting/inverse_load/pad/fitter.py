@@ -21,7 +21,7 @@ from fitting.inverse_load.pad.pad_least_squares import (
 from fitting.inverse_load.pad.solved import SolvedContacts, near
 from fitting.inverse_load.pad.table_build import edge_of
 from suas_jax.equilibrium.equilibrium import State
-from suas_jax.scene.pad_forward import PadSkin
+from suas_jax.scene.skin import Skin
 
 _ROUNDS = 4  # of solving several contacts and fitting again
 _MOVED = 0.1  # standard deviations below which a round is the last
@@ -44,7 +44,7 @@ class PadFitter(AbstractLoadFitter):
 
     def __init__(
         self,
-        skin: PadSkin,
+        skin: Skin,
         interpolant: PadInterpolant,
         *,
         live: bool,

@@ -15,21 +15,20 @@ is no change of stiffness is left out.
 
 from collections.abc import Mapping
 
-import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
-from fitting.inverse_load.pad.columns import READ
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
 from fitting.inverse_load.pad.table import PadTable
 from suas_jax.config import InputErrors, SkinSpec, continuous_inputs
 from suas_jax.config.input_errors import value_of
 from suas_jax.files.kept_arrays import kept_arrays
-from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.pad_forward import PadSkin, Patches, pad_skin_of
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin, skin_of
 
 _PLACE_ERROR, _FORCE_ERROR = 5e-5, 5e-3  # standard deviations [m], of the force
 _STEP = 0.02  # of the force in solved states, relative
@@ -56,7 +55,7 @@ class PadErrors(AbstractSystematicErrors):
     def __init__(
         self,
         errors: InputErrors,
-        skin: PadSkin,
+        skin: Skin,
         table: PadTable,
         *,
         from_rest: bool,
@@ -145,7 +144,7 @@ class PadErrors(AbstractSystematicErrors):
                 inputs = {
                     p: value_of(self._spec, p) + side * _SMALL * s for p, s in material.items()
                 }
-                law = pad_skin_of(self._spec, inputs, contact=False).law
+                law = skin_of(self._spec, inputs, contact=False).law
                 moduli.append(float(np.ravel(law.shear_modulus)[0]))
             total += (moduli[1] - moduli[0]) / (_SMALL * (moduli[0] + moduli[1]))
         for path, size in change.items():
@@ -170,7 +169,7 @@ class PadErrors(AbstractSystematicErrors):
         return float(kept["change"])
 
     def _stiffer(self, path: str, size: float) -> float:
-        changed = pad_skin_of(
+        changed = skin_of(
             self._spec,
             {path: value_of(self._spec, path) + size},
             elements=self._skin.elements,
@@ -203,13 +202,13 @@ def gap_line(spec: SkinSpec, inputs: Mapping[str, float]) -> tuple[Floats, Float
     step = 1e-4 * gap
     values = []
     for at in (gap - step, gap, gap + step):
-        skin = pad_skin_of(spec, {**inputs, "geometry.oil_gap": at}, contact=False)
+        skin = skin_of(spec, {**inputs, "geometry.oil_gap": at}, contact=False)
         stray = stray_counts(skin)
         values.append(1 / (rest_readings(skin) - stray))
     return stray, values[1], (values[2] - values[0]) / (2 * step)
 
 
-def solved_channels(skin: PadSkin, parameters: Floats, diameter: float, slots: int) -> Floats:
+def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int) -> Floats:
     """Readings and the oil's pressure under single contacts, from the model.
 
     Args:
@@ -227,9 +226,7 @@ def solved_channels(skin: PadSkin, parameters: Floats, diameter: float, slots: i
         size = x[3] if len(x) > 3 else diameter
         unused = [[*x[:2], 0.0, size]] * (slots - 1)
         columns = np.array([[*x[:3], size], *unused]).T
-        patches = Patches(*(jnp.asarray(row) for row in columns))
-        used = Patches(*(jnp.asarray(row[:1]) for row in columns))
-        found = COMPILED.run(READ, skin, patches, skin.plan(used, slots=slots))
-        row = np.append(np.asarray(found.so), float(found.pressure))
-        rows.append(row if bool(found.found) else np.full_like(row, np.nan))
+        found = forward(skin, Loads.patch(*columns[..., None]))
+        row = np.append(np.asarray(found.so)[:, 0], np.asarray(found.oil_pressure))
+        rows.append(np.full_like(row, np.nan) if int(found.result[0]) else row)
     return np.array(rows)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats, Rows
-from suas_jax.scene.pad_forward import PadSkin
+from suas_jax.scene.skin import Skin
 from suas_jax.sensing.taxels import Taxels
 
 
-def mirror_images(skin: PadSkin) -> tuple[PadSkin, Rows]:
+def mirror_images(skin: Skin) -> tuple[Skin, Rows]:
     """The pad with all distinct mirror images of its taxels.
 
     Returns:

@@ -23,7 +23,7 @@ from fitting.inverse_load.search.pairs import PairSearch
 from fitting.statistics.log_probability import NumpyBatch
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.equilibrium.equilibrium import State
-from suas_jax.scene.pad_forward import PadSkin, pad_skin_of
+from suas_jax.scene.skin import Skin, skin_of
 
 APART = 12e-3
 """Contacts closer than this are one mode of the search [m]."""
@@ -174,7 +174,7 @@ def pad_parts(
     progress: Callable[[str], None],
     workers: Executor | None,
     resolution: PadResolution,
-) -> tuple[EstimationParts, PadSkin, PadTable]:
+) -> tuple[EstimationParts, Skin, PadTable]:
     """The parts for a pad, its model and its table of solved states.
 
     Args:
@@ -190,7 +190,7 @@ def pad_parts(
         resolution: of the tables.
     """
     diameters = FREE_DIAMETERS if diameter is None else (diameter,)
-    skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
+    skin = skin_of(spec, elements=resolution.elements, contact=False)
     if not (skin.geometry.symmetric and spec.geometry.mirrored_along_axis):
         raise ValueError(
             "loads on a pad are estimated from a table of a quarter of it, which takes a "
@@ -234,7 +234,7 @@ def pad_parts(
 
 def table_of_pad(
     spec: SkinSpec, diameter: float, progress: Callable[[str], None], workers: Executor | None
-) -> tuple[PadSkin, PadTable]:
+) -> tuple[Skin, PadTable]:
     """A pad's model and its table of solved states.
 
     Args:
@@ -243,7 +243,7 @@ def table_of_pad(
         progress: called with what is being done.
         workers: that solve the table's states; None: this process.
     """
-    return pad_skin_of(spec, contact=False), _table(spec, diameter, progress, workers)
+    return skin_of(spec, contact=False), _table(spec, diameter, progress, workers)
 
 
 def _table(

@@ -1,13 +1,12 @@
 """Solved states of several contacts: what the interpolant is corrected by."""
 
-import jax.numpy as jnp
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.pad.columns import READ
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, force_components
-from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import PadSkin, Patches
+from suas_jax.scene.forward import forward
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import Skin
 
 # Live, a correction is kept while contacts move by less than this and forces change by that
 # share; in a log by a fifth of that.
@@ -51,7 +50,7 @@ class SolvedContacts:
     """
 
     def __init__(
-        self, skin: PadSkin, interpolant: PadInterpolant, most_contacts: int, diameter: float
+        self, skin: Skin, interpolant: PadInterpolant, most_contacts: int, diameter: float
     ) -> None:
         self._skin, self._interpolant = skin, interpolant
         self._most, self._diameter = max(most_contacts, 2), diameter
@@ -110,14 +109,12 @@ class SolvedContacts:
         columns = np.array([np.append(x, np.full(self._most - count, x[0])) for x in rows])
         columns[2, count:] = 0.0
         columns[2, :count] = self._interpolant.tables[0].force_on_mesh(*columns[:3, :count])
-        patches = Patches(*(jnp.asarray(row) for row in columns))
-        used = Patches(*(jnp.asarray(row[:count]) for row in columns))
-        plan = self._skin.plan(used, slots=self._most)
-        found = COMPILED.run(READ, self._skin, patches, plan)
-        if not bool(found.found):
+        found = forward(self._skin, Loads.patch(*columns[..., None]))
+        if not bool(found.solved[0]):
             return None
-        u = 1 / (np.asarray(found.so) - self._stray)
-        return np.append(u - self._rest, float(found.pressure)), float(found.min_gap)
+        u = 1 / (np.asarray(found.so)[:, 0] - self._stray)
+        change = np.append(u - self._rest, np.asarray(found.oil_pressure))
+        return change, float(found.min_gap[0])
 
 
 def _along(by_contact: Floats, force: Floats) -> Floats:

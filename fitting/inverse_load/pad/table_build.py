@@ -17,7 +17,7 @@ from fitting.inverse_load.pad.table import PadTable, reciprocal
 from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.pad_forward import ELEMENTS, PadSkin, pad_skin_of
+from suas_jax.scene.skin import PAD_ELEMENTS, Skin, skin_of
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class PadResolution:
             is solved at the probes alone; None for none.
     """
 
-    elements: tuple[int, int] = ELEMENTS
+    elements: tuple[int, int] = PAD_ELEMENTS
     spacing: float = 5.3e-3
     probes: tuple[int, int] = (4, 3)
     finer: tuple[int, int] | None = None
@@ -59,7 +59,7 @@ def pad_table_of(
         progress: called with the number of columns solved and their total.
         workers: that solve it (`fitting.workers`); None: this process, on all cores.
     """
-    skin = pad_skin_of(spec, elements=resolution.elements, contact=False)
+    skin = skin_of(spec, elements=resolution.elements, contact=False)
     name = content_key(
         {
             "structure": structure(spec),
@@ -77,7 +77,7 @@ def pad_table_of(
 
 
 def build_pad_table(
-    skin: PadSkin,
+    skin: Skin,
     diameter: float,
     resolution: PadResolution = FINE,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -124,7 +124,7 @@ def build_pad_table(
     )
 
 
-def edge_of(skin: PadSkin, diameter: float) -> tuple[float, float]:
+def edge_of(skin: Skin, diameter: float) -> tuple[float, float]:
     """Largest angle [rad] and axial position [m] of a contact that stays on the pad."""
     g = skin.geometry
     margin = diameter / 2 + float(g.thickness[0]) / 4

@@ -16,7 +16,7 @@ from fitting.inverse_load.model.evaluation import at_rest
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from fitting.inverse_load.search.table import LoadTable
 from suas_jax.equilibrium.equilibrium import State
-from suas_jax.scene.forward import Skin
+from suas_jax.scene.skin import Skin
 
 _STARTS = 3
 _SUPERPOSITION = 0.05  # its relative error

@@ -20,7 +20,7 @@ from suas_jax.equilibrium.equilibrium import State
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.compiled import COMPILED
 from suas_jax.runtime.content_key import content_key, source_digest
-from suas_jax.scene.forward import Skin
+from suas_jax.scene.skin import Skin
 
 LANES = 128
 """Lanes of the compiled programs that work through tables."""

@@ -30,7 +30,7 @@ from fitting.inverse_load.zero.gaussian import Gaussian, conditioned
 from fitting.inverse_load.zero.zero import KnownPress, Zero, inputs_at, zeroed_inputs
 from suas_jax.config import InputErrors, SkinSpec
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.forward import Skin, skin_of
+from suas_jax.scene.skin import Skin, skin_of
 
 _ROUNDS = 12
 _SHORTER = 5  # halvings of a step beyond which the model has no state

@@ -7,11 +7,8 @@ An isotropic rubber that keeps its volume reads, in every homogeneous test,
 with A and B known from the deformation (Rivlin). A test of one mode tells the sum along its
 path and little of its parts; laws that follow it equally well differ elsewhere by any amount.
 So α is a law's, averaged over all laws that are stable where it is asked, by their evidence,
-with a Gaussian process beside it for what none of them follows; β is that of rubbers,
-b (μ/2) √(3/I₂) with `SECOND`, and a process beside it; δ is what depends on both invariants.
-Where several modes are measured, the readings say what α and β are.
-
-`SECOND` and the other scales were set on Treloar (1944), Kawabata (1981) and Meunier (2008).
+with what none of them follows beside it (`fitting.material.fit.stress_process`). Where several
+modes are measured, the readings say what α and β are.
 """
 
 import dataclasses
@@ -27,26 +24,30 @@ from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.fit.problem import MaterialProblem
 from fitting.material.fit.specimens import Specimens
+from fitting.material.fit.stress_process import (
+    EXPONENT,
+    SECOND,
+    First,
+    Part,
+    Readings,
+    Rows,
+    States,
+    along,
+    conditioned,
+    covariance_of,
+    mean_of,
+    reaches,
+)
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.identifiability import Uncertainty
 
-Rows = Float[np.ndarray, " n"]
-
-SECOND = (0.15, 0.08)
-"""Share b of the shear modulus that I₂ carries in rubbers at rest: mean and deviation."""
-_VARIES = 0.05  # of b along I₂
-_BOTH = 0.06  # δ over the stress, fully where I₁ is 4
 _REPEATS = 0.03  # how closely tests of two modes repeat, beside 1.5 times the readings' noise
 _NOISES = 1.5
-# Of α beside a law's: one of these shares, its length in log(I₁ - 2.7), and growth by I₁.
-_SHARES, _LENGTH, _GROWTH = (0.05, 0.15, 0.4), 0.8, 0.03
-_LENGTH_2, _LENGTH_BOTH = 1.0, 0.5
-_OFFSET = 0.3
+_SHARES = (0.05, 0.15, 0.4)  # of α beside a law's
 _NOISE = (0.003, 0.006, 0.012, 0.025, 0.05, 0.1)
 _NOISE_STATED = (0.7, 1.0, 1.5, 2.5, 5.0)
 _MOST_ROWS, _PSEUDO = 120, 12
 _FAR = 12.0  # log evidence below the best that is nothing
-_EXPONENT = -0.5
 _GRID = 64
 _ASKED = 10  # stretches on either side of rest
 
@@ -109,64 +110,6 @@ class FittedLaw(Protocol):
         ...
 
 
-class _States(NamedTuple):
-    """What readings are made of: A, B and both invariants, each [n]."""
-
-    a: Rows
-    b: Rows
-    i1: Rows
-    i2: Rows
-
-    @classmethod
-    def of(cls, factors: Float[np.ndarray, "4 n"]) -> Self:
-        """From (e₁, e₂, c₁, c₂) of each reading."""
-        e1, e2, c1, c2 = factors
-        x, y, z = np.exp(2.0 * e1), np.exp(2.0 * e2), np.exp(-2.0 * (e1 + e2))
-        a = 2.0 * (c1 * (x - z) + c2 * (y - z))
-        b = 2.0 * (c1 * (1.0 / z - 1.0 / x) + c2 * (1.0 / z - 1.0 / y))
-        return cls(a, b, x + y + z, 1.0 / x + 1.0 / y + 1.0 / z)
-
-    def and_(self, other: Self) -> Self:
-        """These, then others."""
-        return type(self)(*map(np.concatenate, zip(self, other, strict=True)))
-
-
-class _Readings(NamedTuple):
-    """Readings [Pa], the size of their noise, errors that they share [k, n], where they are."""
-
-    states: _States
-    value: Rows
-    scale: Rows
-    shared: Float[np.ndarray, "k n"]
-
-
-class _First(NamedTuple):
-    """α of one law along its invariant: log(I₁ - 2.7) and α + b μ/2 [Pa], up to an I₁.
-
-    A law that is not stable from some I₁ on has no α there.
-    """
-
-    x: np.ndarray
-    alpha: np.ndarray
-    constants: int
-    title: str
-
-    def at(self, i1: Rows) -> Rows:
-        """α + b μ/2 [Pa]."""
-        return np.interp(_along(i1), self.x, self.alpha)
-
-
-class _Part(NamedTuple):
-    """One law with one size of what is beside it, conditioned on the readings."""
-
-    first: _First
-    share: float
-    noise: float
-    evidence: float
-    root: np.ndarray
-    weights: np.ndarray
-
-
 @dataclasses.dataclass(frozen=True)
 class Belief:
     """What the tests of a fit say of the stress in any mode.
@@ -179,9 +122,9 @@ class Belief:
         repeats: relative deviation between tests of two modes.
     """
 
-    readings: _Readings
+    readings: Readings
     modulus: float
-    parts: tuple[_Part, ...]
+    parts: tuple[Part, ...]
     measured: frozenset[str]
     repeats: float
 
@@ -192,15 +135,15 @@ class Belief:
         readings = _readings_of(fit)
         modulus = float(np.asarray(fit.problem.residuals.scales.stress))
         stated = fit.problem.kind in ("noise", "estimated")
-        constant = _First(np.zeros(1), np.full(1, 0.5 * modulus), 1, "")
+        constant = First(np.zeros(1), np.full(1, 0.5 * modulus), 1, "")
         firsts = [constant, *(_first_of(each, modulus) for each in fits)]
         parts = [
             part
             for first in firsts
-            if first.x.size and _reaches(first, readings.states.i1)
+            if first.x.size and reaches(first, readings.states.i1)
             for share in _SHARES
             for noise in (_NOISE_STATED if stated else _NOISE)
-            if (part := _conditioned(readings, modulus, first, share, noise)) is not None
+            if (part := conditioned(readings, modulus, first, share, noise)) is not None
         ]
         parts.sort(key=lambda part: -part.evidence)
         kept = [p for p in parts if p.evidence > parts[0].evidence - _FAR or not p.first.title]
@@ -223,8 +166,8 @@ class Belief:
             factors: e₁, e₂, c₁, c₂ of each.
             other: by how much another test differs, relative; `repeats` of one not measured.
         """
-        asked = _States.of(factors)
-        parts = [part for part in self.parts if _reaches(part.first, asked.i1)]
+        asked = States.of(factors)
+        parts = [part for part in self.parts if reaches(part.first, asked.i1)]
         # The weight of all sizes of the constant law keeps the average from being empty.
         evidence = np.array([part.evidence for part in parts])
         weights = np.exp(evidence - evidence.max())
@@ -233,8 +176,8 @@ class Belief:
         both = self.readings.states.and_(asked)
         count = len(self.readings.value)
         for part in parts:
-            mean = _mean(both, self.modulus, part.first)[count:]
-            cross = _covariance(both, self.modulus, part.first, part.share)
+            mean = mean_of(both, self.modulus, part.first)[count:]
+            cross = covariance_of(both, self.modulus, part.first, part.share)
             solved = linalg.solve_triangular(part.root, cross[:count, count:], lower=True)
             mean = mean + solved.T @ part.weights
             variance = np.diagonal(cross)[count:] - np.sum(solved**2, axis=0)
@@ -294,11 +237,7 @@ def nominal_factors(mode: str, stretch: Rows) -> np.ndarray:
     return np.stack([e1, e2, c1 / stretch, c2 / stretch])
 
 
-def _along(i1: Rows) -> Rows:
-    return np.log(i1 - 3.0 + _OFFSET)
-
-
-def _readings_of(fit: FittedLaw) -> _Readings:
+def _readings_of(fit: FittedLaw) -> Readings:
     """Readings of a fit's homogeneous tests; of others, what the law says of their range."""
     inverse = np.asarray(fit.problem.residuals.inverse_scale)
     parts = []
@@ -307,9 +246,9 @@ def _readings_of(fit: FittedLaw) -> _Readings:
             used = inverse[place] > 0.0
             # A zero that was found with the law moves the reading, not the law.
             value = fit.stress(data.factors)[0] - misfit
-            states = _States.of(data.factors[:, used])
+            states = States.of(data.factors[:, used])
             none = np.zeros((0, int(used.sum())))
-            part = _Readings(states, value[used], 1.0 / inverse[place][used], none)
+            part = Readings(states, value[used], 1.0 / inverse[place][used], none)
             parts.append(_fewer(part, means=data.is_curve))
             continue
         mode = _mode_of(data)
@@ -318,12 +257,12 @@ def _readings_of(fit: FittedLaw) -> _Readings:
         factors = nominal_factors(mode, np.exp(log))
         value, slope = fit.stress(factors)
         shared = (slope @ fit.uncertainty.root).T
-        states = _States.of(factors)
-        parts.append(_Readings(states, value, np.maximum(np.abs(value), 1e-300), shared))
+        states = States.of(factors)
+        parts.append(Readings(states, value, np.maximum(np.abs(value), 1e-300), shared))
     whole = parts[0]
     for part in parts[1:]:
         shared = linalg.block_diag(whole.shared, part.shared)
-        whole = _Readings(
+        whole = Readings(
             whole.states.and_(part.states),
             np.append(whole.value, part.value),
             np.append(whole.scale, part.scale),
@@ -332,7 +271,7 @@ def _readings_of(fit: FittedLaw) -> _Readings:
     return whole
 
 
-def _fewer(readings: _Readings, *, means: bool) -> _Readings:
+def _fewer(readings: Readings, *, means: bool) -> Readings:
     """Means of neighbouring readings of a curve, or single ones, where there are many."""
     count = len(readings.value)
     size = -(-count // _MOST_ROWS)
@@ -349,10 +288,10 @@ def _fewer(readings: _Readings, *, means: bool) -> _Readings:
 
     states, value, scale, _ = readings
     scale = mean(scale) / np.sqrt(number)
-    return _Readings(_States(*map(mean, states)), mean(value), scale, np.zeros((0, len(scale))))
+    return Readings(States(*map(mean, states)), mean(value), scale, np.zeros((0, len(scale))))
 
 
-def _first_of(fit: FittedLaw, modulus: float) -> _First:
+def _first_of(fit: FittedLaw, modulus: float) -> First:
     """α of a law along the mode that was measured, as far as the law is stable."""
     data = fit.sets[0]
     mode = _mode_of(data)
@@ -360,68 +299,12 @@ def _first_of(fit: FittedLaw, modulus: float) -> _First:
     # At rest a law of one modulus; beyond, up to a stretch of 20.
     log = side * np.geomspace(0.005, 3.0, _GRID)
     stretch = np.exp(log)
-    states = _States.of(nominal_factors(mode, stretch))
+    states = States.of(nominal_factors(mode, stretch))
     with np.errstate(all="ignore"):
         stress, _ = fit.stress(nominal_factors(mode, stretch))
-        second = SECOND[0] * 0.5 * modulus * (states.i2 / 3.0) ** _EXPONENT
+        second = SECOND[0] * 0.5 * modulus * (states.i2 / 3.0) ** EXPONENT
         alpha = (stress - states.b * second) / states.a + SECOND[0] * 0.5 * modulus
     low, high = fit.stable[mode]
     sound = np.isfinite(alpha) & (alpha > 0.0) & (stretch > low) & (stretch < high)
     end = len(sound) if sound.all() else int(np.argmin(sound))
-    return _First(_along(states.i1)[:end], alpha[:end], fit.family.law_size, fit.family.title)
-
-
-def _reaches(first: _First, i1: Rows) -> bool:
-    """Whether a law is stable wherever it is asked; the constant one is."""
-    return not first.title or float(_along(np.max(i1))) <= float(first.x[-1])
-
-
-def _conditioned(
-    readings: _Readings, modulus: float, first: _First, share: float, noise: float
-) -> _Part | None:
-    """A law with what is beside it, after the readings; None where numbers fail."""
-    states = readings.states
-    covariance = _covariance(states, modulus, first, share)
-    covariance = covariance + np.diag((noise * readings.scale) ** 2)
-    covariance += readings.shared.T @ readings.shared
-    # Nothing is known to better than rounding.
-    covariance[np.diag_indices_from(covariance)] *= 1.0 + 1e-9
-    try:
-        root = linalg.cholesky(covariance, lower=True)
-    except linalg.LinAlgError:
-        return None
-    off = readings.value - _mean(states, modulus, first)
-    weights = linalg.solve_triangular(root, off, lower=True)
-    evidence = -0.5 * float(weights @ weights) - float(np.log(np.diagonal(root)).sum())
-    evidence -= 0.5 * first.constants * float(np.log(len(off)))
-    return _Part(first, share, noise, evidence, root, weights)
-
-
-def _mean(states: _States, modulus: float, first: _First) -> Rows:
-    second = SECOND[0] * 0.5 * modulus
-    alpha = first.at(states.i1) - second
-    return states.a * alpha + states.b * second * (states.i2 / 3.0) ** _EXPONENT
-
-
-def _covariance(states: _States, modulus: float, first: _First, share: float) -> np.ndarray:
-    """Of readings, before any of them is known [Pa²]."""
-    x, z = _along(states.i1), _along(states.i2)
-    far_1, far_2 = (np.subtract.outer(y, y) ** 2 for y in (x, z))
-    beyond = states.i1 - 3.0
-    first_part = states.a * first.at(states.i1)
-    second_part = states.b * 0.5 * modulus * (states.i2 / 3.0) ** _EXPONENT
-    # A larger share of I₂ is a smaller one of I₁: the modulus is what was measured.
-    exchanged = second_part - states.a * 0.5 * modulus
-    beside = first_part * np.minimum(beyond, 1.0)
-    # The stiffness as a whole is the data's; further out α may grow.
-    found = np.outer(first_part, first_part) * (
-        1.0
-        + share**2 * np.exp(-0.5 * far_1 / _LENGTH**2)
-        + _GROWTH**2 * np.outer(beyond, beyond)
-    )
-    found += SECOND[1] ** 2 * np.outer(exchanged, exchanged)
-    along_2 = np.exp(-0.5 * far_2 / _LENGTH_2**2)
-    found += _VARIES**2 * np.outer(second_part, second_part) * along_2
-    near = np.exp(-0.5 * (far_1 + far_2) / _LENGTH_BOTH**2)
-    found += _BOTH**2 * np.outer(beside, beside) * near
-    return np.asarray(found)
+    return First(along(states.i1)[:end], alpha[:end], fit.family.law_size, fit.family.title)

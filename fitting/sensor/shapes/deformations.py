@@ -95,7 +95,7 @@ def _layer(geometry: SkinGeometry, law: AbstractLaw, loads: KnownLoads) -> float
     """Decay length of the boundary layers as an angle [rad]: an order of magnitude.
 
     sqrt(D / N) with the bending stiffness D = mu t^3 / 3 and the tension N of the tent that
-    a displacement d of the arch's order makes, as in `suas_jax.scene.build.layer_angle`.
+    a displacement d of the arch's order makes, as in `suas_jax.scene.build.decay_angle`.
     """
     radius, thickness = float(geometry.mid_size[0]), float(geometry.thickness[0])
     mu = float(np.asarray(law.shear_modulus).reshape(-1)[0])

@@ -22,9 +22,9 @@ from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import equilibrium
 from suas_jax.equilibrium.outcomes import NAMES, advice
 from suas_jax.mechanics.face import AbstractFace
-from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import PadSkin, Patches
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import PAD_ELEMENTS, Skin
 from suas_jax.sensing.electrodes import Electrodes
 from suas_jax.sensing.taxels import DISC
 from suas_jax.skin.geometry import SkinGeometry
@@ -94,7 +94,7 @@ def deform_pad(
     """
     if np.any(loads.turn):
         raise ValueError("known loads on a pad are radial: leave the direction out")
-    skin = PadSkin(geometry, law, oil, electrodes)
+    skin = Skin(geometry, law, oil, electrodes, elements=PAD_ELEMENTS)
     wanted = np.isfinite(loads.displacement)
     if (wanted.sum(0) > 1).any():
         raise ValueError("on a pad only one displacement at a time can be a known input")
@@ -105,15 +105,15 @@ def deform_pad(
     return PadDeformed(TaxelFace(jnp.asarray(radius)), force, moved)
 
 
-def patches_of(loads: KnownLoads, k: int, force: NDArray) -> Patches:
+def patches_of(loads: KnownLoads, k: int, force: NDArray) -> Loads:
     """The round contacts of a state under some forces [load, N]."""
     diameter = np.where(loads.diameter[:, k] > 0, loads.diameter[:, k], DIAMETER)
     columns = (loads.angle[:, k], loads.axial[:, k], force, diameter)
-    return Patches(*(jnp.asarray(x, float) for x in columns))
+    return Loads.patch(*(x[:, None] for x in columns))
 
 
 def _state(
-    skin: PadSkin, loads: KnownLoads, k: int, first: float
+    skin: Skin, loads: KnownLoads, k: int, first: float
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Radii, forces and displacements of one state."""
     wanted = loads.displacement[:, k]
@@ -121,7 +121,7 @@ def _state(
 
     def run(force: NDArray) -> tuple[NDArray, NDArray]:
         patches = patches_of(loads, k, force)
-        found = COMPILED.run(_RESPOND, skin, patches, skin.plan(patches))
+        found = COMPILED.run(_RESPOND, skin.around(patches), patches)
         radius, mid, inner, result = (np.asarray(x) for x in found)
         if int(result):
             name = NAMES[int(result)]
@@ -169,9 +169,9 @@ def _met(
     )
 
 
-def respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
+def respond(skin: Skin, patches: Loads) -> tuple[Any, ...]:
     """Heights along the taxels' rays, displacements of mid-surface and inner face, result."""
-    problem = skin.problem(patches, plan)
+    problem = skin.problem(patches)
     found = equilibrium(problem)
     q = corrected(problem, found.state).state.q
     electrodes, pad = skin.electrodes, problem.mechanics
@@ -182,7 +182,7 @@ def respond(skin: PadSkin, patches: Patches, plan: PadPlan) -> tuple[Any, ...]:
         [gap - skin.geometry.gap(angle, axial) for gap, (angle, axial) in pairs]
     )[..., 0]
     mid, inner = [], []
-    for load in skin.loads(patches):
+    for load in patches.patches():
         moved = pad.under(q, load)
         mid.append(jnp.sum(moved.mid_displacement * load.direction(pad.section)))
         inner.append(jnp.sum(moved.inner_displacement * load.direction(pad.section)))

@@ -26,7 +26,8 @@ from suas_jax.mechanics.face import AbstractFace
 from suas_jax.mechanics.section import section_of
 from suas_jax.mesh.pad_plan import PadPlan
 from suas_jax.runtime.compiled import COMPILED
-from suas_jax.scene.pad_forward import PadSkin, Patches
+from suas_jax.scene.loads import Loads
+from suas_jax.scene.skin import PAD_ELEMENTS, Skin
 from suas_jax.skin.oil import AbstractOil
 
 
@@ -107,8 +108,8 @@ def _of_section(
 
 @eqx.filter_jit
 def _of_pad(
-    patches: Patches,
-    plan: PadPlan,
+    patches: Loads,
+    mesh: PadPlan | None,
     inner: Array,
     wanted: Array,
     inputs: dict[str, Array],
@@ -117,13 +118,13 @@ def _of_pad(
     oil: AbstractOil | None,
 ) -> AbstractFace:
     def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
-        skin = PadSkin(*parts_of(spec, inputs | moving.named(values), oil))
-        pressed = dataclasses.replace(patches, force=force[:, 0])
-        heights, mid, below, _ = respond(skin, pressed, plan)
+        parts = parts_of(spec, inputs | moving.named(values), oil)
+        skin = Skin(*parts, elements=PAD_ELEMENTS, mesh=mesh)
+        heights, mid, below, _ = respond(skin, dataclasses.replace(patches, force=force))
         moved = jnp.where(inner, below, mid)
         return moved[:, None], TaxelFace(heights[..., None])
 
-    return _slopes(shape, moving.values, patches.force[:, None], wanted)
+    return _slopes(shape, moving.values, patches.force, wanted)
 
 
 def shape_slopes(
@@ -172,12 +173,13 @@ def pad_shape_slopes(
     oil: AbstractOil | None,
 ) -> AbstractFace:
     """The same for a pad, state by state; see `shape_slopes`."""
-    skin = PadSkin(*parts_of(spec, inputs, oil))
+    skin = Skin(*parts_of(spec, inputs, oil), elements=PAD_ELEMENTS)
     found = []
     for k in range(loads.states):
         patches = patches_of(loads, k, shape.force[:, k])
         wanted = jnp.asarray(np.isfinite(loads.displacement[:, k : k + 1]), float)
         numbers = (jnp.asarray(loads.inner), wanted, dict(inputs), Moving.of(moving))
-        found.append(COMPILED.run(_of_pad, patches, skin.plan(patches), *numbers, spec, oil))
+        mesh = skin.around(patches).mesh
+        found.append(COMPILED.run(_of_pad, patches, mesh, *numbers, spec, oil))
     slopes: AbstractFace = jax.tree.map(lambda *x: np.concatenate(x, -1), *found)
     return slopes

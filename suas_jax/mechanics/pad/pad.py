@@ -95,20 +95,10 @@ class Pad(AbstractMechanics):
         return self.net.topology
 
     @property
-    def length_scale(self) -> Lanes:
-        """The thickness [m]."""
-        return self.section.mean_thickness
-
-    @property
     def mid_extent(self) -> Lanes:
         """Area of the mid-surface that is covered [m^2]."""
         angles, axial = self.net.angles, self.net.axial
         return self.section.size * (angles[-1] - angles[0]) * (axial[-1] - axial[0])
-
-    @property
-    def clamp_reach(self) -> Lanes:
-        """Zero: the shell's stretches are bounded [rad]."""
-        return jnp.zeros_like(self.section.mean_thickness)
 
     def rest(self) -> StationVector:
         """Zero displacement."""

@@ -29,7 +29,6 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import (
     Assembly,
-    BodyContact,
     ContactState,
     Displacements,
     Profile,
@@ -73,7 +72,7 @@ from suas_jax.mechanics.shell.shape import (
 )
 from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.block_tridiagonal import BlockTridiagonal
-from suas_jax.skin.body import Body, Grip, PlacedBody
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
@@ -152,16 +151,6 @@ class Shell(AbstractPlaneStrain):
             symmetric=symmetric,
             growth=geometry.growth,
         )
-
-    @property
-    def length_scale(self) -> Lanes:
-        """The thickness [m]."""
-        return self.section.mean_thickness
-
-    @property
-    def mid_extent(self) -> Lanes:
-        """Length of the mid-line [m]."""
-        return self.section.size * (self.angles[-1] - self.angles[0])
 
     @property
     def clamp_reach(self) -> Lanes:
@@ -332,31 +321,14 @@ class Shell(AbstractPlaneStrain):
         """Angles where elements start, and which they span [rad]."""
         return self.angles[:-1], self.angles[1:] - self.angles[:-1]
 
-    def _inner_face(self, qe: Array, wall: Wall) -> ContactFace:
-        return ContactFace(wall, -1, self.section, self._spans, qe, self.growth)
+    def _gathered(self, q: StationVector) -> Array:
+        return self.elements.gather(q)
 
-    def _outer_face(self, qe: Array, body: PlacedBody) -> ContactFace:
-        return ContactFace(body, 1, self.section, self._spans, qe)
+    def _inner_face(self, u: Array, wall: Wall) -> ContactFace:
+        return ContactFace(wall, -1, self.section, self._spans, u, self.growth)
 
-    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
-        """Energy of contact per width [J/m]; see the base class."""
-        qe = self.elements.gather(q)
-        energy = jnp.zeros_like(self.section.mean_thickness)
-        if self.wall is not None:
-            energy = self._inner_face(qe, self.wall).energy()
-        for body in self.bodies:
-            energy = energy + self._outer_face(qe, body.placed(factor)).energy()
-        return energy
-
-    def touched(
-        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
-    ) -> BodyContact:
-        """The outer face against a body; see the base class."""
-        return self._outer_face(self.elements.gather(q), body).touched(body, shift)
-
-    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
-        """See the base class."""
-        return self._outer_face(self.elements.gather(q), body).grip()
+    def _outer_face(self, u: Array, body: PlacedBody) -> ContactFace:
+        return ContactFace(body, 1, self.section, self._spans, u)
 
     def gap_shift(self, q: StationVector, body: PlacedBody) -> Array:
         """By thinning, and by indentation beneath the body; see the base class."""

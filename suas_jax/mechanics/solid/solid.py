@@ -23,7 +23,6 @@ from suas_jax.constitutive.deformation import PlaneStrain
 from suas_jax.constitutive.relaxation import Response
 from suas_jax.mechanics.base import (
     Assembly,
-    BodyContact,
     ContactState,
     Displacements,
     Profile,
@@ -33,9 +32,8 @@ from suas_jax.mechanics.contact.term import by_travel
 from suas_jax.mechanics.section import AbstractPlaneStrain
 from suas_jax.mechanics.solid.contact import ContactFace
 from suas_jax.mechanics.solid.element import TABLES, mixed
-from suas_jax.mechanics.solid.enclosed_volume import enclosed_volume, follower
+from suas_jax.mechanics.solid.face_forces import enclosed_volume, follower, load_vector
 from suas_jax.mechanics.solid.layout import FaceValues, Layout, NodeValues
-from suas_jax.mechanics.solid.loads import load_vector
 from suas_jax.mechanics.solid.points import (
     Grid,
     Kinematics,
@@ -55,7 +53,7 @@ from suas_jax.mechanics.solid.shape import (
 )
 from suas_jax.mechanics.solid.tangent import ElementTangent
 from suas_jax.numerics.array_types import Lanes, StationVector
-from suas_jax.skin.body import Body, Grip, PlacedBody
+from suas_jax.skin.body import Body, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LoadPoints
 from suas_jax.skin.prestress import Growth
@@ -167,16 +165,6 @@ class Solid(AbstractPlaneStrain):
         return Layout(self.angles.shape[0] - 1, self.layers)
 
     @property
-    def length_scale(self) -> Lanes:
-        """The thickness [m]."""
-        return self.section.mean_thickness
-
-    @property
-    def mid_extent(self) -> Lanes:
-        """Length of the mid-line [m]."""
-        return self.section.size * (self.angles[-1] - self.angles[0])
-
-    @property
     def clamp_reach(self) -> Lanes:
         """One and a half thicknesses: the corner of clamp and face is singular [rad]."""
         return 1.5 * self.section.mean_thickness / self._inner_length(self.angles[:1])[0]
@@ -251,24 +239,8 @@ class Solid(AbstractPlaneStrain):
         length = functools.partial(self._length, side=1)
         return ContactFace(body, 2, self.angles, length, rest, moved)
 
-    def contact_energy(self, q: StationVector, factor: Lanes | float = 1.0) -> Lanes:
-        """Energy of contact per width [J/m]; see the base class."""
-        u, energy = self.layout.gather(q)[0], jnp.zeros_like(self.section.mean_thickness)
-        if self.wall is not None:
-            energy = self._inner_face(u, self.wall).energy()
-        for body in self.bodies:
-            energy = energy + self._outer_face(u, body.placed(factor)).energy()
-        return energy
-
-    def touched(
-        self, q: StationVector, body: PlacedBody, shift: Array | float = 0.0
-    ) -> BodyContact:
-        """The outer face against a body; see the base class."""
-        return self._outer_face(self.layout.gather(q)[0], body).touched(body, shift)
-
-    def grip(self, q: StationVector, body: PlacedBody) -> Grip | None:
-        """See the base class."""
-        return self._outer_face(self.layout.gather(q)[0], body).grip()
+    def _gathered(self, q: StationVector) -> NodeValues:
+        return self.layout.gather(q)[0]
 
     def contact(self, q: StationVector, wall: Wall) -> ContactState:
         """The inner face against a wall; see the base class."""

@@ -1,8 +1,8 @@
-"""The volume that the solid's inner face encloses: what the oil's pressure works on.
+"""What acts on the solid's faces: the oil's pressure on the inner one, dead loads on the outer.
 
-The face is a chain of quadratic edges, so the area under it is a quadratic form of its nodes'
-positions. Its first derivative is the load of a unit of pressure, the second one how that load
-follows the face.
+The inner face is a chain of quadratic edges, so the area under it is a quadratic form of its
+nodes' positions. Its first derivative is the load of a unit of pressure, the second one how
+that load follows the face.
 """
 
 import jax.numpy as jnp
@@ -10,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.mechanics.solid.element import NODES, quadratic
-from suas_jax.mechanics.solid.layout import FaceValues
-from suas_jax.numerics.array_types import Lanes
+from suas_jax.mechanics.solid.layout import FaceValues, Layout
+from suas_jax.numerics.array_types import Lanes, StationVector
 from suas_jax.numerics.quadrature import gauss_legendre
+from suas_jax.skin.loads import LoadPoints
 
 
 def _edge_area() -> Float[np.ndarray, "3 3"]:
@@ -50,3 +51,19 @@ def follower(layers: int) -> Float[np.ndarray, "9 9 3 layer 1 1"]:
         for b in range(3):
             matrix[NODES.index((a, 0)), NODES.index((b, 0)), 2, 0] = _EDGE_AREA[a, b]
     return matrix
+
+
+def load_vector(
+    layout: Layout, points: LoadPoints, ends: tuple[tuple[bool, ...], tuple[bool, ...]]
+) -> StationVector:
+    """Nodal forces of the load points.
+
+    Args:
+        layout: numbers of elements.
+        points: the loads.
+        ends: which displacements of the two end stations may move.
+    """
+    shapes = jnp.stack(quadratic(2 * points.xi - 1))
+    force = jnp.einsum("apl,cpl,epl->acel", shapes, points.force, points.select)
+    u = layout.on_face(force, 2)
+    return layout.scatter(u, jnp.zeros((3, *u.shape[2:])), layout.mask(ends))

@@ -1,0 +1,181 @@
+"""One step of a section in motion, of order two: TR-BDF2.
+
+A trapezoidal rule and a backward difference let what is too fast for a step fade (M. E. Hosea,
+L. F. Shampine, Applied Numerical Mathematics 20 (1996), 21-37); after a jump of the loads,
+where no acceleration is known, the steps are those of the diagonally implicit method with the
+same c.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from suas_jax.constitutive.relaxation import Past
+from suas_jax.dynamics.driven import (
+    Travels,
+    Values,
+)
+from suas_jax.dynamics.inertia import (
+    Flow,
+)
+from suas_jax.dynamics.moving_skin import Base, Half, Inverse, MovingSkin
+from suas_jax.equilibrium.balance import State
+from suas_jax.numerics.array_types import StationVector
+
+LENGTH = 1 - 1 / math.sqrt(2)
+"""Of the c of either half, over the step."""
+_EXACT_STEP = 1e-9  # correction that does not count, over the largest displacement
+
+
+class Moving(NamedTuple):
+    """Where a skin in motion has come to.
+
+    Attributes:
+        time: [s].
+        step: that is tried next [s].
+        values: that the history changes.
+        travels: none.
+        state: unknowns and pressure.
+        velocity: of the unknowns.
+        flow: velocities of oil and faces.
+        rate: of the flow.
+        past: what the material remembers.
+        jumped: whether the rate is not known, as after a jump.
+        inverse: made last.
+        error: sum of the errors of the steps.
+        largest: displacement so far, or what counts as one [m].
+        stress: largest instantaneous one so far [Pa].
+        iterations: corrections since the last row.
+        steps: since then, those included that were too long.
+        result: index of the outcome.
+    """
+
+    time: Float[Array, ""]
+    step: Float[Array, ""]
+    values: Values
+    travels: Travels
+    state: State
+    velocity: StationVector
+    flow: Flow
+    rate: Flow
+    past: Past
+    jumped: Bool[Array, ""]
+    inverse: Inverse
+    error: Float[Array, ""]
+    largest: Float[Array, ""]
+    stress: Float[Array, ""]
+    iterations: Int[Array, " lane"]
+    steps: Int[Array, ""]
+    result: Int[Array, " lane"]
+
+
+class _Stages(NamedTuple):
+    """The two halves of a step, in shares of it.
+
+    Attributes:
+        end: where a half ends.
+        first: weight of the rates at the begin of the step.
+        before: of those at the end of the half before.
+        wrong: weights of the rates at begin, middle and end in the error of the step: those of
+            the step less those of order three.
+    """
+
+    end: Float[Array, " half"]
+    first: Float[Array, " half"]
+    before: Float[Array, " half"]
+    wrong: Float[Array, " rate"]
+
+
+def _stages(middle: float, first: tuple[float, float], before: tuple[float, float]) -> _Stages:
+    own = np.array([first[1], before[1], LENGTH])
+    cubic = np.array([0.0, 1 / (6 * middle), (2 - 3 * middle) / 6]) / (1 - middle)
+    cubic[0] = 1 - np.sum(cubic)
+    rows = [middle, 1.0], first, before, own - cubic
+    return _Stages(*(jnp.asarray(x) for x in rows))
+
+
+# TR-BDF2; and the two stages of order two that need no rate of the flow at the begin.
+_GOING = (2 * LENGTH, (LENGTH, 0.5 - LENGTH / 2), (0.0, 0.5 - LENGTH / 2))
+_STARTING = (LENGTH, (0.0, 0.0), (0.0, 1 - LENGTH))
+
+
+class Trial(NamedTuple):
+    """A step that was tried.
+
+    Attributes:
+        half: its end.
+        past: what the material then remembers.
+        wrong: error of the unknowns.
+        bend: of the instantaneous stress over the step, its second derivative times the square
+            of the step [Pa].
+        stress: instantaneous one at its end [Pa].
+        good: whether both halves were found.
+    """
+
+    half: Half
+    past: Past
+    wrong: StationVector
+    bend: Float[Array, ""]
+    stress: Float[Array, ""]
+    good: Bool[Array, ""]
+
+
+def tried(
+    moving: MovingSkin,
+    now: Moving,
+    step: Array,
+    values: Callable[[Array], Values],
+    inverse: Inverse,
+) -> Trial:
+    """Both halves of a step."""
+    series = moving.skin.series
+    stages = jax.tree.map(
+        lambda a, b: jnp.where(now.jumped, a, b), _stages(*_STARTING), _stages(*_GOING)
+    )
+    exact = _EXACT_STEP * now.largest
+    none = jnp.zeros((), jnp.int32)
+    begin = Half(now.state, now.velocity, now.flow, now.rate, none, 0 * step, jnp.asarray(True))
+
+    def based(x: Any, first: Any, before: Any, weights: tuple[Array, Array]) -> Any:
+        a, b = (step * w for w in weights)
+        return jax.tree.map(lambda x, y, z: x + a * y + b * z, x, first, before)
+
+    def visit(carry: tuple[Half, Past, Array], stage: _Stages) -> Any:
+        last, past, time = carry
+        elapsed = (stage.end - time) * step
+        weights = stage.first, stage.before
+        base = Base(
+            based(now.state.q, now.velocity, last.velocity, weights),
+            based(now.flow, now.rate, last.rate, weights),
+            LENGTH * step,
+        )
+        given = values(stage.end)
+        body = moving.at(given, past.seen(series, elapsed))
+        guess = last.state._replace(q=base.q + base.length * last.velocity)
+        found = body.found(base, guess, inverse, exact)
+        found = found._replace(
+            corrections=found.corrections + last.corrections,
+            ratio=jnp.maximum(found.ratio, last.ratio),
+            good=found.good & last.good,
+        )
+        stress = moving.stress(given, found.state.q)
+        past = past.after(series, elapsed, stress)
+        return (found, past, stage.end), (found.velocity, stress)
+
+    halves = stages._replace(wrong=jnp.zeros(2))
+    carry, (velocities, stresses) = jax.lax.scan(visit, (begin, now.past, 0 * step), halves)
+    end, past, _ = carry
+    rates = jnp.concatenate([now.velocity[None], velocities])
+    wrong = step * jnp.tensordot(stages.wrong, rates, 1)
+    middle = stages.end[0]
+    slopes = (
+        (stresses[0] - now.past.stress) / middle,
+        (stresses[1] - stresses[0]) / (1 - middle),
+    )
+    bend = 2 * jnp.max(jnp.abs(slopes[1] - slopes[0]))
+    return Trial(end, past, wrong, bend, jnp.max(jnp.abs(stresses[1])), end.good)
