@@ -1,6 +1,7 @@
 """Data sheets: definitions against formulas, figures against references, derivatives."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -19,6 +20,7 @@ from fitting.datasheet.figures import (
     unlike,
 )
 from fitting.datasheet.in_time import creep
+from fitting.datasheet.pad import _readings
 from fitting.datasheet.readings import Readings
 from fitting.datasheet.variants import STEP, named, variants_of
 from fitting.datasheet.words import PLACED
@@ -139,6 +141,28 @@ def test_neighbours_move_one_tolerance_each_and_nothing_at_rest() -> None:
     np.testing.assert_allclose(variants.slopes(thickness)[row], 0.03 * 1.5e-3)
     assert np.count_nonzero(thickness != thickness[0]) == 2
     assert (thickness.max() / 1.5e-3 - 1) == pytest.approx(0.03 * STEP)
+
+
+def test_pads_readings_move_with_their_tolerances() -> None:
+    rng = np.random.default_rng(1)
+    so, jacobian = 4000 + rng.normal(size=(5, 7)), rng.normal(size=(5, 3, 7))
+    moved, rest = rng.normal(size=(5, 2, 7)), rng.normal(size=(2, 7))
+
+    def interpolant(*_: Any) -> Any:
+        return SimpleNamespace(readings=so, jacobian=jacobian)
+
+    errors: Any = SimpleNamespace(slopes=lambda *_: moved, rest=rest)
+    at, force = rng.normal(size=(5, 2)), np.full(5, 3.0)
+    found = _readings(interpolant, errors, at, force, 0.05)  # type: ignore[arg-type]
+    light = found._replace(so=0.9 * found.so)
+    half = found._replace(so=0.95 * found.so)
+    cases = Cases(light, half, found, found._replace(gap_slope=-1 + found.gap), force[None])
+    figures = figures_at(cases, ACCURACY, np.ones((6, 5), bool))
+    assert {np.shape(x) for x in figures} == {(5, 5)}  # itself and two tolerances, places
+    by_tolerance = (found.so[:, 2::2] - found.so[:, 1::2]) / (2 * STEP)
+    wanted = np.transpose(moved[..., :-1], (2, 1, 0))
+    np.testing.assert_allclose(by_tolerance, wanted, rtol=1e-6)
+    np.testing.assert_allclose(found.slope[0, :, 0], jacobian[:, 0, :-1].T / 0.05)
 
 
 @pytest.mark.long  # programs of lanes with prestress, of a solve and of small motions

@@ -112,7 +112,7 @@ def figures_at(
     linear = jnp.sum(half * change, 0) / jnp.where(squares > 0, squares, 1.0)
     own = unlike(weighted(cases, accuracy))
     sizes = jnp.sqrt(jnp.sum(own**2, 1))
-    resolution = 1 / jnp.where(sizes > 0, sizes, 1e-300)
+    resolution = 1 / jnp.where(sizes == 0, 1e-300, sizes)  # what is unknown stays so
     mask = far.reshape(far.shape[0], *(1,) * (change.ndim - 2), far.shape[1])
     disturbed = jnp.max(jnp.where(mask, jnp.abs(change), 0.0), 0)
     crosstalk = disturbed / jnp.max(jnp.abs(change), 0)
@@ -208,4 +208,4 @@ def two_point(
 
 def _norm(columns: Array) -> Array:
     square = jnp.sum(columns**2, 0)
-    return jnp.sqrt(jnp.where(square > 0, square, 1e-300))
+    return jnp.sqrt(jnp.where(square == 0, 1e-300, square))

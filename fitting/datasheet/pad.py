@@ -81,7 +81,7 @@ def measure_pad(
     at_rated.slope[:, :, 1:] = np.nan  # of the neighbours: unknown
     known, neighbour = touch < _NEVER, np.arange(light.gap.shape[0])[:, None] > 0
     closed = np.where(known & ~neighbour, 0.0, np.nan)
-    near = light._replace(gap=closed, gap_slope=-np.ones_like(most))
+    near = light._replace(gap=closed, gap_slope=-np.ones_like(closed))
     rest = _moved(table.rest[:, None], errors.rest[:, :-1].T[..., None])
     light = light._replace(so=np.broadcast_to(rest, light.so.shape))
     at_rated = at_rated._replace(gap=np.full_like(light.gap, np.nan))
@@ -145,7 +145,7 @@ def _readings(
     slope[-1] = _moved(own[-1], np.swapaxes(by_force, 0, 1))
     readings = _moved(so[:, :-1].T, np.swapaxes(moved, 0, 1))
     zero = np.zeros((skins, count))
-    return Readings(readings, slope, zero, none, zero + so[:, -1], zero.astype(int))
+    return Readings(readings, slope, zero, zero, zero + so[:, -1], zero.astype(int))
 
 
 def _moved(own: Floats, slopes: Floats) -> Floats:
