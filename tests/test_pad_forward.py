@@ -1,6 +1,5 @@
 """Contacts on a pad to sensor output: lanes, and exact derivatives by any number."""
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from suas_jax.config import load_skin, scene_from_dict
 from suas_jax.runtime.compiled import OPTIONS
-from suas_jax.scene.forward import SensorOutput, forward, load_jacobian
+from suas_jax.scene.forward import SensorOutput, forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import skin_of
 from suas_jax.scene.solve import solve
@@ -112,27 +111,6 @@ def test_derivatives_are_the_differences(run: Callable, numbers: Numbers) -> Non
     for name in ("so", "oil_pressure", "min_gap"):
         expected = (getattr(high, name) - getattr(low, name)) / (2 * h)
         np.testing.assert_allclose(getattr(slope, name), expected, rtol=1e-5)
-
-
-def test_load_jacobian_has_every_number_of_a_patch() -> None:
-    skin = skin_of(scene_from_dict(scene(POKES[0])), elements=MESH, contact=False)
-    angle, axial, force = POKES[0]
-    loads = Loads.patch(angle, axial, force, DIAMETER, 0.1, 0.05)
-    skin = skin.around(loads)
-    run, jacobian = (
-        eqx.filter_jit(f, compiler_options=QUICK) for f in (forward, load_jacobian)
-    )
-    slopes = jacobian(skin, loads)[1]
-    assert slopes.shape == (6, 1, 2, 1)
-    steps = {"angle": 1e-4, "force": 1e-3, "turn": 1e-4, "axial": 1e-5, "tilt": 1e-4}
-    for kind, (name, h) in enumerate((steps | {"diameter": 1e-5}).items()):
-
-        def moved(by: float, name: str = name) -> jax.Array:
-            changed = {name: getattr(loads, name) + by}
-            return run(skin, dataclasses.replace(loads, **changed)).so
-
-        want = (8 * (moved(h) - moved(-h)) - (moved(2 * h) - moved(-2 * h))) / (12 * h)
-        np.testing.assert_allclose(slopes[kind, 0], want, rtol=1e-7, atol=1e-7)
 
 
 def test_readings_are_those_of_a_continuum() -> None:
