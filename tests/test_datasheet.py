@@ -119,9 +119,8 @@ def test_creep_undoes_relaxation() -> None:
     series = RelaxationSpec(g=(0.15, 0.1), tau=(0.5, 10.0))
     t = np.linspace(0, 40, 4001)
     compliance = (1 + np.array([creep(series, x) for x in t])) / (1 + creep(series, 0.0))
-    modulus = 1 - sum(
-        g * (1 - np.exp(-t / tau)) for g, tau in zip(series.g, series.tau, strict=True)
-    )
+    fading = [g * (1 - np.exp(-t / tau)) for g, tau in zip(series.g, series.tau, strict=True)]
+    modulus = 1 - np.sum(fading, 0)
     # integral of G(t - s) dJ(s), with the step of J at zero
     middle = (modulus[1:] + modulus[:-1]) / 2
     held = modulus[-1] + np.sum(middle[::-1] * np.diff(compliance))
@@ -202,7 +201,7 @@ def test_derivatives_of_every_figure() -> None:
     x, step = np.array([0.45, 0.55, 0.5]), 1e-4
     touch = problem.first_contacts(x)
     # One step of Newton's method from the same forces, whatever the design.
-    problem.first_contacts = lambda _: touch  # type: ignore[method-assign]
+    problem.first_contacts = lambda x: touch  # type: ignore[method-assign]
     found = problem(x)
     assert found.found
     assert set(found.values) == set(PLACED)

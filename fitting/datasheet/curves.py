@@ -62,8 +62,11 @@ def _map(axes: Axes, sheet: DataSheet, values: np.ndarray, figure: Figure) -> No
     coordinates = sheet.measured.coordinates
     angle, axial = (np.unique(coordinates[k]) for k in ("angle_deg", "axial_m"))
     grid = values.reshape(len(angle), len(axial))
+    own = values[sheet.measured.region & np.isfinite(values)]
+    ends = (own.min(), own.max()) if own.size else (None, None)  # clamps would hide the rest
     drawn = axes.pcolormesh(angle, 1e3 * axial, grid.T, shading="nearest", cmap="viridis")
-    figure.colorbar(drawn, ax=axes, shrink=0.85)
+    drawn.set_clim(*ends)
+    figure.colorbar(drawn, ax=axes, shrink=0.85, extend="both")
     axes.set(xlabel="angle [deg]", ylabel="axial [mm]")
 
 
