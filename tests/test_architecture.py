@@ -23,7 +23,7 @@ LAYERS = {
         ["simulation", "figures"],
     ],
     "fitting": [
-        ["arrays", "json_text", "column_units", "report", "workers"],
+        ["arrays", "credential", "json_text", "column_units", "report", "workers"],
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],
