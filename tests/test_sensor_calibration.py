@@ -491,6 +491,7 @@ def fine_log(path: Path, *given: Any) -> Path:
     return log
 
 
+@pytest.mark.long  # a section's programs; places by arc in test_health, calibrations above
 def test_a_flat_topped_skin_is_calibrated_by_the_arc_of_its_loads(tmp_path: Path) -> None:
     """Against `suas solve`, whose mesh is another one."""
     forces, rows = np.array([0.0, 4.0, 8.0, 12.0]), []
@@ -535,6 +536,7 @@ def test_a_gap_that_is_a_table_is_no_one_constant(tmp_path: Path) -> None:
         fit_sensor(load_sensor_data(skin, [log]), model="shell")
 
 
+@pytest.mark.long  # derivatives by prestress; those of scenes in test_prestress
 def test_ten_presses_find_filling_and_mounting(tmp_path: Path) -> None:
     """Both move forces and no baseline; the derivatives by each are told apart."""
     plain = load_skin(SKIN)
