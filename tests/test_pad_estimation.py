@@ -726,4 +726,4 @@ def test_a_known_displacement_is_met(
     given = deformed(5.0 * one, unknown)
     again = deformed(unknown, given.displacement)
     assert again.force[0, 0] == pytest.approx(5.0, rel=1e-3)
-    np.testing.assert_allclose(again.face.radius, given.face.radius, atol=1e-6)
+    np.testing.assert_allclose(again.face.heights, given.face.heights, atol=1e-6)
