@@ -12,6 +12,7 @@ from suas_jax.config import SceneSpec, with_solve
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.mechanics.model import Counts
 from suas_jax.scene.gradient import UnknownQuantityError, gradient
+from suas_jax.scene.report_keys import require_reported
 from suas_jax.scene.solve import solve
 from suas_jax.scene.sweep import sweep
 from tests.skins import LAWS, WIDTH, line, program_text, scene
@@ -97,6 +98,30 @@ def test_half_of_a_symmetric_scene_is_solved() -> None:
 def test_a_vented_scene_has_no_pressure_to_find() -> None:
     vented = scene(line(45, 2), oil={"model": "vented"})
     assert solve(with_solve(vented, elements=16)).report["unknowns"] == 15 * 4 + 2
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("oil_presure_Pa", 'did you mean "oil_pressure_Pa"'),
+        ("loads.0.displacment_m", 'did you mean "loads.0.displacement_m"'),
+        ("loads.1.displacement_m", "loads.0.displacement_m"),  # there is one load
+        ("loads.displacement_m", "loads.0.displacement_m"),
+        ("taxels.-1.so", "taxels.0.so"),
+        ("nonsense", "use one of .*oil_pressure_Pa"),
+        ("", "use one of"),
+    ],
+)
+def test_quantities_that_no_report_has_are_refused_before_the_solve(
+    path: str, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        require_reported(path, 1)
+
+
+def test_quantities_of_reports_are_known_before_the_solve() -> None:
+    for path in ("oil_pressure_Pa", "wall.force_N", "loads.0.depth_m", "taxels.319.so"):
+        require_reported(path, 1)
 
 
 @pytest.mark.long  # as long to trace as to solve

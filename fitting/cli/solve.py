@@ -61,6 +61,10 @@ def solve(
             raise ValueError(
                 "--pad: the skin has no [electrodes], so there are no taxels to draw"
             )
+        if gradient is not None:
+            from suas_jax.scene.report_keys import require_reported
+
+            require_reported(gradient, len(spec.loads))
         with spinner("solving"):
             from suas_jax.runtime.settings import configure
 

@@ -1,5 +1,7 @@
 """The keys of a report in their order, and what each one means: SI units end the names."""
 
+from suas_jax.config.errors import nearest
+
 REPORT_KEYS = {
     "model": "what was solved: `shell` or `solid`",
     "dimension": "2 in plane strain, 3 with clamped ends",
@@ -111,3 +113,34 @@ TAXEL_KEYS = {
     "so": "sensor output, capacitance over the capacitance of a count; not rounded",
 }
 """Keys of an entry of `taxels`."""
+
+
+def require_reported(path: str, loads: int) -> None:
+    """Refuse a path that no report has, before a scene is solved for it.
+
+    Args:
+        path: of a quantity, such as ``oil_pressure_Pa`` or ``loads.0.displacement_m``.
+        loads: number of the scene's loads.
+
+    Raises:
+        ValueError: no report has it.
+    """
+    table, *rest = path.split(".")
+    known = {"loads": LOAD_KEYS, "taxels": TAXEL_KEYS}.get(table)
+    if known is None:
+        allowed = [key for key in REPORT_KEYS if key not in ("loads", "taxels")]
+        if table in allowed:
+            return
+        allowed += ["loads.0.displacement_m", "taxels.0.so"]
+    else:
+        index = int(rest[0]) if rest and rest[0].isdecimal() else -1
+        if (
+            len(rest) == 2
+            and rest[1] in known
+            and 0 <= index < (loads if table == "loads" else index + 1)
+        ):
+            return
+        allowed = [f"{table}.{i}.{key}" for i in range(max(loads, 1)) for key in known]
+    near = nearest(path, allowed)
+    hint = f'; did you mean "{near}"?' if near else f"; use one of {', '.join(allowed)}"
+    raise ValueError(f'"{path}" is not a quantity of the report{hint}')
