@@ -228,5 +228,5 @@ def solved_channels(skin: Skin, parameters: Floats, diameter: float, slots: int)
         columns = np.array([[*x[:3], size], *unused]).T
         found = forward(skin, Loads.patch(*columns[..., None]))
         row = np.append(np.asarray(found.so)[:, 0], np.asarray(found.oil_pressure))
-        rows.append(np.full_like(row, np.nan) if int(found.result[0]) else row)
+        rows.append(row if bool(found.solved[0]) else np.full_like(row, np.nan))
     return np.array(rows)
