@@ -604,20 +604,6 @@ def test_forces_add_up_to_the_load(load: PadLoad) -> None:
     np.testing.assert_allclose(centre, [load.angle, load.axial], rtol=1e-12)
 
 
-def test_a_share_of_the_loads_thins_the_membrane_as_lighter_loads_do() -> None:
-    pad = small_pad(*CASES["whole"])
-    q, _, _ = state_of(pad, 1e-4)
-    points = dataclasses.replace(pad.points, force=0.4 * pad.points.force)
-    lighter = dataclasses.replace(pad, points=points)
-    omitted = quick(lambda pad, q, factor: pad.omitted_gradient(q, factor))
-    share, light, whole = (
-        omitted(*x) for x in ((pad, q, 0.4 * ONE), (lighter, q, ONE), (pad, q, ONE))
-    )
-    largest = float(jnp.max(jnp.abs(light)))
-    np.testing.assert_allclose(share, light, rtol=0, atol=1e-12 * largest)
-    assert float(jnp.max(jnp.abs(whole - share))) > 1e-9 * largest
-
-
 @pytest.mark.long
 def test_derivatives_by_place_and_size_are_those_of_differences() -> None:
     plan = plan_of(PLACES)

@@ -10,7 +10,7 @@ from fitting.datasheet.figures import FAR, Accuracy, Cases
 from fitting.datasheet.measured import Measured, rated_force
 from fitting.datasheet.readings import Readings, read_all, skins_in_lanes
 from fitting.datasheet.variants import Variants
-from fitting.force_range.bound import _first_contacts as first_contacts
+from fitting.force_range.bound import first_contacts
 from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.estimator import MODEL_ERROR
 from suas_jax import Skin, skin_of

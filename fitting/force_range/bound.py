@@ -176,7 +176,7 @@ def force_range(
     )
     angle = np.linspace(-edge, edge, angles) if angles > 1 else np.zeros(1)
     progress("first contact")
-    touch, pressure = _first_contacts(free, angle)
+    touch, pressure = first_contacts(free, angle)
     held = skin_of(spec)
     rest = _solved(free, angle, np.zeros(len(angle))).so[:, :1, None]
     ladder = np.array(LADDER + (BEYOND if held.wall is not None else ()))
@@ -256,8 +256,16 @@ def _sensitivity(skin: Skin, loads: Loads) -> tuple[Any, ...]:
     return found.so, jacobian[:2, 0], found.wall_force, found.result
 
 
-def _first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
-    """Forces at which the gap closes, by doubling and bisection, and the oil's pressure."""
+def first_contacts(skin: Skin, angle: Floats) -> tuple[Floats, Floats]:
+    """Forces at which the gap closes, by doubling and bisection, and the oil's pressure.
+
+    Args:
+        skin: a section, without its wall.
+        angle: of radial line loads [angle] [rad].
+
+    Returns:
+        Forces [angle] [N] and pressures there [Pa]; NaN where the gap closes under no force.
+    """
     low, high = np.full(len(angle), _SMALLEST), np.full(len(angle), np.inf)
     lost = np.zeros(len(angle), bool)
     pressure = np.full(len(angle), np.nan)

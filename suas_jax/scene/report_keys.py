@@ -134,11 +134,8 @@ def require_reported(path: str, loads: int) -> None:
         allowed += ["loads.0.displacement_m", "taxels.0.so"]
     else:
         index = int(rest[0]) if rest and rest[0].isdecimal() else -1
-        if (
-            len(rest) == 2
-            and rest[1] in known
-            and 0 <= index < (loads if table == "loads" else index + 1)
-        ):
+        exists = index >= 0 and (table == "taxels" or index < loads)
+        if exists and len(rest) == 2 and rest[1] in known:
             return
         allowed = [f"{table}.{i}.{key}" for i in range(max(loads, 1)) for key in known]
     near = nearest(path, allowed)
