@@ -2,7 +2,9 @@
 
 import contextlib
 import json
+import shutil
 import socket
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -263,6 +265,43 @@ def test_a_client_that_does_not_read_delays_nobody() -> None:
     assert waiting <= 4  # however much was sent
     assert seen[-1] == 4999
     assert seen == sorted(seen)
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs a compiler of C++")
+def test_the_client_in_cpp_reads_what_is_served(tmp_path: Path) -> None:
+    source = Path(__file__).parent.parent / "docs" / "clients" / "read_loads.cpp"
+    client = tmp_path / "read_loads"
+    strict = ("-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
+    subprocess.run(["g++", *strict, source, "-o", client], check=True)
+    on_pad = Contact(-0.5, 2.5, None, np.diag([1e-4, 1e-6, 0.0625]), axial=-8.25e-3)
+    on_section = Contact(np.deg2rad(31), 12.0, None, np.diag([1e-4, 0.25]))
+    unknown = Contact(0.0, 1.0, None, None, axial=0.0)
+    frames = [
+        LoadEstimate(False, (), status="no_contact"),
+        LoadEstimate(True, (on_pad, unknown), status="ok", alternatives=(on_section,)),
+        LoadEstimate(True, (on_section,), status='not {"a", [b}', left_out=(3, 4)),
+    ]
+    with LineServer("127.0.0.1:0") as server:
+        reads = subprocess.Popen(
+            [client, *map(str, server.address)],
+            env={"SUAS_TOKEN": server.token},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        while not server._clients:
+            time.sleep(0.01)
+        for seq, estimate in enumerate(frames):
+            server.estimated(LiveFrame(0.0, seq, estimate, None, 0))
+    printed, _ = reads.communicate(timeout=10)
+    assert reads.returncode == 0
+    assert printed.splitlines() == [
+        '0 "no_contact"',
+        '1 "ok"',
+        "  2.50 +- 0.25 N at -28.65 deg, -8.25 mm",
+        "  1.00 +- nan N at 0.00 deg, 0.00 mm",
+        f"2 {json.dumps(frames[2].status_text)}",
+        "  12.00 +- 0.50 N at 31.00 deg",
+    ]
 
 
 def test_nobody_is_sent_a_line_without_the_token(monkeypatch: pytest.MonkeyPatch) -> None:
