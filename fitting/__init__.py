@@ -17,6 +17,7 @@ _HOMES = {
     "NoFit": "fitting.material.fit.search",
     "SensorFit": "fitting.sensor.fit.result",
     "calibrated_skin": "fitting.sensor.report.skin_file",
+    "choose_taxels": "fitting.design.choice",
     "compare_laws": "fitting.material.fit.comparison",
     "data_sheet": "fitting.datasheet.sheet",
     "design_skin": "fitting.design.design",

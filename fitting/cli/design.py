@@ -1,16 +1,21 @@
 """`suas design`: the skin for a data sheet."""
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import AsJson
+from fitting.cli.options import AsJson, Plot, TrustNetwork, Workers, check_figures, executor
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
 from suas_jax.files.writing import check_outputs, write_text
+
+if TYPE_CHECKING:
+    from fitting.design.choice import Choice
+    from fitting.design.design import Design
 
 
 def design(
@@ -21,14 +26,18 @@ def design(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Skin file to write.")
     ] = None,
+    plot: Plot = None,
     starts: Annotated[
         int | None, typer.Option(min=1, help="Starts of the search; else the file's.")
     ] = None,
+    workers: Workers = None,
+    trust_network: TrustNetwork = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Find dimensions and materials that make a figure of the data sheet as good as it can be.
+    """Find dimensions, materials or taxels that make a figure of the data sheet best.
 
-    Limits on other figures hold at every place; derivatives are exact. A section.
+    With [variables] the skin is a section: limits on other figures hold at every place, and
+    derivatives are exact. With [taxels] it is a section or a pad: the best taxels are kept.
 
     Exit status: 0 done, 2 bad input, or no design keeps the limits.
     """
@@ -40,17 +49,34 @@ def design(
         wanted = load_want(want)
         if starts is not None:
             wanted = dataclasses.replace(wanted, starts=starts)
-        check_outputs([output], overwrite=overwrite)
-        with spinner("designing") as show:
+        check_outputs([output, plot], overwrite=overwrite)
+        check_figures(plot)
+        with (
+            executor(workers, trust_network) as processes,
+            spinner("designing") as show,
+        ):
             from suas_jax.runtime.settings import configure
 
             configure()
-            from fitting.design.design import design_skin
-            from fitting.design.skin_file import designed_skin
+            designed: Choice | Design
+            if wanted.keep is not None:
+                from fitting.design.choice import choose_taxels
+                from fitting.design.skin_file import skin_with_taxels
 
-            designed = design_skin(wanted, show)
+                designed = choose_taxels(wanted, show, processes)
+                text = partial(skin_with_taxels, wanted, designed.kept)
+            else:
+                from fitting.design.design import design_skin
+                from fitting.design.skin_file import designed_skin
+
+                designed = design_skin(wanted, show)
+                text = partial(designed_skin, wanted, designed.found.x)
             if output is not None:
-                write_text(output, designed_skin(wanted, designed.found.x, output))
+                write_text(output, text(output))
+            if plot is not None:
+                from suas_jax.figures.style import written
+
+                written(designed.drawn(), plot)
     if as_json:
         say(json_text(designed.report()))
         return

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from fitting.datasheet.drawing import plot_skin
 from fitting.datasheet.page import figure_text, place_text
 from fitting.datasheet.sheet import DataSheet, data_sheet
 from fitting.datasheet.words import WORDS
@@ -88,6 +90,10 @@ class Design(NamedTuple):
                 f"{self.problem.calls} designs were evaluated."
             ),
         ]
+
+    def drawn(self) -> Figure:
+        """The section with its dimensions."""
+        return plot_skin(self.after.spec)
 
     def _place(self, price: Price) -> dict[str, float]:
         """Where a limit is reached, as a data sheet tells places: every second one of its."""

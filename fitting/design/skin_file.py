@@ -2,13 +2,17 @@
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
 from fitting.arrays import Floats
 from fitting.design.want import Want
+from fitting.inverse_load.estimate.place import ContactPlaces
+from suas_jax import skin_of
 from suas_jax.config import continuous_inputs
 from suas_jax.config.toml_file import MOST_BYTES
 from suas_jax.files.reading import read_bytes
@@ -27,15 +31,10 @@ def designed_skin(want: Want, x: Floats, output: Path) -> str:
     Raises:
         ValueError: an input is not in the file itself.
     """
-    raw = read_bytes(want.skin, MOST_BYTES).decode("utf-8-sig")
-    document: Any = tomlkit.parse(raw)
+    document = _copied(want, output)
     values = {path: float(value) for path, value in want.inputs(x).items()}
     if "preset" in document["material"] and any(p.startswith("material.") for p in values):
         document["material"] = want.spec.material.table()
-    points = document["geometry"].get("points")
-    if isinstance(points, str):
-        where = (want.skin.parent / points).resolve()
-        document["geometry"]["points"] = os.path.relpath(where, output.resolve().parent)
     now = continuous_inputs(want.spec)
     for path, value in values.items():
         *parents, last = (int(k) if k.isdigit() else k for k in path.split("."))
@@ -48,8 +47,64 @@ def designed_skin(want: Want, x: Floats, output: Path) -> str:
             raise ValueError(
                 f"{want.skin}: {path}: is not written in the file itself; write it there"
             ) from None
-    document.pop("calibration", None)
     return str(tomlkit.dumps(document))
+
+
+def skin_with_taxels(want: Want, kept: Sequence[int], output: Path) -> str:
+    """Text of the skin file with some of its taxels, as a list in their order.
+
+    Args:
+        want: what was wanted.
+        kept: taxels by their places in the layout, rising.
+        output: see `designed_skin`.
+    """
+    document = _copied(want, output)
+    electrodes, spec = document["electrodes"], want.spec.electrodes
+    assert spec is not None
+    if spec.layout == "list":
+        for k in reversed(range(len(spec.taxels))):
+            if k not in kept:
+                del electrodes["taxels"][k]
+        return str(tomlkit.dumps(document))
+    skin = skin_of(want.spec, contact=False)
+    taxels, places = skin.electrodes.taxels, ContactPlaces(want.spec.geometry, skin.geometry)
+    angle = np.asarray(taxels.angle)[:, 0]
+    arc = places.arc(angle)
+    height = np.broadcast_to(np.asarray(skin.electrodes.height), (len(angle), 1))
+    rows = tomlkit.array()
+    for k in kept:
+        row = tomlkit.inline_table()
+        if arc is None:
+            row["angle"] = f"{np.rad2deg(places.angle(angle)[k]):.9g} deg"
+        else:
+            row["arc"] = _millimetres(arc[k])
+        row["axial"] = _millimetres(taxels.axial[k, 0])
+        row["diameter"] = _millimetres(taxels.diameter[k, 0])
+        if height[k, 0]:
+            row["height"] = _millimetres(height[k, 0])
+        name = f"module {taxels.module[k]}, taxel {taxels.number[k]}"
+        rows.add_line(row, indent="  ", comment=name)
+    rows.add_line(indent="")
+    del electrodes["modules"]
+    electrodes["layout"] = "list"
+    electrodes["taxels"] = rows
+    return str(tomlkit.dumps(document))
+
+
+def _copied(want: Want, output: Path) -> Any:
+    """The skin file of a design as it was; its calibration is another skin's."""
+    raw = read_bytes(want.skin, MOST_BYTES).decode("utf-8-sig")
+    document: Any = tomlkit.parse(raw)
+    points = document["geometry"].get("points")
+    if isinstance(points, str):
+        where = (want.skin.parent / points).resolve()
+        document["geometry"]["points"] = os.path.relpath(where, output.resolve().parent)
+    document.pop("calibration", None)
+    return document
+
+
+def _millimetres(value: Any) -> str:
+    return f"{1e3 * float(value):.9g} mm"
 
 
 def _changed(text: Any, now: float, value: float) -> Any:

@@ -78,6 +78,7 @@ class Want:
         force: the rated force [N]; None for that of the data sheet of the skin to start from.
         starts: of the search, the skin itself first.
         seed: of the other starts.
+        keep: how many of the skin's taxels; None where they are no question.
     """
 
     skin: Path
@@ -91,6 +92,7 @@ class Want:
     force: float | None
     starts: int
     seed: int
+    keep: int | None = None
 
     def inputs(self, x: Any) -> dict[str, Any]:
         """Inputs of the skin by path, from variables between 0 and 1.
@@ -150,12 +152,18 @@ class _Search(Spec):
     seed: int = 0
 
 
+class _Taxels(Spec):
+    keep: Count
+
+
 class _Together(Spec):
     of: Annotated[tuple[str, ...], AsList]
     factor: Annotated[tuple[float, float], AsList]
 
 
-_TABLES = ("skin", "variables", "goal", "limits", "at", "search")
+_TABLES = ("skin", "variables", "taxels", "goal", "limits", "at", "search")
+CHOOSABLE = ("force_resolution_N", "place_resolution_m")
+"""Figures that decide which taxels are kept."""
 
 
 def load_want(file: Path) -> Want:
@@ -186,10 +194,20 @@ def load_want(file: Path) -> Want:
         region = low, high
         if low >= high:
             reader.refuse("at.region", at.region, "the first place must be left of the second")
+    keep = None
+    if "taxels" in table:
+        keep = reader.part(_Taxels, table["taxels"], "taxels").keep
+        for key in ("variables", "limits", "search"):
+            if key in table:
+                advice = "has no meaning beside [taxels]; choose taxels of the designed skin"
+                reader.refuse(key, None, advice)
+        if goal.minimise not in CHOOSABLE:
+            advice = f"allowed beside [taxels]: minimise {' or '.join(CHOOSABLE)}"
+            reader.refuse("goal", goal.minimise or goal.maximise, advice)
     return Want(
         path,
         spec,
-        tuple(reader.variables(table.get("variables", {}), spec)),
+        () if keep else tuple(reader.variables(table.get("variables", {}), spec)),
         goal.minimise or goal.maximise,
         goal.maximise is not None,
         tuple(reader.limits(table.get("limits", {}))),
@@ -198,6 +216,7 @@ def load_want(file: Path) -> Want:
         at.force,
         search.starts,
         search.seed,
+        keep,
     )
 
 
