@@ -48,8 +48,9 @@ def test_no_choice_is_better_by_much_and_none_below_the_bound(
     assert found.chosen.max() < 1.03 * min(every)
     assert 0.8 * min(every) < found.bound <= min(every)
     dearest = int(np.nanargmax(found.costs))
-    without = tuple(k for k in kept if k != dearest)
-    loss = of_choice(columns, without, which) / found.chosen.max() - 1
+    without = np.where(np.arange(12) == dearest, 0.0, found.kept)
+    variance, _ = Variances(columns, of_force=of_force)(without)
+    loss = np.max(np.sqrt(variance) / found.chosen) - 1
     assert found.costs[dearest] == pytest.approx(loss, rel=1e-5)
 
 

@@ -5,9 +5,10 @@ slopes of a taxel's reading by place and force over its deviation. With weights 
 whose sum is the number to keep, the variance v(w) of the force (or of the place) by the bound
 of Cramer and Rao is convex, and so is its power mean over the places, which is near the worst
 of them for a high power. That minimum is found first; its largest weights are the first
-choice, others are drawn by them, and taxels are exchanged as long as that helps. Of the relaxed problem, the tangent
-plane of any mean of v over places is a bound that no choice of as many taxels is below (Boyd &
-Vandenberghe, Convex Optimization, sections 3.1.3 and 7.5.2).
+choice, others are drawn by them, and taxels are exchanged as long as the worst place gains,
+then as long as the mean of all places does and the worst loses nothing. Of the relaxed
+problem, the tangent plane of any mean of v over places is a bound that no choice of as many
+taxels is below (Boyd & Vandenberghe, Convex Optimization, sections 3.1.3 and 7.5.2).
 """
 
 from collections.abc import Iterator
@@ -35,8 +36,8 @@ class Selection(NamedTuple):
         every: the figure at the places with all taxels [place].
         chosen: with those that are kept [place].
         bound: no choice of as many is below it at its worst place.
-        costs: what the worst place loses without each taxel that is kept, a share; NaN of
-            others [taxel].
+        costs: what the place that suffers most loses without each taxel that is kept, a
+            share; NaN of others [taxel].
     """
 
     kept: NDArray[np.bool_]
@@ -128,7 +129,7 @@ def select(variances: Variances, keep: int) -> Selection:
     for i in np.flatnonzero(kept):
         less = kept.astype(float)
         less[i] = 0.0
-        costs[i] = np.sqrt(variances(less)[0].max() / chosen.max()) - 1
+        costs[i] = np.sqrt(np.max(variances(less)[0] / chosen)) - 1
     return Selection(kept, np.sqrt(every), np.sqrt(chosen), float(np.sqrt(bound)), costs)
 
 
@@ -192,16 +193,22 @@ def _exchanged(
     Returns:
         The taxels that are kept, and the variances with them [place].
     """
+    most, even = np.inf, False  # of the worst variance, once all places count alike
     for _ in range(_EXCHANGES):
         weights = kept.astype(float)
         now, share = variances(weights)
-        value = share @ (now / now.max()) ** (_POWER - 1)
+        value = share @ (np.ones_like(now) if even else (now / now.max()) ** (_POWER - 1))
         out, into = np.flatnonzero(kept), np.flatnonzero(~kept)
         out = out[np.argsort(value[out])[:_TRIED]]
         into = into[np.argsort(-value[into])[:_TRIED]]
-        worst = variances.exchanged(weights, out, into).max(-1)
-        best = np.unravel_index(worst.argmin(), worst.shape)
-        if not worst[best] < now.max() * (1 - 1e-6):
+        found = variances.exchanged(weights, out, into)
+        worst = found.max(-1)
+        size = np.where(worst <= most, found.mean(-1), np.inf) if even else worst
+        best = np.unravel_index(size.argmin(), size.shape)
+        if size[best] < (now.mean() if even else now.max()) * (1 - 1e-6):
+            kept[[out[best[0]], into[best[1]]]] = [False, True]
+        elif even:
             break
-        kept[[out[best[0]], into[best[1]]]] = [False, True]
+        else:
+            most, even = now.max() * (1 + 1e-9), True
     return kept, variances(kept.astype(float))[0]

@@ -19,6 +19,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from suas_jax.constitutive.base import AbstractLaw, constant
 from suas_jax.constitutive.deformation import LogStretches
 from suas_jax.constitutive.specimens.homogeneous import MODES
+from suas_jax.numerics.length import length
 
 _SAMPLES = 400
 _BISECTIONS = 50
@@ -40,8 +41,8 @@ def drucker_modulus(
         stretch_2: λ₂ > 0, of a shape that broadcasts with λ₁; λ₃ = 1/(λ₁λ₂).
 
     Returns:
-        Modulus [Pa]. Its derivative is not defined where both eigenvalues coincide, as
-        they do at rest.
+        Modulus [Pa]. Its derivative where both eigenvalues coincide, as they do at rest, is
+        that of their mean.
     """
     e1, e2 = jnp.broadcast_arrays(jnp.log(constant(stretch_1)), jnp.log(constant(stretch_2)))
 
@@ -62,7 +63,7 @@ def drucker_modulus(
     zero, one = jnp.zeros_like(e1), jnp.ones_like(e1)
     h11, h22, both = jax.vmap(curvature)(jnp.asarray(directions, e1.dtype))
     h12 = 0.5 * (both - h11 - h22)
-    return 0.5 * (0.5 * (h11 + h22) - jnp.hypot(0.5 * (h11 - h22), h12))
+    return 0.5 * (0.5 * (h11 + h22) - length(jnp.stack([0.5 * (h11 - h22), h12])))
 
 
 def stable_range(

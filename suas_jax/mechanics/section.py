@@ -18,6 +18,7 @@ from suas_jax.mechanics.base import AbstractMechanics, BodyContact, Displacement
 from suas_jax.mechanics.section_face import INTERVALS, NormalFace, normal_face
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.numerics.array_types import Lanes, StationVector
+from suas_jax.numerics.length import length
 from suas_jax.skin.body import Grip, PlacedBody
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.loads import LineLoad
@@ -62,12 +63,6 @@ def peak(values: Array, *companions: Array) -> tuple[Lanes, ...]:
     return tuple(found)
 
 
-def _magnitude(displacement: Array) -> Array:
-    square = jnp.sum(displacement**2, 0)
-    at_rest = square == 0  # where a square root has no derivative
-    return jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
-
-
 class SectionShape(AbstractShape):
     """Samples of a deformed section.
 
@@ -98,12 +93,12 @@ class SectionShape(AbstractShape):
 
     def largest_displacement(self) -> Extreme:
         """See the base class."""
-        size = _magnitude(self.profile.inner_displacement)
+        size = length(self.profile.inner_displacement)
         return Extreme(*peak(size, self.profile.angle))
 
     def largest_mid_displacement(self) -> Lanes:
         """See the base class."""
-        return peak(_magnitude(self.profile.mid_displacement))[0]
+        return peak(length(self.profile.mid_displacement))[0]
 
     def bulge(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""

@@ -167,10 +167,11 @@ class Box(AbstractShape):
             jnp.abs(x) - (size / 2 - self.edge)
             for x, size in zip(place[:-1], self.size, strict=True)
         ]
-        beyond = jnp.stack([*sides, self.edge - place[-1]])
-        square = jnp.sum(jnp.maximum(beyond, 0.0) ** 2, 0)
+        beyond = [*sides, self.edge - place[-1]]
+        square = functools.reduce(jnp.add, [jnp.maximum(x, 0.0) ** 2 for x in beyond])
         outside = square > 0
-        size = jnp.where(outside, jnp.sqrt(jnp.where(outside, square, 1.0)), jnp.max(beyond, 0))
+        inner = functools.reduce(jnp.maximum, beyond)
+        size = jnp.where(outside, jnp.sqrt(jnp.where(outside, square, 1.0)), inner)
         return size - self.edge
 
     def height(self, across: Float[Array, "component *point"]) -> Float[Array, "*point"]:

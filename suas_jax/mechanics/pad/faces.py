@@ -9,6 +9,7 @@ from suas_jax.constitutive.base import AbstractLaw
 from suas_jax.mechanics.pad.fibres import Layers, energy_density, fibre_strains
 from suas_jax.mechanics.pad.mid_surface import Scalar, Surface, Vector, components
 from suas_jax.mechanics.shell.shape import CRUSHED
+from suas_jax.numerics.length import length
 from suas_jax.skin.prestress import Growth
 
 
@@ -108,7 +109,7 @@ def faces(
 def principal_stretches(strain: Float[Array, "3 *point"]) -> Float[Array, "2 *point"]:
     """Smallest and largest stretch in the plane from C - 1, entries (11, 22, 12)."""
     mean = (strain[0] + strain[1]) / 2
-    radius = jnp.hypot((strain[0] - strain[1]) / 2, strain[2])
+    radius = length(jnp.stack([(strain[0] - strain[1]) / 2, strain[2]]))
     return jnp.sqrt(jnp.maximum(1 + jnp.stack([mean - radius, mean + radius]), CRUSHED**2))
 
 

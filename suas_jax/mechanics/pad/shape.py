@@ -15,6 +15,7 @@ from suas_jax.mechanics.pad.faces import Faces, hoop_stretch, principal_stretche
 from suas_jax.mechanics.shape import AbstractShape, Extreme
 from suas_jax.mechanics.shell.shape import CRUSHED
 from suas_jax.numerics.array_types import Lanes
+from suas_jax.numerics.length import length
 from suas_jax.skin.geometry import SkinGeometry
 from suas_jax.skin.section import AbstractSection
 
@@ -65,12 +66,6 @@ def peak(values: Grid, *companions: Array) -> tuple[Lanes, ...]:
     )
 
 
-def _magnitude(displacement: Array) -> Array:
-    square = jnp.sum(displacement**2, 0)
-    at_rest = square == 0  # where a square root has no derivative
-    return jnp.where(at_rest, 0.0, jnp.sqrt(jnp.where(at_rest, 1.0, square)))
-
-
 class PadShape(AbstractShape):
     """Samples of a deformed pad.
 
@@ -95,12 +90,12 @@ class PadShape(AbstractShape):
 
     def largest_displacement(self) -> Extreme:
         """See the base class."""
-        size = _magnitude(self.grid.inner_displacement)
+        size = length(self.grid.inner_displacement)
         return Extreme(*peak(size, self.grid.angle, self.grid.axial))
 
     def largest_mid_displacement(self) -> Lanes:
         """See the base class."""
-        return peak(_magnitude(self.grid.mid_displacement))[0]
+        return peak(length(self.grid.mid_displacement))[0]
 
     def bulge(self, geometry: SkinGeometry) -> Extreme:
         """See the base class."""
