@@ -178,8 +178,11 @@ def _print_report(report: dict[str, Any]) -> None:
             text += f", {axial:.3g} mm along the axis"
         table.add_row(name, text)
     if report["wall"] is not None:
-        force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
-        table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
+        wall, (first, last) = report["wall"], report["wall"]["angle_deg"]
+        unsure = wall["force_error_N"]
+        to = "" if unsure is None else f" to {unsure:.2g} N,"
+        carried = f"carries {wall['force_N']:.5g} N{to}"
+        table.add_row("wall", f"{carried} from {first:.4g} to {last:.4g} deg")
     if report.get("rest"):
         table.add_row("at rest", _stress(report["rest"]))
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
