@@ -1,7 +1,7 @@
 """Are the stated errors of pads true? `suas solve` against a continuum of FElupe.
 
-    python -m benchmarks.pad_referee --continuum [KIND ...] [--seed S]
-    python -m benchmarks.pad_referee --compare
+    python -m benchmarks.pad_referee --continuum [KIND ...] [--seed S] [--sizes F]
+    python -m benchmarks.pad_referee --compare [KIND ...]
 
 `--continuum` solves one random pad of every kind (see `KINDS`) with hexahedra on three meshes,
 a minute or more each, and keeps the answers in tests/data/pad_referee.json; it needs FElupe.
@@ -148,7 +148,13 @@ def sample(name: str, seed: int) -> dict[str, Any]:
 
 
 def continuum(spec: SceneSpec, sizes: float = 1.0, log: Any = print) -> dict[str, Any]:
-    """A pad's answer by hexahedra, values with their deviations, with a factor on the elements' sizes."""
+    """A pad's answer by hexahedra: values with their deviations.
+
+    Args:
+        spec: the scene.
+        sizes: factor on those of all elements.
+        log: prints what each mesh says.
+    """
     from benchmarks.felupe_pad import FelupePad
 
     membrane, patches, compliance = _membrane(spec)
@@ -282,7 +288,7 @@ def main() -> None:
     """Solve pads by the continuum, or compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--continuum", nargs="*", metavar="KIND")
-    parser.add_argument("--compare", action="store_true")
+    parser.add_argument("--compare", nargs="*", metavar="KIND")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sizes", type=float, default=1.0, help="factor on the elements'")
     options = parser.parse_args()
@@ -299,13 +305,15 @@ def main() -> None:
             own = {"name": name, "seed": options.seed, "tables": tables, "continuum": answer}
             others = [x for x in kept() if (x["name"], x["seed"]) != (name, options.seed)]
             write_text(KEPT, json.dumps([*others, own], indent=1) + "\n")
-    if options.compare:
+    if options.compare is not None:
         from suas_jax import configure
 
         configure()
         columns = ("scene", "model", "met", "stated", "true", "of pressure", "truth to")
         table = Table(*columns, "wall's force", "stated")
         for scene in kept():
+            if options.compare and scene["name"] not in options.compare:
+                continue
             found = compared(scene)
             print(found, flush=True)
             cells = [found["name"], found["model"], str(found["rtol_met"])]
