@@ -170,7 +170,7 @@ def test_loads_close_together_do_not_gather_short_elements(apart: float) -> None
     """Those are so stiff that rounding leaves forces on them that nothing balances."""
     plan = plan_of([load(0.2), load(0.2 + apart), load(-0.7), load(1.1)], 64)
     angles = plan.stations @ plan.values
-    assert np.min(np.diff(angles)) > 0.999 * min(apart, 0.04 * LAYER)
+    assert np.min(np.diff(angles)) > 0.999 * min(apart, 0.025 * LAYER)
     assert np.min(np.abs(angles - 0.2 - apart)) < 1e-12
 
 
