@@ -32,3 +32,11 @@ def test_the_stated_error_of_a_pad_holds(name: str) -> None:
     if "wall" in found:
         own = abs(found["wall"]) - found["wall_unsure"]
         assert own <= found["wall_stated"], found
+
+
+@pytest.mark.long  # programs of their own
+@pytest.mark.parametrize("model", ["shell", "solid"])
+def test_an_elliptic_pad_is_that_of_the_continuum(model: str) -> None:
+    found = compared(SCENES["ellipse"], model=model)
+    assert abs(found["pressure"]) < 3e-3
+    assert found["displacement"] < 3e-3
