@@ -138,13 +138,13 @@ class FelupePad:
         membrane: what is solved.
         patches: what presses.
         fine: size of the elements over the patches [m].
-        coarse: size of those far from them, along the arc and along the axis [m]; those at
-            clamps have half of the first.
+        coarse: size of those far from them, along the arc and along the axis [m].
         across: elements through the thickness.
         symmetric: whether the arc's half and the axis' half are left out, of which the loads
             are their own mirror image.
         solver: ``"pardiso"`` or ``"superlu"``.
         compliance: of the oil, volume over bulk modulus [m^3/Pa]; None for vented oil.
+        edge: size of the elements at clamps [m]; by default half of the coarse ones.
     """
 
     def __init__(
@@ -158,6 +158,7 @@ class FelupePad:
         symmetric: tuple[bool, bool] = (False, False),
         solver: str = "pardiso",
         compliance: float | None = 0.0,
+        edge: float | None = None,
     ) -> None:
         self.membrane, self.patches, self.symmetric = membrane, patches, symmetric
         self.t, self.arc_at = membrane.outer_arc()
@@ -169,7 +170,7 @@ class FelupePad:
                 (c[k] - x.size[k] / 2, c[k] + x.size[k] / 2)
                 for c, x in zip(centres, patches, strict=True)
             ]
-            axes.append(graded((-h * (not s), h), ends, fine, coarse[k], coarse[0] / 2))
+            axes.append(graded((-h * (not s), h), ends, fine, coarse[k], edge or coarse[0] / 2))
         self.arcs, self.along = axes
         grid = self._positions(across)
         self.number = np.arange(grid[..., 0].size).reshape(grid.shape[:-1])

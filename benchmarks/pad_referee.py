@@ -162,6 +162,8 @@ def continuum(spec: SceneSpec, sizes: float = 1.0, log: Any = print) -> dict[str
     decay = math.sqrt(membrane.semi_axes[0] * g.mean_thickness)
     coarse = 0.5 * decay, min(1.0 * decay, 0.7 * decay * max(1.0, g.width / 0.1))
     fine = min(least / 2, coarse[0])
+    room = min(g.width / 2 - abs(p.axial) - p.size[1] / 2 for p in patches)
+    edge = min(coarse[0] / 2, room / 2.5)
     symmetric = (
         len(patches) == 1 and patches[0].angle == 0 and patches[0].turn == 0,
         all(p.axial == 0 for p in patches),
@@ -170,7 +172,7 @@ def continuum(spec: SceneSpec, sizes: float = 1.0, log: Any = print) -> dict[str
     for scale, across in ((sizes, 1), (sizes, 2), (2 / 3 * sizes, 1)):
         start = time.perf_counter()
         lengths = scale * fine, (scale * coarse[0], scale * coarse[1])
-        options = {"symmetric": symmetric, "compliance": compliance}
+        options = {"symmetric": symmetric, "compliance": compliance, "edge": scale * edge}
         pad = FelupePad(membrane, patches, *lengths, across, **options)
         if first is None:
             *_, steps = pad.system.follow(pad.load, [0.3, 0.6, 0.85, 1.0])

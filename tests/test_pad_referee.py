@@ -16,9 +16,9 @@ def test_meshes_of_the_continuum_agree(name: str) -> None:
     answer = SCENES[name]["continuum"]
     moved = answer["displacements_m"]
     largest = max(abs(value) for value, _ in moved)
-    assert max(deviation for _, deviation in moved) < 1e-2 * largest
+    assert max(deviation for _, deviation in moved) < 0.02 * largest
     pressure, deviation = answer["oil_pressure_Pa"]
-    assert deviation <= 1e-2 * abs(pressure)
+    assert deviation <= 0.015 * abs(pressure)
 
 
 @pytest.mark.long  # programs of shells and solids, a minute or more a scene
