@@ -9,6 +9,8 @@ import pytest
 from benchmarks.pad_referee import RTOL, compared, kept
 
 SCENES = {scene["name"]: scene for scene in kept()}
+# Of the others `python -m benchmarks.pad_referee --compare` makes the table.
+JUDGED = ("ellipse", "wall 18 N", "wall 22 N", "wall 28 N", "light")
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -22,7 +24,7 @@ def test_meshes_of_the_continuum_agree(name: str) -> None:
 
 
 @pytest.mark.long  # programs of shells and solids, a minute or more a scene
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", JUDGED)
 def test_the_stated_error_of_a_pad_holds(name: str) -> None:
     found = compared(SCENES[name])
     assert found["status"] == "converged"
