@@ -11,6 +11,8 @@ import felupe as fem
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
+from benchmarks.felupe_wall import Wall
+
 _TOLERANCE = 1e-9  # of a correction, relative to the displacement
 _MOST_CORRECTIONS = 25
 _MOST_ON_A_PATH = 10
@@ -27,11 +29,23 @@ class OilFilledBody:
         held: which displacements are held [node, direction].
         far: displacement at which the iteration is given up [m].
         solver: ``"pardiso"`` or ``"superlu"``.
+        compliance: of the oil, volume lost per pressure [m^3/Pa]; None for vented oil.
+        wall: that holds the face, if any.
     """
 
     def __init__(
-        self, field: Any, material: Any, face: Any, held: np.ndarray, far: float, solver: str
+        self,
+        field: Any,
+        material: Any,
+        face: Any,
+        held: np.ndarray,
+        far: float,
+        solver: str,
+        *,
+        compliance: float | None = 0.0,
+        wall: Wall | None = None,
     ) -> None:
+        self.compliance, self.wall = compliance, wall
         self.field, self.face, self.solver, self.far = field, face, solver, far
         self.body = fem.SolidBody(material, field)
         self.pressure = fem.SolidBodyPressure(face)
@@ -75,6 +89,9 @@ class OilFilledBody:
             residual = self.body.assemble.vector(self.field).toarray().ravel()
             residual = residual - self.oil * gradient - force
             tangent = self.body.assemble.matrix(self.field)
+            if self.wall is not None:
+                push, stiff = self.wall.assemble(u, self.count)
+                residual, tangent = residual + push, tangent + stiff
             stiffness = self.pressure.assemble.matrix(
                 self.face, pressure=self.oil, resize=tangent
             )
@@ -83,7 +100,10 @@ class OilFilledBody:
             volume = mean[: self.displacements] @ u.ravel()
             both = self._solved(tangent - stiffness, np.stack([-residual, gradient], 1))
             first, second = both.T
-            change = -(volume + gradient @ first) / (gradient @ second)
+            change = 0.0
+            if self.compliance is not None:
+                volume += self.compliance * self.oil
+                change = -(volume + gradient @ first) / (gradient @ second + self.compliance)
             move = first + change * second
             u += move[: self.displacements].reshape(u.shape)
             p += move[self.displacements :].reshape(p.shape)

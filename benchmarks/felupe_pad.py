@@ -1,55 +1,86 @@
-"""The pad solved with FElupe as a continuum in three dimensions: the peer of the pad's shell.
+"""The pad solved with FElupe as a continuum in three dimensions: the peer of shell and solid.
 
 Taylor-Hood hexahedra (27 nodes, continuous trilinear pressure; exactly incompressible),
-follower pressure on the inner face, a dead force even over a patch of the undeformed outer
-face. Needs the optional dependencies ``peers``.
+follower pressure on the inner face, dead forces even over patches of the undeformed outer
+face, and a rigid wall by a stiff penalty. Needs the optional dependencies ``peers``.
 """
 
 import dataclasses
 import itertools
-from typing import Any
+import math
+from collections.abc import Sequence
 
 import felupe as fem
 import numpy as np
 from numpy.polynomial.legendre import leggauss
+from scipy.interpolate import RegularGridInterpolator
 
+from benchmarks.felupe_laws import AbstractRubber
 from benchmarks.felupe_newton import OilFilledBody
+from benchmarks.felupe_wall import Wall
 
 _COARSENING = 0.25  # growth of the elements' size with the distance from what they resolve
-_BULK = 10.0  # moduli against an element's own changes of volume, over the shear modulus
-_SAMPLES = 24  # points a direction at which the patch's force acts in an element
+_SAMPLES = 24  # points a direction at which a patch's force acts in an element
+_ALONG = 20001  # points at which the arc of the outer face is measured
+_STIFF = 200.0  # of the wall, in shear moduli per thickness
 
 
 @dataclasses.dataclass(frozen=True)
-class Poke:
-    """One patch on a pad of a Mooney-Rivlin material; SI units and radians.
+class Membrane:
+    """A pad whose inner face is x = a sin t, y = b cos t; SI units and radians.
 
     Attributes:
-        inner_radius: of the membrane.
-        thickness: of the membrane.
-        half_angle: from the crown to a clamp.
+        semi_axes: a and b; a circle's are equal.
+        thickness: along the normal of the inner face.
+        half_angle: t at a clamp.
         length: between the clamped ends.
-        C1: first constant.
-        C2: second constant.
-        C3: third constant.
-        angle: of the patch's centre.
-        axial: of the patch's centre, from the middle.
-        size: of the patch along the arc and along the axis, on the outer face; for a disc its
-            diameter, twice.
-        disc: whether the patch is round.
+        law: of the material.
+        gap: to the wall of a circle; None for no wall.
     """
 
-    inner_radius: float
+    semi_axes: tuple[float, float]
     thickness: float
     half_angle: float
     length: float
-    C1: float
-    C2: float
-    C3: float
+    law: AbstractRubber
+    gap: float | None = None
+
+    def inner(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position and outward normal of the inner face in its plane [2, *t.shape]."""
+        a, b = self.semi_axes
+        normal = np.stack([b * np.sin(t), a * np.cos(t)])
+        return np.stack([a * np.sin(t), b * np.cos(t)]), normal / np.hypot(*normal)
+
+    def outer_arc(self) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters, and the arc length of the outer face from the crown there."""
+        t = np.linspace(-self.half_angle, self.half_angle, _ALONG)
+        place, normal = self.inner(t)
+        steps = np.hypot(*np.diff(place + self.thickness * normal, axis=1))
+        arc = np.concatenate([[0], np.cumsum(steps)])
+        return t, arc - arc[-1] / 2
+
+
+@dataclasses.dataclass(frozen=True)
+class Patch:
+    """A dead force, even over a part of the outer face.
+
+    Attributes:
+        angle: t of its centre.
+        axial: of its centre, from the middle.
+        size: along the arc and along the axis; of a disc its diameter, twice.
+        disc: whether it is round.
+        force: inward; negative pulls.
+        turn: of the force from the inward normal, counter-clockwise in the section's plane.
+        tilt: of the force towards the axis.
+    """
+
     angle: float = 0.0
     axial: float = 0.0
     size: tuple[float, float] = (6e-3, 6e-3)
     disc: bool = False
+    force: float = 1.0
+    turn: float = 0.0
+    tilt: float = 0.0
 
     def covers(self, arc: np.ndarray, along: np.ndarray) -> np.ndarray:
         """Whether the patch covers points at these distances from its centre [m]."""
@@ -57,84 +88,42 @@ class Poke:
             return np.asarray(np.hypot(arc, along) <= self.size[0] / 2)
         return np.asarray((abs(arc) <= self.size[0] / 2) & (abs(along) <= self.size[1] / 2))
 
-
-class _Material:
-    """Psi = C1 (I1 - 3) + C2 (I2 - 3) + C3 (I2 - 3)^2 + p (J - 1) + U(J).
-
-    U = K (J - 1)^2 / 2 - (2 C1 + 4 C2)(J - 1) changes nothing where J = 1. Elements hold that
-    in the mean only, and without U their own changes of volume would have negative energy.
-    """
-
-    def __init__(self, poke: Poke) -> None:
-        self.poke = poke
-        self.bulk = _BULK * 2 * (poke.C1 + poke.C2)
-        self.x = [np.zeros((3, 3)), np.zeros(1), np.zeros(0)]
-
-    def gradient(self, x: list[Any]) -> list[Any]:
-        F, p = x[0], x[1]
-        C = fem.math.dot(fem.math.transpose(F), F)
-        slope, second = self._second_invariant(F, C)
-        J = fem.math.det(F)
-        cofactor = J * fem.math.transpose(fem.math.inv(F, determinant=J))
-        total = p + self._pressure(J)
-        return [2 * self.poke.C1 * F + slope * second + total * cofactor, J[None] - 1, None]
-
-    def hessian(self, x: list[Any]) -> list[Any]:
-        F, p = x[0], x[1]
-        C = fem.math.dot(fem.math.transpose(F), F)
-        slope, second = self._second_invariant(F, C)
-        unit = np.eye(3)[..., None, None]
-        identity = np.einsum("ikqe,jlqe->ijklqe", unit, unit)
-        turned = np.einsum("ilqe,kjqe->ijklqe", F, F)
-        left = np.einsum("ikqe,ljqe->ijklqe", unit, C)
-        B = fem.math.dot(F, fem.math.transpose(F))
-        right = np.einsum("ikqe,jlqe->ijklqe", B, unit)
-        tangent = (2 * self.poke.C1 + 2 * slope * _trace(C)) * identity
-        tangent += 4 * slope * fem.math.dya(F, F) - 2 * slope * (left + turned + right)
-        tangent += 2 * self.poke.C3 * fem.math.dya(second, second)
-        J = fem.math.det(F)
-        inverse = fem.math.transpose(fem.math.inv(F, determinant=J))
-        both = fem.math.dya(inverse, inverse) - np.einsum("ilqe,kjqe->ijklqe", inverse, inverse)
-        tangent += (p + self._pressure(J)) * J * both
-        tangent += self.bulk * J**2 * fem.math.dya(inverse, inverse)
-        return [tangent, J * inverse, None]
-
-    def _pressure(self, J: np.ndarray) -> np.ndarray:
-        """dU/dJ."""
-        return self.bulk * (J - 1) - (2 * self.poke.C1 + 4 * self.poke.C2)
-
-    def _second_invariant(self, F: np.ndarray, C: np.ndarray) -> tuple[Any, np.ndarray]:
-        """dPsi/dI2 and dI2/dF."""
-        first = _trace(C)
-        I2 = (first**2 - fem.math.ddot(C, C)) / 2
-        slope = self.poke.C2 + 2 * self.poke.C3 * (I2 - 3)
-        return slope, 2 * (first * F - fem.math.dot(F, C))
-
-
-def _trace(C: np.ndarray) -> np.ndarray:
-    return np.asarray(C[0, 0] + C[1, 1] + C[2, 2])
+    def direction(self, normal: np.ndarray) -> np.ndarray:
+        """Of a positive force, as nodes have it: x, axis, y."""
+        angle = math.atan2(normal[0], normal[1]) - self.turn
+        plane = math.cos(self.tilt)
+        return -np.array(
+            [plane * math.sin(angle), -math.sin(self.tilt), plane * math.cos(angle)]
+        )
 
 
 def graded(
-    ends: tuple[float, float], patch: tuple[float, float], fine: float, coarse: float
+    ends: tuple[float, float],
+    patches: Sequence[tuple[float, float]],
+    fine: float,
+    coarse: float,
+    edge: float,
 ) -> np.ndarray:
-    """Nodes between elements: of size `fine` over the patch, larger away from it.
+    """Nodes between elements: of size `fine` over patches, larger away from them.
 
     Args:
         ends: of the interval [m].
-        patch: its ends; they become nodes where they lie inside.
+        patches: their ends; they become nodes where they lie inside.
         fine: size of the elements there [m].
-        coarse: largest size [m]; elements at clamps have half of it.
+        coarse: largest size [m].
+        edge: size at clamps [m].
     """
-    inside = [x for x in patch if ends[0] < x < ends[1]]
-    knots = [ends[0], *inside, ends[1]]
+    inside = {x for patch in patches for x in patch if ends[0] < x < ends[1]}
+    knots = [ends[0], *sorted(inside), ends[1]]
     nodes = [np.array([ends[0]])]
     for a, b in itertools.pairwise(knots):
         x = np.linspace(a, b, 2001)
-        away = np.maximum(np.maximum(patch[0] - x, x - patch[1]), 0)
+        size = np.full_like(x, coarse)
+        for first, last in patches:
+            away = np.maximum(np.maximum(first - x, x - last), 0)
+            size = np.minimum(size, fine + _COARSENING * away)
         end = np.minimum(x - ends[0], ends[1] - x)
-        size = np.minimum(fine + _COARSENING * away, coarse)
-        size = np.minimum(size, coarse / 2 + _COARSENING * end)
+        size = np.minimum(size, edge + _COARSENING * end)
         count = np.concatenate([[0], np.cumsum((1 / size[1:] + 1 / size[:-1]) / 2)])
         count *= x[1] - x[0]
         steps = max(round(count[-1]), 1)
@@ -146,41 +135,45 @@ class FelupePad:
     """The discretised pad.
 
     Args:
-        poke: what to solve.
-        fine: size of the elements over the patch [m].
-        coarse: size of those far from it [m].
+        membrane: what is solved.
+        patches: what presses.
+        fine: size of the elements over the patches [m].
+        coarse: size of those far from them, along the arc and along the axis [m].
         across: elements through the thickness.
-        symmetric: whether the arc's half and the axis' half are left out; the patch lies at
-            the crown, in the middle.
+        symmetric: whether the arc's half and the axis' half are left out, of which the loads
+            are their own mirror image.
         solver: ``"pardiso"`` or ``"superlu"``.
+        compliance: of the oil, volume over bulk modulus [m^3/Pa]; None for vented oil.
+        edge: size of the elements at clamps [m]; by default half of the coarse ones.
     """
 
     def __init__(
         self,
-        poke: Poke,
+        membrane: Membrane,
+        patches: Sequence[Patch],
         fine: float,
-        coarse: float,
+        coarse: tuple[float, float],
         across: int = 1,
         *,
         symmetric: tuple[bool, bool] = (False, False),
         solver: str = "pardiso",
+        compliance: float | None = 0.0,
+        edge: float | None = None,
     ) -> None:
-        self.poke, self.symmetric = poke, symmetric
-        outer = poke.inner_radius + poke.thickness
-        half = (outer * poke.half_angle, poke.length / 2)
-        axes = [
-            graded((-h * (not s), h), (c - d / 2, c + d / 2), fine, coarse)
-            for h, s, c, d in zip(
-                half, symmetric, (outer * poke.angle, poke.axial), poke.size, strict=True
-            )
-        ]
+        self.membrane, self.patches, self.symmetric = membrane, patches, symmetric
+        self.t, self.arc_at = membrane.outer_arc()
+        half = (self.arc_at[-1], membrane.length / 2)
+        centres = [(self._arc_of(x.angle), x.axial) for x in patches]
+        axes = []
+        for k, (h, s) in enumerate(zip(half, symmetric, strict=True)):
+            ends = [
+                (c[k] - x.size[k] / 2, c[k] + x.size[k] / 2)
+                for c, x in zip(centres, patches, strict=True)
+            ]
+            axes.append(graded((-h * (not s), h), ends, fine, coarse[k], edge or coarse[0] / 2))
         self.arcs, self.along = axes
-        nodes = [_with_middles(x) for x in (axes[0] / outer, axes[1])]
-        radii = poke.inner_radius + np.linspace(0, poke.thickness, 2 * across + 1)
-        phi, z, r = np.meshgrid(*nodes, radii, indexing="ij")
-        # Angle, axis and radius are right-handed in this order.
-        grid = np.stack([r * np.sin(phi), z, r * np.cos(phi)], -1)
-        self.number = np.arange(phi.size).reshape(phi.shape)
+        grid = self._positions(across)
+        self.number = np.arange(grid[..., 0].size).reshape(grid.shape[:-1])
         counts = (len(self.arcs) - 1, len(self.along) - 1, across)
         mesh = fem.Mesh(grid.reshape(-1, 3), _cells(self.number, counts, 2), "hexahedron27")
         corners = np.arange(np.prod(np.add(counts, 1))).reshape(np.add(counts, 1))
@@ -199,37 +192,109 @@ class FelupePad:
         held[self.number[-1].ravel()] = held[self.number[:, -1].ravel()] = True
         for axis, plane in enumerate((self.number[0], self.number[:, 0])):
             held[plane.ravel(), axis if symmetric[axis] else slice(None)] = True
-        far = 10 * poke.inner_radius
-        self.system = OilFilledBody(field, _Material(poke), face, held, far, solver)
+        far = 10 * membrane.semi_axes[0]
+        self.share = 0.5 ** sum(symmetric)
+        if compliance is not None:
+            compliance *= self.share
+        wall = None
+        if membrane.gap is not None:
+            stiffness = _STIFF * membrane.law.shear_modulus / membrane.thickness
+            wall = Wall(face_region, membrane.semi_axes[0] - membrane.gap, stiffness)
+        self.system = OilFilledBody(
+            field, membrane.law, face, held, far, solver, compliance=compliance, wall=wall
+        )
         self.points = np.asarray(mesh.points)
-        self.load = self._even_force()
+        self.load = self._even_forces()
 
     def inner_face(self) -> tuple[np.ndarray, np.ndarray]:
         """Reference positions and displacements of the inner face [arc, axis, 3]."""
         number = self.number[:, :, 0]
         return self.points[number], self.system.displacement[number]
 
-    def _even_force(self) -> np.ndarray:
-        """Nodal forces of one newton inward, even over the patch [node, 3]."""
-        poke = self.poke
-        outer = poke.inner_radius + poke.thickness
+    def under(self, patch: Patch, layer: int) -> float:
+        """Displacement along a patch's force beneath its centre, of a layer of nodes [m]."""
+        moved = self.system.displacement[self.number[:, :, layer]]
+        place = self._arc_of(patch.angle), patch.axial
+        value = np.zeros(3)
+        found = [
+            _quadratic(x, at) for x, at in zip((self.arcs, self.along), place, strict=True)
+        ]
+        (i, u), (j, v) = found
+        value = np.einsum("a,b,abc->c", u, v, moved[i : i + 3, j : j + 3])
+        return float(value @ self._direction(patch))
+
+    def wall_force(self) -> float:
+        """Sum of the wall's forces on the whole pad [N]."""
+        wall = self.system.wall
+        return 0.0 if wall is None else wall.force(self.system.displacement) / self.share
+
+    def take(self, other: "FelupePad") -> None:
+        """Start from the state of another mesh of the same pad."""
+        ours, theirs = self._coordinates(), other._coordinates()
+        for k in (0, 1):
+            step = slice(None, None, k + 1)
+            grids = [tuple(x[step] for x in axes) for axes in (theirs, ours)]
+            values = other.system.field[k].values
+            shape = [len(x) for x in grids[0]]
+            rule = RegularGridInterpolator(grids[0], values.reshape(*shape, -1))
+            points = np.stack(np.meshgrid(*grids[1], indexing="ij"), -1)
+            new = self.system.field[k].values
+            new[:] = rule(points).reshape(new.shape)
+        self.system.oil = other.system.oil
+
+    def _coordinates(self) -> tuple[np.ndarray, ...]:
+        """Places of the nodes along arc, axis and thickness."""
+        depth = np.linspace(0, 1, self.number.shape[2])
+        return _with_middles(self.arcs), _with_middles(self.along), depth
+
+    def _arc_of(self, angle: float) -> float:
+        return float(np.interp(angle, self.t, self.arc_at))
+
+    def _direction(self, patch: Patch) -> np.ndarray:
+        return patch.direction(self.membrane.inner(np.array(patch.angle))[1])
+
+    def _positions(self, across: int) -> np.ndarray:
+        """Nodes: arc, axis and radius are right-handed in this order [arc, axis, depth, 3]."""
+        t = np.interp(_with_middles(self.arcs), self.arc_at, self.t)
+        place, normal = self.membrane.inner(t)
+        z = _with_middles(self.along)
+        depth = np.linspace(0, self.membrane.thickness, 2 * across + 1)
+        plane = place[..., None] + normal[..., None] * depth
+        shape = (len(t), len(z), len(depth))
+        x, y = (np.broadcast_to(v[:, None], shape) for v in plane)
+        return np.stack([x, np.broadcast_to(z[:, None], shape), y], -1)
+
+    def _even_forces(self) -> np.ndarray:
+        """Nodal forces of all patches [node, 3]."""
+        load = np.zeros_like(self.points)
         nodes, weights = leggauss(_SAMPLES)
         shapes = np.stack([nodes * (nodes - 1) / 2, 1 - nodes**2, nodes * (nodes + 1) / 2])
-        share = np.zeros(self.number.shape[:2])
-        for i in range(len(self.arcs) - 1):
-            arc, of_arc = _scaled(self.arcs[i : i + 2], nodes, weights)
-            for j in range(len(self.along) - 1):
-                along, of_axis = _scaled(self.along[j : j + 2], nodes, weights)
-                covered = poke.covers(
-                    arc[:, None] - outer * poke.angle, along[None] - poke.axial
-                )
-                part = of_arc[:, None] * of_axis * covered
-                share[2 * i : 2 * i + 3, 2 * j : 2 * j + 3] += shapes @ part @ shapes.T
-        share /= share.sum() * 2.0 ** sum(self.symmetric)
-        load = np.zeros_like(self.points)
-        inward = -np.array([np.sin(poke.angle), 0.0, np.cos(poke.angle)])
-        load[self.number[:, :, -1].ravel()] = share.reshape(-1, 1) * inward
+        for patch in self.patches:
+            share = np.zeros(self.number.shape[:2])
+            for i in range(len(self.arcs) - 1):
+                arc, of_arc = _scaled(self.arcs[i : i + 2], nodes, weights)
+                for j in range(len(self.along) - 1):
+                    along, of_axis = _scaled(self.along[j : j + 2], nodes, weights)
+                    covered = patch.covers(
+                        arc[:, None] - self._arc_of(patch.angle), along[None] - patch.axial
+                    )
+                    part = of_arc[:, None] * of_axis * covered
+                    share[2 * i : 2 * i + 3, 2 * j : 2 * j + 3] += shapes @ part @ shapes.T
+            share *= patch.force * self._modelled(patch) / share.sum()
+            load[self.number[:, :, -1].ravel()] += share.reshape(-1, 1) * self._direction(patch)
         return load
+
+    def _modelled(self, patch: Patch) -> float:
+        """Part of a patch that is not left out: those on a plane of symmetry lose a half."""
+        on = (patch.angle == 0, patch.axial == 0)
+        return math.prod(0.5 for s, o in zip(self.symmetric, on, strict=True) if s and o)
+
+
+def _quadratic(ends: np.ndarray, at: float) -> tuple[int, np.ndarray]:
+    """First node of the element at a place, and the values of its three shapes there."""
+    k = int(np.clip(np.searchsorted(ends, at) - 1, 0, len(ends) - 2))
+    x = 2 * (at - ends[k]) / (ends[k + 1] - ends[k]) - 1
+    return 2 * k, np.array([x * (x - 1) / 2, 1 - x**2, x * (x + 1) / 2])
 
 
 def _scaled(

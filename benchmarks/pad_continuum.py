@@ -23,7 +23,8 @@ from jaxtyping import Array, Float
 from rich.console import Console
 from scipy.interpolate import CloughTocher2DInterpolator
 
-from benchmarks.felupe_pad import FelupePad, Poke
+from benchmarks.felupe_laws import MooneyRivlin
+from benchmarks.felupe_pad import FelupePad, Membrane, Patch
 from benchmarks.inverse_load import with_tolerances
 from benchmarks.pages import write_section
 from fitting.inverse_load.estimator import LoadEstimator
@@ -37,7 +38,8 @@ from suas_jax.scene.solve import solve
 ROOT = Path(__file__).parent.parent
 CONFIGS = ROOT / "configs"
 READINGS = ROOT / "tests" / "data" / "pad_continuum.csv"
-MEMBRANE = (57.5e-3, 1.5e-3, math.pi / 2, 123e-3, 20.7e6, -4.4e6, 77e3)
+EPDM = MooneyRivlin(20.7e6, -4.4e6, 77e3)
+MEMBRANE = Membrane((57.5e-3, 57.5e-3), 1.5e-3, math.pi / 2, 123e-3, EPDM)
 PRESSURE, DISPLACEMENT = 1557.5, 2.1197e-3  # under 6 N: the reference's second row
 LEVELS = [1.5, 3.0, 4.5, 6.0]
 PEERS = ((3e-3, 5e-3, 1), (2e-3, 3e-3, 1), (1.5e-3, 2e-3, 1))
@@ -66,7 +68,7 @@ class Row(NamedTuple):
 
 def peer_row(fine: float, coarse: float, across: int) -> Row:
     """FElupe with PARDISO, a quarter of the pad."""
-    pad = FelupePad(Poke(*MEMBRANE), fine, coarse, across, symmetric=(True, True))
+    pad = FelupePad(MEMBRANE, [Patch()], fine, (coarse, coarse), across, symmetric=(True, True))
     begin = time.perf_counter()
     list(pad.system.follow(pad.load, LEVELS))
     seconds = time.perf_counter() - begin
@@ -129,7 +131,7 @@ def face_of(pad: FelupePad) -> InterpolatedFace:
     """The inner face in its present state, mirrored where only a part was solved."""
     rest, moved = pad.inner_face()
     x, axial, y = np.moveaxis(rest + moved, -1, 0)
-    radius = pad.poke.inner_radius
+    radius = pad.membrane.semi_axes[0]
     points = np.stack([np.arctan2(x, y), axial / radius, np.hypot(x, y) - radius], -1)
     for axis, mirrored in enumerate(pad.symmetric):
         if mirrored:
@@ -147,10 +149,10 @@ def write_readings() -> None:
     lines = []
     for angle, axial in PLACES:
         at = {"angle": math.radians(angle), "axial": 1e-3 * axial}
-        poke = Poke(*MEMBRANE, **at, size=(6e-3, 6e-3), disc=True)
+        patch = Patch(**at, disc=True)
         symmetric = (angle == 0, axial == 0)
-        sizes = (2e-3, 3e-3) if any(symmetric) else (2.5e-3, 4e-3)
-        pad = FelupePad(poke, *sizes, symmetric=symmetric)
+        fine, coarse = (2e-3, 3e-3) if any(symmetric) else (2.5e-3, 4e-3)
+        pad = FelupePad(MEMBRANE, [patch], fine, (coarse, coarse), symmetric=symmetric)
         for force, _ in zip(FORCES, pad.system.follow(pad.load, list(FORCES)), strict=True):
             so = np.asarray(electrodes.read_face(face_of(pad)).so)[:, 0]
             numbers = [f"{x:.2f}" for x in (pad.system.oil, *so)]

@@ -35,6 +35,7 @@ from suas_jax.scene.contact_zone import contact_zone
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.parts import skin_parts
+from suas_jax.scene.report import wall_force_error
 from suas_jax.scene.skin import Skin, skin_of
 from suas_jax.scene.solve import Solution, solve
 from suas_jax.skin.wall import RigidLimit, SoftLayer, Wall
@@ -328,6 +329,31 @@ def test_where_no_mesh_of_the_shell_meets_rtol_the_solid_does() -> None:
     pressure, force = report["oil_pressure_Pa"], report["wall"]["force_N"]
     assert pressure == pytest.approx(expected["oil_pressure_Pa"], rel=2e-3)
     assert force == pytest.approx(expected["contact_force_N"], abs=2e-3 * 90)
+
+
+@pytest.mark.parametrize(
+    ("loads", "force", "expected"),
+    [
+        # The wall carries little of what would have to be exact at first contact.
+        ([{"force_N": 18.0}, {"force_N": -2.0}, {"pressure_Pa": 5.0}], 0.9, 0.1),
+        ([{"pressure_Pa": 5.0}], 3.0, 0.015),
+    ],
+)
+def test_the_walls_force_is_as_unsure_as_the_load_at_first_contact(
+    loads: list[dict[str, float]], force: float, expected: float
+) -> None:
+    report = {"loads": loads, "wall": {"force_N": force}}
+    assert wall_force_error(report, 5e-3) == pytest.approx(expected)
+
+
+@pytest.mark.long  # the error's programs on the references' mesh
+@pytest.mark.parametrize("case", ["A 90", "A 240", "B 40", "B 80"])
+def test_the_walls_force_is_within_its_stated_error(case: str) -> None:
+    expected = references()[case]
+    spec = pressed(case[0], expected["force_N"])
+    wall = solve(with_solve(spec, model="shell", elements=SHELL[0])).report["wall"]
+    off = abs(wall["force_N"] - expected["contact_force_N"])
+    assert off < wall["force_error_N"] < 0.02 * expected["force_N"]
 
 
 @pytest.fixture(scope="module")

@@ -165,6 +165,15 @@ def test_close_breakpoints_share_a_station() -> None:
     np.testing.assert_allclose(where, [0.3, 0.3 + 1e-5, HALF - 1e-6], rtol=0, atol=1e-14)
 
 
+@pytest.mark.parametrize("apart", [0.003, 0.01, 0.02])
+def test_loads_close_together_do_not_gather_short_elements(apart: float) -> None:
+    """Those are so stiff that rounding leaves forces on them that nothing balances."""
+    plan = plan_of([load(0.2), load(0.2 + apart), load(-0.7), load(1.1)], 64)
+    angles = plan.stations @ plan.values
+    assert np.min(np.diff(angles)) > 0.999 * min(apart, 0.025 * LAYER)
+    assert np.min(np.abs(angles - 0.2 - apart)) < 1e-12
+
+
 def test_more_breakpoints_than_elements() -> None:
     angles = np.linspace(-1.2, 1.2, 9)
     loads = [load(a) for a in angles]

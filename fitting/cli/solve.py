@@ -178,8 +178,7 @@ def _print_report(report: dict[str, Any]) -> None:
             text += f", {axial:.3g} mm along the axis"
         table.add_row(name, text)
     if report["wall"] is not None:
-        force, (first, last) = report["wall"]["force_N"], report["wall"]["angle_deg"]
-        table.add_row("wall", f"carries {force:.5g} N from {first:.4g} to {last:.4g} deg")
+        table.add_row("wall", _wall(report["wall"]))
     if report.get("rest"):
         table.add_row("at rest", _stress(report["rest"]))
     so = [taxel["so"] for taxel in report["taxels"] if taxel["so"] == taxel["so"]]
@@ -203,6 +202,13 @@ def _print_report(report: dict[str, Any]) -> None:
         "solve / compile", f"{1e3 * times['solve']:.2f} ms / {times['compile']:.2f} s"
     )
     console.print(table)
+
+
+def _wall(wall: dict[str, Any]) -> str:
+    """What the wall carries, how surely, and where."""
+    (first, last), unsure = wall["angle_deg"], wall["force_error_N"]
+    to = "" if unsure is None else f" to {unsure:.2g} N,"
+    return f"carries {wall['force_N']:.5g} N{to} from {first:.4g} to {last:.4g} deg"
 
 
 def _stress(rest: dict[str, Any]) -> str:

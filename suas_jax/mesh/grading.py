@@ -12,6 +12,9 @@ _DECAY = 4.0
 # Elements that follow the layers at an interval's ends, when those are much shorter than it,
 # over the ones spread evenly: those of the boundary layers, those of the local fields.
 _SHARES = (1.5, 1.0)
+# Of the shortest decay length: intervals shorter than that need no elements of their own, whose
+# stiffness would leave rounding of the forces on them.
+_SHORT = 0.25
 
 
 def rounded(length: float) -> float:
@@ -49,7 +52,8 @@ class Density(NamedTuple):
         shortest = min(_DECAY * min(self.decays), length)
         ends = np.geomspace(1e-3 * shortest, length / 2, 1000)
         x = np.concatenate([[0.0], ends, (length - ends)[-2::-1], [length]])
-        density = np.full_like(x, 1 / length)
+        own = min(1.0, length / (_SHORT * min(self.decays)))
+        density = np.full_like(x, own / length)
         for layer, share in zip(self.decays, _SHARES, strict=False):
             decay = _DECAY * layer
             reach = -np.expm1(-length / decay)

@@ -76,6 +76,9 @@ def _header(
     mesh_error, model_error = report.pop("discretisation_error"), report.pop("model_error")
     error = mesh_error + model_error
     known = bool(np.isfinite(error)) and status == "converged"
+    if report["wall"] is not None:
+        own = wall_force_error(report, error) if known else None
+        report["wall"] = report["wall"] | {"force_error_N": own}
     message = [advice(status)]
     if status != "converged" and scene.solve.oil_pressure is None and outcome["level"] < 1:
         message.append(f"It carries {outcome['level']:.4g} of the load.")
@@ -98,6 +101,21 @@ def _header(
     }
 
 
+def wall_force_error(report: dict[str, Any], error: float) -> float:
+    """Estimated error of the force on the wall [N]: that of the loads at first contact.
+
+    Beyond first contact nearly all further load goes into the wall, so its force misses what
+    the load at first contact misses. That load is as wrong as displacements and pressure are,
+    and the share of it, whatever the wall carries.
+
+    Args:
+        report: of a state in contact.
+        error: estimated, relative.
+    """
+    loads = sum(abs(load.get("force_N", 0.0)) for load in report["loads"])
+    return error * max(loads, report["wall"]["force_N"])
+
+
 def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> list[str]:
     """What a user should know about a converged state."""
     remarks = []
@@ -108,8 +126,9 @@ def _remarks(scene: SceneSpec, report: dict[str, Any], error: float | None) -> l
     elif error > scene.rtol:
         remarks.append(f"Estimated error {error:.1e} exceeds rtol {scene.rtol:.1e}.")
     if report["wall"] is not None:
-        force = report["wall"]["force_N"]
-        remarks.append(f"The inner face lies on the wall, which carries {force:.4g} N.")
+        force, unsure = report["wall"]["force_N"], report["wall"]["force_error_N"]
+        carried = f"The inner face lies on the wall, which carries {force:.4g} N"
+        remarks.append(f"{carried}." if unsure is None else f"{carried} to {unsure:.2g} N.")
     elif report["wall_contact"]:
         remarks.append(
             "The inner face has passed the wall, which does not hold it (contact = false): "

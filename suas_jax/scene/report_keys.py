@@ -25,8 +25,8 @@ REPORT_KEYS = {
     "bulge_arc_m": "where, by arc length of the inner face; not on a circle",
     "bulge_axial_m": "where along the axis; in three dimensions",
     "wall_contact": "whether the inner face has reached the wall",
-    "wall": "`null`, or the wall's `force_N`, its `area_m2`, and from where to where it is "
-    "touched, `angle_deg` and `axial_m`",
+    "wall": "`null`, or the wall's `force_N` with its estimated error `force_error_N`, its "
+    "`area_m2`, and from where to where it is touched, `angle_deg` and `axial_m`",
     "gap_tolerance_m": "deepest penetration of the wall, or indentation of its soft layer; "
     "`null` where the wall does not hold the membrane",
     "hoop_force_N_per_m": "mean force along the arc per width, tension positive; only where "
