@@ -59,16 +59,17 @@ def ran(*arguments: str) -> str:
 def mooney(modulus: float, share: float) -> str:
     """The [material] table of a rubber."""
     first, second = 0.5 * modulus * (1.0 - share), 0.5 * modulus * share
-    return f'[material]\nlaw = "mooney-rivlin"\nC1 = "{first!r} Pa +- 0"\nC2 = "{second!r} Pa +- 0"\n'
+    return (
+        f'[material]\nlaw = "mooney-rivlin"\nC1 = "{first!r} Pa +- 0"\n'
+        f'C2 = "{second!r} Pa +- 0"\n'
+    )
 
 
 def first_contact(skin: pathlib.Path) -> np.ndarray:
     """Force at the crown at which the wall is touched, and the ends of its 95 % interval [N]."""
     report = json.loads(ran("range", str(skin), "--angles", "1", "--json"))
     contact = report["angles"][0]["first_contact"]
-    return np.array(
-        [contact[key] for key in ("force_N", "low95_N", "high95_N") if key in contact]
-    )
+    return np.array([contact.get(f"{x}_N", np.nan) for x in ("force", "low95", "high95")])
 
 
 def chain(

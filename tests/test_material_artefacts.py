@@ -5,7 +5,7 @@ import pathlib
 
 import numpy as np
 import pytest
-from artefacts import CASES, MU
+from artefacts import AREA, CASES, FORCE, HEAD, MU, TRAVEL
 from machine_files import FILES
 from typer.testing import CliRunner
 
@@ -37,6 +37,46 @@ def test_artefacts_are_named_and_mended(tmp_path: pathlib.Path, name: str, noise
         assert 0.8 * MU < low < high < 1.2 * MU
         inside += low <= MU <= high
     assert inside >= 3  # 200 replicas are in benchmarks/material_artefacts.py
+
+
+LOADING = 1e3 * TRAVEL
+CYCLE = np.concatenate([LOADING, LOADING[::-1]])
+SOFTENED = np.concatenate([FORCE, 0.93 * FORCE[::-1]])
+PULLED = np.linspace(1.0 + 0.5 / (3.0 * MU * AREA), 2.5, 60)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "travel", "force", "head"),
+    [
+        ([], CYCLE, SOFTENED, ""),
+        (["slip"], LOADING - (np.arange(60) > 40), FORCE, ""),
+        (["slip"], LOADING + (np.arange(60) > 40), FORCE, ""),
+        (["drift"], CYCLE, SOFTENED + np.linspace(0.0, 0.4, 120), ""),
+        # A curve does not tell a force offset from a specimen stretched at zero travel ...
+        (["force offset", "slack"], LOADING, FORCE + 0.5, ""),
+        (["force offset", "slack"], LOADING, FORCE - 0.3, ""),
+        # ... unless the file states the preload.
+        (
+            ["slack", "force offset"],
+            25.0 * (PULLED - PULLED[0]),
+            MU * (PULLED - PULLED**-2) * AREA,
+            "Vorkraft;0,50;N\n",
+        ),
+    ],
+)
+def test_all_that_explains_a_curve_is_named(
+    tmp_path: pathlib.Path, kinds: list[str], travel: np.ndarray, force: np.ndarray, head: str
+) -> None:
+    rng, found = np.random.default_rng(1), []
+    for _ in range(5):
+        load = force + 0.003 * np.max(force) * rng.standard_normal(len(force))
+        rows = "".join(f"{x:.7g};{y:.7g}\n" for x, y in zip(travel, load, strict=True))
+        file = tmp_path / "a.csv"
+        file.write_text(head + HEAD + "displacement_mm;force_N\n" + rows)
+        suspects = curve_suspects(load_dataset("uniaxial", file))
+        found.append([suspect.kind for suspect in suspects])
+        assert not head or "preload of 0.5 N that the file states" in suspects[0].evidence
+    assert found.count(kinds) >= 4
 
 
 def test_sound_data_raise_no_suspicion(tmp_path: pathlib.Path) -> None:

@@ -1,5 +1,6 @@
 """The columns of a table, found by what they measure."""
 
+import functools
 import re
 
 import numpy as np
@@ -11,6 +12,9 @@ from fitting.material.data.numbers import is_missing
 from fitting.material.data.tables import Table
 from fitting.material.experiments.measurements import PATHS
 from suas_jax.config.errors import listed
+
+# Readings whose sign tells tension from compression.
+_SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
 
 
 class NamedColumns:
@@ -125,6 +129,35 @@ class NamedColumns:
                         )
                 return values * column.factor
         return None
+
+    def signed(self, quantity: str, direction: int) -> np.ndarray | None:
+        """A column that is negative in compression, where the file counts that as positive."""
+        values = self.column(quantity, direction)
+        if values is None or not self._is_compression or quantity == "stretch":
+            return values
+        size = np.nan_to_num(values)
+        if size.max() <= -size.min():
+            return values
+        name = self.table.names[self.position(quantity, direction)]
+        text = f'compression is positive in column "{name}"; it is taken as negative'
+        if text not in self.warnings:
+            self.warnings.append(text)
+        return -values
+
+    @functools.cached_property
+    def _is_compression(self) -> bool:
+        """Whether names of columns, or what is said of the test, speak of compression alone."""
+        read = {
+            index for (quantity, _), (index, _) in self.columns.items() if quantity in _SIGNED
+        }
+        said = [self.table.names[index] for index in read]
+        said += [text for key, text in self.table.metadata.items() if key.startswith("test")]
+        words = [plain_words(text) for text in said]
+        return (
+            self.mode in PATHS
+            and any(re.search(r"compress|druckversuch|stauch", text) for text in words)
+            and not any(re.search(r"(?<!ex)tens(?:ion|ile)|zug", text) for text in words)
+        )
 
     def at(self, row: int, index: int) -> str:
         """Where a cell is, for messages."""

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 import math
 import re
 from collections.abc import Callable
@@ -10,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from fitting.material.data.column_names import plain_words
 from fitting.material.data.errors import DataError
 from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
-from fitting.material.experiments.measurements import PATHS, Kind, Origin
+from fitting.material.experiments.measurements import Kind, Origin
 from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
 from suas_jax.config.quantities import parse_quantity
 
-# Readings whose sign tells tension from compression.
-_SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
+_PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")
 
 
 class Reader(NamedColumns):
@@ -75,14 +72,14 @@ class Reader(NamedColumns):
         if self.machine_stiffness is not None:
             moved = self.column("displacement", direction)
         for quantity, convert, why in ways:
-            values = self._signed(quantity, direction)
+            values = self.signed(quantity, direction)
             if values is not None and moved is None:
                 if self.machine_stiffness is not None:
                     values = values - self._given_way(direction) / self._needed_length()
                 stretches = convert(values)
                 self.require_positive(stretches, quantity, why=why)
                 return stretches
-        moved = self._signed("displacement", direction)
+        moved = self.signed("displacement", direction)
         if moved is not None:
             length = self._needed_length(direction)
             if self.machine_stiffness is not None:
@@ -125,7 +122,7 @@ class Reader(NamedColumns):
                 f"{self.table.file}: --machine-stiffness corrects a displacement, strain or "
                 f"stretch; the file has none"
             )
-        force = self._signed("force", direction)
+        force = self.signed("force", direction)
         if force is None:
             warned = len(self.warnings)
             found = self.stress(direction)
@@ -166,10 +163,10 @@ class Reader(NamedColumns):
     def stress(self, direction: int = 0) -> tuple[np.ndarray, str] | None:
         """Readings of stress in a direction [Pa] and their measure; None if there are none."""
         for quantity in ("nominal", "cauchy", "second_pk"):
-            values = self._signed(quantity, direction)
+            values = self.signed(quantity, direction)
             if values is not None:
                 return values, quantity
-        values = self._signed("stress", direction)
+        values = self.signed("stress", direction)
         if values is not None:
             name = self.table.names[self.position("stress", direction)]
             self.warnings.append(
@@ -177,39 +174,10 @@ class Reader(NamedColumns):
                 f"as nominal (force over undeformed area)"
             )
             return values, "nominal"
-        force = self._signed("force", direction)
+        force = self.signed("force", direction)
         if force is not None:
             return force / self.area(), "nominal"
         return None
-
-    def _signed(self, quantity: str, direction: int) -> np.ndarray | None:
-        """A column that is negative in compression, where the file counts that as positive."""
-        values = self.column(quantity, direction)
-        if values is None or not self._is_compression or quantity == "stretch":
-            return values
-        size = np.nan_to_num(values)
-        if size.max() <= -size.min():
-            return values
-        name = self.table.names[self.position(quantity, direction)]
-        text = f'compression is positive in column "{name}"; it is taken as negative'
-        if text not in self.warnings:
-            self.warnings.append(text)
-        return -values
-
-    @functools.cached_property
-    def _is_compression(self) -> bool:
-        """Whether names of columns, or what is said of the test, speak of compression alone."""
-        read = {
-            index for (quantity, _), (index, _) in self.columns.items() if quantity in _SIGNED
-        }
-        said = [self.table.names[index] for index in read]
-        said += [text for key, text in self.table.metadata.items() if key.startswith("test")]
-        words = [plain_words(text) for text in said]
-        return (
-            self.mode in PATHS
-            and any(re.search(r"compress|druckversuch|stauch", text) for text in words)
-            and not any(re.search(r"(?<!ex)tens(?:ion|ile)|zug", text) for text in words)
-        )
 
     def fields(self, values: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, Any]:
         """What the readings of every kind of test share, one entry a row of the table.
@@ -261,12 +229,21 @@ class Reader(NamedColumns):
             area = self.area()
         sizes = [math.nan if x is None else float(np.nanmean(x)) for x in (length, area)]
         sizes.append(timing.ramp_of(self.table.metadata, self.given, self.table.file))
+        sizes.append(self._preload())
         for quantity in ("stretch", "strain", "log_strain", "green_strain", "displacement"):
             for d in (0, 1):
                 if (quantity, d) in self.columns:
                     index, column = self.columns[quantity, d]
                     return Origin(quantity, self.table.names[index], column.unit, *sizes)
         return Origin("", "", "", *sizes)
+
+    def _preload(self) -> float:
+        """Force where the machine set its travel to zero, if the header states one [N]."""
+        for key, text in self.table.metadata.items():
+            if _PRELOAD.search(key):
+                with contextlib.suppress(ValueError):
+                    return parse_quantity(text.replace(",", "."), "force")
+        return math.nan
 
     def _weight(self) -> np.ndarray:
         weight = self.column("weight")

@@ -7,10 +7,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.suspect import Suspect
 from fitting.material.experiments.toe import without_toe
 from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import (
@@ -46,6 +46,7 @@ from fitting.statistics.least_squares import Minima, minimise
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
+_ZEROS = {"slack", "force offset"}  # shown by a curve, which something else may explain, too
 # Means of a curve lie on it to far below its noise. Those of a history do with runs this short:
 # measured, z of Ogden and Roxburgh's constants is 2600 √N/n² for n runs of N readings.
 _THIN, _THIN_HISTORY = 500, 10_000
@@ -211,8 +212,10 @@ def _fitted(
             f"the specimens differ by {100.0 * specimens.scatter.deviation:.2g} % in stiffness "
             f"beyond their noise; the constants are those of the typical one"
         )
-    if doubt and judged_misfit.significant and not suspects and not bounds:
-        suspects += _explaining(used, problem, constants, noise)
+    named = {suspect.kind for suspect in suspects}
+    if doubt and judged_misfit.significant and named <= _ZEROS and not bounds:
+        explaining = _explaining(used, problem, constants, noise)
+        suspects += [suspect for suspect in explaining if suspect.kind not in named]
         if not suspects and not zero:
             suspects += _toe(used, chosen, settings)
     notes += [suspect.text for suspect in suspects]
