@@ -55,7 +55,10 @@ def constants_root(
     own = own @ vt.T * shrunk
     told = float(np.linalg.norm(slopes["pure_shear"] @ own))
     scatter = 0.0 if fit.specimens is None else fit.specimens.scatter.further / normal
-    factor = np.sqrt(max(off["pure_shear"] ** 2 - told**2, 0.0) + scatter**2)
+    # How tests of two modes repeat is how their specimens scatter, where that is not known.
+    repeats = 0.0 if "pure_shear" in belief.measured else belief.repeats
+    factor = max(off["pure_shear"] ** 2 - told**2 - repeats**2, 0.0)
+    factor = np.sqrt(factor + max(scatter, repeats) ** 2)
     units = fit.family.units[: fit.family.law_size]
     stresses = np.array([unit == "Pa" for unit in units] + [False] * (count - len(units)))
     return np.column_stack([own, np.where(stresses, factor * constants, 0.0)])
