@@ -66,7 +66,7 @@ def mooney(modulus: float, share: float) -> str:
 
 
 def first_contact(skin: pathlib.Path) -> np.ndarray:
-    """Force at the crown at which the wall is touched, and the ends of its 95 % interval [N]."""
+    """Force at the crown at which the wall is touched, and its 95 % interval [N]."""
     report = json.loads(ran("range", str(skin), "--angles", "1", "--json"))
     contact = report["angles"][0]["first_contact"]
     return np.array([contact.get(f"{x}_N", np.nan) for x in ("force", "low95", "high95")])
