@@ -5,6 +5,7 @@ import pathlib
 
 import numpy as np
 import pytest
+from machine_files import FILES, MODULUS, MachineFile
 from typer.testing import CliRunner
 
 from fitting.cli.app import app
@@ -94,6 +95,26 @@ def test_the_decimal_mark_is_that_of_the_cells_that_leave_no_choice(
     cells: list[str], mark: str
 ) -> None:
     assert decimal_mark(cells) == mark
+
+
+@pytest.mark.parametrize("case", FILES, ids=lambda case: case.name)
+def test_files_of_machines_are_read_or_refused_with_a_way_out(
+    tmp_path: pathlib.Path, case: MachineFile
+) -> None:
+    file = written(tmp_path, case.content, f"data{case.suffix}")
+    if case.refused:
+        with pytest.raises(DataError) as caught:
+            load_dataset(case.mode, file, case.specimen, columns=case.columns)
+        assert all(part in str(caught.value) for part in case.refused)
+        return
+    data = load_dataset(case.mode, file, case.specimen, columns=case.columns)
+    labels = list(dict.fromkeys(data.specimen))
+    assert len(labels) == len(case.factors)
+    for label, factor in zip(labels, case.factors, strict=True):
+        own = data.specimen == label
+        np.testing.assert_allclose(data.stretch_1[own], case.stretch, rtol=1e-5)
+        modulus = data.value[own] / data.unit_stress[own]
+        np.testing.assert_allclose(modulus, factor * MODULUS, rtol=1e-4)
 
 
 def test_missing_values_are_counted(tmp_path: pathlib.Path) -> None:

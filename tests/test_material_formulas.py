@@ -36,7 +36,12 @@ from fitting.material.fit.intervals import _ends, _normal, _Search
 from fitting.material.fit.noise import Noise, estimated_noise, noise_remark, with_noise
 from fitting.material.fit.preparation import window_of
 from fitting.material.fit.problem import _scales_of, reading_scale, shared_error
-from fitting.material.fit.specimens import Scatter, Specimens, of_typical_specimen, specimens_of
+from fitting.material.fit.specimens import (
+    Specimens,
+    of_typical_specimen,
+    scatter_between,
+    specimens_of,
+)
 from fitting.material.fit.suspects import _in_percent, _may_be_percent, zero_in_units
 from fitting.material.laws.blocks import ExtendedFamily, Relaxation, Softening
 from fitting.material.laws.parameters import Constant, Family, Scales
@@ -216,19 +221,35 @@ def test_factor_of_a_specimen_is_least_squares_of_its_readings() -> None:
 
 
 def test_a_further_specimen_scatters_by_student_s_t() -> None:
-    scatter = Scatter(0.0, 0.01, 0.1, 0.05, 0.3, 1e-4)
+    values = np.log([0.9, 1.0, 1.0, 1.1])
+    scatter = scatter_between(values, np.full(4, 1e-5))
+    reach = np.std(values, ddof=1) * np.sqrt(1.25) * stats.t.ppf(0.975, 3)
+    assert scatter.further == pytest.approx(reach, rel=0.01)
     labels = tuple(("a.csv", name) for name in "ABCD")
-    factors = np.array([0.9, 1.0, 1.0, 1.1])
-    one = Specimens(labels, ("uniaxial",) * 4, factors, np.full(4, 0.01), scatter)
-    assert one.mean_error == pytest.approx(0.05)
+    one = Specimens(labels, ("uniaxial",) * 4, np.exp(values), np.full(4, 0.01), scatter)
+    assert one.mean_error == pytest.approx(np.std(values, ddof=1) / 2, rel=1e-3)
     report = one.report(2e6)
-    reach = 0.1 * np.sqrt(1.25) * stats.t.ppf(0.975, 3)
     np.testing.assert_allclose(
-        report["next_specimen_95_Pa"], 2e6 * np.exp([-reach, reach]), rtol=1e-12
+        report["next_specimen_95_Pa"], 2e6 * np.exp([-reach, reach]), rtol=0.01
     )
     assert report["specimens"][3]["shear_modulus_Pa"] == pytest.approx(2.2e6)
     assert report["specimens"][0]["standard_error"] == pytest.approx(0.009)
     assert not dataclasses.replace(one, scatter=scatter._replace(chance=0.011)).differ
+
+
+@pytest.mark.parametrize(
+    ("tau", "count"), [(0.0, 3), (0.005, 3), (0.05, 3), (0.0, 8), (0.05, 8)]
+)
+def test_a_further_specimen_lies_in_its_interval(tau: float, count: int) -> None:
+    rng, error, inside = np.random.default_rng(0), 0.005, []
+    for _ in range(200):
+        own = tau * rng.standard_normal(count + 1)
+        found = scatter_between(
+            own[1:] + error * rng.standard_normal(count), np.full(count, error)
+        )
+        assert found.further > 0.0
+        inside.append(abs(own[0] - found.mean) <= found.further)
+    assert np.mean(inside) > 0.9  # of 200 at 95 %: 180 or fewer in 0.1 %
 
 
 # --- laws compared ------------------------------------------------------------------------

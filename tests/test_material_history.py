@@ -18,7 +18,7 @@ from fitting.material.experiments.datasets import load_dataset
 from fitting.material.experiments.history import History, histories, with_history
 from fitting.material.experiments.history_thinning import thinned_history
 from fitting.material.fit.comparison import choose_prony_terms
-from fitting.material.fit.fit import fit_material
+from fitting.material.fit.fit import _THIN_HISTORY, fit_material
 from suas_jax.config import ConfigError, scene_from_dict
 from suas_jax.constitutive import MooneyRivlin, NeoHookean, build_law
 from suas_jax.constitutive.inelastic import Inelastic
@@ -268,6 +268,26 @@ def test_thinning_keeps_the_history(tmp_path: pathlib.Path) -> None:
     predicted = histories([few]).predict(law)[: few.size]
     expected = np.interp(few.time, time, histories([whole]).predict(law)[: whole.size])
     np.testing.assert_allclose(predicted[1:], expected[1:], rtol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("most", "least", "largest"), [(500, 2.0, 1e9), (_THIN_HISTORY, 0.0, 0.5)]
+)
+def test_means_of_cycles_lie_on_them_to_far_below_their_noise(
+    tmp_path: pathlib.Path, most: int, least: float, largest: float
+) -> None:
+    tops = np.concatenate([[top, 1.0] for top in (1.3, 1.6, 2.0, 2.4)])
+    knots = np.append(1.0, tops)
+    stretch = np.interp(np.linspace(0.0, 8.0, 20_000), np.arange(9.0), knots)
+    stress = softened(stretch, 1.8, 5e4, 0.1)
+    file = written(tmp_path / "c.csv", "stretch,nominal_stress_Pa", stretch, stress)
+    few = thinned_history(with_history(load_dataset("uniaxial", file)), most)
+    law = Inelastic(NeoHookean(MU), None, OgdenRoxburgh(*map(jnp.asarray, (1.8, 5e4, 0.1))))
+    bias = histories([few]).predict(law)[: few.size] - few.value
+    # In standard deviations of 1 % noise, over all readings.
+    noise = 0.01 * np.maximum(np.abs(few.value), 0.01 * np.median(np.abs(few.value)))
+    found = float(np.sqrt(np.sum(few.weight * (bias / noise) ** 2)))
+    assert least <= found <= largest
 
 
 SKIN = {

@@ -252,6 +252,20 @@ def test_smooth_patterns_are_a_test_of_lack_of_fit(known: bool) -> None:
     assert "residuals bend smoothly along the tests" in found.description
 
 
+def test_one_loud_reading_is_no_pattern() -> None:
+    rng, flagged, bent = np.random.default_rng(0), 0, 0
+    slope = np.linspace(0.0, 1.0, 40)[:, None]  # at rest a modulus moves nothing
+    for _ in range(200):
+        r = rng.standard_normal(40)
+        r[0] *= 30.0
+        flagged += misfit([r], 1, known_noise=False, smooth=[(r, slope)]).significant
+        r[0] /= 30.0
+        r += 2.0 * np.linspace(-1.0, 1.0, 40)
+        bent += misfit([r], 1, known_noise=False, smooth=[(r, slope)]).significant
+    assert flagged <= 6  # a chance of 1 % each for runs and patterns; 10 in 0.3 %
+    assert bent >= 190
+
+
 def test_patterns_need_readings_to_spare() -> None:
     r, J = RNG.normal(size=7), np.ones((7, 1))
     assert np.isnan(_patterns([(r, J)], False)[0])

@@ -93,11 +93,13 @@ def material(
         ),
     ] = None,
     thin: Annotated[
-        int,
+        int | None,
         typer.Option(
-            min=0, help="Most readings of a curve; of more, half as many means. 0 keeps all."
+            min=0,
+            help="Most readings of a curve; of more, half as many means. 0 keeps all.",
+            show_default="500; 10000 with --prony or --mullins",
         ),
-    ] = 500,
+    ] = None,
     prony: Annotated[
         str,
         typer.Option(

@@ -86,7 +86,7 @@ def calibrate(
             options.get("residual", "relative"),
             branch=options.get("branch"),
             cycle=options.get("cycle", "all"),
-            thin=options.get("thin", 0),
+            thin=options.get("thin") or 0,
         )
     if rest or not volumetric:
         fit, comparison = _calibrated(

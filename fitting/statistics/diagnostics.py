@@ -26,6 +26,7 @@ _FEWEST_SPARE = 4
 # Of a pattern less than this share is left where constants follow it.
 _LEFT = 1e-3
 _SMOOTH_DEGREE = 10
+_FLIPS, _FEWEST_FLIPPED = 2000, 10  # fewer readings have too few signs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -218,7 +219,25 @@ def _patterns(
     if rest <= 0.0:
         return np.nan, 1.0
     whole = float(r @ r) / (spare + extra)
-    return float(stats.f.sf(mean / rest, extra, spare)), mean / whole
+    chance = float(stats.f.sf(mean / rest, extra, spare))
+    if chance < _SIGNIFICANT and len(r) >= _FEWEST_FLIPPED:
+        flipped = _by_flipped_signs(basis, r)
+        chance = flipped if flipped >= _SIGNIFICANT else chance
+    return chance, mean / whole
+
+
+def _by_flipped_signs(basis: np.ndarray, r: np.ndarray) -> float:
+    """Share of random signs of the residuals with as large patterns (wild bootstrap, Liu 1988).
+
+    One reading with far more noise than the fit assumed makes a pattern whatever its sign.
+    """
+    rng = np.random.default_rng(0)
+    own = float(np.sum((basis.T @ r) ** 2))
+    larger, rows = 0, max(1, min(_FLIPS, 4_000_000 // len(r)))
+    for start in range(0, _FLIPS, rows):
+        signs = rng.integers(0, 2, (min(rows, _FLIPS - start), len(r))) * 2.0 - 1.0
+        larger += int(np.sum(np.sum((signs * r @ basis) ** 2, axis=1) >= own))
+    return (larger + 1) / (_FLIPS + 1)
 
 
 def _smoothed(columns: np.ndarray) -> np.ndarray:

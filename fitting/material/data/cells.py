@@ -1,8 +1,8 @@
 """The cells of a file as text, whatever wrote it: delimited text or an .xlsx workbook.
 
-Text: UTF-8 and UTF-16 with or without byte order mark, Windows code page 1252, any line
-ends; commas, semicolons, tabs, bars or blanks between fields; lines that begin with #, // or
-% are comments. Workbooks: every sheet, values as they were last computed.
+Text: UTF-8 and UTF-16 with or without byte order mark, Shift-JIS, GB 18030, Windows code page
+1252, any line ends; commas, semicolons, tabs, bars or blanks between fields; lines that begin
+with #, // or % are comments. Workbooks: every sheet, values as they were last computed.
 """
 
 import dataclasses
@@ -13,6 +13,7 @@ import warnings
 import zipfile
 from pathlib import Path
 
+from fitting.material.data.column_names import EASTERN_WORDS
 from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing, looks_numeric
 from suas_jax.files.reading import MEGABYTE, read_bytes, split_fields
@@ -22,6 +23,14 @@ _MOST_UNPACKED = 512 * MEGABYTE
 _MOST_ROWS = 2_000_000
 _DELIMITERS = {";": "semicolons", "\t": "tabs", "|": "bars", ",": "commas", " ": "blanks"}
 _SAMPLED = 60
+_NO_TABLES = {
+    b"\xd0\xcf\x11\xe0": "a workbook of the old format .xls",
+    b"%PDF": "a PDF",
+    b"<html": "a web page",
+    b"<!doc": "a web page",
+}
+_WIDE = str.maketrans("（）［］％：；，", "()[]%:;,")
+_SIGNAL = re.compile(r"Sig\d+")
 _ERROR_CELLS = ("#n/a", "#div/0!", "#value!", "#num!")
 
 
@@ -63,10 +72,9 @@ def read_cells(path: str | os.PathLike[str]) -> list[Cells]:
     raw = _raw(file)
     if raw[:4] == b"PK\x03\x04":
         return _workbook(file, raw)
-    if raw[:4] == b"\xd0\xcf\x11\xe0":
-        raise DataError(
-            f"{file}: is a workbook of the old format .xls; save it as .xlsx or as CSV"
-        )
+    for mark, what in _NO_TABLES.items():
+        if raw[:512].lstrip()[: len(mark)].lower() == mark.lower():
+            raise DataError(f"{file}: is {what}; save the readings as .xlsx or as CSV")
     text, encoding = _decoded(file, raw)
     return [_delimited(file, text, encoding)]
 
@@ -87,17 +95,31 @@ def _raw(file: str) -> bytes:
 def _decoded(file: str, raw: bytes) -> tuple[str, str]:
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16", errors="replace"), "UTF-16"
+    zeros = [raw[:2000:2].count(0), raw[1:2000:2].count(0)]
+    if max(zeros) > 0.4 * len(raw[:2000:2]) and min(zeros) == 0:  # mostly Latin letters
+        order = "utf-16-be" if zeros[0] else "utf-16-le"
+        return raw.decode(order, errors="replace"), "UTF-16"
+    raw = raw.rstrip(b"\x00")  # a logger's file that was made large in advance
     if b"\x00" in raw:
         raise DataError(f"{file}: is no text; export the sheet as CSV")
     try:
         return raw.decode("utf-8-sig"), "UTF-8"
     except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace"), "Latin-1 (Windows 1252)"
+        return _of_one_country(raw)
+
+
+def _of_one_country(raw: bytes) -> tuple[str, str]:
+    """Text of a code page: the one in which a word of a test stands."""
+    for encoding, name in (("cp932", "Shift-JIS"), ("gb18030", "GB 18030")):
+        text = raw.decode(encoding, errors="replace")
+        if any(word in text for word in EASTERN_WORDS):
+            return text, name
+    return raw.decode("cp1252", errors="replace"), "Latin-1 (Windows 1252)"
 
 
 def _delimited(file: str, text: str, encoding: str) -> Cells:
     comments, kept, lines = [], [], []
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(text.translate(_WIDE).splitlines(), 1):
         bare = line.strip().strip("\x1a\ufeff")
         if _is_comment(bare):
             comments.append(bare.lstrip("#%/ ").rstrip(" ,;\t"))
@@ -114,6 +136,9 @@ def _delimited(file: str, text: str, encoding: str) -> Cells:
             rows.append(fields(line, delimiter))
         except ValueError as error:
             raise DataError(f"{file}: line {number}: {error}") from None
+    # TA Instruments names its columns one a line, and says where the readings start.
+    signals = [row[1] for row in rows if len(row) > 1 and _SIGNAL.fullmatch(row[0])]
+    rows = [signals if signals and row == ["StartOfData"] else row for row in rows]
     return Cells("", rows, lines, tuple(comments), delimiter, encoding)
 
 
@@ -210,4 +235,4 @@ def _as_text(value: object) -> str:
         return "1" if value else "0"
     if isinstance(value, float | int):
         return repr(value)
-    return " ".join(str(value).split())
+    return " ".join(str(value).translate(_WIDE).split())

@@ -49,12 +49,7 @@ def renamed(
         try:
             column = understand(spelled, f"--columns {quantity}={text}")
         except ValueError as error:
-            raise DataError(
-                f"{error}; the file states none: give it after the column, for example "
-                f'--columns "{quantity}={index + 1} mm"'
-                if not unit
-                else str(error)
-            ) from None
+            raise DataError(str(error)) from None
         if column is None:
             raise DataError(
                 f"--columns {quantity}={text}: {quantity} is no known quantity"

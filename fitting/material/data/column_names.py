@@ -69,7 +69,48 @@ _WORDS = {
     "longueur": "length",
     "diametre": "diameter",
     "temps": "time",
+    # Chinese and Japanese, whose words are not parted
+    "试验力": "test_force",
+    "試験力": "test_force",
+    "载荷": "load",
+    "负荷": "load",
+    "荷重": "load",
+    "真应力": "true_stress",
+    "真応力": "true_stress",
+    "工程应力": "nominal_stress",
+    "名义应力": "nominal_stress",
+    "公称応力": "nominal_stress",
+    "应力": "stress",
+    "応力": "stress",
+    "真应变": "true_strain",
+    "工程应变": "nominal_strain",
+    "名义应变": "nominal_strain",
+    "应变": "strain",
+    "ひずみ": "strain",
+    "位移": "displacement",
+    "変位": "displacement",
+    "变形": "extension",
+    "伸长": "elongation",
+    "伸び": "elongation",
+    "ストローク": "stroke",
+    "压力": "pressure",
+    "圧力": "pressure",
+    "时间": "time",
+    "時間": "time",
+    "标距": "gauge_length",
+    "標点距離": "gauge_length",
+    "宽度": "width",
+    "厚度": "thickness",
+    "厚さ": "thickness",
+    "直径": "diameter",
+    "面积": "area",
+    "断面積": "area",
+    "高度": "height",
+    "力": "force",
+    "幅": "width",
 }
+EASTERN_WORDS = tuple(word for word in _WORDS if len(word) > 1 and not word.isascii())
+"""Words of tests by which a text's code page is known."""
 _ACCENTS = str.maketrans(
     {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "é": "e", "è": "e", "ê": "e", "à": "a"}
 )
@@ -80,7 +121,7 @@ def plain_words(text: str) -> str:
     """A name in English, lower case, without accents, words joined by underscores."""
     text = re.sub(r"(?<=[a-z])(?=[A-Z][a-z])(?!Pa)", "_", text.strip())
     text = text.casefold().translate(_ACCENTS)
-    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_")
+    text = re.sub(r"[\s\-.:,;\"']+", "_", text).strip("_").replace("试样", "specimen_")
     return _FOREIGN.sub(lambda found: _WORDS[found.group()], text)
 
 
@@ -137,7 +178,7 @@ QUANTITIES = tuple(
         (
             "force",
             "force",
-            r"(?:axial_|standard_|tensile_|tension_|compressive_|compression_|test_|load_cell_)*"
+            r"(?:axial_|static_|standard_|tensile_|tension_|compressive_|compression_|test_|load_cell_)*"
             r"(?:force|load)(?:_cell)?",
         ),
         ("time", "time", r"(?:test_|running_|total_|elapsed_)*time|t(?=_s$|_min$|$)"),
@@ -160,13 +201,22 @@ QUANTITIES = tuple(
         ),
         ("shear_angle", "angle", r"shear_angle"),
         ("shear", "number", r"shear_strain|amount_of_shear|shear|gamma|γ"),
-        ("log_strain", "number", r"(?:log|true|hencky|logarithmic|natural|ln)_?strain"),
-        ("green_strain", "number", r"green(?:_lagrange)?_?strain"),
+        (
+            "log_strain",
+            "number",
+            r"(?:log|true|hencky|logarithmic|natural|ln)_?strain|e(?:xx|yy|[12])_\[1\]_hencky",
+        ),
+        (
+            "green_strain",
+            "number",
+            r"green(?:_lagrange)?_?strain|e(?:xx|yy|[12])_\[1\]_lagrange",
+        ),
         (
             "strain",
             "number",
             r"(?:nominal_|engineering_|eng_|tensile_|compressive_|compression_|axial_|standard_"
-            r"|corrected_|extensometer_)*strain|elongation_percent|epsilon",
+            r"|corrected_|extensometer_|technical_)*strain|elongation_percent"
+            r"|(?:section_\d+_|point_\d+_|mean_)?epsilon|e(?:xx|yy|[12])_\[1\]_(?:biot|engineering)",
         ),
         ("stretch", "number", r"(?:hoop_)?stretch(?:_ratio)?|extension_ratio|lambda|λ|lam"),
         (
@@ -189,11 +239,15 @@ QUANTITIES = tuple(
             "length",
             r"(?:gauge_|gage_|initial_|original_|specimen_|parallel_)*length(?:_l?[0o])?|l[0o]",
         ),
-        ("width", "length", r"(?:specimen_|initial_)?width(?:_[bw][0o]?)?|b0|w0"),
+        (
+            "width",
+            "length",
+            r"(?:specimen_|plate_|sample_|initial_)*width(?:_[bw][0o]?)?|b0|w0",
+        ),
         (
             "thickness",
             "length",
-            r"(?:specimen_|wall_|initial_|membrane_)?thickness(?:_[abht][0o]?)?|h0|t0",
+            r"(?:specimen_|plate_|sample_|wall_|initial_|membrane_)*thickness(?:_[abht][0o]?)?|h0|t0",
         ),
         ("diameter", "length", r"(?:specimen_|initial_)?diameter(?:_d[0o]?)?|d0"),
         ("rest_radius", "length", r"(?:initial|undeformed|reference|rest)_radius|r0"),

@@ -18,6 +18,8 @@ _OTHER_UNITS = frozenset(
     )
 )
 
+# A number of units for one of the column's.
+_SCALED = re.compile(r"([\d.,]*\d[.,]?(?:e[+-]?\d+)?)([^\d\s/].*?)(?:/m?v)?")
 # Which specimen of a file a column or a size belongs to.
 _SPECIMEN = re.compile(
     r"(?:^|_)(?:specimen|sample|probekoerper|probe|eprouvette)_*(?:no_|nr_)?#?(\d+)(?=_|$)"
@@ -92,6 +94,22 @@ def quantity_of(name: str) -> str | None:
     return None
 
 
+def size_of(name: str) -> str:
+    """Which size of a specimen a name is, with or without a unit; "" for others.
+
+    A cylinder's height is its length.
+    """
+    for spelled in (name, f"{name} [mm]", f"{name} [mm2]"):
+        try:
+            column = understand(spelled, "")
+        except ValueError:
+            continue
+        if column is not None:
+            size = "length" if column.quantity == "height" else column.quantity
+            return size if size in SIZES else ""
+    return ""
+
+
 def split_specimen(name: str) -> tuple[str, str]:
     """A name without the specimen that it belongs to, and that specimen; "" for none.
 
@@ -144,6 +162,11 @@ def _with_unit(
 ) -> Column | None:
     bare = unit.casefold().strip("/_ ")
     bare = re.sub(r"_per_|_", "/", re.sub(r"\s+", "", bare))
+    scaled = _SCALED.fullmatch(bare)
+    if scaled is not None:  # readings of an amplifier, such as 50 N for every volt
+        column = _with_unit(quantity, direction, scaled.group(2), name, where)
+        size = float(scaled.group(1).replace(",", "."))
+        return column and column._replace(factor=size * column.factor)
     if quantity.dimension == "word":
         return None if bare else Column(quantity.name, direction, "", 1.0)
     if quantity.dimension == "number":
@@ -165,7 +188,8 @@ def _with_unit(
             return None
         raise ValueError(
             f'{where}: column "{name}" states no unit; add it, for example '
-            f'"{name}_{_example(quantity.dimension)}"'
+            f'"{name}_{_example(quantity.dimension)}", or say which one by --columns '
+            f'"{quantity.name}={name} {_example(quantity.dimension)}"'
         )
     if quantity.dimension == "time":
         if bare not in _SECONDS:

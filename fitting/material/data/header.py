@@ -10,10 +10,13 @@ from collections.abc import Sequence
 
 from fitting.material.data.cells import Cells
 from fitting.material.data.column_names import plain_words
-from fitting.material.data.columns import SIZES, is_unit, split_specimen, understand
+from fitting.material.data.columns import is_unit, size_of, split_specimen, understand
 from fitting.material.data.layout import TableLayout, with_unit
 from fitting.material.data.numbers import decimal_mark, looks_numeric, number
 
+# Sizes within a line of text, and those of TA Instruments: length, width, thickness.
+_STATED = re.compile(r"([^\W\d][\w ]*?)\s*[:=]\s*([\d.,]*\d)\s*([^\W\d]\w*)")
+_THREE = re.compile(r"([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(\w+)")
 _META = re.compile(r"^\s*([^\W\d][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
 
 
@@ -53,6 +56,14 @@ class Header:
             named[name] = f"{text} {unit}"
         return {**named, **self.metadata}
 
+    def of_sheet(self) -> dict[str, str]:
+        """Sizes of the single specimen of a sheet, as those of `by_specimen`."""
+        found: dict[str, str] = (
+            dict(*self.by_specimen.values()) if len(self.by_specimen) == 1 else {}
+        )
+        sizes = (_size(key, text, "", ".") for key, text in self.metadata.items())
+        return {**dict(size for size in sizes if size is not None), **found}
+
 
 def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     """Read the rows of a sheet that are no table of readings."""
@@ -73,7 +84,7 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
                 sizes.setdefault(label, {}).setdefault(*size)
             elif size is not None:
                 metadata.setdefault(size[0].split(" ")[0], f"{size[1]} {_unit(size[0])}")
-            elif understood_size(name) is None:
+            elif not size_of(name):
                 metadata.setdefault(_key(key), f"{value} {unit}".strip())
     for label, own in results.items():
         for key, text in own.items():
@@ -81,21 +92,16 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     return Header(cells.comments, metadata, sizes)
 
 
-def understood_size(name: str) -> str | None:
-    """Which size of a specimen a name is, with or without a unit; None for others."""
-    for spelled in (name, f"{name} [mm]", f"{name} [mm2]"):
-        try:
-            column = understand(spelled, "")
-        except ValueError:
-            continue
-        if column is not None and column.quantity in SIZES:
-            return column.quantity
-    return None
-
-
 def _pairs(row: list[str]) -> list[tuple[str, str, str]]:
     """Keys, values and units of a row about the test."""
     filled = [cell for cell in row if cell]
+    stated = [pair for cell in filled for pair in _STATED.findall(cell) if is_unit(pair[2])]
+    if stated:
+        return stated
+    three = _THREE.fullmatch(" ".join(filled[1:]))
+    if three is not None and filled[0].casefold() == "size":
+        names = ("length", "width", "thickness")
+        return [(name, three.group(k), three.group(4)) for k, name in enumerate(names, 1)]
     if len(filled) == 1:
         found = _META.match(filled[0])
         return [(found.group(1), found.group(2), "")] if found else []
@@ -125,10 +131,11 @@ def _size(name: str, value: str, unit: str, decimal: str) -> tuple[str, str] | N
         column = understand(with_unit(name, unit), "")
     except ValueError:
         return None
-    if column is None or column.quantity not in SIZES:
+    size = size_of(name)
+    if column is None or not size:
         return None
-    si = {"area": "m2", "thickness_ratio": ""}.get(column.quantity, "m")
-    return f"{column.quantity} [{si}]", repr(amount * column.factor)
+    si = {"area": "m2", "thickness_ratio": ""}.get(size, "m")
+    return f"{size} [{si}]", repr(amount * column.factor)
 
 
 def _results(rows: list[list[str]], decimal: str) -> dict[str, dict[str, str]]:
@@ -137,7 +144,7 @@ def _results(rows: list[list[str]], decimal: str) -> dict[str, dict[str, str]]:
     for i, names in enumerate(rows):
         if sum(bool(cell) for cell in names) < 2 or any(map(looks_numeric, names)):
             continue
-        sized = [k for k, name in enumerate(names) if name and understood_size(name)]
+        sized = [k for k, name in enumerate(names) if name and size_of(name)]
         if not sized:
             continue
         below = rows[i + 1 :]

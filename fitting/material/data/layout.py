@@ -6,14 +6,24 @@ are known quantities; rows about the test may be as wide as it is.
 """
 
 import dataclasses
+import itertools
 import re
 
 from fitting.material.data.cells import Cells
-from fitting.material.data.columns import is_unit, split_specimen, understand
+from fitting.material.data.column_names import plain_words
+from fitting.material.data.columns import (
+    SIZES,
+    is_unit,
+    quantity_of,
+    size_of,
+    split_specimen,
+    understand,
+)
 from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing, looks_numeric
 
 _HEAD_ROWS = 4  # of names and units above a table
+_SPECIMEN_ROW = re.compile(r"specimen|sample|probe|eprouvette|test_?(?:no|number|run)")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,9 +50,11 @@ class TableLayout:
 
     @property
     def known(self) -> int:
-        """How many columns are known quantities."""
+        """How many columns are known quantities that a test reads; sizes are none."""
         pairs = zip(self.names, self.units, strict=False)
-        return sum(_is_known(name, unit) for name, unit in pairs)
+        return sum(
+            _is_known(name, unit) and quantity_of(name) not in SIZES for name, unit in pairs
+        )
 
 
 def find_table(file: str, cells: Cells, *, named: bool) -> TableLayout:
@@ -81,6 +93,43 @@ def find_table(file: str, cells: Cells, *, named: bool) -> TableLayout:
         )
     best = max(whole, key=lambda table: (min(table.known, 2), len(table.body)))
     return _continued(cells, kinds, best)
+
+
+def stacked(cells: Cells) -> list[Cells]:
+    """Tables of several specimens that stand below each other, each with rows about it.
+
+    A row of names that returns begins another table if the rows above it state a size or a
+    specimen; otherwise the first table goes on.
+    """
+    rows = cells.rows
+    heads = (k for k, row in enumerate(rows) if not looks_numeric(row[0]) and _are_names(row))
+    names = next((rows[k] for k in heads if _known(rows[k], []) > 1), None)
+    places = [k for k, row in enumerate(rows) if row == names]
+    starts = [0]
+    for last, place in itertools.pairwise(places):
+        first = place
+        while first > last + 1 and not _is_full_of_numbers(rows[first - 1]):
+            first -= 1
+        keys = [row[0] for row in rows[first:place]]
+        if any(size_of(key) or _SPECIMEN_ROW.match(plain_words(key)) for key in keys):
+            starts.append(first)
+    if len(starts) == 1:
+        return [cells]
+    return [
+        Cells(
+            str(k),
+            rows[a:b],
+            cells.lines[a:b],
+            cells.comments if k == 1 else (),
+            cells.delimiter,
+            cells.encoding,
+        )
+        for k, (a, b) in enumerate(itertools.pairwise([*starts, len(rows)]), 1)
+    ]
+
+
+def _is_full_of_numbers(row: list[str]) -> bool:
+    return len(row) > 1 and all(is_missing(cell) or looks_numeric(cell) for cell in row)
 
 
 def _kind(row: list[str]) -> str:

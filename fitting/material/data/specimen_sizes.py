@@ -3,56 +3,45 @@
 from collections.abc import Mapping
 
 from fitting.column_units import unit_size
-from fitting.material.data.columns import understand
+from fitting.material.data.columns import SIZES, size_of, understand
 from fitting.material.data.errors import DataError
 from fitting.material.data.tables import Table
 from suas_jax.config.errors import listed, nearest
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
-_SPECIMEN_KEYS: dict[str, DimensionName | str] = {
-    "length": "length",
-    "grip_separation": "length",
-    "width": "length",
-    "thickness": "length",
-    "diameter": "length",
-    "radius": "length",
-    "rest_radius": "length",
-    "area": "area",
-    "thickness_ratio": "number",
-}
+_DIMENSIONS: dict[str, DimensionName | str] = {"area": "area", "thickness_ratio": "number"}
 
 
 def stated_sizes(table: Table) -> dict[str, float]:
     """Specimen sizes in the file's comments."""
     sizes = {}
     for key, text in table.metadata.items():
-        name, factor = _size_named(key)
+        name = size_of(key)
         if not name:
             continue
         number = _plain_number(text)
-        if number is not None and factor is not None:
+        if number is not None and (factor := _factor(key)) is not None:
             unit = {"area": " m2", "thickness_ratio": ""}.get(name, " m")
             text = f"{number * factor!r}{unit}"
-        sizes[name] = _size(table, name, _SPECIMEN_KEYS[name], text, f"# {key}")
+        sizes[name] = _size(table, name, text, f"# {key}")
     return sizes
 
 
 def given_sizes(table: Table, specimen: Mapping[str, str]) -> dict[str, float]:
     """Specimen sizes of the command line."""
+    specimen = {size_of(name) or name: text for name, text in specimen.items()}
     for name in specimen:
-        if name not in _SPECIMEN_KEYS:
-            near = nearest(name, _SPECIMEN_KEYS)
+        if name not in SIZES:
+            near = nearest(name, SIZES)
             hint = f'did you mean "{near}"? ' if near else ""
-            raise DataError(
-                f"--specimen {name}: unknown size; {hint}allowed: {listed(_SPECIMEN_KEYS)}"
-            )
+            raise DataError(f"--specimen {name}: unknown size; {hint}allowed: {listed(SIZES)}")
     return {
-        name: _size(table, name, _SPECIMEN_KEYS[name], text, f"--specimen {name}")
-        for name, text in specimen.items()
+        name: _size(table, name, text, f"--specimen {name}") for name, text in specimen.items()
     }
 
 
-def _size(table: Table, name: str, dimension: str, text: str, where: str) -> float:
+def _size(table: Table, name: str, text: str, where: str) -> float:
+    dimension = _DIMENSIONS.get(name, "length")
     try:
         if dimension == "area":
             number, _, unit = text.strip().partition(" ")
@@ -76,13 +65,10 @@ def _plain_number(text: str) -> float | None:
         return None
 
 
-def _size_named(key: str) -> tuple[str, float | None]:
-    """Which size of a specimen a comment's key names, and its unit if the key has one."""
-    for spelled, bare in ((key, False), (f"{key}_mm", True), (f"{key}_mm2", True)):
-        try:
-            column = understand(spelled, "")
-        except ValueError:  # a known quantity whose unit is missing or another
-            continue
-        if column is not None and column.quantity in _SPECIMEN_KEYS:
-            return column.quantity, None if bare else column.factor
-    return "", None
+def _factor(key: str) -> float | None:
+    """Size of the unit that a comment's key states; None where it states none."""
+    try:
+        column = understand(key, "")
+    except ValueError:
+        return None
+    return None if column is None else column.factor

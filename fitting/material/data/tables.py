@@ -2,8 +2,8 @@
 
 Understood: what `cells` reads; decimal points or commas; `# key: value` lines anywhere; rows
 about the test above the table; units in brackets or in a row of their own; specimens side
-by side, or one a sheet; sizes of the specimens in the rows above or in a table of results;
-empty and "NaN" cells; repeated names and remarks between the rows.
+by side, one below the other, or one a sheet; sizes of the specimens in the rows above or in a
+table of results; empty and "NaN" cells; repeated names and remarks between the rows.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from fitting.material.data.column_choice import renamed, side_by_side
 from fitting.material.data.columns import split_specimen
 from fitting.material.data.errors import DataError
 from fitting.material.data.header import Header, read_header
-from fitting.material.data.layout import TableLayout, find_table, with_unit
+from fitting.material.data.layout import TableLayout, find_table, stacked, with_unit
 from fitting.material.data.numbers import decimal_mark, number
 
 _SAMPLED = 2000  # rows that tell the decimal mark
@@ -76,11 +76,12 @@ def read_table(
         raise DataError(f"{file}: the file is empty: it holds no table")
     found = []
     problem: DataError | None = None
-    for cells in sheets:
-        try:
-            found.append((cells, find_table(file, cells, named=bool(columns))))
-        except DataError as error:
-            problem = error
+    for sheet in sheets:
+        for cells in stacked(sheet):
+            try:
+                found.append((cells, find_table(file, cells, named=bool(columns))))
+            except DataError as error:
+                problem = error
     if not found:
         assert problem is not None
         raise problem
@@ -212,22 +213,34 @@ def _row(file: str, line: int, row: list[str], delimiter: str, names: list[str])
     return cells + [""] * (width - len(cells))
 
 
+def _sizes(header: Header, parts: list[_Part], *, sheets: int) -> list[Mapping[str, str]]:
+    """Sizes of each specimen: those under its label, in its order, or on its sheet."""
+    labels = list(header.by_specimen)
+    found: list[Mapping[str, str]] = []
+    for k, part in enumerate(parts):
+        own: Mapping[str, str] = header.by_specimen.get(part.specimen, {})
+        if not own and len(labels) == len(parts):
+            own = header.by_specimen[labels[k]]  # the same order, other labels
+        found.append(
+            {**parts[0].header.of_sheet(), **part.header.of_sheet(), **own}
+            if sheets > 1
+            else own
+        )
+    return found
+
+
 def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table:
     """One table of all specimens, with their labels and own sizes as columns."""
     parts = [part for group in groups for part in group]
     names = parts[0].names
     header = Header.merged([*others, *dict.fromkeys(part.header for part in parts)])
     several = len(parts) > 1
-    sized: list[str] = []
-    if several and header.by_specimen:
-        sized = list(dict.fromkeys(key for own in header.by_specimen.values() for key in own))
+    sizes = _sizes(header, parts, sheets=len(groups)) if several else [{}]
+    sized = list(dict.fromkeys(key for own in sizes for key in own))
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
-    labels = list(header.by_specimen)
     for k, part in enumerate(parts):
-        own: Mapping[str, str] = header.by_specimen.get(part.specimen, {})
-        if several and not own and len(labels) == len(parts):
-            own = header.by_specimen[labels[k]]  # the same order, other labels
+        own = sizes[k]
         extra = [part.specimen or str(k + 1), *(own.get(key, "") for key in sized)]
         rows += [(*row, *(extra if several else ())) for row in part.rows]
         lines += part.lines

@@ -1,14 +1,13 @@
 """Artefacts of a test that its curve alone shows: break, cycles, zeros, mistaken percent."""
 
-import dataclasses
-from typing import Any
-
 import numpy as np
 
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
 from fitting.material.experiments.selection import broken, loadings, series_of
+from fitting.material.experiments.slip_and_drift import drift, slips
 from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.suspect import Suspect, travel_of
 from fitting.material.experiments.toe import CERTAIN, idle, toe_end
 
 # No rubber stretches to this many times its length; the softest silicones reach 17.
@@ -19,38 +18,8 @@ _SOFTENED = 0.03
 # stress, has another zero.
 _NOTICEABLE = 0.015
 _NEAR_REST = 0.35
-
-
-@dataclasses.dataclass(frozen=True)
-class Suspect:
-    """An artefact that a file seems to have.
-
-    Attributes:
-        kind: "break", "preconditioning", "percent", "slack", "toe", "force offset" or
-            "machine stiffness".
-        file: which file.
-        evidence: what shows it.
-        option: what corrects it, for the command line.
-        size: how large it is, in `unit`; None where it has no size.
-        unit: of the size.
-    """
-
-    kind: str
-    file: str
-    evidence: str
-    option: str
-    size: float | None = None
-    unit: str = ""
-
-    @property
-    def text(self) -> str:
-        """One sentence for people."""
-        return f"{self.file}: suspect {self.kind}: {self.evidence}; mend it with {self.option}"
-
-    @property
-    def report(self) -> dict[str, Any]:
-        """The attributes and the sentence, for JSON."""
-        return {**dataclasses.asdict(self), "message": self.text}
+# Of a stated preload: how closely the force at rest agrees with it.
+_AS_STATED = 0.5
 
 
 def curve_suspects(data: Dataset) -> list[Suspect]:
@@ -65,6 +34,8 @@ def curve_suspects(data: Dataset) -> list[Suspect]:
         found.append(_break(data, after))
     found += _cycles(data)
     found += _too_long(data)
+    found += slips(data)
+    found += drift(data)
     if not found:
         found += _missed_zero(data)
     return found
@@ -170,7 +141,7 @@ def _zero_of_series(
     taut = idle(x, y, largest)
     if taut is not None:
         stretch = float(np.exp(taut) - 1.0)
-        size, unit = _travel(data, stretch)
+        size, unit = travel_of(data, stretch)
         return [
             Suspect(
                 "slack",
@@ -234,39 +205,53 @@ def _off_at_rest(
     if abs(at_rest) < max(CERTAIN * error, _NOTICEABLE * largest) or slope <= 0.0:
         return []
     below = lowest < -max(CERTAIN * np.sqrt(scatter), _NOTICEABLE * largest)
-    if at_rest < 0.0 and not below:
-        lag = -at_rest / slope
-        size, unit = _travel(data, float(lag))
-        return [
-            Suspect(
-                "slack",
-                data.file,
-                f"{where}the curve meets zero stress at a strain of {lag:.3g}, not at rest: "
-                f"the specimen was slack by about {size:.3g} {unit}, or the load cell is off "
-                f"(--zero force)",
-                "--zero slack",
-                size,
-                unit,
-            )
-        ]
+    found = _zeros_off(data, where, at_rest, slope)
+    # Nothing pulls a specimen that hangs slack.
+    return found[::-1] if at_rest < 0.0 and not below else found
+
+
+def _zeros_off(data: StressTest, where: str, at_rest: float, slope: float) -> list[Suspect]:
+    """Both zeros that a curve off at rest may have: no curve tells them apart.
+
+    Args:
+        data: the test.
+        where: names the specimen.
+        at_rest: stress at a stretch of one [Pa].
+        slope: of the stress there, by the strain [Pa].
+    """
     size, unit = at_rest / 1e6, "MPa"
     if np.isfinite(data.origin.area):
         size, unit = at_rest * data.origin.area, "N"
-    return [
-        Suspect(
-            "force offset",
-            data.file,
-            f"{where}at rest the curve points to a stress of {at_rest / 1e6:.3g} MPa: the load "
-            f"cell is off by about {size:.3g} {unit}",
-            "--zero force",
-            size,
-            unit,
+    lag, travel = travel_of(data, -at_rest / slope)
+    preload = data.origin.preload
+    stated = unit == "N" and abs(size - preload) < _AS_STATED * preload
+    is_off = f"the load cell is off by about {size:.3g} {unit}"
+    if lag > 0.0:
+        is_slack = f"the specimen was slack by about {lag:.3g} {travel}"
+        at_zero = (
+            f"the curve meets zero stress at a strain of {-at_rest / slope:.3g}, not at rest"
         )
-    ]
-
-
-def _travel(data: StressTest, strain: float) -> tuple[float, str]:
-    """A strain as travel of the machine where the specimen's length is known, and its unit."""
-    if np.isfinite(data.origin.length):
-        return 1e3 * strain * data.origin.length, "mm"
-    return strain, "of the length"
+    else:
+        is_slack = (
+            f"the travel counts from where the specimen was stretched by {-lag:.3g} {travel}"
+        )
+        at_zero = f"at rest the curve points to a stress of {at_rest / 1e6:.3g} MPa"
+        if stated:
+            is_slack += f", by the preload of {preload:.3g} N that the file states"
+    force = Suspect(
+        "force offset",
+        data.file,
+        f"{where}{at_zero}: {is_off}, unless {is_slack} (--zero slack)",
+        "--zero force",
+        size,
+        unit,
+    )
+    slack = Suspect(
+        "slack",
+        data.file,
+        f"{where}{at_zero}: {is_slack}, unless {is_off} (--zero force)",
+        "--zero slack",
+        lag,
+        travel,
+    )
+    return [slack, force] if stated else [force, slack]

@@ -70,6 +70,7 @@ class Origin(NamedTuple):
         length: of the specimen that a displacement stretches [m]; NaN where not stated.
         area: undeformed cross-section [m²]; NaN where not stated.
         ramp: duration of the loading before the first reading [s]; NaN where not stated.
+        preload: force at which the machine set its travel to zero [N]; NaN where not stated.
     """
 
     state: str = ""
@@ -78,6 +79,7 @@ class Origin(NamedTuple):
     length: float = math.nan
     area: float = math.nan
     ramp: float = math.nan
+    preload: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The columns of a table, found by what they measure."""
 
+import functools
 import re
 
 import numpy as np
@@ -9,7 +10,11 @@ from fitting.material.data.columns import Column, quantity_of, understand
 from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing
 from fitting.material.data.tables import Table
+from fitting.material.experiments.measurements import PATHS
 from suas_jax.config.errors import listed
+
+# Readings whose sign tells tension from compression.
+_SIGNED = ("force", "stress", "nominal", "cauchy", "strain", "log_strain", "displacement")
 
 
 class NamedColumns:
@@ -50,14 +55,36 @@ class NamedColumns:
                 self.columns[key] = (index, column)
                 continue
             other = self.columns[key][0]
-            kept = self._better_of(other, index)
+            kept = self._better_of(column.quantity, other, index)
             self.columns[key] = (kept, column) if kept == index else self.columns[key]
+        if self.mode in PATHS:
+            self._along_the_load()
         if ignored:
             names = ", ".join(f'"{name}"' for name in ignored)
             self.warnings.append(f"column {names} is not used: not a quantity known here")
 
-    def _better_of(self, first: int, second: int) -> int:
-        """Which of two columns of the same meaning to use.
+    def _along_the_load(self) -> None:
+        """Of readings along x and y those along the load count, which change by more."""
+        for quantity in {name for name, direction in self.columns if direction == 2}:
+            across = self.columns.pop((quantity, 2))
+            along = self.columns.pop((quantity, 1), across)
+            changes = [float(np.nanmax(c) - np.nanmin(c)) for c in self._cells(along, across)]
+            if changes[1] > changes[0]:
+                along, across = across, along
+            self.columns.setdefault((quantity, 1), along)
+            if along is not across:
+                kept, left = (self.table.names[column[0]] for column in (along, across))
+                self.warnings.append(
+                    f'column "{left}" is not used: "{kept}" changes by more, so it is taken as '
+                    f"the one along the load; --columns {quantity}={across[0] + 1} chooses it"
+                )
+
+    def _cells(self, *columns: tuple[int, Column]) -> list[np.ndarray]:
+        cells = [self.table.cells[:, index] for index, _ in columns]
+        return [values if np.isfinite(values).any() else np.zeros(1) for values in cells]
+
+    def _better_of(self, quantity: str, first: int, second: int) -> int:
+        """Which of two columns of the same quantity to use.
 
         Raises:
             DataError: neither is the better one.
@@ -70,13 +97,13 @@ class NamedColumns:
         if ranks[0] == ranks[1] and not same:
             raise DataError(
                 f'{self.table.file}: columns "{names[0]}" and "{names[1]}" mean the same; keep '
-                f"one, or choose one: --columns QUANTITY={first + 1}"
+                f"one, or choose one: --columns {quantity}={first + 1}"
             )
         kept, left = (second, first) if ranks[1] > ranks[0] else (first, second)
         if not same:
             self.warnings.append(
                 f'column "{self.table.names[left]}" is not used: "{self.table.names[kept]}" is '
-                f"measured closer to the specimen; --columns QUANTITY={left + 1} chooses it"
+                f"measured closer to the specimen; --columns {quantity}={left + 1} chooses it"
             )
         return kept
 
@@ -102,6 +129,35 @@ class NamedColumns:
                         )
                 return values * column.factor
         return None
+
+    def signed(self, quantity: str, direction: int) -> np.ndarray | None:
+        """A column that is negative in compression, where the file counts that as positive."""
+        values = self.column(quantity, direction)
+        if values is None or not self._is_compression or quantity == "stretch":
+            return values
+        size = np.nan_to_num(values)
+        if size.max() <= -size.min():
+            return values
+        name = self.table.names[self.position(quantity, direction)]
+        text = f'compression is positive in column "{name}"; it is taken as negative'
+        if text not in self.warnings:
+            self.warnings.append(text)
+        return -values
+
+    @functools.cached_property
+    def _is_compression(self) -> bool:
+        """Whether names of columns, or what is said of the test, speak of compression alone."""
+        read = {
+            index for (quantity, _), (index, _) in self.columns.items() if quantity in _SIGNED
+        }
+        said = [self.table.names[index] for index in read]
+        said += [text for key, text in self.table.metadata.items() if key.startswith("test")]
+        words = [plain_words(text) for text in said]
+        return (
+            self.mode in PATHS
+            and any(re.search(r"compress|druckversuch|stauch", text) for text in words)
+            and not any(re.search(r"(?<!ex)tens(?:ion|ile)|zug", text) for text in words)
+        )
 
     def at(self, row: int, index: int) -> str:
         """Where a cell is, for messages."""
@@ -136,9 +192,12 @@ class NamedColumns:
         """What is missing, and what the file has."""
         have = ", ".join(f'"{name}"' for name in self.table.names if name)
         choices = listed(f'"{name}"' for name in names)
+        quantity = names[-1].partition("_")[0]
+        unit = {"force": "50 N/V", "displacement": "mm"}.get(quantity, "UNIT")
         return DataError(
             f"{self.table.file}: {what} is missing for the mode {self.mode}; expected a "
-            f"column such as {choices} (the file has {have})"
+            f"column such as {choices} (the file has {have}); if one of them is it, say which, "
+            f'with its unit or with what a volt stands for: --columns "{quantity}=NAME {unit}"'
         )
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,8 @@ from fitting.material.experiments import timing
 from fitting.material.experiments.measurements import Kind, Origin
 from fitting.material.experiments.named_columns import NamedColumns, closeness_to_specimen
 from suas_jax.config.quantities import parse_quantity
+
+_PRELOAD = re.compile(r"vorkraft|vorlast|pre_?(?:load|force|tension)|precharge")
 
 
 class Reader(NamedColumns):
@@ -69,14 +72,14 @@ class Reader(NamedColumns):
         if self.machine_stiffness is not None:
             moved = self.column("displacement", direction)
         for quantity, convert, why in ways:
-            values = self.column(quantity, direction)
+            values = self.signed(quantity, direction)
             if values is not None and moved is None:
                 if self.machine_stiffness is not None:
                     values = values - self._given_way(direction) / self._needed_length()
                 stretches = convert(values)
                 self.require_positive(stretches, quantity, why=why)
                 return stretches
-        moved = self.column("displacement", direction)
+        moved = self.signed("displacement", direction)
         if moved is not None:
             length = self._needed_length(direction)
             if self.machine_stiffness is not None:
@@ -119,7 +122,7 @@ class Reader(NamedColumns):
                 f"{self.table.file}: --machine-stiffness corrects a displacement, strain or "
                 f"stretch; the file has none"
             )
-        force = self.column("force", direction)
+        force = self.signed("force", direction)
         if force is None:
             warned = len(self.warnings)
             found = self.stress(direction)
@@ -160,10 +163,10 @@ class Reader(NamedColumns):
     def stress(self, direction: int = 0) -> tuple[np.ndarray, str] | None:
         """Readings of stress in a direction [Pa] and their measure; None if there are none."""
         for quantity in ("nominal", "cauchy", "second_pk"):
-            values = self.column(quantity, direction)
+            values = self.signed(quantity, direction)
             if values is not None:
                 return values, quantity
-        values = self.column("stress", direction)
+        values = self.signed("stress", direction)
         if values is not None:
             name = self.table.names[self.position("stress", direction)]
             self.warnings.append(
@@ -171,7 +174,7 @@ class Reader(NamedColumns):
                 f"as nominal (force over undeformed area)"
             )
             return values, "nominal"
-        force = self.column("force", direction)
+        force = self.signed("force", direction)
         if force is not None:
             return force / self.area(), "nominal"
         return None
@@ -226,12 +229,21 @@ class Reader(NamedColumns):
             area = self.area()
         sizes = [math.nan if x is None else float(np.nanmean(x)) for x in (length, area)]
         sizes.append(timing.ramp_of(self.table.metadata, self.given, self.table.file))
+        sizes.append(self._preload())
         for quantity in ("stretch", "strain", "log_strain", "green_strain", "displacement"):
             for d in (0, 1):
                 if (quantity, d) in self.columns:
                     index, column = self.columns[quantity, d]
                     return Origin(quantity, self.table.names[index], column.unit, *sizes)
         return Origin("", "", "", *sizes)
+
+    def _preload(self) -> float:
+        """Force where the machine set its travel to zero, if the header states one [N]."""
+        for key, text in self.table.metadata.items():
+            if _PRELOAD.search(key):
+                with contextlib.suppress(ValueError):
+                    return parse_quantity(text.replace(",", "."), "force")
+        return math.nan
 
     def _weight(self) -> np.ndarray:
         weight = self.column("weight")

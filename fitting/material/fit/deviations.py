@@ -33,7 +33,8 @@ def constants_root(
     """
     count = len(constants)
     # A file's deviations are read as normal: Student's t of few readings is wider.
-    wider = fit.uncertainty.quantile(0.95) / float(stats.norm.ppf(0.975))
+    normal = float(stats.norm.ppf(0.975))
+    wider = fit.uncertainty.quantile(0.95) / normal
     own = wider * fit.uncertainty.root[:count]
     size = np.maximum(np.abs(constants), 1e-300)
     u, s, _ = np.linalg.svd(own / size[:, None], full_matrices=False)
@@ -53,8 +54,11 @@ def constants_root(
     shrunk[: len(s)] = 1.0 / np.sqrt(1.0 + s[: own.shape[1]] ** 2)
     own = own @ vt.T * shrunk
     told = float(np.linalg.norm(slopes["pure_shear"] @ own))
-    scatter = 0.0 if fit.specimens is None else fit.specimens.scatter.deviation
-    factor = np.sqrt(max(off["pure_shear"] ** 2 - told**2, 0.0) + scatter**2)
+    scatter = 0.0 if fit.specimens is None else fit.specimens.scatter.further / normal
+    # How tests of two modes repeat is how their specimens scatter, where that is not known.
+    repeats = 0.0 if "pure_shear" in belief.measured else belief.repeats
+    factor = max(off["pure_shear"] ** 2 - told**2 - repeats**2, 0.0)
+    factor = np.sqrt(factor + max(scatter, repeats) ** 2)
     units = fit.family.units[: fit.family.law_size]
     stresses = np.array([unit == "Pa" for unit in units] + [False] * (count - len(units)))
     return np.column_stack([own, np.where(stresses, factor * constants, 0.0)])

@@ -7,10 +7,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from fitting.material.experiments.artefacts import Suspect
 from fitting.material.experiments.free_zero import KINDS as ZERO_KINDS
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import Dataset
+from fitting.material.experiments.suspect import Suspect
 from fitting.material.experiments.toe import without_toe
 from fitting.material.fit.bounded import minimise_in_box
 from fitting.material.fit.noise import (
@@ -46,7 +46,10 @@ from fitting.statistics.least_squares import Minima, minimise
 from suas_jax.runtime.precision import require_float64
 
 _STARTS_IN_BOX = 5
-_THIN = 500
+_ZEROS = {"slack", "force offset"}  # shown by a curve, which something else may explain, too
+# Means of a curve lie on it to far below its noise. Those of a history do with runs this short:
+# measured, z of Ogden and Roxburgh's constants is 2600 √N/n² for n runs of N readings.
+_THIN, _THIN_HISTORY = 500, 10_000
 # Shares of the largest stress at which a toe may end.
 _TOES = (0.05, 0.1, 0.2, 0.3, 0.4)
 _FEWEST_BEHIND_TOE, _CLEAR = 12, 5.0
@@ -63,7 +66,7 @@ def fit_material(
     branch: str | None = None,
     cycle: str = "all",
     cut_break: bool = False,
-    thin: int = _THIN,
+    thin: int | None = None,
     zero: Sequence[str] = (),
     bounds: Mapping[str, tuple[float, float]] | None = None,
     prony: int = 0,
@@ -83,7 +86,8 @@ def fit_material(
         branch: "all", or "loading" to leave unloading branches out; None takes all.
         cycle: "all", or the loading of the "first", the "last" or a numbered cycle.
         cut_break: leave out what follows the failure of a specimen.
-        thin: most readings of a curve; more are averaged to half as many. Zero keeps all.
+        thin: most readings of a curve; more are averaged to half as many. Zero keeps all, None
+            takes 500, or 10,000 where a reading depends on those before it.
         zero: what is found with the law: "slack", "force", "machine".
         bounds: hard bounds by constant, SI units, such as {"alpha.0": (1, 3)}.
         prony: number of Prony terms of a law whose stress relaxes; zero for an elastic one.
@@ -100,7 +104,7 @@ def fit_material(
     chosen = law if isinstance(law, AbstractFamily) else family(law, terms)
     if starts < 1:
         raise ValueError(f"--starts {starts}: at least one is needed")
-    if thin < 0:
+    if thin is not None and thin < 0:
         raise ValueError(f"--thin {thin}: a number of readings is expected; 0 keeps all")
     unknown = [kind for kind in zero if kind not in ZERO_KINDS]
     if unknown:
@@ -112,6 +116,8 @@ def fit_material(
         "zero": tuple(dict.fromkeys(zero)),
     }
     remembers = prony > 0 or mullins
+    if thin is None:
+        thin = _THIN_HISTORY if remembers else _THIN
     if remembers:
         refuse_what_forgets(branch, cycle, zero, bounds)
     used, notes, suspects = prepared(
@@ -206,8 +212,10 @@ def _fitted(
             f"the specimens differ by {100.0 * specimens.scatter.deviation:.2g} % in stiffness "
             f"beyond their noise; the constants are those of the typical one"
         )
-    if doubt and judged_misfit.significant and not suspects and not bounds:
-        suspects += _explaining(used, problem, constants, noise)
+    named = {suspect.kind for suspect in suspects}
+    if doubt and judged_misfit.significant and named <= _ZEROS and not bounds:
+        explaining = _explaining(used, problem, constants, noise)
+        suspects += [suspect for suspect in explaining if suspect.kind not in named]
         if not suspects and not zero:
             suspects += _toe(used, chosen, settings)
     notes += [suspect.text for suspect in suspects]

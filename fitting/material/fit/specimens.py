@@ -5,11 +5,13 @@ over their factors, so that the difference between specimens is no misfit; the s
 typical specimen is as uncertain as τ/√S adds.
 
 Estimates log k_s of S specimens with standard errors e_s scatter as N(m, τ² + e_s²). τ is the
-moment estimate of Paule and Mandel (1982), its interval the Q-profile of Viechtbauer (2007).
+moment estimate of Paule and Mandel (1982), its interval the Q-profile of Viechtbauer (2007). A
+further specimen's log k lies about m with what the likelihood of τ leaves open, under the prior
+1/√(τ² + ē²) up to τ = 0.5: Student's t for exact estimates, and never a point.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -22,6 +24,7 @@ from fitting.material.fit.problem import MaterialProblem
 from fitting.statistics.residuals import sensitivity
 
 _LARGEST = 1e3  # of the spread of the estimates
+_MOST_SCATTER = 0.5  # of specimens of one rubber
 
 _FEWEST_READINGS = 5
 _CHANCE = 0.01
@@ -37,6 +40,7 @@ class Scatter(NamedTuple):
         low: end of the 95 % interval of τ.
         high: end of the 95 % interval of τ.
         chance: of groups this different without any scatter.
+        further: half width of the 95 % interval of a further group about m.
     """
 
     mean: float
@@ -45,6 +49,7 @@ class Scatter(NamedTuple):
     low: float
     high: float
     chance: float
+    further: float
 
 
 def scatter_between(values: np.ndarray, errors: np.ndarray) -> Scatter:
@@ -78,7 +83,32 @@ def scatter_between(values: np.ndarray, errors: np.ndarray) -> Scatter:
         low=low,
         high=high,
         chance=float(stats.chi2.sf(excess(0.0), count - 1)),
+        further=_further(excess, errors, spread),
     )
+
+
+def _further(excess: Callable[[float], float], errors: np.ndarray, spread: float) -> float:
+    """Half width of the 95 % interval of a further group; see the module.
+
+    Args:
+        excess: Σ (y - m)²/(τ² + e²) at τ.
+        errors: standard errors of the groups [s].
+        spread: of the groups.
+    """
+    typical = float(np.mean(errors**-2.0) ** -0.5)
+    tau = np.geomspace(1e-3 * typical, max(_MOST_SCATTER, 10.0 * spread), 400)
+    weight = 1.0 / (tau[:, None] ** 2 + errors**2)
+    total = weight.sum(1)
+    log = 0.5 * np.log(weight).sum(1) - 0.5 * np.log(total)
+    log -= 0.5 * np.array([excess(float(t)) for t in tau])
+    share = np.exp(log - log.max()) * tau / np.hypot(tau, typical)
+    share /= share.sum()
+    deviation = np.sqrt(tau**2 + 1.0 / total)
+
+    def beyond(reach: float) -> float:
+        return float(share @ stats.norm.sf(reach / deviation)) - 0.025
+
+    return float(optimize.brentq(beyond, 0.0, 10.0 * deviation[-1]))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,10 +145,7 @@ class Specimens:
         Args:
             modulus: shear modulus of the typical specimen [Pa].
         """
-        count = len(self.factors)
-        # A further specimen of the same rubber.
-        reach = self.scatter.deviation * float(np.sqrt(1.0 + 1.0 / count))
-        reach *= float(stats.t.ppf(0.975, count - 1))
+        reach = self.scatter.further
         return {
             "specimens": [
                 {

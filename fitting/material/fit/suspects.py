@@ -12,11 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from fitting.material.experiments.artefacts import Suspect, percent_suspect
+from fitting.material.experiments.artefacts import percent_suspect
 from fitting.material.experiments.free_zero import KINDS, Zero, can_be_freed
 from fitting.material.experiments.measurements import PATHS, Dataset
 from fitting.material.experiments.prediction import mode_factors
 from fitting.material.experiments.stress_tests import StressTest
+from fitting.material.experiments.suspect import Suspect
 from fitting.material.fit.problem import MaterialProblem, pose
 from fitting.material.laws.blocks import ExtendedFamily, TestZeros, block_of
 from fitting.material.laws.parameters import AbstractFamily

@@ -1,0 +1,440 @@
+"""Files as test machines write them, made from one neo-Hookean rubber of 0.4 MPa."""
+
+import io
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+import openpyxl
+
+MODULUS = 0.4e6
+LENGTH, WIDTH, THICKNESS, DIAMETER = 25.0, 6.0, 2.0, 29.0  # mm
+STRETCH = np.linspace(1.1, 2.0, 10)
+SQUEEZED = np.linspace(0.97, 0.7, 10)
+
+
+class MachineFile(NamedTuple):
+    """One file, and what must come of it.
+
+    Attributes:
+        name: whose file it is.
+        content: of the file.
+        refused: parts of the message that refuses it; none where it is read.
+        columns: what `--columns` says, for a file that is read with it.
+        specimen: what `--specimen` says.
+        stretch: what the specimens were stretched to.
+        mode: kind of test.
+        factors: modulus of each specimen, over the rubber's.
+        suffix: of the file.
+    """
+
+    name: str
+    content: bytes
+    refused: tuple[str, ...] = ()
+    columns: Mapping[str, str] = MappingProxyType({})
+    specimen: Mapping[str, str] = MappingProxyType({})
+    stretch: np.ndarray = STRETCH
+    mode: str = "uniaxial"
+    factors: tuple[float, ...] = (1.0,)
+    suffix: str = ".csv"
+
+
+def stress(stretch: np.ndarray, factor: float = 1.0) -> np.ndarray:
+    """Nominal stress in tension and compression [MPa]."""
+    return factor * MODULUS / 1e6 * (stretch - stretch**-2)
+
+
+def force(stretch: np.ndarray, factor: float = 1.0) -> np.ndarray:
+    """Force of the strip [N]."""
+    return stress(stretch, factor) * WIDTH * THICKNESS
+
+
+def button(stretch: np.ndarray) -> np.ndarray:
+    """Force of the cylinder [N]."""
+    return stress(stretch) * 0.25 * np.pi * DIAMETER**2
+
+
+def rows(*columns: np.ndarray, between: str = ",", decimal: str = ".", quote: str = "") -> str:
+    """Columns of numbers as lines of text."""
+    return "".join(
+        between.join(f"{quote}{x:.8g}{quote}".replace(".", decimal) for x in row) + "\n"
+        for row in zip(*columns, strict=True)
+    )
+
+
+def workbook(sheets: dict[str, list[list[object]]]) -> bytes:
+    """An .xlsx file."""
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, cells in sheets.items():
+        sheet = book.create_sheet(title)
+        for row in cells:
+            sheet.append(row)
+    file = io.BytesIO()
+    book.save(file)
+    return file.getvalue()
+
+
+TIME = np.linspace(0.1, 9.1, 10)
+TRAVEL, FORCE = LENGTH * (STRETCH - 1.0), force(STRETCH)
+DOWN = LENGTH * (1.0 - SQUEEZED)
+SEMICOLONS = {"between": ";", "decimal": ","}
+SIZES = {"length": "25 mm", "width": "6 mm", "thickness": "2 mm"}
+RESULTS = [["Specimen", "Thickness", "Width", "Gauge length"], ["", "mm", "mm", "mm"]]
+
+
+def _results_and_specimens() -> bytes:
+    sheets: dict[str, list[list[object]]] = {
+        "Results": [*RESULTS, ["S1", 2.0, 6.0, 25.0], ["S2", 2.2, 6.0, 25.0]]
+    }
+    for k, factor in enumerate((1.0, 1.1), 1):
+        pairs = zip(TRAVEL, force(STRETCH, factor), strict=True)
+        sheets[f"S{k}"] = [["Extension", "Load"], ["mm", "N"], *map(list, pairs)]
+    return workbook(sheets)
+
+
+def _stacked(unit: str) -> str:
+    text = "Report;7\n"
+    for k, thickness in enumerate((2.0, 4.0), 1):
+        text += f"Specimen;{k}\nThickness;{thickness};mm\nWidth;6;mm\nGauge length;25;mm\n"
+        text += f"Extension;Load\nmm;{unit}\n" + rows(
+            TRAVEL, FORCE * thickness / 2.0, between=";"
+        )
+    return text
+
+
+FILES = [
+    MachineFile(
+        "Shimadzu Trapezium X",
+        (
+            '"Test Type","Tensile","Test Mode","Single"\n'
+            '"Name","Thickness","Width","Gauge_Length"\n"Unit","mm","mm","mm"\n'
+            '"1 _ 1","2.0000","6.0000","25.0000"\n\n"1 _ 1"\n"Time","Force","Stroke"\n'
+            '"sec","N","mm"\n' + rows(TIME, FORCE, TRAVEL, quote='"')
+        ).encode(),
+    ),
+    MachineFile(
+        "Shimadzu Trapezium X, two specimens side by side",
+        (
+            '"Name","Thickness","Width","Gauge_Length"\n"Units","mm","mm","mm"\n'
+            '"1 _ 1","2.0","6.0","25.0"\n"1 _ 2","1.0","6.0","25.0"\n\n'
+            '"1 _ 1","","","1 _ 2","",""\n"Time","Force","Stroke","Time","Force","Stroke"\n'
+            '"sec","N","mm","sec","N","mm"\n'
+            + rows(TIME, FORCE, TRAVEL, TIME, 0.55 * FORCE, TRAVEL, quote='"')
+        ).encode(),
+        factors=(1.0, 1.1),
+    ),
+    MachineFile(
+        "Shimadzu Trapezium X, sizes in words",
+        (
+            '"Plate Thickness : 2.0 mm","Plate Width : 6.0 mm","Gauge Length : 25 mm"\n'
+            '"Time","Force","Stroke"\n"sec","N","mm"\n' + rows(TIME, FORCE, TRAVEL, quote='"')
+        ).encode(),
+    ),
+    MachineFile(
+        "Shimadzu in Japanese, Shift-JIS",
+        (
+            '"試験モード","シングル"\n"名前","厚さ","幅","標点距離"\n"単位","mm","mm","mm"\n'
+            '"1 _ 1","2.0","6.0","25.0"\n"1 _ 1"\n"時間","試験力","変位"\n"sec","N","mm"\n'
+            + rows(TIME, FORCE, TRAVEL, quote='"')
+        ).encode("cp932"),
+    ),
+    MachineFile(
+        "MTS, sizes in one line",
+        (
+            "MTS793|BTW|ENU|1|2|.|/|:|1|0|0|A\n"
+            "Width: 6.00 mm  Thickness: 2.00 mm  Gauge Length: 25.00 mm\n"
+            "Data Header:\tAxial\tTime:\t0.0\tSec\t3/12/2024 2:05:17 PM\n"
+            "Running Time\tAxial Displacement\tAxial Force\nSec\tmm\tkN\n"
+            + rows(TIME, TRAVEL, FORCE / 1e3, between="\t")
+        ).encode(),
+        suffix=".txt",
+    ),
+    MachineFile(
+        "MTS, sizes in one line with commas",
+        (
+            "Specimen: width=6 mm, thickness=2 mm, length=25 mm\n"
+            "Crosshead (mm)\tLoad (N)\n" + rows(TRAVEL, FORCE, between="\t")
+        ).encode(),
+        suffix=".txt",
+    ),
+    MachineFile(
+        "MTS TestSuite, blocks of one specimen",
+        (
+            "Gauge Length:\t25.0\tmm\tWidth:\t6.0\tmm\tThickness:\t2.0\tmm\n\n"
+            "Data Header:\tAxial\tTime:\t0.0\tSec\n"
+            "Running Time\tAxial Displacement\tAxial Force\nSec\tmm\tkN\n"
+            + rows(TIME[:5], TRAVEL[:5], FORCE[:5] / 1e3, between="\t")
+            + "\nData Header:\tAxial\tTime:\t2.1\tSec\n"
+            "Running Time\tAxial Displacement\tAxial Force\nSec\tmm\tkN\n"
+            + rows(TIME[5:], TRAVEL[5:], FORCE[5:] / 1e3, between="\t")
+        ).encode(),
+        suffix=".txt",
+    ),
+    MachineFile(
+        "Zwick testXpert in German",
+        (
+            '"Prüfprotokoll";;\n"Prüfer";"M. Müller";"Labor 3"\n"Probendicke a0";2,0;"mm"\n'
+            '"Probenbreite b0";6,0;"mm"\n"Messlänge L0";25,00;"mm"\n'
+            '"Prüfzeit";"Standardweg";"Standardkraft"\n"s";"mm";"N"\n'
+            + rows(TIME, TRAVEL, FORCE, **SEMICOLONS)
+        ).encode("cp1252"),
+    ),
+    MachineFile(
+        "Zwick, Stauchung with positive signs",
+        (
+            "Höhe;25;mm\nDurchmesser;29;mm\nStauchung;Druckkraft\n%;N\n"
+            + rows(100.0 * (1.0 - SQUEEZED), -button(SQUEEZED), **SEMICOLONS)
+        ).encode("cp1252"),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
+        "Instron Bluehill",
+        (
+            '"Specimen 1 : Width","6.00","mm"\n"Specimen 1 : Thickness","2.00","mm"\n'
+            '"Specimen 1 : Length","25.00","mm"\n\n"Time","Extension","Load"\n'
+            '"(s)","(mm)","(N)"\n' + rows(TIME, TRAVEL, FORCE, quote='"')
+        ).encode(),
+    ),
+    MachineFile(
+        "Instron Bluehill, sizes in the table of results",
+        (
+            '\ufeff"General : Operator","jd","night shift"\n\n'
+            '"Results Table 1"\n"","Width","Thickness","Gauge length","Maximum Load"\n'
+            '"","(mm)","(mm)","(mm)","(N)"\n"1","6.00","2.00","25.00","8.4"\n\n"Specimen 1"\n'
+            '"Time","Extension","Load","Tensile strain (Extension)"\n"(s)","(mm)","(N)","(%)"\n'
+            + rows(TIME, TRAVEL, FORCE, 100.0 * (STRETCH - 1.0), quote='"')
+        ).encode(),
+    ),
+    MachineFile(
+        "Lloyd Nexygen, workbook with a sheet about the test",
+        workbook(
+            {
+                "Report": [
+                    ["Tensile test report"],
+                    *(["Width", 6.0, "mm"], ["Thickness", 2.0, "mm"]),
+                    ["Gauge length", 25, "mm"],
+                ],
+                "Data": [
+                    *(["Test", "Tension", "Sample A"], []),
+                    ["Extension (mm)", "Load (N)", "Time (s)"],
+                    *map(list, zip(TRAVEL, FORCE, TIME, strict=True)),
+                ],
+            }
+        ),
+        suffix=".xlsx",
+    ),
+    MachineFile(
+        "Instron, compression with positive signs",
+        (
+            '"Height","25.00","mm"\n"Diameter","29.00","mm"\n'
+            '"Time","Compressive extension","Compressive load"\n"(s)","(mm)","(N)"\n'
+            + rows(TIME, DOWN, -button(SQUEEZED), quote='"')
+        ).encode(),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
+        "Instron, compressive strain and stress",
+        (
+            "Compressive strain (%),Compressive stress (MPa)\n"
+            + rows(100.0 * (1.0 - SQUEEZED), -stress(SQUEEZED))
+        ).encode(),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
+        "Height of a cylinder, in one line",
+        (
+            "Height: 25 mm\nDiameter: 29 mm\nDisplacement (mm),Force (N)\n"
+            + rows(-DOWN, button(SQUEEZED))
+        ).encode(),
+        stretch=SQUEEZED,
+    ),
+    MachineFile(
+        "workbook with a sheet of results",
+        _results_and_specimens(),
+        (),
+        {},
+        {},
+        STRETCH,
+        "uniaxial",
+        (1.0, 1.0),
+        ".xlsx",
+    ),
+    MachineFile(
+        "workbook, sizes above the table",
+        workbook(
+            {
+                "Data": [
+                    *(["Height [mm]", 25], ["Diameter", "29 mm"], []),
+                    ["Travel", "Force"],
+                    ["mm", "N"],
+                    *map(list, zip(-DOWN, button(SQUEEZED), strict=True)),
+                ]
+            }
+        ),
+        stretch=SQUEEZED,
+        suffix=".xlsx",
+    ),
+    MachineFile(
+        "TA Q800, UTF-16",
+        (
+            "Version\t5.0\nSample\tSilicone\nSize\t25.0000 x 6.0000 x 2.0000 mm\nNsig\t4\n"
+            "Sig1\tTime (min)\nSig2\tTemperature (°C)\nSig3\tDisplacement (µm)\n"
+            "Sig4\tStatic Force (N)\nOrgFile\tC:\\TA\\Data\\S.001\nStartOfData\n"
+            + rows(TIME, TIME + 25.0, 1e3 * TRAVEL, FORCE, between="\t")
+        ).encode("utf-16"),
+        suffix=".txt",
+    ),
+    MachineFile(
+        "TA Q800, UTF-16 without its mark",
+        (
+            "Size\t25.0000\t6.0000\t2.0000\tmm\nNsig\t3\nSig1\tTime (min)\nSig2\tStrain (%)\n"
+            "Sig3\tStatic Force (N)\nStartOfData\n"
+            + rows(TIME, 100.0 * (STRETCH - 1.0), FORCE, between="\t")
+        ).encode("utf-16-le"),
+        suffix=".txt",
+    ),
+    MachineFile(
+        "inflation in mbar",
+        (
+            "# thickness: 0.3 mm\n# rest_radius: 20 mm\nRadius [mm];Druck [mbar]\n"
+            + rows(
+                20.0 * STRETCH,
+                0.03 * 1e4 * MODULUS / 1e6 * (1 / STRETCH - STRETCH**-7),
+                **SEMICOLONS,
+            )
+        ).encode(),
+        mode="balloon",
+    ),
+    MachineFile(
+        "tension, stress in mbar",
+        ("Stretch,Nominal stress (mbar)\n" + rows(STRETCH, 1e4 * stress(STRETCH))).encode(),
+    ),
+    MachineFile(
+        "VIC-3D, load as volts of an analogue channel",
+        (
+            '"Count","eyy [1] - Lagrange","Dev1/ai0 (V)"\n'
+            + rows(TIME, 0.5 * (STRETCH**2 - 1.0), FORCE / 50.0)
+        ).encode(),
+        ("Dev1/ai0 (V)", "--columns"),
+    ),
+    MachineFile(
+        "VIC-3D, load as volts, scaled",
+        (
+            '"Count","eyy [1] - Lagrange","Dev1/ai0 (V)"\n'
+            + rows(TIME, 0.5 * (STRETCH**2 - 1.0), FORCE / 50.0)
+        ).encode(),
+        columns={"force": "3 50 N/V"},
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "VIC-2D, Hencky strain and force",
+        (
+            '"Count","eyy [1] - Hencky","Force [N]"\n' + rows(TIME, np.log(STRETCH), FORCE)
+        ).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "GOM Correlate, stages with an analogue channel",
+        (
+            "Stage;Time [s];Section 1.epsilon Y [%];AD-0 [V]\n"
+            + rows(np.arange(10.0), TIME, 100.0 * (STRETCH - 1.0), FORCE / 50.0, **SEMICOLONS)
+        ).encode(),
+        ("AD-0 [V]", "--columns"),
+    ),
+    MachineFile(
+        "GOM Aramis, technical strain and force",
+        (
+            "Strain stage;Technical strain Y [%];Force [N]\n"
+            + rows(np.arange(10.0), 100.0 * (STRETCH - 1.0), FORCE, **SEMICOLONS)
+        ).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "Chinese machine, UTF-8",
+        (
+            "试样宽度,6,mm\n试样厚度,2,mm\n标距,25,mm\n时间(s),力(N),位移(mm)\n"
+            + rows(TIME, FORCE, TRAVEL)
+        ).encode(),
+    ),
+    MachineFile(
+        "Chinese machine, GBK",
+        (
+            "时间(s),应变(%),工程应力(MPa)\n"
+            + rows(TIME, 100.0 * (STRETCH - 1.0), stress(STRETCH))
+        ).encode("gbk"),
+    ),
+    MachineFile(
+        "a remark of 200,000 characters",
+        (
+            f'"Remark","{"a, b; " * 40000}"\nStretch,Nominal stress (MPa)\n'
+            + rows(STRETCH, stress(STRETCH))
+        ).encode(),
+    ),
+    MachineFile(
+        "specimens one after the other, each with its sizes",
+        _stacked("N").encode(),
+        factors=(1.0, 1.0),
+    ),
+    MachineFile(
+        "French, decimal commas",
+        (
+            "Largeur;6;mm\nÉpaisseur;2;mm\nLongueur initiale;25;mm\n"
+            "Déplacement (mm);Force (N)\n" + rows(TRAVEL, FORCE, **SEMICOLONS)
+        ).encode("cp1252"),
+    ),
+    MachineFile(
+        "LabVIEW measurement",
+        (
+            "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t.\n"
+            "***End_of_Header***\t\n\nX_Value\tForce (N)\tDisplacement (mm)\tComment\n"
+            + rows(TIME, FORCE, TRAVEL, between="\t")
+        ).encode(),
+        specimen=SIZES,
+        suffix=".lvm",
+    ),
+    MachineFile(
+        "dates and times in the rows",
+        (
+            "Date;Time of day;Force (N);Displacement (mm)\n"
+            + "".join(
+                f"12.03.2024;14:05:{k:02d};{x:.6g};{y:.6g}\n"
+                for k, (x, y) in enumerate(zip(FORCE, TRAVEL, strict=True))
+            )
+        ).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "a logger's file, filled up with NUL",
+        ("Stretch,Nominal stress (MPa)\n" + rows(STRETCH, stress(STRETCH))).encode()
+        + b"\x00" * 4096,
+    ),
+    MachineFile(
+        "pounds and inches",
+        ("Load (lbf),Crosshead (in)\n" + rows(FORCE / 4.4482216, TRAVEL / 25.4)).encode(),
+        specimen=SIZES,
+    ),
+    MachineFile(
+        "no units",
+        ("Force,Extension\n" + rows(FORCE, TRAVEL)).encode(),
+        ("no unit", "--columns"),
+    ),
+    MachineFile(
+        "no sizes",
+        ("Force (N),Extension (mm)\n" + rows(FORCE, TRAVEL)).encode(),
+        ("--specimen",),
+    ),
+    MachineFile(
+        "web page called .xls",
+        b"<html><body><table><tr><td>Force</td></tr></table></body></html>",
+        ("web page", ".xlsx or as CSV"),
+        suffix=".xls",
+    ),
+    MachineFile(
+        "PDF", b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n1 0 obj\n", ("PDF", "CSV"), suffix=".pdf"
+    ),
+    MachineFile(
+        "old workbook", b"\xd0\xcf\x11\xe0" + b"\x00" * 64, (".xlsx or as CSV",), suffix=".xls"
+    ),
+]
