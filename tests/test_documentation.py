@@ -12,12 +12,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer.main
 from PIL import Image
 
 from fitting.cli.app import app
 from fitting.cli.examples import EXAMPLES, commands_of
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
+from fitting.inverse_load.report.text import frame_json
 from suas_jax import load_scene
 from suas_jax.config.validation import TABLES
 
@@ -279,3 +283,15 @@ def test_every_notebook_of_the_gallery_has_a_thumbnail() -> None:
 def test_drawings_are_those_of_the_code(name: str) -> None:
     drawn = drawings.DRAWINGS[name]().text()
     assert drawn == (drawings.FOLDER / f"{name}.svg").read_text(encoding="utf-8")
+
+
+def test_keys_of_a_frame_are_described_and_occur() -> None:
+    everything = Contact(
+        0.1, 1.0, 0.0, np.eye(2), 0.0, np.eye(2), 0.0, 0.0, (0.0, 0.0), 0.0, 0.0, True
+    )
+    estimate = LoadEstimate(
+        True, (everything,), alternatives=(everything,), at_least=1.0, drift=(0.0, 0.0)
+    )
+    line = frame_json(0.0, 1, estimate, filtered=[], dropped=0, posterior={})
+    assert line.keys() == FRAME_KEYS.keys()
+    assert line["loads"][0].keys() == {*CONTACT_KEYS, "spread_deviation_m"}

@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.words import PLACED, WORDS
+from suas_jax.figures.style import styled
 
 _SHOWN = (
     "range_N",
@@ -19,6 +20,7 @@ _LOGARITHMIC = {"range_N", "force_resolution_N", "place_resolution_m", "detectio
 _MOST = 12  # tolerances that are drawn
 
 
+@styled
 def plot_places(sheet: DataSheet) -> Figure:
     """Figures over the arc, with their 95 % intervals; over a pad, as maps."""
     figure = Figure(figsize=(10, 5.6), layout="constrained")
@@ -70,6 +72,7 @@ def _map(axes: Axes, sheet: DataSheet, values: np.ndarray, figure: Figure) -> No
     axes.set(xlabel="angle [deg]", ylabel="axial [mm]")
 
 
+@styled
 def plot_tolerances(sheet: DataSheet) -> Figure:
     """What one standard deviation of each tolerance does to a told force, the largest first."""
     order = sheet.order[:_MOST]

@@ -5,11 +5,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.style import CONTACT, written
+from suas_jax.figures.style import CONTACT, styled, written
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.sweep import Sweep
 
 
+@styled
 def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     """Draw force over displacement and oil pressure over force.
 
@@ -45,13 +46,14 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     contact = sweep.first_contact
     if contact is not None:
         at = (contact["force_N"], 1e-3 * contact["oil_pressure_Pa"])
-        right.plot(*at, "x", color="C3", ms=9, label=f"first wall contact, {at[0]:.4g} N")
+        right.plot(*at, "x", color=CONTACT, ms=9, label=f"first wall contact, {at[0]:.4g} N")
         right.legend()
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return written(figure, file)
 
 
+@styled
 def _over_time(points: list[dict[str, Any]]) -> Figure:
     """Displacement under the loads, oil pressure and force over time."""
     time = [p["t_s"] for p in points]

@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 from suas_jax.dynamics.modes import Modes
 from suas_jax.dynamics.motion import Motion
 from suas_jax.dynamics.pad import PadMotion
-from suas_jax.figures.style import WALL, written
+from suas_jax.figures.style import WALL, styled, written
 
 _COLUMNS = 3
 # Largest displacement drawn, over the section's width.
 _AMPLITUDE = 0.035
 
 
+@styled
 def plot_modes(found: Modes, file: Path | None = None) -> Figure:
     """Draw every mode, displacements enlarged: of a section at both ends of its swing.
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_bodies, draw_loads
 from suas_jax.figures.outline import Outline, outline
-from suas_jax.figures.style import FILM
+from suas_jax.figures.style import FILM, styled
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section import section_of
@@ -26,6 +26,7 @@ def _profile(problem: Problem, state: State, shown: State) -> Profile:
     return section_of(problem.mechanics.around(state.q)).profile(shown.q, _SAMPLES)
 
 
+@styled
 def plot_section(solution: Solution) -> Figure:
     """Draw the deformed section over the undeformed one, and its gap with the taxels' counts.
 

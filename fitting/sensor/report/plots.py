@@ -12,7 +12,7 @@ from matplotlib.patches import Ellipse
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.counts import parts_of
 from fitting.statistics.chain import Posterior
-from suas_jax.figures.style import written
+from suas_jax.figures.style import styled, written
 from suas_jax.sensing.taxels import taxel_names
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ _MOST = 6
 _DRAWS = 4000
 
 
+@styled
 def plot_sensor(
     fit: SensorFit, file: Path | None = None, posterior: Posterior | None = None
 ) -> Figure:
