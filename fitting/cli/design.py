@@ -15,20 +15,22 @@ from suas_jax.files.writing import check_outputs, write_text
 
 def design(
     want: Annotated[
-        Path, typer.Argument(metavar="WANT", help="What is wanted (TOML): docs/datasheet.md.")
+        Path,
+        typer.Argument(metavar="WANT", help="Goals and limits (TOML), see docs/datasheet.md."),
     ],
     as_json: AsJson = False,
     output: Annotated[
         Path | None, typer.Option("-o", "--output", metavar="FILE", help="Skin file to write.")
     ] = None,
     starts: Annotated[
-        int | None, typer.Option(min=1, help="Starts of the search; else the file's.")
+        int | None,
+        typer.Option(min=1, help="Number of starts of the search; default: the file's."),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Find dimensions and materials that make a figure of the data sheet as good as it can be.
 
-    Limits on other figures hold at every place; derivatives are exact. A section.
+    Limits on other figures hold at every place. Sections only; derivatives are exact.
 
     Exit status: 0 done, 2 bad input, or no design keeps the limits.
     """

@@ -26,20 +26,20 @@ def sweep(
         str | None,
         typer.Option(
             metavar="FROM:TO:COUNT",
-            help="Total force on all line loads [N], their pattern kept.",
+            help="Total force of all line loads [N]; their pattern stays.",
         ),
     ] = None,
     oil_pressure: Annotated[
         str | None,
         typer.Option(
-            metavar="FROM:TO:COUNT", help="Oil pressure [Pa], all loads scaled to reach it."
+            metavar="FROM:TO:COUNT", help="Oil pressure [Pa]; all loads are scaled to reach it."
         ),
     ] = None,
     depth: Annotated[
         str | None,
         typer.Option(
             metavar="FROM:TO:COUNT",
-            help="Travel of the bodies [mm], all other loads kept: an indentation curve.",
+            help="Travel of the bodies [mm]: an indentation curve; other loads stay.",
         ),
     ] = None,
     history: Annotated[

@@ -1,6 +1,6 @@
 """Figure of a solved section."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,6 +26,45 @@ def _profile(problem: Problem, state: State, shown: State) -> Profile:
     return section_of(problem.mechanics.around(state.q)).profile(shown.q, _SAMPLES)
 
 
+class Deformed(NamedTuple):
+    """A deformed membrane as curves.
+
+    Attributes:
+        angle: of their points on the undeformed section [rad].
+        inner: face [2, point] [mm].
+        outer: face [2, point] [mm].
+        energy: strain energy per volume, mean over the thickness [J/m^3].
+    """
+
+    angle: np.ndarray
+    inner: np.ndarray
+    outer: np.ndarray
+    energy: np.ndarray
+
+
+def deformed(solution: Solution, drawn: Outline) -> Deformed:
+    """The faces of a solved section.
+
+    Args:
+        solution: a solution with the lumped shell.
+        drawn: the outline of its scene.
+    """
+    shape = solution.read(_profile)
+    angle = np.asarray(shape.angle)[..., 0].T.ravel()
+
+    def face(rest: np.ndarray, displacement: object) -> np.ndarray:
+        moved = np.asarray(displacement)[..., 0].transpose(0, 2, 1).reshape(2, -1)
+        at_rest = np.stack([np.interp(angle, drawn.angle, x) for x in rest])
+        return np.asarray(1e3 * (at_rest + moved))
+
+    return Deformed(
+        angle,
+        face(drawn.inner, shape.inner_displacement),
+        face(drawn.outer, shape.outer_displacement),
+        np.asarray(shape.energy_density)[..., 0].T.ravel(),
+    )
+
+
 @styled
 def plot_section(solution: Solution) -> Figure:
     """Draw the deformed section over the undeformed one, and its gap with the taxels' counts.
@@ -35,23 +74,8 @@ def plot_section(solution: Solution) -> Figure:
     Args:
         solution: a solution with the lumped shell.
     """
-    shape = solution.read(_profile)
     drawn = outline(solution.scene)
-    angle = np.asarray(shape.angle)[..., 0].T.ravel()
-
-    def face(rest: np.ndarray, displacement: object) -> np.ndarray:
-        moved = np.asarray(displacement)[..., 0].transpose(0, 2, 1).reshape(2, -1)
-        at_rest = np.stack([np.interp(angle, drawn.angle, x) for x in rest])
-        return np.asarray(1e3 * (at_rest + moved))
-
-    inner, outer = (
-        face(rest, moved)
-        for rest, moved in (
-            (drawn.inner, shape.inner_displacement),
-            (drawn.outer, shape.outer_displacement),
-        )
-    )
-    energy = np.asarray(shape.energy_density)[..., 0].T.ravel()
+    angle, inner, outer, energy = deformed(solution, drawn)
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     across, along = figure.subplots(1, 2, width_ratios=(1.25, 1))
     for curve in (drawn.inner, drawn.outer):

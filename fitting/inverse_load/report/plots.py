@@ -85,7 +85,7 @@ def _draw_quantity(
         if len(t) > 1:
             axes.fill_between(t, values - whole, values + whole, lw=0, **style)
         else:
-            axes.vlines(t, values - whole, values + whole, **style)
+            axes.vlines(t, values - whole, values + whole, lw=4, **style)
         label = "_"  # not once more in the legend
     seen = [(t, c) for t, found in zip(time, contacts, strict=True) for c in found]
     if not seen:
