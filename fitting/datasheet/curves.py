@@ -74,7 +74,7 @@ def _map(axes: Axes, sheet: DataSheet, values: np.ndarray, figure: Figure) -> No
 
 @styled
 def plot_tolerances(sheet: DataSheet) -> Figure:
-    """What one standard deviation of each tolerance does to a told force, the largest first."""
+    """What one standard deviation of each tolerance does to an estimated force, the largest first."""
     order = sheet.order[:_MOST]
     size = [100 * abs(float(sheet.effects[i, 0])) for i in order]
     names = [sheet.variants.changes[i] for i in order]
@@ -84,5 +84,5 @@ def plot_tolerances(sheet: DataSheet) -> Figure:
     for row, value in enumerate(size):
         axes.annotate(f" {value:.3g} %", (value, row), va="center", fontsize="small")
     axes.invert_yaxis()
-    axes.set(xlabel="told force moves by [%]", xlim=(0, 1.15 * max([*size, 1e-9])))
+    axes.set(xlabel="estimated force moves by [%]", xlim=(0, 1.15 * max([*size, 1e-9])))
     return figure

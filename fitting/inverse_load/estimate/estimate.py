@@ -134,10 +134,10 @@ class LoadEstimate:
     """What a frame says.
 
     Attributes:
-        contact: whether anything touches the skin; None where that can't be told.
+        contact: whether anything touches the skin; None where the readings cannot say.
         contacts: the contacts, by angle.
         oil_pressure: above ambient [Pa]; NaN where unknown.
-        wall_contact: whether the membrane touches the wall; None where that can't be told.
+        wall_contact: whether the membrane touches the wall; None where that is not known.
         chi2_per_dof: weighted squares of the residuals per degree of freedom.
         status: outcome, a key of `STATUS`.
         left_out: taxels (positions in the layout) left out as faulty or missing.
