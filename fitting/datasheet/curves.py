@@ -74,7 +74,7 @@ def _map(axes: Axes, sheet: DataSheet, values: np.ndarray, figure: Figure) -> No
 
 @styled
 def plot_tolerances(sheet: DataSheet) -> Figure:
-    """What one standard deviation of each tolerance does to an estimated force, the largest first."""
+    """What a standard deviation of each tolerance does to an estimated force, largest first."""
     order = sheet.order[:_MOST]
     size = [100 * abs(float(sheet.effects[i, 0])) for i in order]
     names = [sheet.variants.changes[i] for i in order]
