@@ -98,7 +98,7 @@ def _plot(states: list[dict[str, Any]], file: Path) -> None:
     """Draw the deformed section to scale, and the pad's taxels on its unrolled wall."""
     from matplotlib.figure import Figure
 
-    from suas_jax.figures.style import CONTACT, FILM, WALL, styled, written
+    from suas_jax.figures.style import CONTACT, FILM, FIRST, WALL, styled, written
 
     @styled
     def draw() -> None:
@@ -109,7 +109,7 @@ def _plot(states: list[dict[str, Any]], file: Path) -> None:
             axes.set_aspect("equal" if state["dimension"] == 2 else "auto")
             if state["dimension"] == 2:
                 outer, inner, wall = (state[key] for key in ("outer", "inner", "wall"))
-                for face, below, colour in ((outer, inner, "C0"), (inner, wall, FILM)):
+                for face, below, colour in ((outer, inner, FIRST), (inner, wall, FILM)):
                     x, y = ([*a, *b[::-1]] for a, b in zip(face, below, strict=True))
                     axes.fill(x, y, color=colour, lw=0)
                 axes.fill(*wall, color=WALL, lw=0)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.words import PLACED, WORDS
-from suas_jax.figures.style import styled
+from suas_jax.figures.style import FIRST, styled
 
 _SHOWN = (
     "range_N",
@@ -46,7 +46,7 @@ def _curve(
         ("arc_m", "arc [mm]") if "arc_m" in measured.coordinates else ("", "angle [deg]")
     )
     at = 1e3 * measured.coordinates[name] if name else measured.coordinates["angle_deg"]
-    axes.plot(at, values, ".-", color="C0", lw=1.2, ms=4)
+    axes.plot(at, values, ".-", color=FIRST, lw=1.2, ms=4)
     factor = np.exp(1.96 * np.nan_to_num(deviation / values))
     axes.fill_between(at, values / factor, values * factor, alpha=0.2, lw=0)
     inside = at[measured.region]
@@ -80,7 +80,7 @@ def plot_tolerances(sheet: DataSheet) -> Figure:
     names = [sheet.variants.changes[i] for i in order]
     figure = Figure(figsize=(7, 0.6 + 0.32 * len(order)), layout="constrained")
     axes = figure.subplots()
-    axes.barh(names, size, color="C0")
+    axes.barh(names, size, color=FIRST)
     for row, value in enumerate(size):
         axes.annotate(f" {value:.3g} %", (value, row), va="center", fontsize="small")
     axes.invert_yaxis()

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_bodies, draw_loads
 from suas_jax.figures.outline import Outline, outline
-from suas_jax.figures.style import FILM, styled
+from suas_jax.figures.style import FILM, FIRST, SECOND, styled
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section import section_of
@@ -114,7 +114,7 @@ def _draw_gap(
     nearest = distance.argmin(1)
     by_arc = np.isnan(drawn.given).any() or any("arc_m" in taxel for taxel in taxels)
     places = np.interp(fine, drawn.angle, 1e3 * drawn.arc if by_arc else drawn.given)
-    axes.plot(places[nearest], distance.min(1), color="C0", label="gap")
+    axes.plot(places[nearest], distance.min(1), color=FIRST, label="gap")
     rest = 1e3 * np.linalg.norm(drawn.inner - drawn.wall, axis=0)
     at_rest = 1e3 * drawn.arc if by_arc else drawn.given
     axes.plot(at_rest, rest, color="0.7", lw=0.8, ls="--", label="gap at rest")
@@ -126,7 +126,7 @@ def _draw_gap(
         scale = axes.twinx()
         at = [1e3 * taxel["arc_m"] if by_arc else taxel["angle_deg"] for taxel in taxels]
         counts = np.array([taxel["so"] for taxel in taxels], float)
-        handles += scale.plot(at, counts, "o", color="C1", ms=5, label="taxels (right)")
+        handles += scale.plot(at, counts, "o", color=SECOND, ms=5, label="taxels (right)")
         scale.set(ylabel="sensor output [counts]")
         scale.set_ylim(0, _ROOM * max(np.nanmax(counts, initial=0.0), 1.0))
     axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

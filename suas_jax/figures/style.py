@@ -20,15 +20,15 @@ BODY = "0.85"
 """Colour of what is pressed on the skin."""
 CONTACT = "#d55e00"
 """Colour of where something is touched."""
+FIRST = "#0072b2"
+"""Colour of the first series."""
 SECOND = "#e69f00"
 """Colour of what is drawn over the first series."""
 # Okabe and Ito (2008): told apart by people who see two colours of three.
-_COLOURS = ("#0072b2", CONTACT, "#009e73", "#cc79a7", "#56b4e9", SECOND, "#000000")
+_COLOURS = (FIRST, CONTACT, "#009e73", "#cc79a7", "#56b4e9", SECOND, "#000000")
 _DOTS_PER_INCH = 150
 _STYLE: Any = {
     "axes.prop_cycle": cycler(color=_COLOURS),
-    "axes.spines.top": False,
-    "axes.spines.right": False,
     "font.size": 9.0,
 }
 _P = ParamSpec("_P")

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
-from suas_jax.figures.style import CONTACT, SECOND, styled, written
+from suas_jax.figures.style import CONTACT, FIRST, SECOND, styled, written
 
 _BAND = 1.96  # standard deviations of the 95 % interval
 _LONGEST = 3.0  # intervals shown whole, in terms of their median
@@ -81,7 +81,7 @@ def _draw_quantity(
     for t, rows in _tracks(time, contacts) if shared else ():
         values = np.array([scale * getattr(c, name) for c in rows])
         whole = np.array([_BAND * scale * c.deviation(name) for c in rows])
-        style: dict[str, Any] = {"color": "C0", "alpha": 0.2, "label": label}
+        style: dict[str, Any] = {"color": FIRST, "alpha": 0.2, "label": label}
         if len(t) > 1:
             axes.fill_between(t, values - whole, values + whole, lw=0, **style)
         else:
@@ -93,7 +93,7 @@ def _draw_quantity(
     values = np.array([scale * getattr(c, name) for _, c in seen])
     bars = np.array([_BAND * scale * _noise(c, name) for _, c in seen])
     at, label = [t for t, _ in seen], "estimate, noise 95 %"
-    axes.errorbar(at, values, bars, fmt=".", ms=3, lw=0.8, color="C0", label=label)
+    axes.errorbar(at, values, bars, fmt=".", ms=3, lw=0.8, color=FIRST, label=label)
     _limit(axes, values, np.array([_BAND * scale * c.deviation(name) for _, c in seen]))
 
 
