@@ -148,12 +148,12 @@ def _print_curve(curve: "Sweep") -> None:
     names = (
         "force [N]",
         "oil [kPa]",
-        "displacement [mm]",
+        "moved [mm]",
         "gap [mm]",
         "wall [N]",
     )
     timed = "t_s" in curve.points[0]
-    table = Table(*(("time [s]",) if timed else ()), *names, "status")
+    table = Table(*(("t [s]",) if timed else ()), *names, "status")
     for row in curve.rows():
         table.add_row(
             *((f"{row['t_s']:.6g}",) if timed else ()),
