@@ -32,6 +32,7 @@ sys.path.append(str(DOCS / "extensions"))
 import drawings  # noqa: E402
 import gallery_page  # noqa: E402
 import names_page  # noqa: E402
+import pictures  # noqa: E402
 import report_page  # noqa: E402
 import specification_page  # noqa: E402
 
@@ -255,6 +256,19 @@ def test_pictures_have_all_their_colours(picture: Path) -> None:
     content = picture.read_bytes()
     assert has_all_colours(content)
     assert len(content) < 400_000
+
+
+def test_every_picture_says_what_makes_it() -> None:
+    for lines in pictures.PICTURES.values():
+        for line in lines:
+            parse(line)
+        assert lines[-1].endswith("--plot picture.png")
+    drawn = {path.stem for path in DOCS.glob("*.png")}
+    assert pictures.PICTURES.keys() <= drawn
+    others = drawn - pictures.PICTURES.keys()
+    assert [name for name in others if not name.startswith(tuple(pictures.ELSEWHERE))] == []
+    shown = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert [name for name in sorted(drawn) if f"{name}.png)" not in shown] == []
 
 
 def test_a_palette_is_noticed() -> None:
