@@ -1,4 +1,4 @@
-"""How well contacts on the pad are estimated, and how fast: docs/load_method.md.
+"""How well contacts on the pad are estimated, and how fast.
 
     python -m benchmarks.pad_estimation [--truth FILE] [--contacts N] [--pairs N]
 
