@@ -109,6 +109,15 @@ def test_command_lines_of_the_pages_parse(page: Path) -> None:
         parse(line)
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_code_of_the_pages_fits_the_column_at_1280_px(page: Path) -> None:
+    blocks = FENCE.findall(page.read_text(encoding="utf-8"))
+    lines = [
+        x for language, block in blocks if language != "mermaid" for x in block.split("\n")
+    ]
+    assert [line for line in lines if len(line) > 96] == []
+
+
 def test_the_pages_have_command_lines() -> None:
     assert len([line for page in PAGES for line in command_lines(page)]) > 30
 
