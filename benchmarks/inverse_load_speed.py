@@ -1,4 +1,4 @@
-"""How fast loads are estimated: docs/inverse_load.md.
+"""How fast loads are estimated: docs/load_method.md.
 
     python -m benchmarks.inverse_load_speed [--live SECONDS]
 

@@ -214,7 +214,7 @@ def main() -> None:
             write_readings()
         lines = estimated()
         console.print("\n".join(lines), markup=False)
-        write_section("pad_estimation.md", "continuum", lines)
+        write_section("load_method.md", "continuum", lines)
 
 
 if __name__ == "__main__":

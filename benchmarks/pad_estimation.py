@@ -1,4 +1,4 @@
-"""How well contacts on the pad are estimated, and how fast: docs/pad_estimation.md.
+"""How well contacts on the pad are estimated, and how fast.
 
     python -m benchmarks.pad_estimation [--truth FILE] [--contacts N] [--pairs N]
 
@@ -22,6 +22,7 @@ from benchmarks.inverse_load import with_tolerances
 from fitting.inverse_load.estimator import LoadEstimate, LoadEstimator
 from suas_jax import configure
 from suas_jax.config import load_skin
+from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
 

@@ -1,4 +1,4 @@
-"""Contacts on pads that nobody has tuned anything for: docs/pad_estimation.md.
+"""Contacts on pads that nobody has tuned anything for.
 
     python -m benchmarks.random_pads [--pads N] [--seed S]
 

@@ -112,6 +112,9 @@ def equal_error(rows: list[Row]) -> list[str]:
     return lines
 
 
+_COLOURS = ("#0072b2", "#e69f00", "#cc79a7", "#000000")  # for colour-blind people, too
+
+
 def draw(rows: list[Row], path: Path) -> None:
     """Run time relative to the reference against error, both logarithmic."""
     import matplotlib
@@ -133,7 +136,7 @@ def draw(rows: list[Row], path: Path) -> None:
                     [max(r.error[which], 1e-7) for r in own],
                     [r.median / reference.median for r in own],
                     style,
-                    color=f"C{i}",
+                    color=_COLOURS[i],
                     markersize=4,
                     label=program if which == 0 else None,
                 )

@@ -12,12 +12,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import typer.main
 from PIL import Image
 
 from fitting.cli.app import app
 from fitting.cli.examples import EXAMPLES, commands_of
+from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
+from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
+from fitting.inverse_load.report.text import frame_json
 from suas_jax import load_scene
 from suas_jax.config.validation import TABLES
 
@@ -28,6 +32,7 @@ sys.path.append(str(DOCS / "extensions"))
 import drawings  # noqa: E402
 import gallery_page  # noqa: E402
 import names_page  # noqa: E402
+import pictures  # noqa: E402
 import report_page  # noqa: E402
 import specification_page  # noqa: E402
 
@@ -102,6 +107,15 @@ def command_lines(page: Path) -> Iterator[str]:
 def test_command_lines_of_the_pages_parse(page: Path) -> None:
     for line in command_lines(page):
         parse(line)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_code_of_the_pages_fits_the_column_at_1280_px(page: Path) -> None:
+    blocks = FENCE.findall(page.read_text(encoding="utf-8"))
+    lines = [
+        x for language, block in blocks if language != "mermaid" for x in block.split("\n")
+    ]
+    assert [line for line in lines if len(line) > 96] == []
 
 
 def test_the_pages_have_command_lines() -> None:
@@ -253,6 +267,19 @@ def test_pictures_have_all_their_colours(picture: Path) -> None:
     assert len(content) < 400_000
 
 
+def test_every_picture_says_what_makes_it() -> None:
+    for lines in pictures.PICTURES.values():
+        for line in lines:
+            parse(line)
+        assert lines[-1].endswith("--plot picture.png")
+    drawn = {path.stem for path in DOCS.glob("*.png")}
+    assert pictures.PICTURES.keys() <= drawn
+    others = drawn - pictures.PICTURES.keys()
+    assert [name for name in others if not name.startswith(tuple(pictures.ELSEWHERE))] == []
+    shown = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert [name for name in sorted(drawn) if f"{name}.png)" not in shown] == []
+
+
 def test_a_palette_is_noticed() -> None:
     written = io.BytesIO()
     Image.new("RGB", (8, 8)).quantize(4).save(written, "png")
@@ -279,3 +306,15 @@ def test_every_notebook_of_the_gallery_has_a_thumbnail() -> None:
 def test_drawings_are_those_of_the_code(name: str) -> None:
     drawn = drawings.DRAWINGS[name]().text()
     assert drawn == (drawings.FOLDER / f"{name}.svg").read_text(encoding="utf-8")
+
+
+def test_keys_of_a_frame_are_described_and_occur() -> None:
+    everything = Contact(
+        0.1, 1.0, 0.0, np.eye(2), 0.0, np.eye(2), 0.0, 0.0, (0.0, 0.0), 0.0, 0.0, True
+    )
+    estimate = LoadEstimate(
+        True, (everything,), alternatives=(everything,), at_least=1.0, drift=(0.0, 0.0)
+    )
+    line = frame_json(0.0, 1, estimate, filtered=[], dropped=0, posterior={})
+    assert line.keys() == FRAME_KEYS.keys()
+    assert line["loads"][0].keys() == {*CONTACT_KEYS, "spread_deviation_m"}

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from fitting.inverse_load.estimate.estimate import STATUS
+from fitting.inverse_load.report.frame_keys import CONTACT_KEYS, FRAME_KEYS
 from suas_jax.scene.report_keys import LOAD_KEYS, REPORT_KEYS, REST_KEYS, TAXEL_KEYS
 
 HEAD = """# JSON reports
@@ -12,9 +14,10 @@ object with `status` and `message`, too. `suas sweep --json` prints `points`, a 
 objects, and `first_contact`: `null`, or the `force_N`, `oil_pressure_Pa` and `angle_deg` at
 which the membrane reaches the wall.
 
-This page is written from `suas_jax.scene.report_keys`. Other reports are described where their
-commands are: [`suas fit material`](../material_calibration.md),
-[`suas fit sensor`](../sensor_calibration.md), [`suas invert`](../inverse_load.md).
+`suas invert --json` prints one such object a frame. This page is written from the code. Other
+reports are described where their commands are:
+[`suas fit material`](../material_calibration.md),
+[`suas fit sensor`](../sensor_calibration.md).
 """
 
 
@@ -27,10 +30,13 @@ def page() -> str:
             _table("An entry of `loads`", LOAD_KEYS),
             _table("An entry of `taxels`", TAXEL_KEYS),
             _table("`rest`", REST_KEYS),
+            _table("suas invert", FRAME_KEYS),
+            _table("A contact", CONTACT_KEYS),
+            _table("Statuses of a frame", STATUS, "status"),
         ]
     )
 
 
-def _table(title: str, keys: Mapping[str, str]) -> str:
+def _table(title: str, keys: Mapping[str, str], first: str = "key") -> str:
     rows = [f"| `{key}` | {meaning} |" for key, meaning in keys.items()]
-    return "\n".join([f"## {title}", "", "| key | meaning |", "|---|---|", *rows, ""])
+    return "\n".join([f"## {title}", "", f"| {first} | meaning |", "|---|---|", *rows, ""])

@@ -75,8 +75,8 @@ def calibrate(
 ) -> None:
     """Calibrate a skin step by step: rest, known presses, verification.
 
-    It says where to press with what, and goes on by itself once the load is held still. What
-    is recorded is kept: an interrupted calibration is gone on with by the same command.
+    The command says where and how hard to press, and goes on by itself once the load is held
+    still. It keeps what it records: to resume a calibration, repeat the command.
     Exit status: 0 calibrated, verified or not; 2 bad input, or a step was not done.
     """
     with bad_input():

@@ -23,6 +23,7 @@ from fitting.cli import (
     simulate,
     solve,
     sweep,
+    tour,
     view,
     zero,
 )
@@ -31,14 +32,15 @@ from suas_jax.acquisition.terminal import say
 
 app = typer.Typer(
     help="Model of a soft underwater artificial skin: loads, oil pressure, sensor output.",
-    epilog="Start with: suas examples, then: suas solve configs/scenes/case_b.toml",
+    epilog="Start with: suas tour",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-new_files = typer.Typer(help="Commented files to start from.", no_args_is_help=True)
+new_files = typer.Typer(help="Write a commented file to start from.", no_args_is_help=True)
 new_files.command("skin")(new.skin)
 new_files.command("scene")(new.scene)
 app.add_typer(new_files, name="new")
+app.command("tour")(tour.tour)
 app.command("examples")(new.examples)
 app.command("solve")(solve.solve)
 app.command("sweep")(sweep.sweep)
@@ -58,7 +60,7 @@ fit.command("materials")(fit_materials.materials)
 app.add_typer(fit, name="fit")
 app.command("zero")(zero.zero)
 app.command("invert")(invert.invert)
-exports = typer.Typer(help="Write logs for other programs.", no_args_is_help=True)
+exports = typer.Typer(help="Convert logs for other programs.", no_args_is_help=True)
 exports.command("mcap")(export.mcap)
 app.add_typer(exports, name="export")
 app.command("range")(force_range.find_range)

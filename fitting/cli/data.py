@@ -29,7 +29,7 @@ def data(
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what is understood of a data file, and what looks wrong with it.
+    """Show how a file of a test machine is read, and what looks wrong with it.
 
     Exit status: 0 the file holds a table, even if something is missing for the test (status
     "incomplete"), 2 bad input.

@@ -37,7 +37,9 @@ def datasheet(
     trust_network: TrustNetwork = False,
     noise: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of a reading, in counts; else the skin file's."),
+        typer.Option(
+            help="Standard deviation of a reading, in counts; default: the skin file's."
+        ),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:

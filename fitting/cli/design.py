@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
 def design(
     want: Annotated[
-        Path, typer.Argument(metavar="WANT", help="What is wanted (TOML): docs/datasheet.md.")
+        Path,
+        typer.Argument(metavar="WANT", help="Goals and limits (TOML), see docs/datasheet.md."),
     ],
     as_json: AsJson = False,
     output: Annotated[
@@ -28,7 +29,8 @@ def design(
     ] = None,
     plot: Plot = None,
     starts: Annotated[
-        int | None, typer.Option(min=1, help="Starts of the search; else the file's.")
+        int | None,
+        typer.Option(min=1, help="Number of starts of the search; default: the file's."),
     ] = None,
     workers: Workers = None,
     trust_network: TrustNetwork = False,

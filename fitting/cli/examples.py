@@ -9,6 +9,7 @@ from typing import NamedTuple
 import typer
 
 EXAMPLES: dict[str, tuple[str, ...]] = {
+    "tour": ("suas tour", "suas tour --plot tour.png"),
     "solve": (
         "suas solve configs/scenes/case_b.toml --plot section.png",
         "suas solve configs/scenes/press.toml --gradient min_gap_m",
@@ -67,7 +68,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
 """Command lines by the words that follow `suas`."""
 
 PANELS = {
-    "Start": ("examples", "new"),
+    "Start": ("tour", "examples", "new"),
     "The model": (
         "solve",
         "sweep",

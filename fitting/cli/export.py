@@ -22,7 +22,9 @@ def mcap(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="SO log.")],
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Default: LOG's name, .mcap."),
+        typer.Option(
+            "-o", "--output", metavar="FILE", help="File to write; default: LOG as .mcap."
+        ),
     ] = None,
     skin: Annotated[
         Path | None, typer.Option(help="Skin file; default: the one the log's header names.")
@@ -36,7 +38,9 @@ def mcap(
             metavar="FILE", help="Loads that `suas invert LOG --json` found; default: estimate."
         ),
     ] = None,
-    taxels_only: Annotated[bool, typer.Option("--taxels-only", help="Without loads.")] = False,
+    taxels_only: Annotated[
+        bool, typer.Option("--taxels-only", help="Leave the loads out.")
+    ] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write a log as MCAP with ROS 2 messages: taxels, contacts, transforms.

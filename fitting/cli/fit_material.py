@@ -45,7 +45,7 @@ def material(
         ),
     ] = "ogden",
     terms: Annotated[
-        int | None, typer.Option(help="Number of terms (polynomial: degree).")
+        int | None, typer.Option(help="Number of terms; of the law polynomial its degree.")
     ] = None,
     residual: Annotated[
         str,
@@ -69,7 +69,9 @@ def material(
             'where the file states none: "force=3,extension=5 mm".'
         ),
     ] = None,
-    branch: Annotated[str, typer.Option(help="all, or loading only.")] = "all",
+    branch: Annotated[
+        str, typer.Option(help="Branch of the curve to use: all, or loading.")
+    ] = "all",
     cycle: Annotated[
         str,
         typer.Option(help="Loading of one cycle of a cyclic test: first, last, or a number."),
@@ -109,9 +111,7 @@ def material(
     ] = "0",
     mullins: Annotated[
         bool,
-        typer.Option(
-            "--mullins", help="Softening below the largest load before, from loading cycles."
-        ),
+        typer.Option("--mullins", help="Fit softening (Mullins effect) from loading cycles."),
     ] = False,
     bound: Annotated[
         list[str] | None,
@@ -122,11 +122,13 @@ def material(
     sample: Annotated[
         bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
     ] = False,
-    walkers: Annotated[int, typer.Option(help="Walkers of the ensemble, even.")] = 32,
+    walkers: Annotated[int, typer.Option(help="Number of walkers of the sampler, even.")] = 32,
     steps: Annotated[
-        int, typer.Option(min=1, help="Most steps; it stops when converged.")
+        int, typer.Option(min=1, help="Largest number of steps; sampling stops when converged.")
     ] = 20_000,
-    moves: Annotated[str, typer.Option(help="stretch, walk, de or de-snooker.")] = "stretch",
+    moves: Annotated[
+        str, typer.Option(help="Moves of the sampler: stretch, walk, de or de-snooker.")
+    ] = "stretch",
     chain: Annotated[
         Path | None,
         typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
@@ -186,7 +188,7 @@ def material(
     overwrite: Overwrite = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, SI units.")] = False,
 ) -> None:
-    """Fit a material law to test data, and say what the data can't determine.
+    """Fit a material law to test data, and say what the data leave open.
 
     Exit status: 0 constants were found, 2 bad input, 3 no constants could be found.
     """

@@ -12,14 +12,21 @@ from suas_jax.acquisition.terminal import say
 
 
 def materials(
-    jobs: Annotated[Path, typer.Argument(help="TOML file with a table `membrane` for each.")],
+    jobs: Annotated[
+        Path, typer.Argument(help="TOML file with a table `membrane` for each membrane.")
+    ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="JSON lines; membranes in it are skipped.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            help="Results as JSON lines; membranes that are in the file are skipped.",
+        ),
     ],
     workers: ManyWorkers = "2",
     trust_network: TrustNetwork = False,
 ) -> None:
-    """Calibrate many membranes at once; run it again to go on after an interruption.
+    """Calibrate many membranes at once; repeat the command to resume.
 
     Exit status: 0 every membrane has a line of results (its status says how it went),
     2 bad input, or a membrane's worker processes died.

@@ -77,7 +77,9 @@ def sensor(
     ] = None,
     air: Annotated[
         str,
-        typer.Option(help="How air in the gap answers: skin (as the oil), trapped, vented."),
+        typer.Option(
+            help="How air in the gap responds: skin (as the oil does), trapped, vented."
+        ),
     ] = "skin",
     prior: Annotated[
         list[str] | None,
@@ -87,7 +89,9 @@ def sensor(
     ] = None,
     baseline: Annotated[
         Path | None,
-        typer.Option(help="Counts at rest (suas log --baseline): fixes offsets of the taxels."),
+        typer.Option(
+            help="Counts at rest, from `suas baseline`; they fix the taxels' offsets."
+        ),
     ] = None,
     offsets: Annotated[
         bool, typer.Option("--offsets", help="Give every taxel an offset of its own.")
@@ -95,11 +99,14 @@ def sensor(
     sample: Annotated[
         bool, typer.Option("--sample", help="Sample the posterior of the constants (emcee).")
     ] = False,
-    steps: Annotated[int, typer.Option(min=1, help="Most steps of the sampler.")] = 20_000,
-    walkers: Annotated[int, typer.Option(min=4, help="Walkers of the sampler.")] = 32,
+    steps: Annotated[
+        int, typer.Option(min=1, help="Largest number of steps of the sampler.")
+    ] = 20_000,
+    walkers: Annotated[int, typer.Option(min=4, help="Number of walkers of the sampler.")] = 32,
     seed: Annotated[int, typer.Option(help="Seed of the sampler.")] = 0,
     chain: Annotated[
-        Path | None, typer.Option(help="HDF5 file that keeps the chain and resumes it.")
+        Path | None,
+        typer.Option(help="HDF5 file that keeps the chain; one that exists is resumed."),
     ] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,

@@ -43,14 +43,16 @@ def find_range(
     trust_network: TrustNetwork = False,
     noise: Annotated[
         float | None,
-        typer.Option(help="Standard deviation of a reading, in counts; else the skin file's."),
+        typer.Option(
+            help="Standard deviation of a reading, in counts; default: the skin file's."
+        ),
     ] = None,
     plot: Plot = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Find where loads reach the wall, and where a force is too small to be measured.
 
-    On a pad: of a round contact, over the pad, with the least errors of its place and force.
+    On a pad: for a round contact anywhere, with the least errors of its place and force.
 
     Exit status: 0 done, 2 bad input.
     """

@@ -41,7 +41,7 @@ def health(
 ) -> None:
     """Judge every taxel: noise, stuck, saturation, drift, loss, correlation with neighbours.
 
-    Best on some seconds at rest, then pressed here and there.
+    Record some seconds at rest, then press here and there.
     Exit status: 0 judged, whatever was found; 2 bad input, or nothing came.
     """
     with bad_input():

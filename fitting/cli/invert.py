@@ -29,7 +29,7 @@ def invert(
         ),
     ] = None,
     live: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Read a port, as `suas log` does.")
+        str | None, typer.Option(metavar="PORT", help="Port to read, as for `suas log`.")
     ] = None,
     format_name: Annotated[
         str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
@@ -42,7 +42,7 @@ def invert(
         float,
         typer.Option(
             metavar="S",
-            help="Live: a frame older than this is dropped, with all up to the newest.",
+            help="Live: drop frames older than this, except the newest.",
         ),
     ] = 0.1,
     baseline: Annotated[
@@ -56,7 +56,10 @@ def invert(
         ),
     ] = None,
     direction: Annotated[
-        bool, typer.Option("--direction", help="Estimate directions of forces; else radial.")
+        bool,
+        typer.Option(
+            "--direction", help="Estimate the directions of forces; without it they are radial."
+        ),
     ] = False,
     false_alarm: Annotated[
         float,
@@ -64,7 +67,9 @@ def invert(
     ] = 0.01,
     contacts: Annotated[
         int,
-        typer.Option(min=1, max=4, help="Most contacts to tell apart: 3, on a pad 4."),
+        typer.Option(
+            min=1, max=4, help="Largest number of contacts to look for; on a section at most 3."
+        ),
     ] = 3,
     diameter: Annotated[
         str | None,
@@ -88,7 +93,9 @@ def invert(
     ] = None,
     model_error: Annotated[
         float | None,
-        typer.Option(metavar="SHARE", help="Error of the model, of the change of readings."),
+        typer.Option(
+            metavar="SHARE", help="Error of the model, as a share of the change of readings."
+        ),
     ] = None,
     smooth: Annotated[
         bool,

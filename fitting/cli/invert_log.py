@@ -170,7 +170,7 @@ def _modes(estimator: LoadEstimator, readings: LogReadings, seq: int) -> list[Lo
     if estimator.remembers:
         raise ValueError(
             f"--posterior {seq}: the membrane remembers ([material] relaxation), so that a "
-            "frame alone doesn't tell its loads; sample with a skin file without relaxation"
+            "frame alone does not determine its loads; take a skin file without relaxation"
         )
     i = int(np.flatnonzero(readings.seq == seq)[0])
     try:

@@ -28,7 +28,7 @@ def log(
         ),
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="LOG.csv", help="To write.")
+        Path, typer.Option("-o", "--output", metavar="LOG.csv", help="Log to write.")
     ],
     format_name: Annotated[
         str,
@@ -186,9 +186,11 @@ def baseline(
         float, typer.Option(min=0.0, help="Allowed relative deviation from the rest pattern.")
     ] = 0.05,
     overwrite: Overwrite = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the baseline as JSON.")
+    ] = False,
 ) -> None:
-    """Average a log of the skin at rest; refused while the skin is loaded or drifting.
+    """Average a log of the skin at rest; refuse a skin that is loaded or drifts.
 
     Exit status: 0 taken, 2 bad input or not at rest.
     """

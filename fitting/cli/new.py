@@ -114,7 +114,7 @@ def skin(
         ),
     ] = None,
     section: Annotated[
-        str, typer.Option(help=f"Its section across the axis: {', '.join(_SECTIONS)}.")
+        str, typer.Option(help=f"Shape of the section: {', '.join(_SECTIONS)}.")
     ] = "circle",
     overwrite: Overwrite = False,
 ) -> None:
@@ -243,7 +243,10 @@ def _pad_text(rows: int, columns: int) -> str:
 
 def examples(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Where to put them; made if it is missing.")
+        Path,
+        typer.Argument(
+            metavar="FOLDER", help="Where to copy them; the folder is made if it is missing."
+        ),
     ] = Path("configs"),
     overwrite: Overwrite = False,
 ) -> None:

@@ -25,7 +25,7 @@ Model = Annotated[
 Rtol = Annotated[float | None, typer.Option(help="Wanted relative error; overrides the scene.")]
 
 _MOST = 1024
-_WHAT = "N processes, or the Dask scheduler at tls://host:port"
+_WHAT = "N processes, or on workers of a Dask scheduler (tls://host:port)"
 Workers = Annotated[
     str | None,
     typer.Option(metavar="N|ADDRESS", help=f"On a pad: solve a new skin's table on {_WHAT}."),

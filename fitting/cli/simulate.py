@@ -28,7 +28,10 @@ def simulate(
     rate: Annotated[float, typer.Option(metavar="HZ", help="Frames per second.")] = 10.0,
     duration: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Length; default: the path's, or 10 s of a scene."),
+        typer.Option(
+            metavar="S",
+            help="How long to simulate; default: the path's length, 10 s for a scene.",
+        ),
     ] = None,
     noise: Annotated[
         float | None,
@@ -40,12 +43,16 @@ def simulate(
     ] = 0.0,
     bits: Annotated[int, typer.Option(help="Bits of the converter: 16 or 8.")] = 16,
     offset: Annotated[
-        float, typer.Option(metavar="FARAD", help="Capacitance that the offset DAC takes off.")
+        float,
+        typer.Option(
+            metavar="FARAD", help="Capacitance that the converter's offset DAC subtracts."
+        ),
     ] = 0.0,
     refresh: Annotated[
         float | None,
         typer.Option(
-            metavar="S", help="Time between results of the converter; else they repeat."
+            metavar="S",
+            help="Time between two results of the converter; faster frames repeat the last.",
         ),
     ] = None,
     drop: Annotated[float, typer.Option(help="Probability that a frame is lost.")] = 0.0,
@@ -85,16 +92,19 @@ def simulate(
         ),
     ] = None,
     speed: Annotated[
-        float, typer.Option(metavar="FACTOR", help="Live: times faster than the clock.")
+        float,
+        typer.Option(
+            metavar="FACTOR", help="Live: speed of play; 2 is twice as fast as real time."
+        ),
     ] = 1.0,
     loop: Annotated[bool, typer.Option("--loop", help="Live: play over and over.")] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Live: print the port and what was played as JSON.")
     ] = False,
 ) -> None:
-    """Play a scene, or a path of loads, as the sensor output a skin would send.
+    """Simulate the sensor output of a skin under a scene or a path of loads.
 
-    It goes to a log (-o), or live to a pseudo-terminal, or both.
+    The output goes to a log (-o), live to a pseudo-terminal, or both.
     Exit status: 0 written, 2 bad input, 3 a load has no equilibrium.
     """
     with bad_input():
@@ -169,7 +179,9 @@ def simulate(
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="LOG", help="Log: .csv, .parquet or .nc.")],
-    target: Annotated[Path, typer.Argument(metavar="FILE", help="To write: the same three.")],
+    target: Annotated[
+        Path, typer.Argument(metavar="FILE", help="File to write: .csv, .parquet or .nc.")
+    ],
     overwrite: Overwrite = False,
 ) -> None:
     """Convert an SO log between CSV, Parquet and NetCDF (xarray).

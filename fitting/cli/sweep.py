@@ -26,20 +26,20 @@ def sweep(
         str | None,
         typer.Option(
             metavar="FROM:TO:COUNT",
-            help="Total force on all line loads [N], their pattern kept.",
+            help="Total force of all line loads [N]; their pattern stays.",
         ),
     ] = None,
     oil_pressure: Annotated[
         str | None,
         typer.Option(
-            metavar="FROM:TO:COUNT", help="Oil pressure [Pa], all loads scaled to reach it."
+            metavar="FROM:TO:COUNT", help="Oil pressure [Pa]; all loads are scaled to reach it."
         ),
     ] = None,
     depth: Annotated[
         str | None,
         typer.Option(
             metavar="FROM:TO:COUNT",
-            help="Travel of the bodies [mm], all other loads kept: an indentation curve.",
+            help="Travel of the bodies [mm]: an indentation curve; other loads stay.",
         ),
     ] = None,
     history: Annotated[
@@ -148,12 +148,12 @@ def _print_curve(curve: "Sweep") -> None:
     names = (
         "force [N]",
         "oil [kPa]",
-        "displacement [mm]",
+        "moved [mm]",
         "gap [mm]",
         "wall [N]",
     )
     timed = "t_s" in curve.points[0]
-    table = Table(*(("time [s]",) if timed else ()), *names, "status")
+    table = Table(*(("t [s]",) if timed else ()), *names, "status")
     for row in curve.rows():
         table.add_row(
             *((f"{row['t_s']:.6g}",) if timed else ()),

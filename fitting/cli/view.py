@@ -36,7 +36,7 @@ def view(
         typer.Argument(metavar="[LOG]", help="Live: where readings are recorded (optional)."),
     ] = None,
     live: Annotated[
-        str | None, typer.Option(metavar="PORT", help="Read a port, as `suas log` does.")
+        str | None, typer.Option(metavar="PORT", help="Port to read, as for `suas log`.")
     ] = None,
     format_name: Annotated[
         str, typer.Option("--format", metavar="NAME", help=f"Live: {', '.join(FORMAT_NAMES)}.")
@@ -60,7 +60,7 @@ def view(
         bool, typer.Option("--taxels-only", help="Of a log: show it without loads.")
     ] = False,
     contacts: Annotated[
-        int, typer.Option(min=1, max=4, help="Most contacts to tell apart.")
+        int, typer.Option(min=1, max=4, help="Largest number of contacts to look for.")
     ] = 3,
     address: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Where the page is served; port 0: any.")

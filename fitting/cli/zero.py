@@ -27,8 +27,8 @@ def zero(
         typer.Option(
             metavar="PRESS",
             help='A press, such as "500 g at 0 deg" or "5 N +- 0.05 N at arc 12 mm"; once for '
-            "each, in their order. Without it the log's columns say them (load_0_force_N, "
-            "load_0_angle_deg).",
+            "each press, in order. Without --known the log's columns state them "
+            "(load_0_force_N, load_0_angle_deg).",
         ),
     ] = None,
     inputs: Annotated[
@@ -41,7 +41,7 @@ def zero(
             "-o",
             "--output",
             metavar="FILE",
-            help="Default: SKIN.zero.toml beside the skin file.",
+            help="File to write; default: SKIN.zero.toml beside the skin file.",
         ),
     ] = None,
     overwrite: Overwrite = False,

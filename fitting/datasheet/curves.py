@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from fitting.datasheet.sheet import DataSheet
 from fitting.datasheet.words import PLACED, WORDS
+from suas_jax.figures.style import FIRST, styled
 
 _SHOWN = (
     "range_N",
@@ -19,6 +20,7 @@ _LOGARITHMIC = {"range_N", "force_resolution_N", "place_resolution_m", "detectio
 _MOST = 12  # tolerances that are drawn
 
 
+@styled
 def plot_places(sheet: DataSheet) -> Figure:
     """Figures over the arc, with their 95 % intervals; over a pad, as maps."""
     figure = Figure(figsize=(10, 5.6), layout="constrained")
@@ -44,7 +46,7 @@ def _curve(
         ("arc_m", "arc [mm]") if "arc_m" in measured.coordinates else ("", "angle [deg]")
     )
     at = 1e3 * measured.coordinates[name] if name else measured.coordinates["angle_deg"]
-    axes.plot(at, values, ".-", color="C0", lw=1.2, ms=4)
+    axes.plot(at, values, ".-", color=FIRST, lw=1.2, ms=4)
     factor = np.exp(1.96 * np.nan_to_num(deviation / values))
     axes.fill_between(at, values / factor, values * factor, alpha=0.2, lw=0)
     inside = at[measured.region]
@@ -70,16 +72,17 @@ def _map(axes: Axes, sheet: DataSheet, values: np.ndarray, figure: Figure) -> No
     axes.set(xlabel="angle [deg]", ylabel="axial [mm]")
 
 
+@styled
 def plot_tolerances(sheet: DataSheet) -> Figure:
-    """What one standard deviation of each tolerance does to a told force, the largest first."""
+    """What a standard deviation of each tolerance does to an estimated force, largest first."""
     order = sheet.order[:_MOST]
     size = [100 * abs(float(sheet.effects[i, 0])) for i in order]
     names = [sheet.variants.changes[i] for i in order]
     figure = Figure(figsize=(7, 0.6 + 0.32 * len(order)), layout="constrained")
     axes = figure.subplots()
-    axes.barh(names, size, color="C0")
+    axes.barh(names, size, color=FIRST)
     for row, value in enumerate(size):
         axes.annotate(f" {value:.3g} %", (value, row), va="center", fontsize="small")
     axes.invert_yaxis()
-    axes.set(xlabel="told force moves by [%]", xlim=(0, 1.15 * max([*size, 1e-9])))
+    axes.set(xlabel="estimated force moves by [%]", xlim=(0, 1.15 * max([*size, 1e-9])))
     return figure

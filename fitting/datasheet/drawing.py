@@ -10,12 +10,13 @@ from fitting.datasheet.in_time import scene_of
 from suas_jax.config import SkinSpec, continuous_inputs
 from suas_jax.config.quantities import format_quantity
 from suas_jax.figures.outline import Outline, outline
-from suas_jax.figures.style import BODY
+from suas_jax.figures.style import BODY, styled
 from suas_jax.scene.parts import SkinParts, skin_parts
 
 _MEMBRANE, _FILM, _TAXEL = "#4c78a8", "#f6e3ae", "#c44e00"
 
 
+@styled
 def plot_skin(spec: SkinSpec) -> Figure:
     """Draw a skin to scale, with dimensions.
 

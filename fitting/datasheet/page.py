@@ -43,7 +43,7 @@ def described(sheet: DataSheet, *, meanings: bool = True) -> list[Part]:
         )
         for i in sheet.order
     ]
-    columns = ("one standard deviation of", "", "told force", "range", "told place")
+    columns = ("one standard deviation of", "", "estimated force", "range", "estimated place")
     return [
         ReportTable("Figures", _COLUMNS[: 5 if meanings else 4], rows),
         *(Remark(f"{', '.join(keys)}: {why}.") for why, keys in reasons.items()),

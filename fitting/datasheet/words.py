@@ -48,14 +48,14 @@ WORDS: dict[str, Word] = {
     ),
     "detection_limit_N": Word(
         "Detection limit",
-        "Force told from noise in one frame with 5 % false alarms and 5 % misses.",
+        "Smallest force found in the noise of one frame with 5 % false alarms and 5 % misses.",
         "N",
         1.0,
         "detection_limit",
     ),
     "force_resolution_N": Word(
         "Force resolution",
-        "Least standard deviation of a force told from one frame, at the rated force.",
+        "Least standard deviation of a force estimated from one frame, at the rated force.",
         "N",
         1.0,
         "force_resolution",
@@ -72,7 +72,7 @@ WORDS: dict[str, Word] = {
         "Distance at which that of two contacts of half the rated force is known to 1/3.29.",
         "mm",
         1e-3,
-        missing="two contacts are not told apart at any distance that fits on the skin",
+        missing="two contacts cannot be told apart at any distance that fits on the skin",
     ),
     "nonlinearity": Word(
         "Nonlinearity",
@@ -92,18 +92,21 @@ WORDS: dict[str, Word] = {
     ),
     "force_accuracy": Word(
         "Accuracy of force",
-        "Standard deviation of a told force by the skin file's tolerances, uncalibrated.",
+        "Standard deviation of an estimated force by the skin file's tolerances, uncalibrated.",
         "%",
         1e-2,
     ),
     "force_per_kelvin": Word(
-        "Temperature coefficient", "Of a told force, readings counted from rest.", "%/K", 1e-2
+        "Temperature coefficient",
+        "Of an estimated force, readings counted from rest.",
+        "%/K",
+        1e-2,
     ),
     "zero_counts_per_kelvin": Word(
         "Zero by temperature", "Of the taxel that drifts most.", "counts/K"
     ),
     "force_per_metre_of_depth": Word(
-        "Depth coefficient", "Of a told force, readings counted from rest.", "%/m", 1e-2
+        "Depth coefficient", "Of an estimated force, readings counted from rest.", "%/m", 1e-2
     ),
     "zero_counts_per_metre_of_depth": Word(
         "Zero by depth", "Of the taxel that drifts most.", "counts/m"

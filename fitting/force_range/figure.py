@@ -9,11 +9,12 @@ from matplotlib.ticker import LogLocator
 
 from fitting.force_range.bound import TOLD, ForceRange
 from fitting.force_range.pad import PadForceRange
-from suas_jax.figures.style import CONTACT, written
+from suas_jax.figures.style import CONTACT, styled, written
 
 _WIDEST = 100.0  # largest value that is told from others in terms of the smallest
 
 
+@styled
 def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
     """Draw first contact over the skin, and the least error of a force before and after.
 
@@ -50,6 +51,7 @@ def plot_range(found: ForceRange, file: Path | None = None) -> Figure:
     return written(figure, file)
 
 
+@styled
 def plot_pad_range(found: PadForceRange, file: Path | None = None) -> Figure:
     """Draw first contact, the force that can be told and the least errors over a pad.
 

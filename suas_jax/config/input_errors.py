@@ -92,9 +92,9 @@ class InputErrors(NamedTuple):
             for name in self.assumed
         )
         return (
-            f"the skin file states no tolerances of these; one standard deviation is taken as: "
-            f'{listed} (write your own, such as thickness = "1.50 mm +- 0.03 mm", or "+- 0" '
-            "where a value is exact)"
+            "the skin file states no tolerances for these numbers; one standard deviation is "
+            f'assumed: {listed} (state your own, such as thickness = "1.50 mm +- 0.03 mm", or '
+            '"+- 0" where a value is exact)'
         )
 
 

@@ -85,8 +85,8 @@ class Modes:
 def modes(scene: SceneSpec, count: int = 6) -> Modes:
     """Natural modes about the state that a scene's loads hold, or about rest.
 
-    They are those of the shell; in plane strain to first order with the transverse shear that
-    it leaves out.
+    The modes are those of the shell, in plane strain with its first-order correction for
+    transverse shear.
 
     Args:
         scene: with trapped oil, and with the densities and the viscosity.

@@ -5,11 +5,12 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from suas_jax.figures.style import CONTACT, written
+from suas_jax.figures.style import CONTACT, styled, written
 from suas_jax.scene.curve import total_force
 from suas_jax.scene.sweep import Sweep
 
 
+@styled
 def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     """Draw force over displacement and oil pressure over force.
 
@@ -45,13 +46,14 @@ def plot_sweep(sweep: Sweep, file: Path | None = None) -> Figure:
     contact = sweep.first_contact
     if contact is not None:
         at = (contact["force_N"], 1e-3 * contact["oil_pressure_Pa"])
-        right.plot(*at, "x", color="C3", ms=9, label=f"first wall contact, {at[0]:.4g} N")
+        right.plot(*at, "x", color=CONTACT, ms=9, label=f"first wall contact, {at[0]:.4g} N")
         right.legend()
     for axes in (left, right):
         axes.grid(alpha=0.3)
     return written(figure, file)
 
 
+@styled
 def _over_time(points: list[dict[str, Any]]) -> Figure:
     """Displacement under the loads, oil pressure and force over time."""
     time = [p["t_s"] for p in points]
@@ -62,11 +64,17 @@ def _over_time(points: list[dict[str, Any]]) -> Figure:
             moved = [1e3 * p["loads"][i]["displacement_m"] for p in points]
             left.plot(time, moved, "o-", ms=3, label=f"load at {load['angle_deg']:.4g}°")
     left.set(xlabel="time [s]", ylabel="displacement of the mid-surface along the load [mm]")
-    left.legend()
-    right.plot(time, [1e-3 * p["oil_pressure_Pa"] for p in points], "o-", ms=3)
+    pressure = [1e-3 * p["oil_pressure_Pa"] for p in points]
+    lines = right.plot(time, pressure, "o-", ms=3, label="oil pressure")
     right.set(xlabel="time [s]", ylabel="oil pressure [kPa]")
     force = right.twinx()
-    force.plot(time, [total_force(p) for p in points], "s--", ms=3, color="0.5")
+    label = "total force (right)"
+    lines += force.plot(
+        time, [total_force(p) for p in points], "s--", ms=3, color="0.5", label=label
+    )
+    above = (0.5, 1.0)  # off the data
+    left.legend(loc="lower center", bbox_to_anchor=above, ncols=3)
+    right.legend(handles=lines, loc="lower center", bbox_to_anchor=above, ncols=2)
     force.set(ylabel="total force [N]")
     for axes in (left, right):
         axes.grid(alpha=0.3)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from suas_jax.acquisition.health import Health, TaxelHealth
-from suas_jax.figures.style import written
+from suas_jax.figures.style import CONTACT, styled, written
 
 _CORRELATION = "correlation with its neighbours"
 _PANELS = {
@@ -17,6 +17,7 @@ _PANELS = {
 }
 
 
+@styled
 def plot_health(health: Health, file: Path | None = None) -> Figure:
     """Draw noise, drift, loss and correlation of every taxel; faulty ones have a cross.
 
@@ -37,7 +38,7 @@ def plot_health(health: Health, file: Path | None = None) -> Figure:
         shown = axes.imshow(values, aspect="auto", interpolation="nearest", **limits)
         figure.colorbar(shown, ax=axes)
         places = [_place(taxel, modules) for taxel in health.faulty]
-        axes.plot([x for _, x in places], [y for y, _ in places], "x", color="C3", ms=6)
+        axes.plot([x for _, x in places], [y for y, _ in places], "x", color=CONTACT, ms=6)
         axes.set_title(label)
         axes.set_xticks(range(widest), range(1, widest + 1))
         axes.set_yticks(range(len(modules)), modules)

@@ -30,7 +30,7 @@ def draw_loads(axes: Axes, drawn: Outline, outer: np.ndarray, angle: np.ndarray)
             "",
             xy=tuple(at),
             xytext=tuple(at - length * push),
-            arrowprops={"arrowstyle": "-|>", "color": "C3", "lw": 1.5},
+            arrowprops={"arrowstyle": "-|>", "color": CONTACT, "lw": 1.5},
         )
         axes.update_datalim([at - length * push])
 

@@ -9,13 +9,14 @@ from matplotlib.figure import Figure
 from suas_jax.dynamics.modes import Modes
 from suas_jax.dynamics.motion import Motion
 from suas_jax.dynamics.pad import PadMotion
-from suas_jax.figures.style import WALL, written
+from suas_jax.figures.style import FIRST, SECOND, WALL, styled, written
 
 _COLUMNS = 3
 # Largest displacement drawn, over the section's width.
 _AMPLITUDE = 0.035
 
 
+@styled
 def plot_modes(found: Modes, file: Path | None = None) -> Figure:
     """Draw every mode, displacements enlarged: of a section at both ends of its swing.
 
@@ -53,7 +54,7 @@ def _draw_section(axes: Axes, motion: Motion, shape: np.ndarray) -> None:
     faces = motion.outline.faces[::2]
     size = _AMPLITUDE * np.ptp(faces[:, 0])
     axes.fill(*(1e3 * motion.wall), color=WALL, lw=0)
-    for swing, style in ((0.0, "0.6"), (-size, "C1"), (size, "C0")):
+    for swing, style in ((0.0, "0.6"), (-size, SECOND), (size, FIRST)):
         for x, y in 1e3 * (faces + swing * shape):
             axes.plot(x, y, color=style, lw=1.0)
     axes.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")

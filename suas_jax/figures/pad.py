@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from suas_jax.config import SkinSpec, continuous_inputs
-from suas_jax.figures.style import written
+from suas_jax.figures.style import CONTACT, styled, written
 from suas_jax.scene.parts import skin_parts
 
 
+@styled
 def plot_pad(
     skin: SkinSpec,
     values: Sequence[float],
@@ -55,7 +56,7 @@ def plot_pad(
     patches = PatchCollection(discs, array=np.ma.masked_invalid(value), ec="0.3", lw=0.4)
     patches.get_cmap().set_bad("0.9")
     axes.add_collection(patches)
-    axes.plot(*[c[np.isnan(value)] for c in (x, y)], "x", color="C3", ms=6)
+    axes.plot(*[c[np.isnan(value)] for c in (x, y)], "x", color=CONTACT, ms=6)
     if numbers:
         for a, b, m, k in zip(x, y, taxels.module, taxels.number, strict=True):
             axes.text(a, b, f"{m}.{k}", ha="center", va="center", fontsize=5)

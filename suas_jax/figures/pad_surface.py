@@ -13,6 +13,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from mpl_toolkits.mplot3d import Axes3D
 
 from suas_jax.equilibrium.balance import Problem, State
+from suas_jax.figures.style import SECOND, styled
 from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.mechanics.pad.shape import PadShape
 from suas_jax.scene.parts import SceneParts, scene_parts
@@ -58,6 +59,7 @@ def _grid(problem: Problem, state: State, shown: State) -> _Grid:
     return _Grid(inner, outer, height, angle)
 
 
+@styled
 def plot_pad_surface(solution: Solution) -> Figure:
     """Draw the gap and the displacement of a pad over the unrolled wall, and its shape.
 
@@ -138,9 +140,9 @@ def _draw_contact(axes: Axes, load: dict[str, Any], geometry: SkinGeometry) -> N
     x, y = load["angle_deg"], 1e3 * load["axial_m"]
     half = np.rad2deg(load["contact_half_width_m"] / float(geometry.outer_size[0]))
     reach = 1e3 * load["contact_half_width_axial_m"]
-    axes.plot(x, y, "+", color="C1", ms=10, zorder=3)
+    axes.plot(x, y, "+", color=SECOND, ms=10, zorder=3)
     axes.add_patch(
-        Ellipse((x, y), 2 * half, 2 * reach, fill=False, edgecolor="C1", lw=1.8, zorder=3)
+        Ellipse((x, y), 2 * half, 2 * reach, fill=False, edgecolor=SECOND, lw=1.8, zorder=3)
     )
     axes.annotate(
         f"body, {load['force_N']:.3g} N", (x + half, y + reach), xytext=(5, 5),
@@ -157,7 +159,7 @@ def _draw_load(axes: Axes, load: PadLoad, geometry: SkinGeometry) -> None:
     outline: Ellipse | Rectangle = Ellipse((x, y), 2 * half, 2 * reach)
     if load.diameter is None:
         outline = Rectangle((x - half, y - reach), 2 * half, 2 * reach)
-    outline.set(fill=False, edgecolor="C1", linewidth=1.8, zorder=3)
+    outline.set(fill=False, edgecolor=SECOND, linewidth=1.8, zorder=3)
     axes.add_patch(outline)
     axes.annotate(
         f"{float(load.force[0]):.3g} N", (x + half, y + reach), xytext=(3, 3),

@@ -1,6 +1,6 @@
 """Figure of a solved section."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from suas_jax.equilibrium.balance import Problem, State
 from suas_jax.figures.load_arrows import draw_bodies, draw_loads
 from suas_jax.figures.outline import Outline, outline
-from suas_jax.figures.style import FILM
+from suas_jax.figures.style import FILM, FIRST, SECOND, styled
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.base import Profile
 from suas_jax.mechanics.section import section_of
@@ -26,6 +26,46 @@ def _profile(problem: Problem, state: State, shown: State) -> Profile:
     return section_of(problem.mechanics.around(state.q)).profile(shown.q, _SAMPLES)
 
 
+class Deformed(NamedTuple):
+    """A deformed membrane as curves.
+
+    Attributes:
+        angle: of their points on the undeformed section [rad].
+        inner: face [2, point] [mm].
+        outer: face [2, point] [mm].
+        energy: strain energy per volume, mean over the thickness [J/m^3].
+    """
+
+    angle: np.ndarray
+    inner: np.ndarray
+    outer: np.ndarray
+    energy: np.ndarray
+
+
+def deformed(solution: Solution, drawn: Outline) -> Deformed:
+    """The faces of a solved section.
+
+    Args:
+        solution: a solution with the lumped shell.
+        drawn: the outline of its scene.
+    """
+    shape = solution.read(_profile)
+    angle = np.asarray(shape.angle)[..., 0].T.ravel()
+
+    def face(rest: np.ndarray, displacement: object) -> np.ndarray:
+        moved = np.asarray(displacement)[..., 0].transpose(0, 2, 1).reshape(2, -1)
+        at_rest = np.stack([np.interp(angle, drawn.angle, x) for x in rest])
+        return np.asarray(1e3 * (at_rest + moved))
+
+    return Deformed(
+        angle,
+        face(drawn.inner, shape.inner_displacement),
+        face(drawn.outer, shape.outer_displacement),
+        np.asarray(shape.energy_density)[..., 0].T.ravel(),
+    )
+
+
+@styled
 def plot_section(solution: Solution) -> Figure:
     """Draw the deformed section over the undeformed one, and its gap with the taxels' counts.
 
@@ -34,23 +74,8 @@ def plot_section(solution: Solution) -> Figure:
     Args:
         solution: a solution with the lumped shell.
     """
-    shape = solution.read(_profile)
     drawn = outline(solution.scene)
-    angle = np.asarray(shape.angle)[..., 0].T.ravel()
-
-    def face(rest: np.ndarray, displacement: object) -> np.ndarray:
-        moved = np.asarray(displacement)[..., 0].transpose(0, 2, 1).reshape(2, -1)
-        at_rest = np.stack([np.interp(angle, drawn.angle, x) for x in rest])
-        return np.asarray(1e3 * (at_rest + moved))
-
-    inner, outer = (
-        face(rest, moved)
-        for rest, moved in (
-            (drawn.inner, shape.inner_displacement),
-            (drawn.outer, shape.outer_displacement),
-        )
-    )
-    energy = np.asarray(shape.energy_density)[..., 0].T.ravel()
+    angle, inner, outer, energy = deformed(solution, drawn)
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     across, along = figure.subplots(1, 2, width_ratios=(1.25, 1))
     for curve in (drawn.inner, drawn.outer):
@@ -89,7 +114,7 @@ def _draw_gap(
     nearest = distance.argmin(1)
     by_arc = np.isnan(drawn.given).any() or any("arc_m" in taxel for taxel in taxels)
     places = np.interp(fine, drawn.angle, 1e3 * drawn.arc if by_arc else drawn.given)
-    axes.plot(places[nearest], distance.min(1), color="C0", label="gap")
+    axes.plot(places[nearest], distance.min(1), color=FIRST, label="gap")
     rest = 1e3 * np.linalg.norm(drawn.inner - drawn.wall, axis=0)
     at_rest = 1e3 * drawn.arc if by_arc else drawn.given
     axes.plot(at_rest, rest, color="0.7", lw=0.8, ls="--", label="gap at rest")
@@ -101,7 +126,7 @@ def _draw_gap(
         scale = axes.twinx()
         at = [1e3 * taxel["arc_m"] if by_arc else taxel["angle_deg"] for taxel in taxels]
         counts = np.array([taxel["so"] for taxel in taxels], float)
-        handles += scale.plot(at, counts, "o", color="C1", ms=5, label="taxels (right)")
+        handles += scale.plot(at, counts, "o", color=SECOND, ms=5, label="taxels (right)")
         scale.set(ylabel="sensor output [counts]")
         scale.set_ylim(0, _ROOM * max(np.nanmax(counts, initial=0.0), 1.0))
     axes.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)

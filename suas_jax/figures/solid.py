@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from suas_jax.figures.load_arrows import draw_bodies, draw_loads
 from suas_jax.figures.outline import Outline, outline
 from suas_jax.figures.solid_fields import solid_fields
+from suas_jax.figures.style import styled
 from suas_jax.figures.wall import draw_wall
 from suas_jax.mechanics.solid.element import NODES
 from suas_jax.scene.solve import Solution
@@ -21,6 +22,7 @@ _QUADS = [
 ]
 
 
+@styled
 def plot_solid(solution: Solution) -> Figure:
     """Draw energy and hoop stretch over the deformed section, and the stretch across it.
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 
 class Float64Error(RuntimeError):
-    """JAX computes in single precision, which the equilibrium can't be found in."""
+    """JAX computes in single precision, which is not enough to find an equilibrium."""
 
 
 def require_float64() -> None:

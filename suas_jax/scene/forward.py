@@ -83,9 +83,9 @@ def forward(skin: Skin, loads: Loads, start: State | None = None) -> SensorOutpu
     Differentiable by every array of the skin and of the loads, in forward and reverse mode,
     through the implicit derivative of the equilibrium. Called with numbers it runs a compiled
     program, kept between runs: one serves all loads of the same shape, and a lane is cheaper
-    than a call; half of many lanes of a section go through a second thread. What is made of it
-    is best compiled whole (``suas_jax.jit(jax.grad(loss))``); the mesh of a pad is then made
-    before (`Skin.around`), as it is where a `start` shall be on the same one.
+    than a call; of many lanes of a section a second thread takes half. Compile a function of it
+    whole (``suas_jax.jit(jax.grad(loss))``), after the mesh of a pad is made (`Skin.around`). A
+    `start` needs a pad whose mesh is made, too.
     A load that doesn't converge is named in `result`, a taxel that touches the wall in
     `readings.touching`; nothing is raised.
 

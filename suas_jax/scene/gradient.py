@@ -122,8 +122,8 @@ def gradient(solution: Solution, path: str) -> dict[str, float]:
 
     Costs one linear solve with the tangent at the equilibrium, whatever the number of
     inputs. Stations move with clamps and loads, as they do when the scene is solved again.
-    Where the membrane lies on the wall, it is that of the contact law's own tangent; at the
-    very load at which a point touches, that of the open side.
+    Where the membrane lies on the wall, the derivative is that of the contact law's tangent; at
+    the load at which a point just touches, it is that of the open side.
 
     Args:
         solution: a converged solution.

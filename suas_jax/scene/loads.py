@@ -150,7 +150,9 @@ def _rows(x: ArrayLike) -> Array:
 
 
 def loads_of(scene: SceneSpec, inputs: Mapping[str, ArrayLike] | None = None) -> Loads:
-    """The loads of a scene, those spread over an arc as a few points of one direction.
+    """The loads of a scene as `forward` takes them.
+
+    Loads that are spread over an arc become a few points of one direction.
 
     Args:
         scene: its [[load]] tables: lines of a section, or discs of a pad, and pressures.

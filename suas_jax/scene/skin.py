@@ -150,12 +150,12 @@ def skin_of(
             specification's own: pass traced numbers here to differentiate by them.
         elements: of the mesh, see `Skin`; None for `ELEMENTS` or `PAD_ELEMENTS`.
         contact: whether the wall holds the membrane, if the specification says so. Without
-            it programs compile in half the time; states at the wall are still told by
-            `Readings.touching`.
+            it programs compile in half the time; `Readings.touching` still names states at the
+            wall.
         mesh: of a pad, see `Skin.around`.
 
     Raises:
-        ConfigError: the section can't be, or a taxel lies off it.
+        ConfigError: the section is impossible, or a taxel lies off it.
         ValueError: the skin has no electrodes, a path is none of its inputs, or elements are
             those of the other kind of skin.
         Float64Error: float64 is off.

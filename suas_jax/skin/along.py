@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.interpolate import CubicSpline
 
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.newton_polynomial import polynomial
@@ -77,11 +76,15 @@ class Sheet(eqx.Module):
 
 def _powers(at: tuple[float, ...]) -> Float[np.ndarray, "power interval place"]:
     """Of the splines through one at a place and zero at the others, from the knots."""
+    from scipy.interpolate import CubicSpline  # a fifth of the package's imports
+
     return np.asarray(CubicSpline(np.array(at), np.eye(len(at))).c)[::-1]
 
 
 def _weights(at: tuple[float, ...]) -> Float[np.ndarray, " place"]:
     """Of the values in their mean."""
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(np.array(at), np.eye(len(at)))
     return np.asarray(spline.integrate(0, 1))
 

@@ -20,19 +20,21 @@ WANTED = {
 
 STATUS = {
     "ok": "The estimate and its covariance hold.",
-    "ok_drifted": "The estimate and its covariance hold; the readings at rest have left the "
-    "baseline, and the drift is taken off: look at the device, or take a new baseline.",
+    "ok_drifted": "The estimate and its covariance hold. The readings at rest have left the "
+    "baseline by more than 3 counts, which are taken off: look at the device, or take a new "
+    "baseline.",
     "no_contact": "Nothing touches the skin, at the stated false-alarm rate.",
-    "drifting": "Nothing touches the skin, and its readings at rest have left the baseline; "
-    "the drift is taken off.",
-    "imprecise": "The readings hardly determine the load: see the covariance.",
+    "drifting": "Nothing touches the skin. Its readings at rest have left the baseline by more "
+    "than 3 counts, which are taken off.",
+    "imprecise": "The readings leave more open than 2 degrees or mm, 20 % of the force or 10 "
+    "degrees of direction (one standard deviation, without the skin file's tolerances).",
     "ambiguous": "Another load explains the readings almost as well: see alternatives.",
     "pull": "Something pulls the skin outwards: the force is negative.",
     "at_edge": "The contact is at the clamp or beyond it, where readings hardly change.",
     "poor_fit": "The model is wrong by more than noise and tolerances explain; the covariance "
     "is scaled up accordingly.",
     "wall_contact": "The membrane lies on the wall, which takes all further load unseen: at "
-    "least the force stated acts.",
+    "least the force stated acts (95 %).",
     "model_mismatch": "No load on this skin explains the readings: check skin file, "
     "layout and baseline.",
     "saturated": "All taxels are saturated.",
@@ -132,10 +134,10 @@ class LoadEstimate:
     """What a frame says.
 
     Attributes:
-        contact: whether anything touches the skin; None where that can't be told.
+        contact: whether anything touches the skin; None where the readings cannot say.
         contacts: the contacts, by angle.
         oil_pressure: above ambient [Pa]; NaN where unknown.
-        wall_contact: whether the membrane touches the wall; None where that can't be told.
+        wall_contact: whether the membrane touches the wall; None where that is not known.
         chi2_per_dof: weighted squares of the residuals per degree of freedom.
         status: outcome, a key of `STATUS`.
         left_out: taxels (positions in the layout) left out as faulty or missing.

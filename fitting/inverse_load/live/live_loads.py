@@ -29,9 +29,9 @@ class LoadFrame:
     Attributes:
         time_s: on the device's clock if it has one, else on the host's [s].
         seq: frame number.
-        contact: whether anything touches the skin; None where that can't be told.
-        status: a key of `fitting.inverse_load.estimate.estimate.STATUS`; a number is to be
-            trusted where it is `ok`.
+        contact: whether anything touches the skin; None where the readings cannot say.
+        status: a key of `fitting.inverse_load.estimate.estimate.STATUS`; trust the numbers
+            where it is `ok`.
         loads: structured array [load] with the fields `angle_rad` from the symmetry axis,
             `force_N` inwards, and `covariance` [2, 2] of these two in rad and N; on a pad
             `axial_m` stands between them, `diameter_m`, `direction_rad` and `tilt_rad` follow

@@ -89,7 +89,7 @@ class PadNodeSearch(AbstractNodeSearch):
         return self.rest_states(len(node))
 
     def rest_states(self, frames: int) -> State:
-        """Likewise."""
+        """Empty states of so many frames."""
         none = jnp.zeros((0, 0, frames))
         return State(none, jnp.zeros(frames), jnp.zeros(frames))
 

@@ -1,7 +1,8 @@
 """Figures of estimated loads over time."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +10,7 @@ from matplotlib.figure import Figure
 
 from fitting.arrays import Floats
 from fitting.inverse_load.estimate.estimate import Contact, LoadEstimate
-from suas_jax.figures.style import written
+from suas_jax.figures.style import CONTACT, FIRST, SECOND, styled, written
 
 _BAND = 1.96  # standard deviations of the 95 % interval
 _LONGEST = 3.0  # intervals shown whole, in terms of their median
@@ -24,6 +25,7 @@ _LABELS = {
 }
 
 
+@styled
 def plot_loads(
     time: Floats,
     estimates: Sequence[LoadEstimate],
@@ -32,59 +34,105 @@ def plot_loads(
 ) -> Figure:
     """Place, force and misfit over time, with 95 % intervals.
 
+    Bars are what the noise of a frame leaves open. The band is what the skin file's tolerances
+    leave open beside it, by one error that all frames share.
+
     Args:
         time: of the frames [s].
         estimates: one a frame.
         file: where to write the figure; its ending chooses the format.
-        filtered: loads filtered over time, drawn as a line.
+        filtered: loads filtered over time, drawn as points.
     """
-    rows = [(t, c) for t, e in zip(time, estimates, strict=True) for c in e.contacts]
-    estimated = {"force"}.union(*(c.names for _, c in rows)) if rows else {"angle", "force"}
-    names = [name for name in _LABELS if name in estimated]
-    figure = Figure(figsize=(9, 3 + 2 * len(names)), layout="constrained")
+    contacts = [estimate.contacts for estimate in estimates]
+    estimated = {name for found in contacts for c in found for name in c.names}
+    names = [name for name in _LABELS if name in (estimated or {"angle", "force"})]
+    figure = Figure(figsize=(8, 1.6 * (len(names) + 1)), layout="constrained")
     panels = figure.subplots(len(names) + 1, 1, sharex=True)
-    misfit = panels[-1]
     for axes, name in zip(panels, names, strict=False):
-        scale, label = _LABELS[name]
-        axes.set_ylabel(label)
-        values = np.array([scale * getattr(c, name) for _, c in rows])
-        errors = np.array(
-            [
-                np.nan if c.covariance is None else _BAND * scale * c.deviation(name)
-                for _, c in rows
-            ]
-        )
-        at = np.array([t for t, _ in rows])
-        axes.errorbar(at, values, errors, fmt=".", ms=4, lw=0.8, color="C0", label="frames")
-        _limit(axes, values, errors)
+        axes.set_ylabel(_LABELS[name][1])
+        _draw_quantity(axes, name, time, contacts)
         if name == "force":
             _draw_bounds(axes, time, estimates)
         if filtered is not None and name in ("angle", "arc", "axial", "force"):
-            smooth = [(t, c) for t, cs in zip(time, filtered, strict=True) for c in cs]
-            axes.plot(
-                [t for t, _ in smooth],
-                [scale * getattr(c, name) for _, c in smooth],
-                ".",
-                ms=2,
-                color="C1",
-                zorder=3,  # over the frames, which they lie among
-                label="filtered",
-            )
-        if len(axes.get_legend_handles_labels()[0]) > 1:
-            axes.legend(fontsize="small")
-    statuses = sorted({e.status for e in estimates})
-    for name in statuses:
-        chosen = [
+            scale = _LABELS[name][0]
+            smooth = [
+                (t, scale * getattr(c, name))
+                for t, found in zip(time, filtered, strict=True)
+                for c in found
+            ]
+            label = "filtered"
+            axes.plot(*_columns(smooth), ".", ms=2, color=SECOND, zorder=3, label=label)
+    _draw_misfit(panels[-1], time, estimates)
+    for axes in panels:
+        axes.grid(alpha=0.3)
+        if axes.get_legend_handles_labels()[0]:
+            off = (1.0, 1.0)  # the data
+            axes.legend(loc="upper left", bbox_to_anchor=off, fontsize="small", frameon=False)
+    return written(figure, file)
+
+
+def _draw_quantity(
+    axes: Axes, name: str, time: Floats, contacts: Sequence[Sequence[Contact]]
+) -> None:
+    """A quantity of all contacts: points, bars of noise, a band of tolerances."""
+    scale = _LABELS[name][0]
+    shared = any(c.systematic is not None for found in contacts for c in found)
+    label = "noise and tolerances, 95 %"
+    for t, rows in _tracks(time, contacts) if shared else ():
+        values = np.array([scale * getattr(c, name) for c in rows])
+        whole = np.array([_BAND * scale * c.deviation(name) for c in rows])
+        style: dict[str, Any] = {"color": FIRST, "alpha": 0.2, "label": label}
+        if len(t) > 1:
+            axes.fill_between(t, values - whole, values + whole, lw=0, **style)
+        else:
+            axes.vlines(t, values - whole, values + whole, lw=4, **style)
+        label = "_"  # not once more in the legend
+    seen = [(t, c) for t, found in zip(time, contacts, strict=True) for c in found]
+    if not seen:
+        return
+    values = np.array([scale * getattr(c, name) for _, c in seen])
+    bars = np.array([_BAND * scale * _noise(c, name) for _, c in seen])
+    at, label = [t for t, _ in seen], "estimate, noise 95 %"
+    axes.errorbar(at, values, bars, fmt=".", ms=3, lw=0.8, color=FIRST, label=label)
+    _limit(axes, values, np.array([_BAND * scale * c.deviation(name) for _, c in seen]))
+
+
+def _tracks(
+    time: Floats, contacts: Sequence[Sequence[Contact]]
+) -> Iterator[tuple[list[float], list[Contact]]]:
+    """Times and contacts of frames that follow one another with the same number of contacts."""
+    start = 0
+    for k in range(1, len(contacts) + 1):
+        if k == len(contacts) or len(contacts[k]) != len(contacts[start]):
+            for rows in zip(*contacts[start:k], strict=True):
+                yield list(time[start:k]), list(rows)
+            start = k
+
+
+def _noise(contact: Contact, name: str) -> float:
+    """Standard deviation of a quantity by noise alone; NaN where unknown."""
+    covariance = contact.noise_covariance
+    if covariance is None:
+        return float("nan")
+    k = contact.names.index(name)
+    return float(np.sqrt(max(covariance[k, k], 0.0)))
+
+
+def _columns(rows: Sequence[tuple[float, float]]) -> tuple[list[float], list[float]]:
+    return [x for x, _ in rows], [y for _, y in rows]
+
+
+def _draw_misfit(axes: Axes, time: Floats, estimates: Sequence[LoadEstimate]) -> None:
+    """Weighted squares of the residuals, a colour and a marker for each status."""
+    markers = "os^vDPX*<>"
+    for k, status in enumerate(sorted({e.status for e in estimates})):
+        rows = [
             (t, e.chi2_per_dof)
             for t, e in zip(time, estimates, strict=True)
-            if e.status == name
+            if e.status == status
         ]
-        misfit.plot(*zip(*chosen, strict=True), ".", ms=4, label=name)
-    misfit.set_ylabel("χ² per degree of freedom")
-    misfit.set_xlabel("time [s]")
-    if statuses:
-        misfit.legend(loc="upper right", fontsize="small")
-    return written(figure, file)
+        axes.plot(*_columns(rows), markers[k % len(markers)], ms=3, label=status)
+    axes.set(xlabel="time [s]", ylabel="χ² per degree\nof freedom")
 
 
 def _draw_bounds(axes: Axes, time: Floats, estimates: Sequence[LoadEstimate]) -> None:
@@ -93,7 +141,7 @@ def _draw_bounds(axes: Axes, time: Floats, estimates: Sequence[LoadEstimate]) ->
         (t, e.at_least) for t, e in zip(time, estimates, strict=True) if e.at_least is not None
     ]
     if bounds:
-        axes.plot(*zip(*bounds, strict=True), "^", ms=5, color="C3", label="at least")
+        axes.plot(*_columns(bounds), "^", ms=5, color=CONTACT, label="at least")
 
 
 def _limit(axes: Axes, values: Floats, errors: Floats) -> None:

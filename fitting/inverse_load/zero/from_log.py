@@ -39,8 +39,8 @@ def zero_from_log(
     Args:
         spec: the skin, in plane strain.
         log: SO log that begins at rest.
-        known: the presses in words, in their order; without any the log, or `inputs`, says
-            them in columns.
+        known: the presses in words, in their order; without any, columns of the log or of
+            `inputs` state them.
         inputs: a second file of known inputs.
         model_error: of the model's change of readings, relative.
 

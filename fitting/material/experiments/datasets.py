@@ -232,8 +232,8 @@ def load_dataset(
         scene: scene file of the skin, for the mode "skin".
         columns: what columns measure where their names don't say, such as
             {"force": "3", "extension": "5 mm"}; see `read_table`.
-        machine_stiffness: of the machine with its grips, such as "2 kN/mm": the travel that
-            it takes itself is taken off.
+        machine_stiffness: of the machine with its grips, such as "2 kN/mm": its own travel is
+            subtracted.
 
     Raises:
         DataError: the file can't be used; the message names file, line, column, the

@@ -47,7 +47,7 @@ _NOISE_ROUNDS = 2
 
 
 class NoFit(ArithmeticError):  # noqa: N818
-    """No constants can be returned: every start failed, or the best is no rubber."""
+    """No constants can be returned: every start failed, or the law has no stiffness at rest."""
 
 
 def refuse_without_stiffness(

@@ -14,7 +14,7 @@ from fitting.material.fit.band import asked_stretches
 from fitting.material.fit.bulk_modulus import ENERGY, BulkModulus
 from fitting.material.fit.result import MaterialFit
 from suas_jax.config.quantities import format_quantity
-from suas_jax.figures.style import written
+from suas_jax.figures.style import styled, written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +23,7 @@ _MARKERS = ("o", "s")
 _POINTS = 120
 
 
+@styled
 def plot_material(
     fit: MaterialFit | None, file: Path | None = None, bulk: BulkModulus | None = None
 ) -> Figure:
@@ -163,6 +164,7 @@ def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -
         axes.set_ylim(low - 0.1 * (high - low), high + 0.3 * (high - low))
 
 
+@styled
 def plot_data(table: Table, data: Dataset | None, file: Path | None = None) -> Figure:
     """Draw what was read: the test, or where it is incomplete its columns over the rows.
 

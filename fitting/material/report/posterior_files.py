@@ -24,6 +24,7 @@ from fitting.material.fit.problem import Residuals
 from fitting.material.fit.result import MaterialFit
 from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.posterior import PosteriorError, Settings
+from suas_jax.figures.style import styled
 from suas_jax.figures.style import written as figure_written
 from suas_jax.files.writing import written
 from suas_jax.runtime.compiled import COMPILED
@@ -62,6 +63,7 @@ def to_arviz(found: MaterialPosterior) -> Any:
     return arviz.from_dict(**groups)
 
 
+@styled
 def plot_corner(found: MaterialPosterior, file: Path) -> None:
     """Write a corner plot of the constants (MPa or plain numbers).
 
@@ -87,6 +89,7 @@ def plot_corner(found: MaterialPosterior, file: Path) -> None:
     figure_written(figure, file)
 
 
+@styled
 def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figure:
     """Draw the posterior's predictions over the data, and of modes that were not measured.
 

@@ -66,7 +66,7 @@ def fit_sensor(
         priors: mean and standard deviation by name, SI, that are always used.
         baseline: counts at rest, which fix an offset of every taxel.
         offsets: give every taxel an offset of its own.
-        air: how air in the gap answers: "skin" (as the skin file says), "trapped" or
+        air: how air in the gap responds: "skin" (as the skin file says), "trapped" or
             "vented".
         gaps: whether all taxels share one gap ("global"), those of a module ("module"), or
             each has its own ("taxel").

@@ -21,7 +21,7 @@ from suas_jax.skin.plain import angles_at
 
 
 class NoCalibration(ValueError):  # noqa: N818
-    """The logs don't belong to the skin, or nothing can be told from them."""
+    """The logs don't belong to the skin, or determine no constant."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +100,7 @@ def load_sensor_data(
         spec: the skin that they were taken with.
         logs: SO logs.
         inputs: files of known inputs: one for each log, or one for all.
-        fluids: likewise, what filled the gap.
+        fluids: what filled the gap: one for each log, or one for all.
         joint: the material is to be found, too: of a load whose force and displacement are
             both known the force is used, else the displacement.
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Ellipse
 from fitting.sensor.fit.result import SensorFit
 from fitting.sensor.model.counts import parts_of
 from fitting.statistics.chain import Posterior
-from suas_jax.figures.style import written
+from suas_jax.figures.style import FIRST, styled, written
 from suas_jax.sensing.taxels import taxel_names
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ _MOST = 6
 _DRAWS = 4000
 
 
+@styled
 def plot_sensor(
     fit: SensorFit, file: Path | None = None, posterior: Posterior | None = None
 ) -> Figure:
@@ -104,7 +105,7 @@ def _draw_corner(fit: SensorFit, figure: Any, posterior: Posterior | None) -> No
                 own.axis("off")
                 continue
             if len(draws) and column < row:
-                own.plot(draws[:, column], draws[:, row], ",", color="C0", alpha=0.5)
+                own.plot(draws[:, column], draws[:, row], ",", color=FIRST, alpha=0.5)
             if column == row:
                 if len(draws):
                     _histogram(own, draws[:, row])
@@ -121,7 +122,7 @@ def _draw_corner(fit: SensorFit, figure: Any, posterior: Posterior | None) -> No
 def _histogram(axes: "Axes", draws: np.ndarray) -> None:
     """Samples, to the height of a Gaussian of one."""
     heights, edges = np.histogram(draws, bins=40)
-    axes.stairs(heights / max(heights.max(), 1), edges, fill=True, color="C0", alpha=0.4)
+    axes.stairs(heights / max(heights.max(), 1), edges, fill=True, color=FIRST, alpha=0.4)
 
 
 def _ellipses(axes: "Axes", covariance: np.ndarray) -> None:

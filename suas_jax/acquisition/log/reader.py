@@ -35,7 +35,7 @@ def is_log(path: Path) -> bool:
 
 
 def read_log(path: Path, *, follow: bool = True) -> SoLog:
-    """Read a log, written here or by other hands.
+    """Read a log of this or another program.
 
     Tolerated: comment lines and blank lines anywhere, CRLF, a byte order mark, quoted
     fields, columns in another order, further columns (returned as `flags`), missing values
