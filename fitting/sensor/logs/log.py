@@ -162,7 +162,7 @@ def read_aligned(
     known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
     for (load, quantity), values in known.values.items():
-        if quantity in ("force", "displacement", "inner_displacement"):
+        if quantity in ("force", "displacement", "inner_displacement", "depth"):
             kept &= np.isfinite(values)
             # At rest a load needs no place.
             for name in ("angle", "arc"):
