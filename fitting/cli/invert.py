@@ -8,7 +8,7 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import TrustNetwork, Workers, executor, pad_settings
+from fitting.cli.options import TrustNetwork, Workers, executor, material_note, pad_settings
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
@@ -133,6 +133,7 @@ def invert(
         from suas_jax.runtime.settings import configure
 
         spec = _spec_of(skin, zero)
+        material_note(spec)
         configure()
 
         def prepare() -> "LoadEstimator":
