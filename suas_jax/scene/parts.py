@@ -195,7 +195,7 @@ def _skin(
     geometry = build_geometry(
         spec.geometry, lambda key: _lane_at(numbers, f"geometry.{key}"), prestress
     )
-    electrodes = electrodes_of(spec, numbers, geometry)
+    electrodes = electrodes_of(spec, numbers, geometry, prestress.warmed)
     law = law or _law(spec, numbers)
     wall = _wall(spec, geometry, law, numbers)
     oil = prestress.contain(_oil(spec, numbers))

@@ -5,6 +5,7 @@ saturated taxels, repeated frames, frames without known inputs.
 """
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from fitting.sensor.logs.known_inputs import fluid_name
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
+from fitting.temperature import LogTemperature, spec_at
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
@@ -126,7 +128,11 @@ def load_sensor_data(
         read_aligned(spec, path, of(inputs, i), of(fluids, i))  # type: ignore[arg-type]
         for i, path in enumerate(logs)
     ]
-    return _joined(spec, parts, joint)
+    warm = [part.temperature for part in parts if part.temperature is not None]
+    whole = functools.reduce(LogTemperature.and_then, warm) if warm else None
+    spec, said = spec_at(spec, whole, ", ".join(map(str, logs)))
+    data = _joined(spec, parts, joint)
+    return dataclasses.replace(data, warnings=(*data.warnings, *said))
 
 
 _PLACES = {"direction": 1, "axial": 4, "diameter": 5, "depth": 6, "radius": 7}

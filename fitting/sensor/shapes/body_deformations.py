@@ -73,15 +73,19 @@ def deform_by_bodies(
     faces, forces, moved, states = [], [], [], []
     for k in range(loads.states):
         scene, plan, numbers = _prepared(spec, loads, k, inputs)
-        face, force, u, state, result = COMPILED.run(_solved, scene, plan, numbers, oil)
+        face, force, u, state, gap, result = COMPILED.run(_solved, scene, plan, numbers, oil)
+        where = ", ".join(
+            f"{1e3 * d:.4g} mm deep at {np.rad2deg(a):.4g} deg"
+            for d, a in zip(loads.depth[:, k], loads.angle[:, k], strict=True)
+        )
         if found := int(number(result)):
-            where = ", ".join(
-                f"{1e3 * d:.4g} mm deep at {np.rad2deg(a):.4g} deg"
-                for d, a in zip(loads.depth[:, k], loads.angle[:, k], strict=True)
-            )
             raise NoDeformation(
                 f"a body {where}: {NAMES[found]}. {advice(NAMES[found])}; check the columns' "
                 f"units"
+            )
+        if number(gap) <= 0:
+            raise NoDeformation(
+                f"a body {where} presses the membrane onto the wall; leave such rows out"
             )
         faces.append(face)
         forces.append(np.asarray(force))
@@ -131,7 +135,7 @@ def _prepared(
     scene = SceneSpec(**given, load=tuple(bodies), solve=solve)
     counts = MODELS[spec.geometry.dimension]["shell"].first(scene)
     plan = plan_for(scene, "shell", counts)
-    return Structure(scene, wall=True), plan, {**inputs_of(scene), **inputs}
+    return Structure(scene), plan, {**inputs_of(scene), **inputs}
 
 
 def _problem(
@@ -140,7 +144,7 @@ def _problem(
     parts = scene_parts(scene.scene, inputs)
     if oil is not None:
         parts = parts._replace(skin=parts.skin._replace(oil=oil))
-    return parts, problem_of(parts, plan, wall=scene.wall)
+    return parts, problem_of(parts, plan)
 
 
 def _read(
@@ -163,11 +167,12 @@ def _read(
 @eqx.filter_jit
 def _solved(
     scene: Structure, plan: AbstractPlan, inputs: Mapping[str, Any], oil: AbstractOil | None
-) -> tuple[AbstractFace, Array, Array, State, Array]:
+) -> tuple[AbstractFace, Array, Array, State, Array, Array]:
     parts, problem = _problem(scene, plan, inputs, oil)
-    found = equilibrium(problem, wall_on_demand=True)
+    found = equilibrium(problem)
     face, force, moved = _read(parts, problem, found.state)
-    return face, force, moved, found.state, found.result
+    gap = problem.mechanics.shape(found.state.q).smallest_gap(parts.skin.geometry).value
+    return face, force, moved, found.state, gap, found.result
 
 
 @eqx.filter_jit
