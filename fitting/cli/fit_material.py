@@ -208,6 +208,11 @@ def material(
             raise ValueError(
                 "--bulk-modulus: the volumetric data give it; leave one of them out"
             )
+        if sample and "indentation" in modes:
+            raise ValueError(
+                "--sample: an indentation curve takes too long to solve for as many samples; "
+                "its intervals are those of the fit"
+            )
         # Where a skin is the test, the scene is its specimen.
         scene = None if modes & {"skin", "indentation"} else scene
         with fitting_spinner() as show:
