@@ -28,7 +28,6 @@ from suas_jax import configure
 from suas_jax.config import SkinSpec, UncertainQuantity, load_skin
 from suas_jax.config.oils.compressible import CompressibleOilSpec
 from suas_jax.config.schema_load import EnvironmentSpec
-from suas_jax.figures.style import figure_written
 from suas_jax.scene.forward import forward
 from suas_jax.scene.loads import Loads
 from suas_jax.scene.skin import Skin, skin_of
@@ -143,7 +142,7 @@ def table(plot: Path | None) -> None:
         ax.set_ylabel("error of 5 N [%]")
     axes["oil.fill"].legend()
     if plot is not None:
-        figure_written(figure, plot)
+        figure.savefig(plot, dpi=110)
 
 
 def study(frames: int, seed: int) -> None:
