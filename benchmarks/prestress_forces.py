@@ -179,7 +179,9 @@ def study(frames: int, seed: int) -> None:
     known = ~np.isnan(so).any(1)
     noise = 2.0
     for label, spec in (("ignored", exact_file(file)), ("as nuisances", file)):
-        rest = np.asarray(skin_of(spec).electrodes.read_even_film(spec.geometry.mean_gap))[:, 0]
+        rest = np.asarray(
+            skin_of(spec).electrodes.read_even_film(np.array([spec.geometry.mean_gap]))
+        )[:, 0]
         counts = so + rest + noise * rng.standard_normal(so.shape)
         estimator = LoadEstimator(spec, rest=rest, rest_variance=noise**2 / 100)
         found = estimator.estimate(counts[known])
