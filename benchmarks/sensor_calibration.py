@@ -112,7 +112,7 @@ def experiment(
     states[states == 1e9] = np.nan
     zero = np.zeros((1, states.shape[1]))
     inner = np.zeros(1, bool)
-    loads = KnownLoads(zero + ANGLE, zero, states[:1], states[1:2], inner, zero, zero)
+    loads = KnownLoads(zero + ANGLE, zero, states[:1], states[1:2], inner, *[zero] * 4)
     counts = np.rint(so + noise * random.standard_normal(so.shape))
     return SensorData(
         spec,

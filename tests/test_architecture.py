@@ -23,7 +23,15 @@ LAYERS = {
         ["simulation", "figures"],
     ],
     "fitting": [
-        ["arrays", "credential", "json_text", "column_units", "report", "workers"],
+        [
+            "arrays",
+            "credential",
+            "json_text",
+            "column_units",
+            "report",
+            "temperature",
+            "workers",
+        ],
         ["statistics"],
         ["material", "sensor"],
         ["inverse_load"],

@@ -163,7 +163,9 @@ def test_the_papers_skin_has_the_papers_numbers():
         width=0.123,
         oil_gap=5e-3,
     )
-    assert scene.material == MooneyRivlinSpec(C1=20.7e6, C2=-4.4e6, C3=77e3)
+    own = scene.material.model_dump(include={"C1", "C2", "C3"})
+    assert own == {"C1": 20.7e6, "C2": -4.4e6, "C3": 77e3}
+    assert isinstance(scene.material, MooneyRivlinSpec)
     assert scene.loads == (LineLoadSpec(angle=math.pi / 4, force=20.7),)
     assert scene.solve == SolveSpec(model="shell", rtol=2e-3, oil_pressure=10e3)
     assert scene.skin == load_skin(CONFIGS / "skins/suas.toml")

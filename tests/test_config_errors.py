@@ -164,7 +164,7 @@ VALUES = [
         "material.C4",
         '"1 kPa"',
         "unknown key|allowed: law, response, relaxation, softening, density, expansion, "
-        "bulk_modulus, correlation, C1, C2 or C3",
+        "bulk_modulus, correlation, note, C1, C2 or C3",
     ),
     ("solve.skin", '"a.toml"', "belongs at the top level of the file, before the first"),
     ("solve.oil_gap", '"5 mm"', "belongs in [geometry]"),
@@ -242,7 +242,7 @@ TABLES = [
         {"material": {"preset": '"epdm-paper"', "mu": '"1 Pa"'}},
         'material.mu = "1 Pa"',
         "unknown key|allowed: C1, C2, C3, response, relaxation, softening, density, expansion, "
-        "bulk_modulus or correlation|"
+        "bulk_modulus, correlation or note|"
         'preset = "epdm-paper"',
     ),
     (

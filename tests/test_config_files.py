@@ -5,6 +5,7 @@ import codecs
 import pytest
 from test_config_errors import OGDEN, SCENE, edited, message_of, says, write
 
+from fitting.cli.options import material_note
 from suas_jax.config import (
     ConfigError,
     MooneyRivlinSpec,
@@ -14,6 +15,7 @@ from suas_jax.config import (
     load_scene,
     load_skin,
     scene_from_dict,
+    structure,
 )
 
 SKIN = {name: SCENE[name] for name in ("geometry", "material", "oil", "electrodes")}
@@ -212,6 +214,18 @@ def test_electrodes_are_overridden_by_key_or_with_the_layout(scene_with):
     electrodes = scene_with(electrodes={"layout": '"roboskin"', "modules": modules}).electrodes
     assert (electrodes.taxels, len(electrodes.modules)) == ((), 2)
     assert electrodes.modules[0].pitch == pytest.approx(6.533e-3)
+
+
+def test_what_is_to_be_known_of_a_preset_is_said(scene_with, capsys):
+    """On stderr and in JSON, until a file has constants of its own; no program knows it."""
+    paper = scene_with(material={"preset": '"epdm-paper"'})
+    assert "1.2 MPa" in material_note(paper)["material_note"]
+    assert "fast compression test" in capsys.readouterr().err
+    own = scene_with(material={"preset": '"epdm-paper"', "C1": '"5 MPa"', "C2": '"1 MPa"'})
+    assert (own.material.note, material_note(own)) == (None, {})
+    constants = {"C1": '"20.7 MPa"', "C2": '"-4.4 MPa"', "C3": '"77 kPa"'}
+    bare = scene_with(material={"law": '"mooney-rivlin"', **constants})
+    assert structure(paper) == structure(bare)
 
 
 def test_preset_constants_can_be_overridden_from_the_scene(tmp_path):

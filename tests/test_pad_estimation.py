@@ -719,7 +719,8 @@ def test_a_known_displacement_is_met(
 
     def deformed(force: np.ndarray, displacement: np.ndarray) -> pad_deformations.PadDeformed:
         inner, axial = np.array([True]), -0.01 * one
-        loads = KnownLoads(*place, force, displacement, inner, axial, DIAMETER * one)
+        none = (0 * one, 0 * one)
+        loads = KnownLoads(*place, force, displacement, inner, axial, DIAMETER * one, *none)
         parts = (skin.geometry, skin.law, skin.oil, skin.electrodes)
         return pad_deformations.deform_pad(loads, *parts)
 

@@ -34,8 +34,8 @@ def material(
         typer.Option(
             metavar="MODE=FILE",
             help="Test data (CSV, text, .xlsx): uniaxial, equibiaxial, pure_shear, biaxial, "
-            "biaxial_difference, simple_shear, balloon, bulge, volumetric or skin. May be "
-            "repeated.",
+            "biaxial_difference, simple_shear, balloon, bulge, volumetric, skin (forces in) or "
+            "indentation (a body's travel in). May be repeated.",
         ),
     ],
     law: Annotated[
@@ -169,8 +169,8 @@ def material(
     scene: Annotated[
         Path | None,
         typer.Option(
-            help="The skin of --data skin; without such data: compare the stability window "
-            "with the stretches of this scene."
+            help="The skin of --data skin or indentation; without such data: compare the "
+            "stability window with the stretches of this scene."
         ),
     ] = None,
     up_to: Annotated[
@@ -212,8 +212,13 @@ def material(
             raise ValueError(
                 "--bulk-modulus: the volumetric data give it; leave one of them out"
             )
+        if sample and "indentation" in modes:
+            raise ValueError(
+                "--sample: an indentation curve takes too long to solve for as many samples; "
+                "its intervals are those of the fit"
+            )
         # Where a skin is the test, the scene is its specimen.
-        scene = None if "skin" in modes else scene
+        scene = None if modes & {"skin", "indentation"} else scene
         with fitting_spinner() as show:
             from suas_jax.runtime.settings import configure
 

@@ -14,6 +14,7 @@ from fitting.cli.options import (
     Workers,
     check_figures,
     executor,
+    material_note,
     pad_settings,
 )
 from fitting.cli.progress import spinner
@@ -98,8 +99,9 @@ def find_range(
                 if plot is not None:
                     plot_range(found, plot)
                 report, table, where = found.report(), _section_rows(found), None
+    note = material_note(spec)
     if as_json:
-        say(json_text(report))
+        say(json_text(report | note))
         return
     from rich.table import Table
 

@@ -8,7 +8,7 @@ import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
-from fitting.cli.options import TrustNetwork, Workers, executor, pad_settings
+from fitting.cli.options import TrustNetwork, Workers, executor, material_note, pad_settings
 from fitting.cli.progress import spinner
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
@@ -16,6 +16,7 @@ from suas_jax.files.writing import check_outputs
 if TYPE_CHECKING:
     from fitting.inverse_load.estimator import LoadEstimator
     from fitting.inverse_load.live.stream import LiveWatcher
+    from fitting.inverse_load.readings import LogReadings
     from fitting.robotics.recording import Recording
     from suas_jax.config import SkinSpec
 
@@ -142,7 +143,7 @@ def invert(
         spec = _spec_of(skin, zero)
         configure()
 
-        def prepare() -> "LoadEstimator":
+        def prepare(spec: "SkinSpec" = spec) -> "LoadEstimator":
             from fitting.inverse_load.memory.series import assumed_of_memory
             from fitting.inverse_load.zero.skin_estimator import estimator_of
 
@@ -187,7 +188,8 @@ def invert(
         from fitting.cli.invert_log import invert_log, read_for
 
         readings = read_for(spec, log, noise, as_json=as_json, plot=plot, posterior=posterior)
-        estimator = prepare()
+        spec = _at_temperature(spec, readings, log)
+        estimator = prepare(spec)
         estimates = invert_log(
             estimator,
             readings,
@@ -211,7 +213,17 @@ def _spec_of(skin: Path, zero: str | None) -> "SkinSpec":
 
     spec, told = skin_with_zero(skin, zero)
     _told(told)
+    material_note(spec)
     return spec
+
+
+def _at_temperature(spec: "SkinSpec", readings: "LogReadings", log: Path) -> "SkinSpec":
+    """The skin at its log's temperature, which is named."""
+    from fitting.temperature import spec_at
+
+    found, said = spec_at(spec, readings.temperature, str(log))
+    _told(*said)
+    return found
 
 
 def _told(*sentences: str) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.options import AsJson, Plot, check_figures
+from fitting.cli.options import AsJson, Plot, check_figures, material_note
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
@@ -46,8 +46,9 @@ def modes(
                 from suas_jax.figures.modes import plot_modes
 
                 plot_modes(found, plot)
+    note = material_note(spec)
     if as_json:
-        say(json_text(found.report()))
+        say(json_text(found.report() | note))
     else:
         _print_modes(found)
     if found.status != "converged":

@@ -32,7 +32,9 @@ oil_gap      = "5 mm"         # between membrane and rigid wall, at rest
 ends         = "{ends}"{ends_note}
 
 [material]
-preset = "epdm-paper"         # or a law with its constants, as `suas fit material` writes it:
+preset = "epdm-paper"         # 32.6 MPa by a fast test, where EPDM of 60 Shore A has 1.2 MPa;
+# shore = "60 A"              # instead, where the hardness is all that is known
+# or a law with its constants, as `suas fit material` writes it:
 # law = "neo-hookean"
 # mu = "32.6 MPa"
 

@@ -12,7 +12,7 @@ from suas_jax.acquisition.terminal import say
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from suas_jax.config import SceneSpec
+    from suas_jax.config import SceneSpec, SkinSpec
     from suas_jax.config.quantities import DimensionName
 
 Plot = Annotated[Path | None, typer.Option(help="Write a figure (PNG, PDF, SVG).")]
@@ -145,6 +145,15 @@ def pad_settings(diameter: str | None, pressure_noise: str | None) -> dict[str, 
         noise = quantity_option("--pressure-noise", pressure_noise, "pressure")
         settings["pressure_noise"] = noise
     return settings
+
+
+def material_note(spec: "SkinSpec") -> dict[str, str]:
+    """Say on stderr what is to be known of a skin's material; the same for a command's JSON."""
+    note = spec.material.note
+    if note is None:
+        return {}
+    say(f"suas: [material] {note}", err=True)
+    return {"material_note": note}
 
 
 def scene_of(path: Path, model: str | None, rtol: float | None) -> "SceneSpec":

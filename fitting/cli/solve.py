@@ -11,7 +11,16 @@ from typing import Annotated, Any
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.options import AsJson, Model, Plot, Rtol, SceneFile, check_figures, scene_of
+from fitting.cli.options import (
+    AsJson,
+    Model,
+    Plot,
+    Rtol,
+    SceneFile,
+    check_figures,
+    material_note,
+    scene_of,
+)
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
@@ -103,6 +112,7 @@ def solve(
                 write_vtu(solution, vtu)
     if errors.text:
         say(f"suas: {errors.text}", err=True)
+    report |= material_note(spec)
     if as_json:
         say(json_text(report))
     else:

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from fitting.cli.contract import NO_SOLUTION, Overwrite, bad_input
-from fitting.cli.options import AsJson, Model, Plot, Rtol, SceneFile, check_figures, scene_of
+from fitting.cli.options import (
+    AsJson,
+    Model,
+    Plot,
+    Rtol,
+    SceneFile,
+    check_figures,
+    material_note,
+    scene_of,
+)
 from fitting.cli.progress import spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import new_console, say
@@ -106,8 +115,10 @@ def sweep(
                 from suas_jax.figures.curve import plot_sweep
 
                 plot_sweep(curve, plot)
+    note = material_note(spec)
     if as_json:
         result: dict[str, Any] = {"points": curve.points, "first_contact": curve.first_contact}
+        result |= note
         if curve.film is not None:
             result["film"] = curve.film
         if gradient is not None:

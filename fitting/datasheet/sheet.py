@@ -96,7 +96,8 @@ class DataSheet:
     @property
     def remarks(self) -> list[str]:
         """What else a reader should know."""
-        found = [self.variants.errors.text] if self.variants.errors.text else []
+        told = self.variants.errors.text, self.spec.material.note
+        found = [text for text in told if text]
         own = {figure.key: figure.value for figure in self.figures}
         mounting = deviation_of(self.variants.spec.geometry.mounting) or 0.0
         if own["buckling_mismatch"] < 2 * mounting:

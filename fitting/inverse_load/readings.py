@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats
+from fitting.temperature import LogTemperature, log_temperature
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.acquisition.log.log_file import Frames, SoLog, group_frames, sequence_notes
 from suas_jax.acquisition.taxel_faults import stuck_taxels
@@ -180,6 +181,7 @@ class LogReadings:
         header: of the log.
         pressure: measured of the oil [frame] [Pa]; NaN where missing, None without a column.
         force: known of the one load of the log [frame] [N]; likewise.
+        temperature: of the skin, row by row of the log; None where it says nothing.
     """
 
     time: Floats
@@ -191,6 +193,7 @@ class LogReadings:
     header: Mapping[str, str]
     pressure: Floats | None = None
     force: Floats | None = None
+    temperature: LogTemperature | None = None
 
 
 def noise_of_readings(spec: SkinSpec, noise: float | None) -> float:
@@ -248,9 +251,10 @@ def readings_of(log: SoLog, spec: SkinSpec, noise: float | None) -> LogReadings:
         )
     )
     host_time = np.where(np.isfinite(frames.t_host), frames.t_host, time)
-    return LogReadings(
-        time, frames.seq, so, stuck, tuple(notes), host_time, log.header, pressure, force
-    )
+    warm, said = log_temperature(log.flags, log.header, spec, str(log.path))
+    told = (*notes, *said)
+    read = (time, frames.seq, so, stuck, told, host_time, log.header, pressure, force)
+    return LogReadings(*read, warm)
 
 
 def _scale_note(header: Mapping[str, str], spec: SkinSpec) -> list[str]:

@@ -20,7 +20,7 @@ _DISCRETE = (
     *(f"geometry.{of}.{way}." for of in ("thickness", "oil_gap") for way in ("arc", "axial")),
 )
 # Says where numbers come from; the model doesn't read it.
-_RECORDS = frozenset({"calibration", "correlation"})
+_RECORDS = frozenset({"calibration", "correlation", "note"})
 
 
 def continuous_inputs(scene: Spec) -> dict[str, float]:

@@ -111,6 +111,7 @@ class LawSpec(Spec):
         bulk_modulus: against ambient pressure [Pa]; None for a material that keeps its volume.
         correlation: between constants whose deviations are stated; None where they are
             independent.
+        note: what whoever uses the material should know; commands say it.
         half_modulus: keys whose sum is half the shear modulus of small strain, which must be
             positive; empty where the signs of the constants alone see to that.
         usual_terms: number of terms (or degree) of a fit that asks for none; 0 for all.
@@ -140,6 +141,8 @@ class LawSpec(Spec):
             '{ of = ["relaxation.g.0", "relaxation.g.1"], matrix = [[1, -0.9], [-0.9, 1]] }'
         ],
     )
+
+    note: str | None = Field(default=None, examples=['"from a fast test"'])
 
     half_modulus: ClassVar[tuple[str, ...]] = ()
     usual_terms: ClassVar[int] = 0

@@ -116,6 +116,8 @@ def expand_preset(material: Mapping[str, Any]) -> tuple[dict[str, Any], list[tup
     for key, value in material.items():
         if key in free:
             table[key] = value
+            if key in constants:  # of which the preset's note says something else
+                table.pop("note", None)
         elif key in fixed:
             wrong.append((key, f"preset = {show(name)} already sets it; leave one of them out"))
         elif key != "preset":

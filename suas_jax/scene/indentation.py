@@ -23,7 +23,7 @@ _CONTACT_TOLERANCE = 1e-7  # of the travel at first contact with the wall
 _MOST_HALVINGS = 40
 
 
-class _Point(NamedTuple):
+class Point(NamedTuple):
     """A point of the curve: what is observed, how it was found, the state to go on from."""
 
     report: dict[str, Any]
@@ -57,8 +57,8 @@ class IndentationCurve(NamedTuple):
 
     def points(self, depths: np.ndarray) -> list[dict[str, Any]]:
         """Reports at given travels [m]."""
-        fine = self._follow(depths, self.plan.counts)
-        coarse = self._follow(depths, self.model.coarser(self.plan.counts))
+        fine = self.follow(depths, self.plan.counts)
+        coarse = self.follow(depths, self.model.coarser(self.plan.counts))
         rows = []
         for point, other in zip(fine, coarse, strict=True):
             point.report["discretisation_error"] = difference(
@@ -68,8 +68,9 @@ class IndentationCurve(NamedTuple):
             rows.append(report_of(self.scene, plain(point.report), outcome))
         return rows
 
-    def _follow(self, depths: np.ndarray, counts: tuple[int, ...]) -> list[_Point]:
-        points: list[_Point] = []
+    def follow(self, depths: np.ndarray, counts: tuple[int, ...]) -> list[Point]:
+        """Solutions at given travels [m] on one mesh, each from the one before."""
+        points: list[Point] = []
         start = None
         for depth in depths:
             points.append(self._solved(depth, counts, start, wall=self.wall))
@@ -79,7 +80,7 @@ class IndentationCurve(NamedTuple):
 
     def _solved(
         self, depth: float, counts: tuple[int, ...], start: State | None, *, wall: bool
-    ) -> _Point:
+    ) -> Point:
         known = prepared(self.scene, self.plan.model, counts)
         travels = {path: np.asarray(share * depth) for path, share in self.shares.items()}
         start = at_rest(known.meshes.solved) if start is None else start
@@ -87,7 +88,7 @@ class IndentationCurve(NamedTuple):
         report, _, _, part, outcome = run_program(
             static, known.meshes, inputs, start, once=True
         )
-        return _Point(report, outcome, part)
+        return Point(report, outcome, part)
 
     def first_contact(
         self, depths: np.ndarray, points: list[dict[str, Any]]

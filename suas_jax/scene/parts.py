@@ -119,15 +119,18 @@ def skin_parts(spec: SkinSpec, inputs: Mapping[str, ArrayLike]) -> SkinParts:
     return found
 
 
-def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts:
+def scene_parts(
+    scene: SceneSpec, inputs: Mapping[str, ArrayLike], law: AbstractLaw | None = None
+) -> SceneParts:
     """Make a scene's objects.
 
     Args:
         scene: says which classes; its numbers are not used where `inputs` has them.
         inputs: SI values by TOML path, see `suas_jax.config.continuous_inputs`.
+        law: the membrane's material, its constants with a lane axis, if not the scene's own.
     """
     numbers = _all_numbers(scene, inputs)
-    skin = _skin(scene, numbers)
+    skin = _skin(scene, numbers, law)
     section = skin.geometry.section
     forces: list[DeadLoad] = []
     bodies, pressures = [], []
@@ -141,8 +144,8 @@ def scene_parts(scene: SceneSpec, inputs: Mapping[str, ArrayLike]) -> SceneParts
         lane = functools.partial(_lane_of, value)
         if spec.kind == "body":
             places = angle_of(spec, section, lane), None if flat else lane("axial")
-            law = RigidLimit.of(skin.law.shear_modulus, skin.geometry.thickness)
-            bodies.append(Body.of(spec, section, places, lane, law))
+            rigid = RigidLimit.of(skin.law.shear_modulus, skin.geometry.thickness)
+            bodies.append(Body.of(spec, section, places, lane, rigid))
         elif not flat:
             angle = angle_of(spec, section, lane)
             forces.append(PadLoad.of(spec, angle, value, skin.geometry.width))
@@ -185,13 +188,15 @@ def _lane_at(numbers: Mapping[str, Any], path: str) -> Array:
     return _lane(numbers[path])
 
 
-def _skin(spec: SkinSpec, numbers: Mapping[str, Any]) -> SkinParts:
+def _skin(
+    spec: SkinSpec, numbers: Mapping[str, Any], law: AbstractLaw | None = None
+) -> SkinParts:
     prestress = Prestress.of(spec, functools.partial(_lane_at, numbers))
     geometry = build_geometry(
         spec.geometry, lambda key: _lane_at(numbers, f"geometry.{key}"), prestress
     )
-    electrodes = electrodes_of(spec, numbers, geometry)
-    law = _law(spec, numbers)
+    electrodes = electrodes_of(spec, numbers, geometry, prestress.warmed)
+    law = law or _law(spec, numbers)
     wall = _wall(spec, geometry, law, numbers)
     oil = prestress.contain(_oil(spec, numbers))
     return SkinParts(geometry, law, oil, electrodes, wall)

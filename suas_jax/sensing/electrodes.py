@@ -140,10 +140,35 @@ class Electrodes(eqx.Module):
         return jnp.where(known, jnp.maximum(gap, 0.0) + self.height, jnp.nan)
 
 
+def warmed_permittivity(permittivity: Lanes, growth: Lanes) -> Lanes:
+    """Relative permittivity of an oil at another density, by Clausius and Mossotti.
+
+    Molecules without a permanent dipole, as mineral and silicone oils have, keep their
+    polarisability, so (e - 1)/(e + 2) goes with the density.
+
+    Args:
+        permittivity: e, before.
+        growth: logarithm of the volume over what it was.
+    """
+    share = (permittivity - 1) / (permittivity + 2) * jnp.exp(-growth)
+    return (1 + 2 * share) / (1 - share)
+
+
 def electrodes_of(
-    spec: SkinSpec, numbers: Mapping[str, Any], geometry: SkinGeometry
+    spec: SkinSpec,
+    numbers: Mapping[str, Any],
+    geometry: SkinGeometry,
+    warmed: Lanes | None = None,
 ) -> Electrodes | None:
-    """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed."""
+    """Electrodes of a skin from its numbers by TOML path; None if nothing is sensed.
+
+    Args:
+        spec: says which layout and formula.
+        numbers: SI values by TOML path.
+        geometry: of the skin.
+        warmed: logarithm of the volume that the oil has grown to by warmth, since it had the
+            permittivity of the file; None where it has not.
+    """
     if spec.electrodes is None:
         return None
 
@@ -156,10 +181,13 @@ def electrodes_of(
 
     model = CAPACITANCES[spec.electrodes.capacitance]()
     model.check(spec.electrodes, spec.geometry.mean_gap)
+    permittivity = value("oil.relative_permittivity")
+    if warmed is not None:
+        permittivity = warmed_permittivity(permittivity, warmed)
     return Electrodes(
         taxels_of(spec.electrodes, numbers, geometry),
         geometry,
-        value("oil.relative_permittivity"),
+        permittivity,
         value("electrodes.stray"),
         sum((reduced(i) for i in range(len(spec.electrodes.layers))), jnp.zeros(1)),
         value("electrodes.lsb"),

@@ -153,6 +153,8 @@ QUANTITIES = tuple(
             r"(?:cauchy|true)_stress_difference_(?:11_minus_22|1_minus_2)",
         ),
         ("sigma_displacement", "length", r"(?:sigma|noise|uncertainty|std)_displacement"),
+        ("sigma_force", "force", r"(?:sigma|noise|uncertainty|std)_force"),
+        ("depth", "length", r"(?:loads_0_)?(?:indentation_)?depth|indentation"),
         (
             "sigma",
             "stress",

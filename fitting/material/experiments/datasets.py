@@ -18,7 +18,7 @@ from fitting.material.data.tables import read_table
 from fitting.material.experiments.bulge import bulge
 from fitting.material.experiments.measurements import PATHS, Dataset, joined, mode_named
 from fitting.material.experiments.prediction import mode_factors, shear_factors
-from fitting.material.experiments.skin_readings import skin
+from fitting.material.experiments.skin_readings import indentation, skin
 from fitting.material.experiments.stress_tests import StressTest
 from fitting.material.experiments.table_reader import Reader
 from fitting.material.experiments.volumetric import volumetric
@@ -229,7 +229,7 @@ def load_dataset(
             state them (as columns or as `# width: 6 mm`).
         noise: standard deviation of the readings, "5 kPa" or "2 %", where the file
             doesn't state it.
-        scene: scene file of the skin, for the mode "skin".
+        scene: scene file of the skin, for the modes "skin" and "indentation".
         columns: what columns measure where their names don't say, such as
             {"force": "3", "extension": "5 mm"}; see `read_table`.
         machine_stiffness: of the machine with its grips, such as "2 kN/mm": its own travel is
@@ -243,13 +243,13 @@ def load_dataset(
     table = read_table(path, columns, plane=chosen in ("biaxial", "biaxial_difference"))
     stiffness = None if machine_stiffness is None else stiffness_of(machine_stiffness)
     reader = Reader(chosen, table, dict(specimen or {}), noise, stiffness)
-    if chosen != "skin":
+    if chosen not in ("skin", "indentation"):
         return TESTS.get(chosen, one_parameter)(reader)
     if scene is None:
         raise DataError(
-            f"--data skin={path}: a skin needs --scene SCENE: its dimensions and loads"
+            f"--data {chosen}={path}: a skin needs --scene SCENE: its dimensions and loads"
         )
-    return skin(reader, load_scene(scene))
+    return (skin if chosen == "skin" else indentation)(reader, load_scene(scene))
 
 
 def stiffness_of(text: str) -> float:

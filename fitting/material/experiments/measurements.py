@@ -28,6 +28,7 @@ MODES = (
     "bulge",
     "volumetric",
     "skin",
+    "indentation",
 )
 _ALIASES = {
     "planar": "pure_shear",
@@ -159,6 +160,11 @@ class Dataset(abc.ABC):
     def follows_history(self) -> bool:
         """Whether a reading depends on those before it."""
         return False
+
+    @property
+    def most_starts(self) -> int | None:
+        """Most starts of a fit, where readings are costly to predict; None for any."""
+        return None
 
     @property
     def order(self) -> np.ndarray:

@@ -133,7 +133,7 @@ class Specimen:
             force, relative to displacement and pressure; all readings share it.
     """
 
-    curve: SkinCurve
+    curve: AbstractExperiment
     modulus: float
     stretch: float
     model_error: float

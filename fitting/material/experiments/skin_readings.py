@@ -1,22 +1,27 @@
-"""The test of a whole skin: displacements and oil pressures under known forces."""
+"""Tests of a whole skin: under known forces, or pressed by a body through known travels."""
 
 import dataclasses
 import functools
 from collections.abc import Sequence
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from fitting.material.data.errors import DataError
+from fitting.material.experiments.indentation_curve import BodySpecimen, body_specimen
 from fitting.material.experiments.measurements import Channel, Dataset, Predictor, joined
-from fitting.material.experiments.skin_curve import SkinCurve, Specimen, specimen
+from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.skin_curve import Specimen, specimen
 from fitting.material.experiments.table_reader import Reader
-from suas_jax.config import LineLoadSpec, SceneSpec
+from suas_jax.config import BodyLoadSpec, LineLoadSpec, SceneSpec
 from suas_jax.config.quantities import DimensionName, parse_quantity
 
 DISPLACEMENT, PRESSURE = 0, 1
-"""Channels of a skin's readings."""
+"""Channels of a skin's readings; a body's force takes the place of the displacement."""
 # Relative misfits are relative to no less than this fraction of a channel's median reading.
 _FLOOR = 0.01
+
+AnySkinTest = TypeVar("AnySkinTest", bound="SkinTest")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,21 +30,26 @@ class SkinTest(Dataset):
 
     Attributes:
         scene: the skin, with the pattern of its loads.
-        force: sum of the loads' magnitudes [N], shape [n].
+        drive: what was set: sum of the loads' magnitudes [N], shape [n].
         channel: `DISPLACEMENT` or `PRESSURE`, shape [n].
         smallest: smallest size of a reading of this channel that a relative misfit is
             compared with [m, Pa], shape [n].
     """
 
+    READS: ClassVar = (
+        (DISPLACEMENT, 1e-3, "displacement [mm]", "rms_m"),
+        (PRESSURE, 1e3, "pressure [kPa]", "rms_Pa"),
+    )
+
     scene: SceneSpec
-    force: np.ndarray
+    drive: np.ndarray
     channel: np.ndarray
     smallest: np.ndarray
 
     @property
     def abscissa(self) -> np.ndarray:
         """The force [N]."""
-        return self.force
+        return self.drive
 
     @property
     def abscissa_label(self) -> str:
@@ -48,10 +58,9 @@ class SkinTest(Dataset):
 
     def channels(self) -> tuple[Channel, ...]:
         """Displacement in millimetres, oil pressure in kilopascals."""
-        both = ((DISPLACEMENT, 1e-3, "displacement [mm]"), (PRESSURE, 1e3, "pressure [kPa]"))
         return tuple(
             Channel(self.channel == channel, unit, label)
-            for channel, unit, label in both
+            for channel, unit, label, _ in self.READS
             if (self.channel == channel).any()
         )
 
@@ -72,17 +81,22 @@ class SkinTest(Dataset):
         return np.where(scale > 0.0, scale, 1.0)
 
     def paths(self) -> list[np.ndarray]:
-        """Readings of each channel by force."""
+        """Readings of each channel by what was set."""
         found = []
         for channel in np.unique(self.channel):
             rows = np.flatnonzero(self.channel == channel)
-            found.append(rows[np.lexsort((self.force[rows],) * 2)])
+            found.append(rows[np.lexsort((self.drive[rows],) * 2)])
         return found
 
     @functools.cached_property
     def as_specimen(self) -> Specimen:
         """The skin's forward model, and what its own material says about sizes."""
-        return specimen(self.scene, self.force, self.channel, self.value)
+        return specimen(self.scene, self.drive, self.channel, self.value)
+
+    @property
+    def most_starts(self) -> int:
+        """Every residual is an equilibrium, and the modulus is known from the start."""
+        return 4
 
     @property
     def model_error(self) -> float:
@@ -103,9 +117,39 @@ class SkinTest(Dataset):
         """Each skin is predicted alone."""
         return self._curve
 
-    def _curve(self, tests: Sequence[Dataset]) -> SkinCurve:
+    def _curve(self, tests: Sequence[Dataset]) -> AbstractExperiment:
         assert len(tests) == 1
         return self.as_specimen.curve
+
+
+@dataclasses.dataclass(frozen=True)
+class IndentationTest(SkinTest):
+    """Forces [N] of a body, and oil pressures [Pa], at known travels [m]; see `SkinTest`."""
+
+    READS: ClassVar = (
+        (DISPLACEMENT, 1.0, "force [N]", "rms_N"),
+        (PRESSURE, 1e3, "pressure [kPa]", "rms_Pa"),
+    )
+
+    @property
+    def abscissa(self) -> np.ndarray:
+        """The travel [mm]."""
+        return 1e3 * self.drive
+
+    @property
+    def abscissa_label(self) -> str:
+        """Travel with its unit."""
+        return "travel [mm]"
+
+    @property
+    def most_starts(self) -> int:
+        """Two, one after the other: see `SkinTest`."""
+        return 2
+
+    @functools.cached_property
+    def as_specimen(self) -> BodySpecimen:
+        """The skin's forward model, and what its own material says about sizes."""
+        return body_specimen(self.scene, self.drive, self.channel, self.value)
 
 
 def skin(reader: Reader, scene: SceneSpec) -> SkinTest:
@@ -120,38 +164,83 @@ def skin(reader: Reader, scene: SceneSpec) -> SkinTest:
     force = reader.column("force")
     if force is None:
         raise reader.need("the force", "force_N")
-    idle = int(np.sum(force == 0.0))
-    if idle:
+    return _test(SkinTest, reader, scene, force, "displacement")
+
+
+def indentation(reader: Reader, scene: SceneSpec) -> IndentationTest:
+    """Forces and oil pressures of a skin that a body is pressed into by given travels."""
+    file = reader.table.file
+    pushing = [load for load in scene.loads if load.kind != "pressure"]
+    if [load.kind for load in pushing] != ["body"]:
+        raise DataError(
+            f'{file}: --scene needs one [[load]] with kind = "body", which the force of the '
+            f"file is of, and no other load than pressures; it has {len(pushing)}"
+        )
+    if not isinstance(pushing[0], BodyLoadSpec) or pushing[0].depth is None:
+        raise DataError(f'{file}: --scene: give its body a depth, such as depth = "2 mm"')
+    travel = reader.column("depth")
+    if travel is None:
+        travel = reader.column("displacement")
+    if travel is None:
+        raise reader.need("the travel", "travel_mm", "depth_mm")
+    if reader.machine_stiffness is not None:
+        force = reader.column("force")
+        if force is None:
+            raise reader.need("the force for --machine-stiffness", "force_N")
+        travel = travel - force / reader.machine_stiffness
+    off = travel <= 0.0
+    if off.any():
+        reader.warnings.append(f"{int(off.sum())} rows before first touch left out")
+    return _test(IndentationTest, reader, scene, np.where(off, 0.0, travel), "force")
+
+
+def _test(
+    kind: type[AnySkinTest], reader: Reader, scene: SceneSpec, drive: np.ndarray, read: str
+) -> AnySkinTest:
+    """A test's readings: one of its own, and oil pressures.
+
+    Args:
+        kind: of test.
+        reader: of its file.
+        scene: the skin, with its loads.
+        drive: what was set; rows without it say nothing.
+        read: quantity that was read beside oil pressure.
+    """
+    idle = int(np.sum(drive == 0.0))
+    if idle and read == "displacement":
         reader.warnings.append(f"{idle} rows without force left out")
-    columns = (
-        (DISPLACEMENT, "displacement", "sigma_displacement"),
-        (PRESSURE, "pressure", "sigma"),
-    )
     parts = []
-    for channel, name, noise in columns:
+    for channel, name in ((DISPLACEMENT, read), (PRESSURE, "pressure")):
         values = reader.column(name)
         if values is None:
             continue
         if channel == PRESSURE and not scene.oil.trapped:
             raise DataError(f"{reader.table.file}: a vented skin has no oil pressure to read")
-        values = np.where(force == 0.0, np.nan, values)
-        sigma = _sigma(reader, values, reader.column(noise), name)
-        test = SkinTest(
-            **reader.fields(values, sigma),
+        values = np.where(drive == 0.0, np.nan, values)
+        noise = reader.column("sigma" if channel == PRESSURE else f"sigma_{read}")
+        test = kind(
+            **reader.fields(values, _sigma(reader, values, noise, name)),
             scene=scene,
-            force=force,
+            drive=drive,
             channel=np.full(len(values), channel),
-            smallest=np.full(len(values), _FLOOR * float(np.nanmedian(np.abs(values)))),
+            smallest=np.full(len(values), _FLOOR * _typical(values)),
         )
-        parts.append(reader.kept(test, force))
+        parts.append(reader.kept(test, drive))
     if not parts:
-        raise reader.need("a reading", "displacement_mm", "oil_pressure_kPa")
-    if np.any(parts[0].force < 0.0):
+        own = {"displacement": "displacement_mm", "force": "force_N"}[read]
+        raise reader.need("a reading", own, "oil_pressure_kPa")
+    if np.any(parts[0].drive < 0.0):
         raise DataError(
             f"{reader.table.file}: a force must be positive: it is the sum of the loads' "
             f"magnitudes, their directions are the scene's"
         )
     return joined(parts)
+
+
+def _typical(values: np.ndarray) -> float:
+    """Median size of the readings; zero where there is none."""
+    sizes = np.abs(values[np.isfinite(values)])
+    return float(np.median(sizes)) if sizes.size else 0.0
 
 
 def _sigma(
@@ -168,10 +257,11 @@ def _sigma(
     try:
         if text.strip().endswith("%"):
             return parse_quantity(text, "number") * np.abs(values)
-        kind: DimensionName = "length" if name == "displacement" else "stress"
+        kinds: dict[str, DimensionName] = {"displacement": "length", "force": "force"}
+        kind = kinds.get(name, "stress")
         return np.full(len(values), parse_quantity(text, kind))
     except ValueError as error:
         raise DataError(
             f'{reader.table.file}: noise "{text}" of the {name}: {error}; give "1 %", or '
-            f"columns sigma_displacement_mm and sigma_pressure_kPa"
+            f"columns sigma_displacement_mm (sigma_force_N) and sigma_pressure_kPa"
         ) from None

@@ -24,8 +24,8 @@ from fitting.material.fit.preparation import prepared, refuse_what_forgets, wind
 from fitting.material.fit.problem import MaterialProblem, pose, readings
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.search import (
-    SKIN_LANES,
     NoFit,
+    most_starts,
     refuse_without_stiffness,
     search_for_typical_specimen,
     weighed_search,
@@ -173,12 +173,11 @@ def _fitted(
             f"{chosen.title}: none of {starts} starts gave finite stresses; check the units, "
             f"or choose another law"
         )
-    if any(data.mode == "skin" for data in used):
-        starts = min(starts, SKIN_LANES)
+    starts = most_starts(used, starts)
     if problem.model_error and residual != "noise":
         notes.append(
             f"the corrected shell's own error, about {100.0 * problem.model_error:.2g} % of "
-            f"displacement and pressure, is in no interval; state the noise and use "
+            f"a skin's readings, is in no interval; state the noise and use "
             f"--residual noise, which allows for it"
         )
     scales = problem.residuals.scales

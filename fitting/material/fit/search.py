@@ -28,8 +28,6 @@ from fitting.material.laws.parameters import AbstractFamily
 from fitting.statistics.least_squares import Minima, minimise, minimise_one_by_one
 from suas_jax.config.quantities import format_quantity
 
-SKIN_LANES = 4
-"""Most starts for data of a skin, where every residual is an equilibrium."""
 # Of a bulge test's fit: most evaluations of a start by either method, how far like starts are
 # moved apart, and the largest parameter that a minimum may have.
 _BULGE_STEPS, _APART, _FARTHEST = 40, 0.1, 300.0
@@ -80,6 +78,11 @@ def refuse_without_stiffness(
     )
 
 
+def most_starts(sets: Sequence[Dataset], starts: int) -> int:
+    """How many starts a fit takes, of those asked for."""
+    return min([starts, *(x.most_starts for x in sets if x.most_starts is not None)])
+
+
 def search(
     sets: Sequence[Dataset],
     chosen: AbstractFamily,
@@ -100,9 +103,11 @@ def search(
     """
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind, zeros=zeros)
+    most = most_starts(sets, starts)
+    if any(data.mode == "indentation" for data in sets):
+        return problem, minimise_one_by_one(problem.residuals, points[:most])
     if any(data.mode == "skin" for data in sets):
-        # Every residual is an equilibrium, and the modulus is known from the start.
-        return problem, minimise(problem.residuals, points[:SKIN_LANES], lanes=SKIN_LANES)
+        return problem, minimise(problem.residuals, points[:most], lanes=most)
     if isinstance(chosen, ExtendedFamily) and block_of(chosen, TestZeros) is None:
         return problem, _with_effects(sets, chosen, problem, starts, seed)
     if not any(data.mode == "bulge" for data in sets):

@@ -7,6 +7,7 @@ import numpy as np
 
 from fitting.material.cards.card import card
 from fitting.material.fit.result import MaterialFit
+from fitting.material.report.skin_inputs import described_inputs
 from fitting.report.description import (
     Headline,
     Part,
@@ -73,6 +74,7 @@ def _law(report: dict[str, Any], fit: MaterialFit) -> Iterator[Part]:
             f"{modulus}, the long-term share {share:.4g}"
         )
     yield _modes(report)
+    yield from described_inputs(report.get("skin_inputs", []))
     yield _prediction(report["prediction"])
     criteria = ""
     if "candidates" in report:

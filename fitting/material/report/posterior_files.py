@@ -113,7 +113,8 @@ def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figur
     ]
     measured = {data.mode for data, _, _ in panels}
     # A skin stretches by percents: other modes at those stretches are a straight line.
-    others = [] if measured == {"skin"} else [m for m in PATHS if m not in measured]
+    skins = measured <= {"skin", "indentation"}
+    others = [] if skins else [m for m in PATHS if m not in measured]
     columns = len(panels) + len(others)
     figure = Figure(figsize=(3.8 * columns, 3.6), layout="constrained")
     axes = figure.subplots(1, columns, squeeze=False)[0]

@@ -6,12 +6,13 @@ import numpy as np
 
 from fitting.material.experiments.free_zero import can_be_freed
 from fitting.material.experiments.measurements import PATHS
-from fitting.material.experiments.skin_readings import DISPLACEMENT, PRESSURE, SkinTest
+from fitting.material.experiments.skin_readings import SkinTest
 from fitting.material.fit.band import asked_stretches
 from fitting.material.fit.result import MaterialFit
 from fitting.material.fit.suspects import zero_in_units, zeros_of
 from fitting.material.laws.blocks import TestZeros, block_of
 from fitting.material.report.effects import effects_report
+from fitting.material.report.skin_inputs import inputs_report
 
 _UNKNOWN = 0.3
 # What a law becomes where a constant has no upper limit.
@@ -76,6 +77,8 @@ def material_report(fit: MaterialFit) -> dict[str, Any]:
     if fit.specimens is not None:
         report["specimens"] = fit.specimens.report(fit.shear_modulus()[0])
     report |= family.settings
+    if inputs := inputs_report(fit):
+        report["skin_inputs"] = inputs
     if family.terms is not None:
         report["terms"] = family.terms
     if fit.bounded:
@@ -146,17 +149,18 @@ def _modes(fit: MaterialFit) -> dict[str, dict[str, Any]]:
         }
         for mode, parts in by_mode.items()
     }
-    if "skin" in report:
-        del report["skin"]["rms_MPa"]
-        channels = [
-            (data.channel, error)
-            for data, error in zip(fit.sets, fit.misfits(), strict=True)
-            if isinstance(data, SkinTest)
-        ]
-        for channel, key in ((DISPLACEMENT, "rms_m"), (PRESSURE, "rms_Pa")):
-            errors = np.concatenate([e[c == channel] for c, e in channels])
+    skins = [
+        (data, error)
+        for data, error in zip(fit.sets, fit.misfits(), strict=True)
+        if isinstance(data, SkinTest)
+    ]
+    for mode in {data.mode for data, _ in skins}:
+        own = [(data, error) for data, error in skins if data.mode == mode]
+        del report[mode]["rms_MPa"]
+        for channel, _, _, key in own[0][0].READS:
+            errors = np.concatenate([error[data.channel == channel] for data, error in own])
             if errors.size:
-                report["skin"][key] = _rms(errors)
+                report[mode][key] = _rms(errors)
     return report
 
 

@@ -5,6 +5,7 @@ saturated taxels, repeated frames, frames without known inputs.
 """
 
 import dataclasses
+import functools
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 from fitting.sensor.logs.known_inputs import fluid_name
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.logs.log import AlignedLog, Masked, read_aligned
+from fitting.temperature import LogTemperature, spec_at
 from suas_jax.acquisition.log.reader import MOST_BYTES
 from suas_jax.config import SkinSpec
 from suas_jax.files.reading import read_bytes
@@ -83,7 +85,7 @@ class SensorData:
         """States in which something moves the membrane [state]."""
         force = np.nan_to_num(self.loads.force) != 0
         moved = np.nan_to_num(self.loads.displacement) != 0
-        return np.asarray((force | moved).any(0))
+        return np.asarray((force | moved | (self.loads.depth > 0)).any(0))
 
 
 def load_sensor_data(
@@ -126,10 +128,14 @@ def load_sensor_data(
         read_aligned(spec, path, of(inputs, i), of(fluids, i))  # type: ignore[arg-type]
         for i, path in enumerate(logs)
     ]
-    return _joined(spec, parts, joint)
+    warm = [part.temperature for part in parts if part.temperature is not None]
+    whole = functools.reduce(LogTemperature.and_then, warm) if warm else None
+    spec, said = spec_at(spec, whole, ", ".join(map(str, logs)))
+    data = _joined(spec, parts, joint)
+    return dataclasses.replace(data, warnings=(*data.warnings, *said))
 
 
-_PLACES = {"direction": 1, "axial": 4, "diameter": 5}
+_PLACES = {"direction": 1, "axial": 4, "diameter": 5, "depth": 6, "radius": 7}
 """Rows of the table of known loads that every state has; the place along the arc is row 0,
 force and displacement are 2, 3."""
 
@@ -146,7 +152,7 @@ def _row(spec: SkinSpec, quantity: str, values: np.ndarray) -> tuple[int, np.nda
 def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorData:
     count = max([1, *(1 + load for p in parts for load, _ in p.known.values)])
     frames = [len(p.time) for p in parts]
-    table = np.zeros((6, count, sum(frames)))
+    table = np.zeros((8, count, sum(frames)))
     table[2:4] = np.nan
     inner = np.zeros(count, bool)
     begin = 0
@@ -171,6 +177,8 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
                     )
                 )
         begin += n
+    if table[7].any():
+        _only_bodies(table, parts, warnings)
     both = np.isfinite(table[2]) & np.isfinite(table[3])
     table[3 if joint else 2][both] = np.nan
     neither = np.isnan(table[2]) & np.isnan(table[3])
@@ -193,7 +201,7 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
     _, first, state = np.unique(
         np.nan_to_num(rows, nan=1e300), axis=0, return_index=True, return_inverse=True
     )
-    angle, turn, force, displacement, axial, diameter = table[..., first]
+    angle, turn, force, displacement, axial, diameter, depth, radius = table[..., first]
     masked = [m for p in parts for m in p.masked]
     log = np.repeat(np.arange(len(parts)), frames)
     files = tuple(
@@ -212,13 +220,44 @@ def _joined(spec: SkinSpec, parts: Sequence[AlignedLog], joint: bool) -> SensorD
         np.concatenate([p.time for p in parts]),
         log,
         state.reshape(-1),
-        KnownLoads(angle, turn, force, displacement, inner, axial, diameter),
+        KnownLoads(angle, turn, force, displacement, inner, axial, diameter, depth, radius),
         permittivity[first],
         files,
         tuple(masked),
         tuple(warnings),
         all(p.simulated for p in parts),
     )
+
+
+def _only_bodies(table: np.ndarray, parts: Sequence[AlignedLog], warnings: list[str]) -> None:
+    """Take the travels of bodies for all that is known, every body with its radius.
+
+    Raises:
+        ValueError: other loads are known, too.
+    """
+    for p in parts:
+        for load in {load for load, _ in p.known.values}:
+            have = {q for k, q in p.known.values if k == load} & {
+                "force",
+                "displacement",
+                "inner_displacement",
+            }
+            if "depth" not in {q for k, q in p.known.values if k == load}:
+                if any(np.nan_to_num(p.known.values[load, q]).any() for q in have):
+                    raise ValueError(
+                        f"{p.path}: load {load} is a force or a displacement, other loads are "
+                        "bodies (load_0_depth_mm); calibrate with one kind at a time"
+                    )
+            elif have:
+                warnings.append(
+                    f"{p.path}: of body {load} the depth is used, not its {', '.join(have)}, "
+                    "which tells the material: suas fit material --data indentation=FILE"
+                )
+    table[2:4] = np.nan
+    table[1] = 0.0
+    # Off the skin a body needs no radius of its own.
+    sizes = np.max(table[7], axis=1, keepdims=True)
+    table[7] = np.where(table[7] > 0, table[7], np.where(sizes > 0, sizes, np.max(sizes)))
 
 
 def _sha256(path: Path) -> str:

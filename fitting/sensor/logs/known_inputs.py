@@ -2,9 +2,10 @@
 
 A column is a quantity of a load with its unit, such as `load_0_force_N`,
 `load_0_angle_deg` or `load_0_arc_mm`, `load_0_direction_deg`,
-`load_0_displacement_mm` (mid-surface) or `load_0_inner_displacement_mm` (inner face); on
-a pad also `load_0_axial_mm` and `load_0_diameter_mm`. `loads.0.force_N`, as in load paths, and
-`force_N`, where there is one load, mean the same. A column `fluid` names what fills the gap.
+`load_0_displacement_mm` (mid-surface) or `load_0_inner_displacement_mm` (inner face), or
+`load_0_depth_mm` with `load_0_radius_mm` of a rigid body; on a pad also `load_0_axial_mm`
+and `load_0_diameter_mm`. `loads.0.force_N`, as in load paths, and `force_N`, where there is
+one load, mean the same. A column `fluid` names what fills the gap.
 They stand beside the counts of the log, in its header (`# load_0_angle_deg: 30`) where they
 are constant, or in a second file with a time column.
 """
@@ -37,10 +38,13 @@ _UNITS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inner_displacement": ("length", _LENGTHS),
     "axial": ("length", _LENGTHS),
     "diameter": ("length", _LENGTHS),
+    "depth": ("length", _LENGTHS),
+    "radius": ("length", _LENGTHS),
 }
 _COLUMN = re.compile(
     r"(?:loads?[._]?(?P<load>\d*)[._])?(?:mid_)?"
-    r"(?P<quantity>inner_displacement|displacement|force|angle|arc|direction|axial|diameter)"
+    r"(?P<quantity>inner_displacement|displacement|force|angle|arc|direction|axial|diameter"
+    r"|depth|radius)"
     r"(?:[._ ]?[\[(]?(?P<unit>[A-Za-zµ]+)[\])]?)?",
     re.IGNORECASE,
 )
@@ -265,11 +269,18 @@ def check_known(spec: SkinSpec, known: Known, where: str) -> None:
         raise ValueError(f"{where}: loads are numbered from 0 without a hole; found {loads}")
     for load in loads:
         have = {q for k, q in known.values if k == load}
-        pushed = have & {"force", "displacement", "inner_displacement"}
+        pushed = have & {"force", "displacement", "inner_displacement", "depth"}
         if not pushed:
             raise ValueError(
-                f"{where}: load {load} has no force and no displacement; add "
-                f"load_{load}_force_N or load_{load}_displacement_mm"
+                f"{where}: load {load} has no force, displacement or depth; add "
+                f"load_{load}_force_N or load_{load}_displacement_mm, or, of a rigid body, "
+                f"load_{load}_depth_mm"
+            )
+        if ("depth" in have) != ("radius" in have):
+            missing = "radius" if "depth" in have else "depth"
+            raise ValueError(
+                f"{where}: load {load} has no {missing}; add load_{load}_{missing}_mm of the "
+                f"cylinder or ball, as a column or as a header line"
             )
         _check_place(geometry, load, have, where)
     section = plain_geometry(geometry).section
@@ -281,7 +292,7 @@ def check_known(spec: SkinSpec, known: Known, where: str) -> None:
             f"the oil gap, {format_quantity(geometry.mean_gap, 'length')}",
         ),
     }
-    limits["inner_displacement"] = limits["displacement"]
+    limits["inner_displacement"] = limits["depth"] = limits["displacement"]
     dimensions = {"angle": "angle"}
     for (load, quantity), values in known.values.items():
         if quantity not in limits:

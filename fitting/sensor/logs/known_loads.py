@@ -1,4 +1,4 @@
-"""Known loads of an experiment: their place, and force or displacement."""
+"""Known loads of an experiment: their place, and force, displacement or a body's travel."""
 
 import dataclasses
 from collections.abc import Callable
@@ -19,6 +19,9 @@ class KnownLoads:
         inner: whether the displacement is the inner face's; else the mid-surface's [load].
         axial: where they act, from the middle of a pad [load, state, m].
         diameter: of round contacts on a pad [load, state, m]; zero where it is not known.
+        depth: travel of a rigid body beyond first touch [load, state, m]; zero off the skin.
+        radius: of a body: a cylinder on a section, a ball on a pad [load, state, m]; zero where
+            loads are no bodies.
     """
 
     angle: np.ndarray
@@ -28,6 +31,13 @@ class KnownLoads:
     inner: np.ndarray
     axial: np.ndarray
     diameter: np.ndarray
+    depth: np.ndarray
+    radius: np.ndarray
+
+    @property
+    def bodies(self) -> bool:
+        """Whether the loads are bodies."""
+        return bool(self.radius.any())
 
     @property
     def states(self) -> int:
@@ -42,6 +52,7 @@ class KnownLoads:
         """One more state, without loads."""
         more = self._by_state(lambda values: np.pad(values, ((0, 0), (0, 1))))
         more.displacement[:, -1] = np.nan
+        more.radius[:, -1] = self.radius.max(1, initial=0.0)
         return more
 
     def _by_state(self, change: Callable[[np.ndarray], np.ndarray]) -> "KnownLoads":

@@ -1,7 +1,7 @@
 """One log of an experiment, checked against the skin and aligned with its taxels."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from fitting.sensor.logs.known_inputs import (
     from_header,
     permittivities,
 )
+from fitting.temperature import LogTemperature, log_temperature
 from suas_jax.acquisition.log.log_file import (
     SoLog,
     flagged,
@@ -110,6 +111,7 @@ class AlignedLog:
         warnings: what a person should know.
         inputs: second file of known inputs, or None.
         simulated: whether `suas simulate` made it.
+        temperature: of the skin [frame]; None where the log says nothing.
     """
 
     path: Path
@@ -121,6 +123,7 @@ class AlignedLog:
     warnings: list[str]
     inputs: Path | None
     simulated: bool
+    temperature: LogTemperature | None
 
 
 def read_aligned(
@@ -159,10 +162,14 @@ def read_aligned(
     time = frames.t_device if clock == "t_device_s" else frames.t_host
     if not np.isfinite(time).all():
         raise ValueError(f"{path}: both clocks have missing values: frames can't be placed")
-    known, kept = _known(log, frames.seq, frames.t_host, inputs, time, clock)
+    first = _first_rows(log, frames.seq, frames.t_host)
+    columns = {name: np.asarray(values)[first] for name, values in log.flags.items()}
+    warm, said = log_temperature(columns, log.header, spec, str(path))
+    warnings += said
+    known, kept = _known(log, columns, inputs, time, clock)
     permittivity = permittivities(known.fluid, fluid, len(time), str(path))
     for (load, quantity), values in known.values.items():
-        if quantity in ("force", "displacement", "inner_displacement"):
+        if quantity in ("force", "displacement", "inner_displacement", "depth"):
             kept &= np.isfinite(values)
             # At rest a load needs no place.
             for name in ("angle", "arc"):
@@ -198,6 +205,7 @@ def read_aligned(
         warnings,
         inputs,
         "simulated" in log.header,
+        None if warm is None else dataclasses.replace(warm, value=warm.value[kept]),
     )
 
 
@@ -267,21 +275,17 @@ def _without_repeats(log: SoLog) -> SoLog:
 
 def _known(
     log: SoLog,
-    seq: np.ndarray,
-    t_host: np.ndarray,
+    columns: Mapping[str, np.ndarray],
     inputs: Path | None,
     time: np.ndarray,
     clock: str,
 ) -> tuple[Known, np.ndarray]:
-    """Known inputs of every frame, and which frames have them."""
+    """Known inputs of every frame, which stand in its first row, and which frames have them."""
     where = str(log.path)
-    # A frame's inputs stand in its first row.
-    first = _first_rows(log, seq, t_host)
-    columns = {name: np.asarray(values)[first] for name, values in log.flags.items()}
     known = from_columns(columns, where)
-    head = from_header(log.header, len(seq), where)
+    head = from_header(log.header, len(time), where)
     known = Known(head.values, head.fluid, head.names).merged(known)
-    covered = np.ones(len(seq), bool)
+    covered = np.ones(len(time), bool)
     if inputs is not None:
         more, covered = from_file(inputs, time, clock)
         known = known.merged(more)

@@ -64,6 +64,13 @@ class TaxelFace(AbstractFace):
         raise ValueError("a calibration knows the pad along its taxels' own rays alone")
 
 
+def taxel_face(face: AbstractFace, electrodes: Electrodes, geometry: SkinGeometry) -> TaxelFace:
+    """What of a pad's inner face the taxels see."""
+    rays = electrodes.taxels.rays(DISC, geometry)
+    pairs = zip(face.gaps(rays, geometry), rays, strict=True)
+    return TaxelFace(jnp.stack([gap - geometry.gap(*ray) for gap, ray in pairs]))
+
+
 @dataclasses.dataclass(frozen=True)
 class PadDeformed:
     """Solved states.
@@ -174,13 +181,8 @@ def respond(skin: Skin, patches: Loads) -> tuple[Any, ...]:
     problem = skin.problem(patches)
     found = equilibrium(problem)
     q = corrected(problem, found.state).state.q
-    electrodes, pad = skin.electrodes, problem.mechanics
-    rays = electrodes.taxels.rays(DISC, skin.geometry)
-    gaps = pad.face(q).gaps(rays, skin.geometry)
-    pairs = zip(gaps, rays, strict=True)
-    heights = jnp.stack(
-        [gap - skin.geometry.gap(angle, axial) for gap, (angle, axial) in pairs]
-    )[..., 0]
+    pad = problem.mechanics
+    heights = taxel_face(pad.face(q), skin.electrodes, skin.geometry).heights[..., 0]
     mid, inner = [], []
     for load in patches.patches():
         moved = pad.under(q, load)

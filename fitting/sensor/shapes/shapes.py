@@ -12,6 +12,11 @@ from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
 from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, moves_membrane
 from fitting.sensor.model.counts import SensorModel, parts_of
+from fitting.sensor.shapes.body_deformations import (
+    BodyDeformed,
+    body_shape_slopes,
+    deform_by_bodies,
+)
 from fitting.sensor.shapes.deformations import Deformed, NoDeformation, deform
 from fitting.sensor.shapes.pad_deformations import PadDeformed, deform_pad
 from fitting.sensor.shapes.shape_slopes import pad_shape_slopes, shape_slopes
@@ -158,7 +163,7 @@ class ShapeSolver:
             ValueError: its states are others, or it moved the membrane.
         """
         old, new, model = loads, self._loads, shapes.model
-        names = ("angle", "turn", "force", "displacement", "axial", "diameter")
+        names = (x.name for x in dataclasses.fields(KnownLoads) if x.name != "inner")
         pairs = [(getattr(old, n), getattr(new, n)) for n in names]
         pairs.append((np.asarray(model.permittivity), self._permittivity))
         same = model.spec == self._data.spec and not model.moving and not self.moving
@@ -214,6 +219,13 @@ class ShapeSolver:
         loads = self._loads.take(index)
         geometry, law, answer, electrodes = parts_of(self._data.spec, inputs, oil)
         numbers = self._data.spec, inputs, moving, oil
+        if loads.bodies:
+            try:
+                pressed = deform_by_bodies(loads, self._data.spec, inputs, oil)
+            except NoDeformation as error:
+                raise NoCalibration(f"{self._data.paths}: {error}") from None
+            slope = body_shape_slopes(pressed, loads, *numbers) if moving else None
+            return _Part(index, pressed, slope)
         if self._data.spec.geometry.dimension == 3:
             try:
                 found = deform_pad(loads, geometry, law, answer, electrodes)
@@ -269,5 +281,5 @@ class _Part:
     """States that share a fluid's answer."""
 
     index: np.ndarray
-    shape: Deformed | PadDeformed
+    shape: Deformed | PadDeformed | BodyDeformed
     slope: AbstractFace | None

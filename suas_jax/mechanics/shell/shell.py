@@ -272,7 +272,7 @@ class Shell(AbstractPlaneStrain):
         for face, body in zip(faces, self.bodies, strict=True):
             shift = self._thinned(face, at)
             shift = shift + self._indentation(face, points, body.placed(factor))
-            force = force + face.pulled(jnp.broadcast_to(shift, face.area.shape))
+            force = force + face.pulled(jnp.broadcast_arrays(shift, face.area)[0])
         return self.elements.scatter(force)
 
     def stored_energy(self, q: StationVector) -> Lanes:

@@ -1,0 +1,296 @@
+"""A whole skin under a rigid body as test specimen: travel in, force and oil pressure read.
+
+The corrected shell of a section or of a pad is solved at every travel. A section's travels are
+the lanes of one call, a pad's are solved one after the other. Derivatives are those of the
+equilibrium: nothing that led to it is differentiated.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from fitting.material.data.errors import DataError
+from fitting.material.experiments.prediction import AbstractExperiment
+from fitting.material.experiments.skin_curve import Specimen
+from suas_jax.config import SceneSpec, continuous_inputs, with_inputs, with_solve
+from suas_jax.config.fields import Spec
+from suas_jax.constitutive import AbstractLaw
+from suas_jax.equilibrium.balance import State
+from suas_jax.equilibrium.correction import corrected
+from suas_jax.equilibrium.friction import equilibrium_with_friction
+from suas_jax.equilibrium.outcomes import NAMES, advice
+from suas_jax.mechanics.model import Meshes
+from suas_jax.mechanics.registry import MODELS
+from suas_jax.numerics.lanes import number
+from suas_jax.runtime.compiled import COMPILED
+from suas_jax.scene.build import problem_of
+from suas_jax.scene.indentation import IndentationCurve, Point
+from suas_jax.scene.observables import load_observables
+from suas_jax.scene.parts import SceneParts, law_of, scene_parts
+from suas_jax.scene.program import inputs_of, prepared, structure_of
+from suas_jax.scene.report import plain
+from suas_jax.scene.solve import Solution, solve
+from suas_jax.scene.structure import Structure
+
+ZERO = "zero of the travel"
+"""Name of what is no input of the scene: where the body first touches."""
+_NEAR = 1.4  # factor of the modulus within which the scene's own states are starts
+
+Found = TypeVar("Found")
+
+
+class BodyCurve(AbstractExperiment):
+    """Readings of a skin under a series of travels of a body.
+
+    Attributes:
+        meshes: of the solve.
+        inputs: the scene's numbers by TOML path, SI; its material is replaced.
+        travel: beyond first touch, each of them once [m], shape [level].
+        start: states near the solutions, one a level.
+        lane: which travel a reading belongs to, shape [n].
+        channel: 0 for the force [N], 1 for oil pressure [Pa], shape [n].
+        scene: skin and body.
+    """
+
+    costly: ClassVar[bool] = True
+
+    meshes: Meshes
+    inputs: dict[str, Array]
+    travel: Float[Array, " level"]
+    start: State
+    lane: Int[Array, " n"]
+    channel: Int[Array, " n"]
+    scene: Structure = eqx.field(static=True)
+
+    @property
+    def size(self) -> int:
+        """Number of readings."""
+        return len(self.lane)
+
+    @property
+    def equilibria(self) -> int:
+        """Equilibria that one prediction takes."""
+        return len(self.travel)
+
+    def predict(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Forces [N] and pressures [Pa]; NaN where there is no equilibrium."""
+        known = jax.lax.stop_gradient(law)
+
+        def one(travel: Array, start: State) -> tuple[Array, Array]:
+            problem = problem_of(
+                self._parts(known, travel), self.meshes.solved, wall=self._wall
+            )
+            found = equilibrium_with_friction(problem, start)
+            return self.read(law, travel, found.state), found.result
+
+        both, result = self._each(one)
+        return jnp.where(result == 0, both, jnp.nan)[self.channel, self.lane]
+
+    def read(self, law: AbstractLaw, travel: Array, state: State) -> Float[Array, "2 lane"]:
+        """Force [N] and pressure [Pa] of known states, with their derivatives."""
+        parts = self._parts(law, travel)
+        problem = problem_of(parts, self.meshes.whole, wall=self._wall)
+        if self.meshes.solved.symmetric:
+            part = problem_of(parts, self.meshes.solved, wall=self._wall).mechanics
+            state = state._replace(q=jax.lax.stop_gradient(part.mirrored(state.q)))
+        root, shown, mechanics = corrected(problem, state)
+        held = problem.mechanics
+        problem = dataclasses.replace(problem, mechanics=mechanics)
+        loads = load_observables(parts, problem, shown, held, root)
+        force = next(load["force_N"] for load in loads if "depth_m" in load)
+        return jnp.stack(jnp.broadcast_arrays(force, shown.pressure))
+
+    def at_start(self, law: AbstractLaw) -> Float[Array, " n"]:
+        """Readings of the starts, taken as the equilibria of a law."""
+        both = self._each(lambda travel, start: self.read(law, travel, start))
+        return both[self.channel, self.lane]
+
+    @property
+    def _wall(self) -> bool:
+        return self.scene.wall
+
+    def _parts(self, law: AbstractLaw, travel: Array) -> SceneParts:
+        in_lane = jax.tree.map(lambda x: jnp.asarray(x)[..., None], law)
+        parts = scene_parts(self.scene.scene, self.inputs, in_lane)
+        return parts._replace(
+            bodies=[dataclasses.replace(body, travel=travel) for body in parts.bodies]
+        )
+
+    def _each(self, function: Callable[[Array, State], Found]) -> Found:
+        """Call a function of travels and states in lanes: all at once, or one by one."""
+        if self.scene.scene.geometry.dimension == 2:
+            return function(self.travel, self.start)
+
+        def one(case: tuple[Array, State]) -> Found:
+            found = function(*jax.tree.map(lambda x: x[..., None], case))
+            alone: Found = jax.tree.map(lambda x: x[..., 0], found)
+            return alone
+
+        cases = jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), (self.travel, self.start))
+        together: Found = jax.tree.map(
+            lambda x: jnp.moveaxis(x, 0, -1), jax.lax.map(one, cases)
+        )
+        return together
+
+
+@dataclasses.dataclass(frozen=True)
+class BodySpecimen(Specimen):
+    """A body's curve, and what the skin's other inputs do to it; see `Specimen`.
+
+    Attributes:
+        inputs: names of the inputs, and of the travel's zero.
+        slopes: change of the readings where an input grows by its whole size, the filling by
+            one, the mounting by one, the travel's zero by a metre, shape [n, input].
+    """
+
+    curve: BodyCurve
+    inputs: tuple[str, ...]
+    slopes: np.ndarray
+
+
+def body_specimen(
+    scene: SceneSpec, travel: np.ndarray, channel: np.ndarray, value: np.ndarray
+) -> BodySpecimen:
+    """The forward model of an indentation curve, and the sizes of its material.
+
+    Args:
+        scene: skin and body; its material is only where sizes come from.
+        travel: of each reading [m], shape [n].
+        channel: 0 for the force, 1 for oil pressure, shape [n].
+        value: readings [N, Pa], shape [n].
+
+    Raises:
+        DataError: the skin doesn't bear these travels with the scene's material.
+    """
+    levels, lane = np.unique(travel, return_inverse=True)
+    depth = next(f"load.{i}.depth" for i, load in enumerate(scene.loads) if load.kind == "body")
+    spec = with_inputs(with_solve(scene, model="shell"), {depth: float(levels[-1])})
+    found = solve(spec)
+    if not found.converged:
+        raise DataError(
+            f"--scene: pressed {1e3 * levels[-1]:.4g} mm deep with its own material the skin's "
+            f"status is {found.report['status']}: {found.report['message']}"
+        )
+    ratio, scale = 1.0, 1.0
+    for _ in range(2):
+        scaled = with_inputs(found.scene, _scaled(found.scene, scale))
+        points = _followed(scaled, found, depth, levels)
+        reports = [plain(point.report) for point in points]
+        forces = [
+            next(x["force_N"] for x in report["loads"] if "depth_m" in x) for report in reports
+        ]
+        known = np.array([forces, [report["oil_pressure_Pa"] for report in reports]])
+        ratio = float(np.median(value / known[channel, lane]))
+        if not ratio > 0.0:
+            raise DataError(
+                "--data indentation: force or oil pressure has the opposite sign of the "
+                "model's; both are positive where the body pushes inwards"
+            )
+        if 1 / _NEAR < ratio < _NEAR:
+            break
+        scale *= ratio
+    known_scene = prepared(scaled, "shell", found.plan.counts)
+    curve = BodyCurve(
+        known_scene.meshes,
+        {path: jnp.asarray(x) for path, x in known_scene.inputs.items()},
+        jnp.asarray(levels),
+        jax.tree.map(lambda *x: jnp.concatenate(x, -1), *(point.part for point in points)),
+        jnp.asarray(lane),
+        jnp.asarray(channel),
+        structure_of(scaled, wall=found.wall),
+    )
+    law = jax.tree.map(lambda x: x[..., 0], law_of(scaled, curve.inputs))
+    ends = reports[-1]["stretch_max"], 1 / reports[-1]["stretch_min"]
+    return BodySpecimen(
+        curve,
+        float(law.shear_modulus) * ratio,
+        max(ends),
+        found.report["error_estimate"] or 0.0,
+        *_by_inputs(curve, law),
+    )
+
+
+def _scaled(scene: SceneSpec, scale: float) -> dict[str, float]:
+    """The stress constants of the scene's material, times a factor."""
+    declared = scene.material.declared()
+    stresses = {f"material.{key}" for key, c in declared.items() if c.dimension == "stress"}
+    return {
+        path: scale * value
+        for path, value in continuous_inputs(scene).items()
+        if ".".join(path.split(".")[:2]) in stresses
+    }
+
+
+def _followed(scene: SceneSpec, found: Solution, depth: str, levels: np.ndarray) -> list[Point]:
+    """Solutions at all travels, on the mesh of the deepest one.
+
+    Raises:
+        DataError: there is none at one of them.
+    """
+    model = MODELS[scene.geometry.dimension]["shell"]
+    curve = IndentationCurve(scene, {depth: 1.0}, model, found.plan, found.wall)
+    points = curve.follow(levels, found.plan.counts)
+    for level, point in zip(levels, points, strict=True):
+        result = int(number(point.outcome["result"]))
+        if result:
+            raise DataError(
+                f"--scene: at {1e3 * level:.4g} mm of travel: {NAMES[result]}. "
+                f"{advice(NAMES[result])}"
+            )
+    return points
+
+
+def _by_inputs(curve: BodyCurve, law: AbstractLaw) -> tuple[tuple[str, ...], np.ndarray]:
+    """What the skin's inputs do to the readings; see `BodySpecimen`."""
+    spec = curve.scene.scene
+    tables: dict[str, Spec] = {}
+    if spec.oil.trapped and spec.oil.fill is None:
+        tables["oil"] = spec.oil.model_copy(update={"fill": 1.0})
+    if spec.geometry.mounting is None:
+        tables["geometry"] = spec.geometry.model_copy(update={"mounting": 0.0})
+    spec = spec.model_copy(update=tables)
+    inputs = inputs_of(spec) | {path: np.asarray(x) for path, x in curve.inputs.items()}
+    names, changes = [], []
+    for name in ("geometry.thickness", "geometry.oil_gap", "oil.fill", "geometry.mounting"):
+        own = {path for path in inputs if path == name or path.startswith(f"{name}.value.")}
+        whole = name.startswith("oil") or name.endswith("mounting")
+        if own:
+            names.append(name)
+            changes.append(
+                {
+                    p: 0 * x if p not in own else 0 * x + 1 if whole else x
+                    for p, x in inputs.items()
+                }
+            )
+    nothing = {path: 0 * x for path, x in inputs.items()}
+    directions = {p: np.stack([*(c[p] for c in changes), x]) for p, x in nothing.items()}
+    zero = np.eye(len(names) + 1)[-1]
+    named = dataclasses.replace(
+        curve,
+        inputs={path: jnp.asarray(x) for path, x in inputs.items()},
+        scene=Structure(spec, wall=curve.scene.wall),
+    )
+    slopes = COMPILED.run(_slopes, named, law, directions, zero, once=True)
+    return (*names, ZERO), np.asarray(slopes).T
+
+
+@eqx.filter_jit
+def _slopes(
+    curve: BodyCurve, law: AbstractLaw, directions: dict[str, Array], zero: Array
+) -> Float[Array, "input n"]:
+    def along(direction: dict[str, Array], shift: Array) -> Array:
+        def changed(step: Array) -> Array:
+            inputs = {path: x + step * direction[path] for path, x in curve.inputs.items()}
+            travel = curve.travel + step * shift
+            return dataclasses.replace(curve, inputs=inputs, travel=travel).at_start(law)
+
+        nought = jnp.zeros(())
+        return jax.jvp(changed, (nought,), (nought + 1,))[1]
+
+    return jax.vmap(along)(directions, zero)
