@@ -225,15 +225,18 @@ def main() -> None:
         for seed in range(options.first, options.first + options.units):
             begin = time.perf_counter()
             unit = Unit(spec, seed, plan, options.tests)
+            for label, model in (("Gaussian process", gaussian_process), ("network", network)):
+                for count in LEARNED:
+                    rows.setdefault((label, count), []).append(unit.learned(model, count))
             rows.setdefault(("as drawn", 0), []).append(unit.found(spec))
             for kind in ("planned", "random"):
                 for count in options.presses:
                     own = unit.calibrated(unit.presses(kind, count), Path(name))
                     key = (f"as built, {kind}", count)
                     rows.setdefault(key, []).append(unit.found(own))
-            for label, model in (("Gaussian process", gaussian_process), ("network", network)):
-                for count in LEARNED:
-                    rows.setdefault((label, count), []).append(unit.learned(model, count))
+                    print(
+                        f"unit {seed}, {time.perf_counter() - begin:.0f} s: {key}", flush=True
+                    )
             shown = ", ".join(
                 f"{kind} {n}: {summary(own[-1:])[0]:.2f} %" for (kind, n), own in rows.items()
             )

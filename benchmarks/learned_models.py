@@ -71,7 +71,9 @@ def gaussian_process(change: np.ndarray, place: np.ndarray, force: np.ndarray) -
             return float(own + 0.05 * (p[:3] - [1, 1, 0]) @ (p[:3] - [1, 1, 0]))
 
         starts = ([1.0, 1.0, 0.0, -3.0], [2.0, 1.0, 1.0, -4.0])
-        best = min((minimize(cost, s, method="L-BFGS-B") for s in starts), key=lambda r: r.fun)
+        bounds = [(-3, 6), (-3, 6), (-3, 5), (-8, 1)]
+        tried = (minimize(cost, s, method="L-BFGS-B", bounds=bounds) for s in starts)
+        best = min(tried, key=lambda found: found.fun)
         k = kernel(best.x, data.x, data.x) + (np.exp(2 * best.x[3]) + 1e-8) * np.eye(len(y))
         return best.x, np.linalg.solve(k, y)
 
@@ -85,7 +87,7 @@ def gaussian_process(change: np.ndarray, place: np.ndarray, force: np.ndarray) -
 
 
 def network(
-    change: np.ndarray, place: np.ndarray, force: np.ndarray, hidden: int = 24, nets: int = 3
+    change: np.ndarray, place: np.ndarray, force: np.ndarray, hidden: int = 20, nets: int = 2
 ) -> Predictor:
     """The mean of a few networks of two hidden layers, with weight decay, by L-BFGS.
 
@@ -131,7 +133,7 @@ def network(
         start = np.concatenate([random.normal(size=a * b + b) * a**-0.5 for a, b in shapes])
         decay = 0.02 / len(data.y)
         kept = minimize(
-            cost, start, args=(decay,), jac=True, method="L-BFGS-B", options={"maxiter": 600}
+            cost, start, args=(decay,), jac=True, method="L-BFGS-B", options={"maxiter": 400}
         )
         found.append(kept.x)
 

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import tomlkit
 
 from fitting.calibration.next_press import Candidates, force_errors, planned, told_by
 from fitting.calibration.plan import Press
@@ -29,6 +30,7 @@ from fitting.sensor.model.as_built import (
 )
 from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
 from fitting.sensor.model.counts import SensorModel
+from fitting.sensor.report.skin_file import _set_as_built
 from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
 from suas_jax.config.input_errors import input_errors
 from suas_jax.config.schema_calibration import CalibrationSpec
@@ -184,6 +186,20 @@ def test_shapes_are_linear_in_common_constants_and_in_each_state_s_own() -> None
     np.testing.assert_allclose(moved, expected, rtol=1e-12)
     jacobian = jax.jacfwd(lambda c: model._face(c).heights)(jnp.zeros(3))  # type: ignore[attr-defined]
     assert not np.asarray(jacobian)[:, :2, 2].any()
+
+
+@pytest.mark.parametrize("name", ["suas.toml", "suas-pad.toml"])
+def test_a_skin_file_takes_tables_and_gains(name: str, tmp_path: Path) -> None:
+    file = ROOT / "configs/skins" / name
+    spec = as_built(load_skin(file))
+    inputs = continuous_inputs(spec)
+    names = [k for k in as_built_names(spec) if k.startswith(("geometry.", "electrodes."))]
+    found = {k: inputs[k] * (1 + 0.01 * RNG.normal()) for k in names}
+    document: Any = tomlkit.parse(file.read_text())
+    _set_as_built(document, spec, found)
+    (tmp_path / name).write_text(tomlkit.dumps(document))
+    read = continuous_inputs(load_skin(tmp_path / name))
+    np.testing.assert_allclose([read[k] for k in names], [*found.values()], rtol=1e-11)
 
 
 # --- the next press -----------------------------------------------------------------------

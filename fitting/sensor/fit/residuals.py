@@ -168,7 +168,8 @@ class SensorProblem:
 
     def _mixing(self) -> np.ndarray:
         """L^-1 with L L^T the priors' correlations: makes their errors independent."""
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.correlation)))
+        correlation = np.asarray(self.correlation, float)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)))
 
     def prior_information(self, constants: np.ndarray) -> np.ndarray:
         """Of the priors, in relative sizes [p, p]."""

@@ -86,7 +86,7 @@ def _tabled(spec: SkinSpec, key: str) -> AlongSpec | SheetSpec:
     """A length as a table; one that is a table stays."""
     value = getattr(spec.geometry, key)
     if not isinstance(value, float):
-        return value  # type: ignore[no-any-return]
+        return value
     if spec.geometry.dimension == 2:
         arc = tuple(np.linspace(0, 1, NODES).tolist())
         return AlongSpec(arc=arc, value=(float(value),) * NODES)
