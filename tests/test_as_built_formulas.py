@@ -102,14 +102,14 @@ def test_stiffness_is_a_factor_and_errors_of_presses_are_no_inputs() -> None:
 
 
 def test_errors_of_presses_are_known_places_and_forces() -> None:
-    parts = press_errors(PAD, [2.0, 5.0], 1e-3)
+    parts = press_errors(PAD, 2, 1e-3)
     assert [p.name for p in parts] == [
         f"{k}.{i}" for k in ("place", "axial", "push") for i in (0, 1)
     ]
     assert parts[0].size == pytest.approx(1e-3 / 58.25e-3)  # mid-line
-    assert (parts[2].size, parts[5].size) == (1e-3, 0.01)
+    assert (parts[2].size, parts[5].size) == (1e-3, 2e-3)
     with pytest.raises(ValueError, match="--place-error"):
-        press_errors(PAD, [2.0], 0.0)
+        press_errors(PAD, 2, 0.0)
     assert {2: ESTIMATOR_ERROR, 3: PAD_MODEL_ERROR} == MODEL_ERROR
 
 
@@ -214,7 +214,6 @@ def candidates(presses: int = 6, taxels: int = 5, constants: int = 3) -> Candida
         weight,
         weight / 2,
         np.tile([1 / 0.3**2, 1 / 0.05**2], (presses, 1)),
-        np.full(presses, 5.0),
         np.diag([1.0, 2.0, 0.5][:constants]),
     )
 
@@ -237,7 +236,7 @@ def test_least_errors_of_forces_are_those_of_weighted_least_squares() -> None:
         J, L = own.by_constant[k], own.by_press[k]
         noise = np.diag(1 / own.weight_once[k]) + J @ own.covariance @ J.T
         V = np.linalg.inv(L.T @ np.linalg.solve(noise, L))
-        assert found[k] == pytest.approx(np.sqrt(V[1, 1]) / 5.0, rel=1e-10)
+        assert found[k] == pytest.approx(np.sqrt(V[1, 1]), rel=1e-10)
 
 
 def test_presses_are_planned_while_they_are_needed() -> None:

@@ -63,11 +63,10 @@ class Candidates(NamedTuple):
     Attributes:
         presses: places and forces.
         by_constant: J of the readings' change from rest [press, taxel, constant].
-        by_press: L, by place and force [press, taxel, kind].
+        by_press: L, by places and, last, by the relative force [press, taxel, kind].
         weight: W, inverse variances of the mean readings of a known press [press, taxel].
         weight_once: the same of single frames, of contacts that are found [press, taxel].
         press_information: S^-1 [press, kind].
-        force: of the presses [press, N].
         covariance: C of the constants before any press [constant, constant].
     """
 
@@ -77,7 +76,6 @@ class Candidates(NamedTuple):
     weight: Floats
     weight_once: Floats
     press_information: Floats
-    force: Floats
     covariance: Floats
 
 
@@ -142,7 +140,7 @@ def force_errors(candidates: Candidates, information: Floats) -> Floats:
         rest = np.linalg.solve(information + (J * w[:, None]).T @ J, both)
         V = np.linalg.inv((L * w[:, None]).T @ L - both.T @ rest)
         found.append(np.sqrt(V[-1, -1]))
-    return np.array(found) / candidates.force
+    return np.array(found)
 
 
 def planned(candidates: Candidates, most: int, accuracy: float = 0.0) -> Plan:
@@ -153,7 +151,7 @@ def planned(candidates: Candidates, most: int, accuracy: float = 0.0) -> Plan:
         most: how many presses at most.
         accuracy: median relative standard deviation of forces at which to stop.
     """
-    information = np.linalg.inv(candidates.covariance)
+    information = np.asarray(np.linalg.inv(candidates.covariance), float)
     told = told_by(candidates)
     errors = [force_errors(candidates, information)]
     chosen: list[int] = []
@@ -195,8 +193,7 @@ def candidates_of(
     presses = _places(spec, force)
     own = as_built(spec)
     names = as_built_names(own)
-    forces = np.array([press.force for press in presses])
-    errors = press_errors(own, forces.tolist(), place_error)
+    errors = press_errors(own, len(presses), place_error)
     parts = (*(named(own, name) for name in names), *errors)
     solver = _solver(own, presses, SensorFamily(parts), progress)
     start = starting_values(parts, [solver.stated(part.name) for part in parts])
@@ -219,7 +216,6 @@ def candidates_of(
         np.where(known, 1 / (2 * reading / _READ + shared), 0.0),
         np.where(known, 1 / (reading + shared), 0.0),
         np.array([part.size for part in errors]).reshape(-1, count).T ** -2,
-        forces,
         _known_so_far(spec, parts[: len(names)], start[: len(names)]),
     )
 

@@ -111,16 +111,13 @@ def _is_node(name: str) -> bool:
     return name.startswith(tuple(f"geometry.{key}.value." for key in _TABLES))
 
 
-def press_errors(
-    spec: SkinSpec, forces: Sequence[float], place: float, force: float = FORCE_ERROR
-) -> list[SensorConstant]:
-    """Errors of presses: angles [rad], on pads then axial positions [m], then forces [N].
+def press_errors(spec: SkinSpec, presses: int, place: float) -> list[SensorConstant]:
+    """Errors of presses: angles [rad], on pads then axial positions [m], relative forces.
 
     Args:
         spec: the skin.
-        forces: of the presses [N].
+        presses: how many.
         place: standard deviation of a place, along the arc and along the axis [m].
-        force: of a force, relative.
 
     Raises:
         ValueError: a deviation is not above zero.
@@ -128,14 +125,13 @@ def press_errors(
     if not place > 0:
         raise ValueError("--place-error: a length above zero is needed")
     size = float(plain_geometry(spec.geometry).section.size[0])
-    count = len(forces)
-    kinds = [(PLACE, "rad", [place / size] * count), (PUSH, "N", [force * f for f in forces])]
+    kinds = [(PLACE, "rad", place / size), (PUSH, "1", FORCE_ERROR)]
     if spec.geometry.dimension == 3:
-        kinds.insert(1, (AXIAL, "m", [place] * count))
+        kinds.insert(1, (AXIAL, "m", place))
     return [
-        SensorConstant(f"{name}.{k}", unit, size, positive=False)
-        for name, unit, sizes in kinds
-        for k, size in enumerate(sizes)
+        SensorConstant(f"{name}.{k}", unit, own, positive=False)
+        for name, unit, own in kinds
+        for k in range(presses)
     ]
 
 

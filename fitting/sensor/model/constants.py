@@ -16,7 +16,7 @@ PERMITTIVITY, GAP, SCALE = "relative_permittivity", "oil_gap", "lsb"
 STRAY, LAYERS = "stray", "layers"
 FILL, MOUNTING, THICKNESS = "fill", "mounting", "thickness"
 STIFFNESS = "stiffness"  # a factor on all stresses of the material
-PLACE, AXIAL, PUSH = "place", "axial", "push"  # errors of a press's place and force
+PLACE, AXIAL, PUSH = "place", "axial", "push"  # a press's errors: of its force relative
 PRESS_ERRORS = {PLACE: "angle", AXIAL: "axial", PUSH: "force"}
 """What of a known load each of them moves."""
 ALIASES = {"permittivity": PERMITTIVITY, "gap": GAP, "scale": SCALE}

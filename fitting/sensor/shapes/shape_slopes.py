@@ -100,8 +100,8 @@ def _of_section(
         numbers = with_constants(spec, inputs, moving.names, values)
         geometry, law, answer, _ = parts_of(spec, numbers, oil)
         moved = press.shifted(moving.shift(PLACE, values))
-        push = first_only(force) * moving.shift(PUSH, values)
-        problem = moved.problem(geometry, law, answer, force + push)
+        push = 1 + first_only(force) * moving.shift(PUSH, values)
+        problem = moved.problem(geometry, law, answer, push * force)
         found = equilibrium(problem, start)
         _, shown, shell = corrected(problem, found.state)
         face = section_of(shell).face(shown.q)
@@ -129,8 +129,8 @@ def _of_pad(
             for kind, name in PRESS_ERRORS.items()
             if kind != PUSH
         }
-        push = first_only(force) * moving.shift(PUSH, values)
-        own = dataclasses.replace(patches, force=force + push, **moved)
+        push = 1 + first_only(force) * moving.shift(PUSH, values)
+        own = dataclasses.replace(patches, force=push * force, **moved)
         heights, mid, below, _ = respond(skin, own)
         below = jnp.where(inner, below, mid)
         return below[:, None], TaxelFace(heights[..., None])

@@ -15,6 +15,7 @@ from fitting.sensor.model.constants import (
     GAP,
     PATHS,
     PRESS_ERRORS,
+    PUSH,
     SensorFamily,
     is_gap,
     moves_membrane,
@@ -154,7 +155,9 @@ class ShapeSolver:
         loads = self._loads
         for kind, row in self._latent.items():
             off = np.where(np.array(row) >= 0, constants[np.array(row)], 0.0)
-            loads = loads.shifted(PRESS_ERRORS[kind], off)
+            loads = loads.shifted(
+                PRESS_ERRORS[kind], off * loads.force[0] if kind == PUSH else off
+            )
         parts = [self._part(*group, loads, held, moving) for group in self._fluids()]
         order = np.argsort(np.concatenate([part.index for part in parts]))
         counts = [len(part.index) for part in parts]
