@@ -11,9 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import tomlkit
+from typer.testing import CliRunner
 
 from fitting.calibration.next_press import Candidates, force_errors, planned, told_by
 from fitting.calibration.plan import Press
+from fitting.cli.app import app
 from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
 from fitting.inverse_load.estimator import PAD_MODEL_ERROR
 from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
@@ -267,3 +269,18 @@ def test_a_record_of_stiffness_moves_all_stresses_together() -> None:
     inputs = continuous_inputs(SKIN)
     assert at["material.C1"].max() == pytest.approx(0.1 / 1.25 * inputs["material.C1"])
     assert at["geometry.thickness.value.0"].max() == pytest.approx(1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "only with --plan"),
+        (["--plan", "3", "--press", "0 deg, 5 N"], "give one of them"),
+        (["--plan", "3", "--place-error", "2 deg"], "--place-error"),
+    ],
+)
+def test_a_plan_without_sense_is_refused(options: list[str], said: str) -> None:
+    skin = str(ROOT / "configs/skins/suas.toml")
+    found = CliRunner().invoke(app, ["calibrate", "-", skin, *options])
+    assert found.exit_code == 2
+    assert said in found.output.replace("\n", " ")
