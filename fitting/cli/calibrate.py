@@ -143,7 +143,7 @@ def calibrate(
             chosen = _planned(spec, largest, plan, wanted, place_deviation, plot)
             pressed = chosen.presses
             if port == "-":
-                say(json_text(chosen.report()) if as_json else chosen.text)
+                say(json_text(chosen.report()) if as_json else chosen.text, lines=True)
                 return
         from fitting.calibration.run import CalibrationOptions, run_calibration
 
