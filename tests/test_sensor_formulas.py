@@ -57,6 +57,7 @@ class Linear:
     def __init__(self, parts: Any, rows: np.ndarray, readings: Any = None, **given: Prior):
         self.family, self.rows, self.priors = SensorFamily(tuple(parts)), rows, given
         self.readings = readings or logged(rows.shape[1], rows.shape[0])
+        self.correlation = None
         self.left = np.zeros(rows.shape[:2])
         self.model: Any = SimpleNamespace(permittivity=np.full(100, np.nan), gap_of=None)
 
@@ -68,6 +69,10 @@ class Linear:
     def relative_sizes(self, constants: Any) -> np.ndarray:
         """As the problem itself has them."""
         return SensorProblem.relative_sizes(self, constants)  # type: ignore[arg-type]
+
+    def prior_information(self, constants: Any) -> np.ndarray:
+        """As the problem itself has it."""
+        return SensorProblem.prior_information(self, constants)  # type: ignore[arg-type]
 
     def standardised(self, constants: Any) -> np.ndarray:
         """What is left, in units of the noise."""

@@ -1,5 +1,6 @@
 """Known loads of a guided calibration, in the order in which it asks for them."""
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,6 +58,12 @@ class Press:
             f"at {format_quantity(self.place, DIMENSION[self.by])}{along} with "
             f"{format_quantity(self.force, 'force')}"
         )
+
+    def report(self) -> dict[str, float]:
+        """For `--json`: SI units, angles in degrees."""
+        name, scale = ("arc_m", 1.0) if self.by == "arc" else ("angle_deg", math.degrees(1))
+        found = {name: scale * self.place, "force_N": self.force}
+        return found if self.axial is None else found | {"axial_m": self.axial}
 
 
 @dataclass(frozen=True)

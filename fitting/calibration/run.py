@@ -47,6 +47,7 @@ class CalibrationOptions:
         timeout: how long a step may take [s].
         fit: names of the constants.
         model: shapes of the membrane, as for `fit_sensor`.
+        place_error: standard deviation of the presses' places, likewise [m].
     """
 
     port: str
@@ -61,6 +62,7 @@ class CalibrationOptions:
     timeout: float
     fit: Sequence[str]
     model: str
+    place_error: float
 
 
 def run_calibration(
@@ -99,7 +101,13 @@ def _fitted(
     baseline, health = _at_rest(folder, options)
     fitted = [step for step in options.steps if not step.verifies]
     data = load_sensor_data(spec, [folder.log(step) for step in fitted])
-    fit = fit_sensor(data, options.fit, model=options.model, progress=progress)
+    fit = fit_sensor(
+        data,
+        options.fit,
+        model=options.model,
+        place_error=options.place_error,
+        progress=progress,
+    )
     write_text(options.output, calibrated_skin(options.skin, fit))
     report = sensor_report(fit) | {
         "skin": str(options.skin),

@@ -1,19 +1,28 @@
 """`suas calibrate`. JAX is imported inside the command."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
 from fitting.cli.log import FORMAT_NAMES
+from fitting.cli.options import Plot, check_figures, quantity_option
+from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
 from suas_jax.files.writing import check_outputs
 
+if TYPE_CHECKING:
+    from fitting.calibration.next_press import Plan
+    from suas_jax.config import SkinSpec
+
 
 def calibrate(
-    port: Annotated[str, typer.Argument(metavar="PORT", help="As for `suas log`.")],
+    port: Annotated[
+        str,
+        typer.Argument(metavar="PORT", help="As for `suas log`; - prints the --plan alone."),
+    ],
     skin: Annotated[Path, typer.Argument(metavar="SKIN", help="Skin file (TOML).")],
     output: Annotated[
         Path | None,
@@ -54,6 +63,22 @@ def calibrate(
             metavar='"ANGLE, FORCE"', help="A known load to verify the result with, as --press."
         ),
     ] = None,
+    plan: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Press where it tells most of this unit, N times at most, with --force or "
+            "half of it; then --fit as-built.",
+        ),
+    ] = None,
+    accuracy: Annotated[
+        str, typer.Option(help="Plan no more presses once forces are known to this (median).")
+    ] = "0 %",
+    place_error: Annotated[
+        str, typer.Option(metavar="LENGTH", help="Standard deviation of the presses' places.")
+    ] = "1 mm",
+    plot: Plot = None,
     skip_verification: Annotated[
         bool, typer.Option("--skip-verification", help="Leave the verification out.")
     ] = False,
@@ -65,8 +90,12 @@ def calibrate(
         typer.Option(min=1.0, max=86400.0, metavar="S", help="Give up a step after this long."),
     ] = 600.0,
     fit: Annotated[
-        str, typer.Option(help="Constants to find, as for `suas fit sensor`.")
-    ] = "permittivity,gap",
+        str | None,
+        typer.Option(
+            help="Constants to find, as for `suas fit sensor`; default: permittivity,gap, and "
+            "as-built with --plan."
+        ),
+    ] = None,
     model: Annotated[
         str, typer.Option(help="Shapes of the membrane, as for `suas fit sensor`.")
     ] = "auto",
@@ -77,6 +106,8 @@ def calibrate(
 
     The command says where and how hard to press, and goes on by itself once the load is held
     still. It keeps what it records: to resume a calibration, repeat the command.
+    --plan chooses the presses that shrink the uncertainty of forces over the skin most, and
+    --plot draws them.
     Exit status: 0 calibrated, verified or not; 2 bad input, or a step was not done.
     """
     with bad_input():
@@ -88,7 +119,14 @@ def calibrate(
         target = output or Path(f"{stem}.calibrated.toml")
         report_file = page or target.with_suffix(".html")
         spec = load_skin(skin)
-        check_outputs([target, report_file], overwrite=overwrite)
+        check_outputs([plot], overwrite=overwrite)
+        check_figures(plot)
+        if port != "-":
+            check_outputs([target, report_file], overwrite=overwrite)
+        elif plan is None:
+            raise ValueError("PORT -: only with --plan, which then is all that is printed")
+        if plan is not None and press:
+            raise ValueError("--plan and --press: give one of them, both say where to press")
         try:
             usual, usually_verified = usual_presses(spec, parse_quantity(force, "force"))
         except ValueError as error:
@@ -97,6 +135,16 @@ def calibrate(
         verified = tuple(press_of(text, spec, "--verify") for text in verify or ())
         verified = () if skip_verification else verified or usually_verified
         configure()
+        usual_fit = "permittivity,gap" if plan is None else "as-built"
+        place_deviation = quantity_option("--place-error", place_error, "length")
+        if plan is not None:
+            wanted = quantity_option("--accuracy", accuracy, "number")
+            largest = quantity_option("--force", force, "force")
+            chosen = _planned(spec, largest, plan, wanted, place_deviation, plot)
+            pressed = chosen.presses
+            if port == "-":
+                say(json_text(chosen.report()) if as_json else chosen.text, lines=True)
+                return
         from fitting.calibration.run import CalibrationOptions, run_calibration
 
         options = CalibrationOptions(
@@ -110,8 +158,9 @@ def calibrate(
             baud,
             hold,
             timeout,
-            [name.strip() for name in fit.split(",") if name.strip()],
+            [name.strip() for name in (fit or usual_fit).split(",") if name.strip()],
             model,
+            place_deviation,
         )
         report = run_calibration(options, lambda text: say(text, err=True, lines=True))
     if as_json:
@@ -124,3 +173,23 @@ def calibrate(
         say(f"warning: {warning}")
     verdicts = {None: "not verified", True: "verified", False: "the verification failed"}
     say(f"{verdicts[report['verified']]}; written: {target}, {report_file}", err=True)
+
+
+def _planned(
+    spec: "SkinSpec",
+    force: float,
+    most: int,
+    accuracy: float,
+    place_error: float,
+    plot: Path | None,
+) -> "Plan":
+    """The presses that tell most of a unit, drawn where a file is given."""
+    from fitting.calibration.next_press import candidates_of, planned
+
+    with fitting_spinner() as show:
+        found = planned(candidates_of(spec, force, place_error, show), most, accuracy)
+    if plot is not None:
+        from fitting.calibration.plan_figure import plot_plan
+
+        plot_plan(found, plot)
+    return found

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from fitting.cli.contract import Overwrite, bad_input
-from fitting.cli.options import Plot, check_figures
+from fitting.cli.options import Plot, check_figures, quantity_option
 from fitting.cli.progress import fitting_spinner
 from fitting.json_text import json_text
 from suas_jax.acquisition.terminal import say
@@ -40,7 +40,7 @@ def sensor(
         str,
         typer.Option(
             help="Constants to find: permittivity, gap, scale, stray, layers, material.C1, "
-            "..., separated by commas."
+            "..., separated by commas; or as-built: all that a unit has of its own."
         ),
     ] = "permittivity,gap",
     gap: Annotated[
@@ -69,6 +69,12 @@ def sensor(
             "logs, or once for each.",
         ),
     ] = None,
+    place_error: Annotated[
+        str,
+        typer.Option(
+            metavar="LENGTH", help="Standard deviation of the presses' places, with as-built."
+        ),
+    ] = "1 mm",
     fluid: Annotated[
         list[str] | None,
         typer.Option(
@@ -133,7 +139,8 @@ def sensor(
             names = [name.strip() for name in fit.split(",") if name.strip()]
             if joint:
                 names += [k for k in continuous_inputs(spec) if k.startswith("material.")]
-            of_material = any(name.startswith("material.") for name in names)
+            of_material = any(name.startswith(("material.", "as-built")) for name in names)
+            place_deviation = quantity_option("--place-error", place_error, "length")
             data = load_sensor_data(spec, logs, inputs or (), fluid or (), joint=of_material)
             from suas_jax.runtime.settings import configure
 
@@ -154,6 +161,7 @@ def sensor(
                 gaps=gap,
                 model=model,
                 field=field,
+                place_error=place_deviation,
                 progress=show,
             )
             report = sensor_report(found)

@@ -204,21 +204,26 @@ def _typical(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
 
 def _defaults(spec: SkinSpec) -> Iterator[tuple[str, dict[str, float]]]:
     values = {path: float(value) for path, value in given_inputs(spec).items()}
-    declared = spec.material.declared()
-    stresses = {f"material.{key}" for key, c in declared.items() if c.dimension == "stress"}
     for name, share in DEFAULTS.items():
         if name == STIFFNESS:
-            constants = {
-                path: share * value
-                for path, value in values.items()
-                if ".".join(path.split(".")[:2]) in stresses
-            }
+            constants = {path: share * value for path, value in stresses_of(spec).items()}
             if constants:
                 yield name, constants
         elif name in values:
             yield name, {name: share * values[name]}
         elif name == "electrodes.lsb" and spec.electrodes is not None:
             yield name, {name: share * spec.electrodes.lsb}
+
+
+def stresses_of(spec: SkinSpec) -> dict[str, float]:
+    """Constants of the material that are stresses, by path [Pa]."""
+    declared = spec.material.declared()
+    own = {f"material.{key}" for key, c in declared.items() if c.dimension == "stress"}
+    return {
+        path: float(value)
+        for path, value in given_inputs(spec).items()
+        if ".".join(path.split(".")[:2]) in own
+    }
 
 
 def _calibrated(
@@ -238,7 +243,7 @@ def _calibrated(
     covariance = np.array(record.covariance, float)
     if not (np.isfinite(covariance).all() and np.isfinite(values).all()):
         raise ValueError("[calibration] covariance and values: finite numbers are needed")
-    parts = [_paths_of(spec, name) for name in names]
+    parts = [_paths_of(spec, name, value) for name, value in zip(names, values, strict=True)]
     left = [i for i, own in enumerate(parts) if not own.keys() & known]
     covariance = covariance[np.ix_(left, left)]
     kept = [names[i] for i in left]
@@ -290,8 +295,16 @@ def _independent(
         yield f"{label}, {names[int(np.argmax(np.abs(axes[:, k])))]} above all", column
 
 
-def _paths_of(spec: SkinSpec, name: str) -> dict[str, float]:
-    """Inputs that a calibrated constant stands for, and their change per unit of it."""
+def _paths_of(spec: SkinSpec, name: str, value: float) -> dict[str, float]:
+    """Inputs that a calibrated constant stands for, and their change per unit of it.
+
+    Args:
+        spec: the calibrated skin.
+        name: of the constant.
+        value: of the constant, which the file's inputs are made with.
+    """
+    if name == "stiffness":
+        return {path: x / value for path, x in stresses_of(spec).items()}
     if name == "layers":
         assert spec.electrodes is not None
         layers = spec.electrodes.layers

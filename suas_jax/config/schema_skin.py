@@ -18,6 +18,8 @@ from suas_jax.config.fields import (
 )
 from suas_jax.runtime.registry import model_names
 
+Gain = Annotated[float, quantity("number", above=0.0)]
+
 
 class TaxelSpec(Spec):
     """One round electrode on the rigid wall.
@@ -29,6 +31,7 @@ class TaxelSpec(Spec):
         axial: of its centre, from mid-width [m].
         diameter: of the electrode [m].
         height: above the wall, towards the membrane: what a calibration of single gaps finds.
+        gain: of its channel: counts over those of the scale `lsb`, which a calibration finds.
     """
 
     angle: Angle | None = Field(default=None, examples=['"-30 deg"'])
@@ -36,6 +39,7 @@ class TaxelSpec(Spec):
     axial: Length = Field(default=0.0, examples=['"0 mm"'])
     diameter: PositiveLength = Field(default=4e-3, examples=['"4 mm"'])
     height: Length = Field(default=0.0, examples=['"0 mm"'])
+    gain: Gain = Field(default=1.0, examples=["1.0"])
 
     @model_validator(mode="after")
     def _placed(self) -> Self:
@@ -69,6 +73,7 @@ class ModuleSpec(Spec):
             the ten places carry, place after place along the rows.
         heights: of the ten electrodes above the wall, towards the membrane, by number [m];
             none where they lie on it.
+        gains: of the channels of the ten, by number; none where all are one.
     """
 
     angle: Angle | None = Field(default=None, examples=['"0 deg"'])
@@ -81,18 +86,21 @@ class ModuleSpec(Spec):
     heights: Annotated[tuple[Length, ...], AsList] = Field(
         default=(), examples=['["0 mm", "0 mm", "0 mm", ...]']
     )
+    gains: Annotated[tuple[Gain, ...], AsList] = Field(
+        default=(), examples=["[1.0, 0.99, 1.01, ...]"]
+    )
 
     @model_validator(mode="after")
     def _placed(self) -> Self:
         angle_or_arc(self.angle, self.arc)
         return self
 
-    @field_validator("heights")
+    @field_validator("heights", "gains")
     @classmethod
-    def _ten_or_none(cls, heights: tuple[float, ...]) -> tuple[float, ...]:
-        if len(heights) not in (0, MODULE_TAXELS):
-            raise ValueError(f"{MODULE_TAXELS} heights are needed, one for each taxel")
-        return heights
+    def _ten_or_none(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        if len(values) not in (0, MODULE_TAXELS):
+            raise ValueError(f"{MODULE_TAXELS} values are needed, one for each taxel")
+        return values
 
     @field_validator("numbering", mode="before")
     @classmethod

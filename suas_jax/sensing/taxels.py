@@ -284,19 +284,32 @@ def _along_wall(spec: GeometrySpec, places: dict[str, Any]) -> tuple[list[float]
 
 def heights_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
     """Heights of the electrodes above the wall [taxel, 1] [m]; 0 where all lie on it."""
+    return _by_taxel(electrodes, numbers, "height", 0.0)
+
+
+def gains_of(electrodes: ElectrodesSpec, numbers: Mapping[str, Any]) -> Array | float:
+    """Gains of the taxels' channels [taxel, 1]; 1 where none is given."""
+    return _by_taxel(electrodes, numbers, "gain", 1.0)
+
+
+def _by_taxel(
+    electrodes: ElectrodesSpec, numbers: Mapping[str, Any], key: str, usual: float
+) -> Array | float:
+    """Numbers of single taxels, ten by ten those of modules; one where none is given."""
     if electrodes.layout == "list":
-        if not any("height" in taxel.model_fields_set for taxel in electrodes.taxels):
-            return 0.0
-        paths = [f"electrodes.taxels.{i}.height" for i in range(len(electrodes.taxels))]
+        if not any(key in taxel.model_fields_set for taxel in electrodes.taxels):
+            return usual
+        paths = [f"electrodes.taxels.{i}.{key}" for i in range(len(electrodes.taxels))]
     else:
-        if not any(module.heights for module in electrodes.modules):
-            return 0.0
+        given = [getattr(module, f"{key}s") for module in electrodes.modules]
+        if not any(given):
+            return usual
         paths = [
-            f"electrodes.modules.{i}.heights.{k}" if module.heights else ""
-            for i, module in enumerate(electrodes.modules)
+            f"electrodes.modules.{i}.{key}s.{k}" if own else ""
+            for i, own in enumerate(given)
             for k in range(MODULE_TAXELS)
         ]
-    values = [jnp.asarray(numbers[path] if path else 0.0, float) for path in paths]
+    values = [jnp.asarray(numbers[path] if path else usual, float) for path in paths]
     return jnp.stack(values)[..., None]
 
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from suas_jax.acquisition.frames.reading import Reading
 from suas_jax.acquisition.integrity import Flags, Integrity
 from suas_jax.acquisition.log.log_file import LogWriter, log_header
-from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec, load_scene
+from suas_jax.config import GeometrySpec, LoadSpec, SceneSpec, continuous_inputs, load_scene
 from suas_jax.files.writing import written
 from suas_jax.sensing.converter import Converter, Sample
-from suas_jax.sensing.taxels import taxel_names
+from suas_jax.sensing.taxels import gains_of, taxel_names
 from suas_jax.simulation.capacitances import capacitances, static_state
 from suas_jax.simulation.load_path import load_path
 
@@ -195,7 +195,10 @@ def simulate_log(
         loads = true_loads(scene, forces, moved, count)
     except NotKnownInputsError as error:
         untold = str(error)
-    sample = converter.sample(capacitance, time, random)
+    # A channel's gain is the converter's: the film's capacitance is without it.
+    assert scene.electrodes is not None  # or there would be no converter
+    gain = np.asarray(gains_of(scene.electrodes, continuous_inputs(scene))).reshape(-1)
+    sample = converter.sample(capacitance * gain, time, random)
     found = list(readings(scene, time, sample, faults or LogFaults(), random))
     origin = f"seed {seed}, {rate:g} Hz, {converter}"
     return SimulatedLog(scene, converter, sample, capacitance, found, origin, loads, untold)

@@ -14,12 +14,30 @@ import jax.numpy as jnp
 import numpy as np
 
 from fitting.sensor.fit.checks import check_agreement, drift_warning
-from fitting.sensor.fit.priors import needed_priors, prior_of
+from fitting.sensor.fit.priors import (
+    as_built_priors,
+    hierarchical,
+    needed_priors,
+    prior_of,
+)
 from fitting.sensor.fit.residuals import Prior, SensorProblem
 from fitting.sensor.fit.result import SensorFit, judged_fit
 from fitting.sensor.fit.search import Found, robust, search
 from fitting.sensor.logs.data import NoCalibration, SensorData
-from fitting.sensor.logs.readings import gathered, measured_noise
+from fitting.sensor.logs.readings import (
+    averaged,
+    gathered,
+    measured_noise,
+    with_model_error,
+)
+from fitting.sensor.model.as_built import (
+    AS_BUILT,
+    MODEL_ERROR,
+    PLACE_ERROR,
+    as_built,
+    as_built_names,
+    press_errors,
+)
 from fitting.sensor.model.constants import (
     DEFAULT,
     FILL,
@@ -32,16 +50,25 @@ from fitting.sensor.model.constants import (
     named,
     naming,
     single_gaps,
+    starting_values,
 )
 from fitting.sensor.shapes.shapes import Shapes, ShapeSolver
 from suas_jax.acquisition.baseline import Baseline
 from suas_jax.runtime.precision import require_float64
 
 _ROUNDS = 8
-_SAME = 1e-7
+_SAME, _SAME_AS_BUILT = 1e-7, 0.02  # of a constant's size, or of its prior's deviation
 # LoggedCounts are left out where the membrane would touch the wall in a gap smaller by this.
 _NEAR_CONTACT = 0.85
 _FIELD_ROUNDS = 2
+_UNTRIED = (
+    "as built on a pad: found as on sections, but not yet measured on simulated pads; verify "
+    "it by known presses that took no part"
+)
+_UNSTEADY = (
+    f"the shapes still change after {_ROUNDS} rounds: the constants that move the membrane are "
+    "far from the skin file's; put better values into it"
+)
 
 
 def fit_sensor(
@@ -56,13 +83,15 @@ def fit_sensor(
     like: SensorFit | None = None,
     model: str = "auto",
     field: bool = False,
+    place_error: float = PLACE_ERROR,
     progress: Callable[[str], None] = lambda text: None,
 ) -> SensorFit:
     """Find the constants that follow the logs best, and say how far they can be known.
 
     Args:
         data: the logs.
-        fit: names of the constants: permittivity, gap, scale, stray, layers, material.C1 ...
+        fit: names of the constants: permittivity, gap, scale, stray, layers, material.C1 ...;
+            or `AS_BUILT` alone for all that a unit has of its own, see `as_built`.
         priors: mean and standard deviation by name, SI, that are always used.
         baseline: counts at rest, which fix an offset of every taxel.
         offsets: give every taxel an offset of its own.
@@ -73,6 +102,7 @@ def fit_sensor(
         model: "shell", "solid" (the shell with the solid's correction), or "auto": the
             solid, unless the logs say that `suas simulate` made them, which has the shell.
         field: take capacitances from the electrostatic field instead of the formula.
+        place_error: standard deviation of the presses' places, with `AS_BUILT` [m].
         like: a calibration of the same known states, whose shapes are used again.
         progress: called with what is being done.
 
@@ -82,33 +112,37 @@ def fit_sensor(
         Float64Error: float64 is off.
     """
     require_float64()
+    drawing, own = data.spec, AS_BUILT in fit
+    frames = np.zeros(0)
+    if own:
+        if len(fit) > 1 or gaps != "global" or like is not None:
+            raise ValueError(f"--fit {AS_BUILT}: alone, without --gap, as it finds both")
+        data, frames = averaged(dataclasses.replace(data, spec=as_built(drawing)))
+        fit = as_built_names(data.spec)
     data = dataclasses.replace(data, spec=naming(data.spec, fit))
     parts = tuple(dict.fromkeys(named(data.spec, name) for name in fit))
     if not parts:
         raise ValueError("--fit: name at least one constant")
     parts, gap_of = single_gaps(data.spec, parts, gaps)
+    pressed = [int(k) for k in np.flatnonzero(data.loaded)] if own else []
+    parts += tuple(press_errors(data.spec, len(pressed), place_error))
     family = SensorFamily(parts)
     given = _given(data, family, priors or {})
-    pad = data.spec.geometry.dimension == 3
-    if pad and (field or model == "solid"):
-        raise ValueError("--field and --model solid: in plane strain only; leave them out")
-    if not pad and (data.loads.axial.any() or data.loads.diameter.any()):
-        raise ValueError("axial positions and diameters of known loads need a pad")
-    if field and (gap_of is not None or any(map(moves_membrane, family.names))):
-        raise ValueError(
-            "--field: with one gap for all taxels, and without what moves the membrane"
-        )
-    readings, loads, permittivity = gathered(data, baseline, offsets)
+    _check_kind(data, family, gap_of, model=model, field=field)
+    readings, loads, permittivity = gathered(data, baseline, offsets or own)
     solver = ShapeSolver(
-        data, loads, permittivity, family, gap_of, air=air, model=model, progress=progress
+        data,
+        loads,
+        permittivity,
+        family,
+        gap_of,
+        air=air,
+        model=model,
+        progress=progress,
+        pressed=pressed,
     )
     stated = [solver.stated(name) for name in family.names]
-    start = np.array(
-        [
-            value if value is not None else part.size if part.positive else 0.0
-            for part, value in zip(parts, stated, strict=True)
-        ]
-    )
+    start = starting_values(parts, stated)
     shapes = solver.at(start) if like is None else solver.again(like.shapes, like.loads, start)
     # Filling and mounting do much the same: the first fit holds both near the file's.
     held = {
@@ -116,7 +150,13 @@ def fit_sensor(
         for part, value in zip(parts, stated, strict=True)
         if part.name in (FILL, MOUNTING)
     }
-    problem = SensorProblem(shapes.model, readings, held | given)
+    correlation = None
+    if own:
+        before, correlation = as_built_priors(drawing, parts, start)
+        given = before | given
+        share = MODEL_ERROR[drawing.geometry.dimension]
+        readings = with_model_error(readings, frames, data.loaded, share)
+    problem = SensorProblem(shapes.model, readings, held | given, correlation)
     problem, touching = _away_from_the_wall(problem, start)
     progress("fitting")
     problem, found = robust(problem, start)
@@ -132,20 +172,39 @@ def fit_sensor(
             problem, found = robust(problem.replace(model=exact), found.constants)
     settled = _settled(problem, found, shapes, touching, solver, stated, progress)
     problem, found, shapes, touching, steady = settled
-    warnings = [*data.warnings, *solver.warnings]
-    if not steady:
-        warnings.append(
-            f"the shapes still change after {_ROUNDS} rounds: the constants that move the "
-            "membrane are far from the skin file's; put better values into it"
-        )
+    warnings = [*data.warnings, *solver.warnings, "" if steady else _UNSTEADY]
+    warnings.append(_UNTRIED if own and drawing.geometry.dimension == 3 else "")
     drifts = drift_warning(problem, found.constants)
     if drifts:
         warnings.append(drifts)
         drifting = dataclasses.replace(problem.readings, drifting=True)
         problem, found = robust(problem.replace(readings=drifting), found.constants)
     warnings += check_agreement(problem, found.constants, data)
-    problem, found, noise = _with_measured_noise(problem, found)
+    # As built, the noise is that of means, with the model's error.
+    noise = readings.sigma.min(1, keepdims=True) * np.ones(readings.logs)
+    if not own:
+        problem, found, noise = _with_measured_noise(problem, found)
     return judged_fit(data, problem, found, shapes, loads, noise, touching, steady, warnings)
+
+
+def _check_kind(
+    data: SensorData,
+    family: SensorFamily,
+    gap_of: tuple[int, ...] | None,
+    *,
+    model: str,
+    field: bool,
+) -> None:
+    """Refuse what the skin's dimension, or the field, leaves out."""
+    pad = data.spec.geometry.dimension == 3
+    if pad and (field or model == "solid"):
+        raise ValueError("--field and --model solid: in plane strain only; leave them out")
+    if not pad and (data.loads.axial.any() or data.loads.diameter.any()):
+        raise ValueError("axial positions and diameters of known loads need a pad")
+    if field and (gap_of is not None or any(map(moves_membrane, family.names))):
+        raise ValueError(
+            "--field: with one gap for all taxels, and without what moves the membrane"
+        )
 
 
 def _given(
@@ -170,11 +229,15 @@ def _away_from_the_wall(
 ) -> tuple[SensorProblem, np.ndarray]:
     """Leave out readings of taxels that the membrane touches, or nearly."""
     near, model = constants.copy(), problem.model
-    own = [i for i, name in enumerate(problem.family.names) if is_gap(name)]
+    gap = f"{PATHS[GAP]}."
+    names = problem.family.names
+    own = [i for i, name in enumerate(names) if is_gap(name) or name.startswith(gap)]
     near[own] *= _NEAR_CONTACT
     if not own:
-        gap = model.inputs[PATHS[GAP]] * _NEAR_CONTACT
-        model = dataclasses.replace(model, inputs=model.inputs | {PATHS[GAP]: gap})
+        gaps = {
+            k: _NEAR_CONTACT * x for k, x in model.inputs.items() if f"{k}.".startswith(gap)
+        }
+        model = dataclasses.replace(model, inputs=model.inputs | gaps)
     so = problem.replace(model=model).predicted(near)
     readings = problem.readings
     touching = ~np.isfinite(so) & np.isfinite(readings.so)
@@ -203,10 +266,14 @@ def _settled(
         The problem, its minimum, the shapes, which readings the wall takes, and whether
         nothing changes any more.
     """
-    moving = list(solver.moving)
+    names, moving = problem.family.names, problem.model.shaping
+    same = _SAME * problem.family.sizes[moving]
+    if problem.correlation is not None:
+        same = np.array([_SAME_AS_BUILT * problem.priors[names[i]].sd for i in moving])
     for _ in range(_ROUNDS):
         at = np.asarray(problem.model.at)[moving]
-        moved = moving and not np.allclose(found.constants[moving], at, rtol=_SAME)
+        moved = bool((np.abs(found.constants[moving] - at) > same).any())
+        problem = problem.replace(priors=hierarchical(problem, found.constants))
         needed = needed_priors(problem, found.constants, stated)
         if not moved and not needed:
             return problem, found, shapes, touching, True

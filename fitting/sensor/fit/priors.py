@@ -4,6 +4,7 @@ A constant whose standard error would exceed a share of its size is left open by
 it keeps the value of the skin file within a stated tolerance, and the report says so.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,19 +12,24 @@ import numpy as np
 
 from fitting.sensor.fit.residuals import Prior, SensorProblem, bounds_of
 from fitting.sensor.logs.data import SensorData
+from fitting.sensor.model.as_built import as_built_deviations, is_gain, shared_deviation
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
     LAYERS,
     MOUNTING,
+    PATHS,
     PERMITTIVITY,
     SCALE,
     STRAY,
     THICKNESS,
     SensorConstant,
     is_gap,
+    is_press_error,
     moves_membrane,
 )
+from suas_jax.config import SkinSpec
+from suas_jax.config.inputs import given_inputs
 from suas_jax.config.tolerance import deviation_of
 
 OPEN = 0.05
@@ -47,6 +53,7 @@ _LEAST_KNOWN = (LAYERS, STRAY, SCALE)
 # Constants that are linked to one with a prior are no better known than it.
 _LINKED = 2.0
 _FIXED = 1e6
+_BARELY = 0.9  # of the deviation that the drawing allows
 
 
 def is_static(problem: SensorProblem) -> bool:
@@ -74,6 +81,45 @@ def prior_of(part: SensorConstant, stated: float | None, reason: str) -> Prior:
     return Prior(mean, share * part.size, reason)
 
 
+def as_built_priors(
+    drawing: SkinSpec, parts: Sequence[SensorConstant], stated: np.ndarray
+) -> tuple[dict[str, Prior], np.ndarray]:
+    """Priors of all that a unit has of its own, and their correlations [p, p].
+
+    Args:
+        drawing: the skin file.
+        parts: the constants.
+        stated: their values as the skin file has them [p].
+    """
+    deviations, correlation = as_built_deviations(drawing, parts)
+    found = {}
+    for part, value in zip(parts, stated, strict=True):
+        own = prior_of(part, _stated(drawing, part, value), "")
+        sd = deviations.get(part.name, own.sd)
+        found[part.name] = Prior(float(value), sd, "given: as the drawing allows")
+    return found, correlation
+
+
+def _stated(drawing: SkinSpec, part: SensorConstant, value: float) -> float:
+    """A constant's value with the deviation that the skin file states."""
+    given = given_inputs(drawing).get(PATHS.get(part.name, part.name), value)
+    return given if deviation_of(given) is not None else float(value)
+
+
+def hierarchical(problem: SensorProblem, constants: np.ndarray) -> dict[str, Prior]:
+    """The priors with the gains' common deviation as the gains tell it."""
+    names = problem.family.names
+    own = [i for i, name in enumerate(names) if is_gain(name)]
+    if not own:
+        return dict(problem.priors)
+    information = problem.information(constants) + problem.prior_information(constants)
+    sizes = problem.relative_sizes(constants)
+    variance = np.diag(np.linalg.inv(information)) * sizes**2
+    sd = shared_deviation(constants[own], variance[own])
+    changed = {names[i]: dataclasses.replace(problem.priors[names[i]], sd=sd) for i in own}
+    return {**problem.priors, **changed}
+
+
 def needed_priors(
     problem: SensorProblem, constants: np.ndarray, stated: Sequence[float | None]
 ) -> dict[str, Prior]:
@@ -85,11 +131,8 @@ def needed_priors(
         stated: what the skin file says of each.
     """
     names = problem.family.names
-    information = problem.information(constants)
+    information = problem.information(constants) + problem.prior_information(constants)
     sizes = problem.relative_sizes(constants)
-    for name, prior in problem.priors.items():
-        i = names.index(name)
-        information[i, i] += (sizes[i] / prior.sd) ** 2
     static = is_static(problem)
     needed: dict[str, Prior] = {}
     for i in _order(names):
@@ -127,6 +170,8 @@ def findings(problem: SensorProblem, constants: np.ndarray, inflation: float) ->
     """
     names = problem.family.names
     information = problem.information(constants) / inflation**2
+    if problem.correlation is not None:
+        return _barely_told(problem, information, constants)
     alone = bounds_of(information)
     open_ = {name for name, error in zip(names, alone, strict=True) if not error < OPEN}
     open_ |= {name for name, prior in problem.priors.items() if not prior.given}
@@ -158,6 +203,23 @@ def findings(problem: SensorProblem, constants: np.ndarray, inflation: float) ->
         trade = f"; it trades against {', '.join(partners)}" if partners else ""
         found.append(f"{name} is not determined{trade}")
     return found
+
+
+def _barely_told(
+    problem: SensorProblem, information: np.ndarray, constants: np.ndarray
+) -> list[str]:
+    """Constants of a unit of which the presses tell little beyond the drawing."""
+    before = np.linalg.inv(problem.prior_information(constants))
+    after = np.linalg.inv(information + problem.prior_information(constants))
+    left = np.sqrt(np.diag(after) / np.diag(before))
+    names = [
+        name
+        for name, share in zip(problem.family.names, left, strict=True)
+        if share > _BARELY and not is_press_error(name)
+    ]
+    return (
+        [f"the presses tell little beyond the drawing of {', '.join(names)}"] if names else []
+    )
 
 
 def _only_the_ratio(

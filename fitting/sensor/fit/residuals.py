@@ -48,6 +48,7 @@ class SensorResiduals(AbstractResiduals):
         inverse_scale: 1 / standard deviation [n]; zero for what is not used.
         basis: orthonormal columns, in units of the noise, of what is taken out of every
             taxel's readings [taxel, frame, column].
+        mixing: inverse root of the priors' correlations; None where they are independent.
         family: the constants.
     """
 
@@ -56,6 +57,7 @@ class SensorResiduals(AbstractResiduals):
     value: Float[Array, " n"]
     inverse_scale: Float[Array, " n"]
     basis: Float[Array, "taxel frame column"]
+    mixing: Float[Array, "p p"] | None
 
     @property
     def family(self) -> SensorFamily:
@@ -90,9 +92,12 @@ class SensorResiduals(AbstractResiduals):
         used = self.inverse_scale > 0.0
         misfit = jnp.where(used, self.predict(constants) - self.value, 0.0)
         r = misfit * self.inverse_scale
-        if self.basis.shape[-1] == 0:
+        taxels, frames, columns = self.basis.shape
+        if self.mixing is not None:
+            prior = self.mixing @ r[taxels * frames :]
+            r = jnp.concatenate([r[: taxels * frames], prior])
+        if columns == 0:
             return r
-        taxels, frames, _ = self.basis.shape
         data = r[: taxels * frames].reshape(taxels, frames)
         along = jnp.einsum("tfk,tf->tk", self.basis, data)
         data = data - jnp.einsum("tfk,tk->tf", self.basis, along)
@@ -112,11 +117,13 @@ class SensorProblem:
         model: the counts as a function of the constants.
         readings: what was read, and which of it is used.
         priors: by name of the constant.
+        correlation: of the priors' errors [p, p]; None where they are independent.
     """
 
     model: SensorModel
     readings: LoggedCounts
     priors: Mapping[str, Prior]
+    correlation: np.ndarray | None = None
 
     @property
     def family(self) -> SensorFamily:
@@ -156,7 +163,22 @@ class SensorProblem:
             value=jnp.asarray(value),
             inverse_scale=jnp.asarray(np.concatenate([inverse.reshape(-1), sds])),
             basis=jnp.asarray(here.basis(here.sigma / np.sqrt(np.where(here.used, weight, 1)))),
+            mixing=None if self.correlation is None else jnp.asarray(self._mixing()),
         )
+
+    def _mixing(self) -> np.ndarray:
+        """L^-1 with L L^T the priors' correlations: makes their errors independent."""
+        correlation = np.asarray(self.correlation, float)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(correlation)))
+
+    def prior_information(self, constants: np.ndarray) -> np.ndarray:
+        """Of the priors, in relative sizes [p, p]."""
+        names, sizes = self.family.names, self.relative_sizes(constants)
+        inverse = np.array([1 / self.priors[n].sd if n in self.priors else 0.0 for n in names])
+        rows = np.diag(sizes * inverse)
+        if self.correlation is not None:
+            rows = self._mixing() @ rows
+        return np.asarray(rows.T @ rows)
 
     def predicted(self, constants: np.ndarray) -> np.ndarray:
         """Counts without offsets and drift [taxel, frame]."""

@@ -202,12 +202,12 @@ def _ratio(
     problem: SensorProblem, constants: np.ndarray, judged: Uncertainty
 ) -> tuple[float, float] | None:
     """Permittivity over gap with its standard error; None with several gaps."""
-    names = problem.family.names
-    if PERMITTIVITY not in names or problem.model.gap_of is not None:
+    names, inputs = problem.family.names, problem.model.inputs
+    if PERMITTIVITY not in names or problem.model.gap_of or PATHS[GAP] not in inputs:
         return None
     i = names.index(PERMITTIVITY)
     gradient = np.zeros(len(names))
-    gap = float(problem.model.inputs[PATHS[GAP]])
+    gap = float(inputs[PATHS[GAP]])
     if GAP in names:
         j = names.index(GAP)
         gap = constants[j]

@@ -48,6 +48,17 @@ class KnownLoads:
         """Some of the states."""
         return self._by_state(lambda values: values[:, index])
 
+    def shifted(self, name: str, change: np.ndarray) -> "KnownLoads":
+        """The same with another first load.
+
+        Args:
+            name: of what changes: "angle", "axial" or "force".
+            change: by how much, SI [state].
+        """
+        moved = getattr(self, name).copy()
+        moved[0] += change
+        return dataclasses.replace(self, **{name: moved})
+
     def with_rest(self) -> "KnownLoads":
         """One more state, without loads."""
         more = self._by_state(lambda values: np.pad(values, ((0, 0), (0, 1))))

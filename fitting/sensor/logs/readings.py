@@ -88,6 +88,55 @@ class LoggedCounts:
         return found, np.sqrt(np.einsum("tkf,tkf->tk", inverse, inverse))
 
 
+def averaged(data: SensorData) -> tuple[SensorData, np.ndarray]:
+    """Every known state of every log as one frame, and of how many it is the mean [frame].
+
+    Raises:
+        ValueError: no state is at rest, or one has several loads, or a known displacement.
+    """
+    if np.isfinite(data.loads.displacement).any():
+        raise ValueError(f"{data.paths}: --fit as-built takes known forces")
+    keys, which, count = np.unique(
+        np.stack([data.log, data.state]), axis=1, return_inverse=True, return_counts=True
+    )
+    which = which.reshape(-1)
+    if data.loaded[data.state].all():
+        raise ValueError(
+            f"{data.paths}: --fit as-built counts readings from rest; add a log, or frames, "
+            "without load"
+        )
+    if (np.nan_to_num(data.loads.force) != 0).sum(0).max() > 1:
+        raise ValueError(f"{data.paths}: --fit as-built takes one load at a time")
+    known = np.isfinite(data.so)
+    sums = np.zeros((len(data.so), len(count)))
+    found = np.zeros_like(sums)
+    for row, (so, own) in enumerate(zip(data.so, known, strict=True)):
+        sums[row] = np.bincount(which[own], so[own], len(count))
+        found[row] = np.bincount(which[own], minlength=len(count))
+    with np.errstate(invalid="ignore"):
+        so = np.where(2 * found > count, sums / found, np.nan)
+    time = np.bincount(which, data.time) / count
+    return dataclasses.replace(data, so=so, time=time, log=keys[0], state=keys[1]), count
+
+
+def with_model_error(
+    readings: LoggedCounts, count: np.ndarray, loaded: np.ndarray, share: float
+) -> LoggedCounts:
+    """Means of frames with their noise, and with the model's error.
+
+    Args:
+        readings: with frames at rest, the baseline's last.
+        count: of how many frames each is the mean [frame], without the baseline's.
+        loaded: states with a load [state], without the baseline's.
+        share: the model's error, relative to a reading's change from rest.
+    """
+    more = len(readings.state) - len(count)  # a baseline states the noise of its own mean
+    pressed = np.concatenate([loaded, np.zeros(more, bool)])[readings.state]
+    change = readings.so - np.nanmean(readings.so[:, ~pressed], 1, keepdims=True)
+    noise = readings.sigma / np.sqrt(np.concatenate([count, np.ones(more)]))
+    return dataclasses.replace(readings, sigma=np.hypot(noise, share * np.nan_to_num(change)))
+
+
 def gathered(
     data: SensorData, baseline: Baseline | None, offsets: bool
 ) -> tuple[LoggedCounts, KnownLoads, np.ndarray]:

@@ -1,7 +1,7 @@
 """The constants that a sensor calibration can find, by the names that people give them."""
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,11 +9,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.config.input_errors import stresses_of
 from suas_jax.sensing.taxels import taxel_names
 
 PERMITTIVITY, GAP, SCALE = "relative_permittivity", "oil_gap", "lsb"
 STRAY, LAYERS = "stray", "layers"
 FILL, MOUNTING, THICKNESS = "fill", "mounting", "thickness"
+STIFFNESS = "stiffness"  # a factor on all stresses of the material
+PLACE, AXIAL, PUSH = "place", "axial", "push"  # a press's errors: of its force relative
+PRESS_ERRORS = {PLACE: "angle", AXIAL: "axial", PUSH: "force"}
+"""What of a known load each of them moves."""
 ALIASES = {"permittivity": PERMITTIVITY, "gap": GAP, "scale": SCALE}
 DEFAULT = (PERMITTIVITY, GAP)
 PATHS = {
@@ -112,7 +117,37 @@ def moves_membrane(name: str) -> bool:
 
     The gap's does where the oil yields, too.
     """
-    return name.startswith(_MATERIAL) or name in (FILL, MOUNTING, THICKNESS)
+    return name.startswith((_MATERIAL, "geometry.thickness.")) or name in (
+        FILL,
+        MOUNTING,
+        THICKNESS,
+        STIFFNESS,
+    )
+
+
+def is_press_error(name: str) -> bool:
+    """Whether a constant is the error of a press's place or force."""
+    return name.split(".")[0] in PRESS_ERRORS
+
+
+def with_constants(
+    spec: SkinSpec, inputs: Mapping[str, Any], names: Iterable[str], values: Iterable[Any]
+) -> dict[str, Any]:
+    """Inputs by TOML path with constants in their places.
+
+    Args:
+        spec: the skin.
+        inputs: without them; a stiffness is a factor on what they have.
+        names: of the constants; gaps of single taxels and errors of places are no inputs.
+        values: of the constants, SI.
+    """
+    found = dict(inputs)
+    for name, value in zip(names, values, strict=True):
+        if name == STIFFNESS:
+            found |= {path: value * inputs[path] for path in stresses_of(spec)}
+        elif not (is_press_error(name) or name.startswith(f"{GAP}.")):
+            found[PATHS.get(name, name)] = value
+    return found
 
 
 def naming(spec: SkinSpec, names: Iterable[str]) -> SkinSpec:
@@ -163,7 +198,13 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
         return SensorConstant(own, "1", _SMALL_MOUNTING, False)
     if own == THICKNESS:
         return SensorConstant(own, "m", spec.geometry.mean_thickness)
+    if own == STIFFNESS:
+        return SensorConstant(own, "1", 1.0)
     inputs = continuous_inputs(spec)
+    if own.startswith(("geometry.thickness.value.", "geometry.oil_gap.value.")):
+        return SensorConstant(own, "m", inputs[own])
+    if own.startswith("electrodes."):
+        return SensorConstant(own, "1", inputs[own])
     material = {k: v for k, v in inputs.items() if k.startswith(_MATERIAL)}
     if own not in material:
         raise ValueError(
@@ -174,6 +215,18 @@ def named(spec: SkinSpec, name: str) -> SensorConstant:
     size = abs(value) or max(abs(v) for v in material.values())
     unit = spec.material.unit(own.removeprefix(_MATERIAL))
     return SensorConstant(own, unit, size, value > 0)
+
+
+def starting_values(
+    parts: Iterable[SensorConstant], stated: Iterable[float | None]
+) -> np.ndarray:
+    """What the skin file says of constants, else their natural size or zero, SI [p]."""
+    return np.array(
+        [
+            value if value is not None else part.size if part.positive else 0.0
+            for part, value in zip(parts, stated, strict=True)
+        ]
+    )
 
 
 def single_gaps(

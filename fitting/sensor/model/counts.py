@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fitting.sensor.model.constants import GAP, LAYERS, PATHS, SensorFamily
+from fitting.sensor.model.constants import LAYERS, SensorFamily, with_constants
 from suas_jax.config import SkinSpec
 from suas_jax.constitutive import AbstractLaw
 from suas_jax.mechanics.face import AbstractFace
@@ -63,6 +63,8 @@ class SensorModel(eqx.Module):
             formula alone.
         gap_of: position of each taxel's own gap among the constants; None where all share
             one.
+        latent: positions among the constants of the errors of each state's place, -1 where
+            there is none [kind, state]; their derivatives follow those of `moving`.
     """
 
     inputs: dict[str, Array]
@@ -75,6 +77,12 @@ class SensorModel(eqx.Module):
     family: SensorFamily = eqx.field(static=True)
     moving: tuple[int, ...] = eqx.field(static=True, default=())
     gap_of: tuple[int, ...] | None = eqx.field(static=True, default=None)
+    latent: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
+
+    @property
+    def shaping(self) -> list[int]:
+        """Positions of all constants that the shapes are linear in."""
+        return [*self.moving, *(i for row in self.latent for i in row if i >= 0)]
 
     def so(self, constants: Float[Array, " p"]) -> Float[Array, "taxel state"]:
         """Continuous counts, without offsets and drift; NaN where the wall is touched."""
@@ -117,18 +125,23 @@ class SensorModel(eqx.Module):
 
     def numbers(self, constants: Float[Array, " p"]) -> dict[str, Array]:
         """SI values by TOML path with the calibrated ones in their places."""
-        return self.inputs | {
-            PATHS.get(name, name): constants[i]
-            for i, name in enumerate(self.family.names)
-            if not name.startswith(f"{GAP}.")
-        }
+        return with_constants(self.spec, self.inputs, self.family.names, constants)
 
     def _face(self, constants: Array) -> AbstractFace:
         if self.slope is None:
             return self.face
-        change = (constants - self.at)[jnp.array(self.moving)]
-        moved = jax.tree.map(lambda slope: jnp.tensordot(change, slope, 1), self.slope)
-        face: AbstractFace = eqx.apply_updates(self.face, moved)
+        change = constants - self.at
+        common = change[jnp.array(self.moving, int)]
+        places = [
+            jnp.where(np.array(row) >= 0, change[np.array(row)], 0) for row in self.latent
+        ]
+
+        def moved(slope: Array) -> Array:
+            own = zip(places, slope[len(self.moving) :], strict=True)
+            start = jnp.tensordot(common, slope[: len(self.moving)], 1)
+            return sum((by * along for by, along in own), start)
+
+        face: AbstractFace = eqx.apply_updates(self.face, jax.tree.map(moved, self.slope))
         return face
 
 

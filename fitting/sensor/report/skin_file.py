@@ -11,18 +11,24 @@ import numpy as np
 import tomlkit
 
 from fitting.sensor.fit.result import SensorFit
+from fitting.sensor.model.as_built import is_gain
 from fitting.sensor.model.constants import (
     FILL,
     GAP,
     LAYERS,
     MOUNTING,
     PERMITTIVITY,
+    PRESS_ERRORS,
     SCALE,
+    STIFFNESS,
     STRAY,
     THICKNESS,
     is_gap,
+    is_press_error,
 )
 from suas_jax.config import SkinSpec
+from suas_jax.config.geometry import SheetSpec
+from suas_jax.config.input_errors import stresses_of
 from suas_jax.config.schema_skin import MODULE_TAXELS
 from suas_jax.config.toml_file import MOST_BYTES
 from suas_jax.files.reading import read_bytes
@@ -38,6 +44,9 @@ _PLACES = {
 }
 
 
+_NOT_MATERIAL = ("geometry.", "electrodes.", *(f"{kind}." for kind in PRESS_ERRORS))
+
+
 def calibrated_skin(skin: Path, fit: SensorFit) -> str:
     """Text of a skin file with the calibrated numbers; comments and the rest stay.
 
@@ -47,11 +56,17 @@ def calibrated_skin(skin: Path, fit: SensorFit) -> str:
     """
     document: Any = tomlkit.parse(read_bytes(skin, MOST_BYTES).decode("utf-8-sig"))
     material: dict[str, float] = {}
+    found = dict(zip(fit.family.names, map(float, fit.constants), strict=True))
+    _set_as_built(document, fit.data.spec, found)
     for part, value in zip(fit.family.parts, fit.constants, strict=True):
-        if part.name in _PLACES:
+        if part.name == STIFFNESS:
+            inputs = fit.problem.model.inputs
+            for path in stresses_of(fit.data.spec):
+                material[path.removeprefix("material.")] = float(value * inputs[path])
+        elif part.name in _PLACES:
             table, key, unit, size = _PLACES[part.name]
             document[table][key] = _text(value / size, unit)
-        elif is_gap(part.name):
+        elif is_gap(part.name) or part.name.startswith(_NOT_MATERIAL):
             continue
         elif part.name == LAYERS:
             document["electrodes"]["layers"] = _layers(fit.data.spec, float(value))
@@ -87,6 +102,37 @@ def _layers(spec: SkinSpec, total: float) -> list[dict[str, Any]]:
         }
         for layer in layers
     ]
+
+
+def _set_as_built(document: Any, spec: SkinSpec, found: dict[str, float]) -> None:
+    """Write tables of thickness and gap, and the gains of channels."""
+    for key in ("thickness", "oil_gap"):
+        table, prefix = getattr(spec.geometry, key), f"geometry.{key}.value"
+        if f"{prefix}.0" not in found and f"{prefix}.0.0" not in found:
+            continue
+        own: dict[str, Any] = {"arc": list(table.arc)}
+        if isinstance(table, SheetSpec):
+            own["axial"] = list(table.axial)
+            own["value"] = [
+                [_text(found[f"{prefix}.{i}.{j}"] / 1e-3, "mm") for j in range(len(row))]
+                for i, row in enumerate(table.value)
+            ]
+        else:
+            count = len(table.value)
+            own["value"] = [_text(found[f"{prefix}.{i}"] / 1e-3, "mm") for i in range(count)]
+        row = tomlkit.inline_table()
+        row.update(own)
+        document["geometry"][key] = row
+    gains = {name.split(".", 1)[1]: value for name, value in found.items() if is_gain(name)}
+    for name, value in gains.items():
+        table, index, key, *number = name.split(".")
+        own = document["electrodes"][table][int(index)]
+        if not number:
+            own[key] = _text(value, "")
+        elif number == ["0"]:
+            own[key] = [
+                _text(gains[f"{table}.{index}.{key}.{k}"], "") for k in range(MODULE_TAXELS)
+            ]
 
 
 def _set_heights(document: Any, fit: SensorFit) -> None:
@@ -127,15 +173,18 @@ def _record(skin: Path, fit: SensorFit) -> Any:
         + [f"Python {platform.python_version()}"]
     )
     family, judged = fit.family, fit.uncertainty
-    table["parameters"] = list(family.names)
-    table["units"] = list(family.units)
-    table["values"] = list(map(float, fit.constants))
-    table["standard_errors"] = list(map(float, judged.standard_errors))
-    table["covariance"] = [list(map(float, row)) for row in judged.covariance]
+    # Errors of places are the presses', not the skin's.
+    own = [i for i, name in enumerate(family.names) if not is_press_error(name)]
+    table["parameters"] = [family.names[i] for i in own]
+    table["units"] = [family.units[i] for i in own]
+    table["values"] = [float(fit.constants[i]) for i in own]
+    table["standard_errors"] = [float(judged.standard_errors[i]) for i in own]
+    table["covariance"] = [list(map(float, row)) for row in judged.covariance[np.ix_(own, own)]]
     table["priors"] = [
         f"{name}: {prior.mean:.6g} +- {prior.sd:.3g} {family.units[family.names.index(name)]}, "
         f"{prior.reason}"
         for name, prior in fit.priors.items()
+        if not is_press_error(name)
     ]
     table["unidentifiable"] = list(fit.findings)
     if fit.offsets is not None:

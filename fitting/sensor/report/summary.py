@@ -15,7 +15,7 @@ from fitting.report.description import (
     quantity_text,
 )
 from fitting.sensor.fit.result import SensorFit
-from fitting.sensor.model.constants import PATHS
+from fitting.sensor.model.constants import PATHS, is_press_error
 from suas_jax.acquisition.terminal import new_console
 from suas_jax.sensing.taxels import taxel_names
 
@@ -130,7 +130,9 @@ def _described(report: dict[str, Any], fit: SensorFit) -> Iterator[Part]:
         fit.status == "converged",
     )
     rows = []
-    for name, value in report["parameters"].items():
+    # The report has the errors of single presses; a person looks for the skin.
+    skin = {k: v for k, v in report["parameters"].items() if not is_press_error(k)}
+    for name, value in skin.items():
         unit, error = report["units"][name], report["standard_errors"][name]
         known = report["priors"].get(name)
         numbers = [value, error, *report["intervals"]["95"][name]]

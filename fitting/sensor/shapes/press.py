@@ -79,6 +79,11 @@ class Meshes(eqx.Module):
         )
 
 
+def first_only(loads: Array) -> Array:
+    """One for the first of the loads [load, ...], zero for the others [load, 1]."""
+    return (jnp.arange(len(loads)) == 0)[:, None] * 1.0
+
+
 class Press(eqx.Module):
     """States of one fluid in JAX arrays: everything but the skin and the forces.
 
@@ -111,6 +116,20 @@ class Press(eqx.Module):
             (self.meshes, self.angle, self.turn),
         )
         return Press(meshes, angle, turn, self.inner)
+
+    def shifted(self, angle: Array | float) -> "Press":
+        """The same with the first load moved within its element, on the same mesh.
+
+        Args:
+            angle: by which it moves [rad].
+        """
+        first = first_only(self.angle)
+        lengths = jnp.diff(self.meshes.angles, axis=0)
+        xi = self.meshes.xi + first * angle / jnp.einsum(
+            "els,es->ls", self.meshes.select, lengths
+        )
+        meshes = Meshes(self.meshes.angles, self.meshes.select, xi)
+        return Press(meshes, self.angle + first * angle, self.turn, self.inner)
 
     def displacements(
         self, mechanics: AbstractMechanics, q: Array

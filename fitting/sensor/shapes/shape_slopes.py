@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.model.constants import PLACE, PRESS_ERRORS, PUSH, with_constants
 from fitting.sensor.model.counts import parts_of
 from fitting.sensor.shapes.deformations import Deformed
 from fitting.sensor.shapes.pad_deformations import PadDeformed, TaxelFace, patches_of, respond
-from fitting.sensor.shapes.press import Press
+from fitting.sensor.shapes.press import Press, first_only
 from suas_jax.config import SkinSpec
 from suas_jax.equilibrium.correction import corrected
 from suas_jax.equilibrium.equilibrium import State, equilibrium
@@ -32,24 +33,24 @@ from suas_jax.skin.oil import AbstractOil
 
 
 class Moving(eqx.Module):
-    """Constants that move the membrane.
+    """Constants that move the membrane, and then the errors of the first load.
 
     Attributes:
         values: SI [constant].
-        paths: of the inputs that they are.
+        names: of the constants, those of `PRESS_ERRORS` among them.
     """
 
     values: Float[Array, " constant"]
-    paths: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def of(cls, values: Mapping[str, float]) -> Self:
-        """From values by TOML path."""
+        """From values by name."""
         return cls(jnp.asarray(list(values.values()), float), tuple(values))
 
-    def named(self, values: Array) -> dict[str, Array]:
-        """Values by TOML path."""
-        return dict(zip(self.paths, values, strict=True))
+    def shift(self, kind: str, values: Array) -> Array | float:
+        """Of the first load's place or force."""
+        return values[self.names.index(kind)] if kind in self.names else 0.0
 
 
 # Displacements of the loads [load, state] and the faces, from constants and forces.
@@ -96,12 +97,15 @@ def _of_section(
     oil: AbstractOil | None,
 ) -> AbstractFace:
     def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
-        geometry, law, answer, _ = parts_of(spec, inputs | moving.named(values), oil)
-        problem = press.problem(geometry, law, answer, force)
+        numbers = with_constants(spec, inputs, moving.names, values)
+        geometry, law, answer, _ = parts_of(spec, numbers, oil)
+        moved = press.shifted(moving.shift(PLACE, values))
+        push = 1 + first_only(force) * moving.shift(PUSH, values)
+        problem = moved.problem(geometry, law, answer, push * force)
         found = equilibrium(problem, start)
         _, shown, shell = corrected(problem, found.state)
         face = section_of(shell).face(shown.q)
-        return press.displacements(shell, shown.q), eqx.filter(face, eqx.is_inexact_array)
+        return moved.displacements(shell, shown.q), eqx.filter(face, eqx.is_inexact_array)
 
     return _slopes(shape, moving.values, force, wanted)
 
@@ -118,11 +122,18 @@ def _of_pad(
     oil: AbstractOil | None,
 ) -> AbstractFace:
     def shape(values: Array, force: Array) -> tuple[Array, AbstractFace]:
-        parts = parts_of(spec, inputs | moving.named(values), oil)
+        parts = parts_of(spec, with_constants(spec, inputs, moving.names, values), oil)
         skin = Skin(*parts, elements=PAD_ELEMENTS, mesh=mesh)
-        heights, mid, below, _ = respond(skin, dataclasses.replace(patches, force=force))
-        moved = jnp.where(inner, below, mid)
-        return moved[:, None], TaxelFace(heights[..., None])
+        moved = {
+            name: getattr(patches, name) + first_only(force) * moving.shift(kind, values)
+            for kind, name in PRESS_ERRORS.items()
+            if kind != PUSH
+        }
+        push = 1 + first_only(force) * moving.shift(PUSH, values)
+        own = dataclasses.replace(patches, force=push * force, **moved)
+        heights, mid, below, _ = respond(skin, own)
+        below = jnp.where(inner, below, mid)
+        return below[:, None], TaxelFace(heights[..., None])
 
     return _slopes(shape, moving.values, patches.force, wanted)
 
@@ -141,8 +152,8 @@ def shape_slopes(
         shape: the solved states.
         loads: what is known of them.
         spec: the skin.
-        inputs: SI values by TOML path.
-        moving: the constants, by TOML path.
+        inputs: SI values by TOML path, without the constants that move.
+        moving: the constants by name, then errors of the first load.
         oil: how the fluid answers, if not as the skin file says.
 
     Returns:
@@ -173,13 +184,14 @@ def pad_shape_slopes(
     oil: AbstractOil | None,
 ) -> AbstractFace:
     """The same for a pad, state by state; see `shape_slopes`."""
-    skin = Skin(*parts_of(spec, inputs, oil), elements=PAD_ELEMENTS)
+    numbers = with_constants(spec, inputs, moving, moving.values())
+    skin = Skin(*parts_of(spec, numbers, oil), elements=PAD_ELEMENTS)
     found = []
     for k in range(loads.states):
         patches = patches_of(loads, k, shape.force[:, k])
         wanted = jnp.asarray(np.isfinite(loads.displacement[:, k : k + 1]), float)
-        numbers = (jnp.asarray(loads.inner), wanted, dict(inputs), Moving.of(moving))
+        known = (jnp.asarray(loads.inner), wanted, dict(inputs), Moving.of(moving))
         mesh = skin.around(patches).mesh
-        found.append(COMPILED.run(_of_pad, patches, mesh, *numbers, spec, oil))
+        found.append(COMPILED.run(_of_pad, patches, mesh, *known, spec, oil))
     slopes: AbstractFace = jax.tree.map(lambda *x: np.concatenate(x, -1), *found)
     return slopes

@@ -10,7 +10,17 @@ from jaxtyping import Array
 
 from fitting.sensor.logs.data import NoCalibration, SensorData
 from fitting.sensor.logs.known_loads import KnownLoads
-from fitting.sensor.model.constants import GAP, PATHS, SensorFamily, is_gap, moves_membrane
+from fitting.sensor.model.constants import (
+    FILL,
+    GAP,
+    PATHS,
+    PRESS_ERRORS,
+    PUSH,
+    SensorFamily,
+    is_gap,
+    moves_membrane,
+    with_constants,
+)
 from fitting.sensor.model.counts import SensorModel, parts_of
 from fitting.sensor.shapes.body_deformations import (
     BodyDeformed,
@@ -75,8 +85,20 @@ class ShapeSolver:
         air: str,
         model: str,
         progress: Callable[[str], None],
+        pressed: Sequence[int] = (),
     ) -> None:
         """Prepare.
+
+        Args:
+            data: the logs.
+            loads: the known states, the baseline's included.
+            permittivity: of the fluid [state].
+            family: the constants.
+            gap_of: see `SensorModel`.
+            air: how air answers.
+            model: of the shapes.
+            progress: called with what is being done.
+            pressed: states whose only load has errors of its own, which are constants.
 
         Raises:
             ValueError: `air` or `model` is unknown.
@@ -96,8 +118,18 @@ class ShapeSolver:
         self.moving = tuple(
             i
             for i, name in enumerate(family.names)
-            if moves_membrane(name) or (name == GAP and yields)
+            if moves_membrane(name)
+            or (name == GAP and yields)
+            or (name.startswith(f"{PATHS[GAP]}.") and (yields or FILL in family.names))
         )
+        self._latent = {
+            kind: tuple(
+                family.names.index(f"{kind}.{pressed.index(s)}") if s in pressed else -1
+                for s in range(loads.states)
+            )
+            for kind in PRESS_ERRORS
+            if f"{kind}.0" in family.names
+        }
 
     def stated(self, name: str) -> float | None:
         """What the skin file says of a constant, SI; None where it says nothing.
@@ -119,13 +151,19 @@ class ShapeSolver:
             NoCalibration: a known state has no equilibrium.
         """
         self._progress("deforming the membrane")
-        paths = [PATHS.get(name, name) for name in self._family.names]
-        inputs = self.inputs | {
-            path: jnp.asarray(float(value))
-            for path, value in zip(paths, constants, strict=True)
-        }
-        moving = {paths[i]: float(constants[i]) for i in self.moving}
-        parts = [self._part(*group, inputs, moving) for group in self._fluids()]
+        names = self._family.names
+        values = [float(x) for x in constants]
+        moving = {names[i]: values[i] for i in self.moving}
+        kept = {name: jnp.asarray(x) for name, x in zip(names, values, strict=True)}
+        kept = {name: x for name, x in kept.items() if name not in moving}
+        held = with_constants(self._data.spec, self.inputs, kept, kept.values())
+        loads = self._loads
+        for kind, row in self._latent.items():
+            off = np.where(np.array(row) >= 0, constants[np.array(row)], 0.0)
+            loads = loads.shifted(
+                PRESS_ERRORS[kind], off * loads.force[0] if kind == PUSH else off
+            )
+        parts = [self._part(*group, loads, held, moving) for group in self._fluids()]
         order = np.argsort(np.concatenate([part.index for part in parts]))
         counts = [len(part.index) for part in parts]
 
@@ -149,6 +187,7 @@ class ShapeSolver:
             self._family,
             self.moving,
             self._gap_of,
+            tuple(self._latent.values()),
         )
         return Shapes(
             model,
@@ -213,19 +252,29 @@ class ShapeSolver:
         self,
         index: np.ndarray,
         oil: AbstractOil | None,
-        inputs: Mapping[str, Array],
+        loads: KnownLoads,
+        held: Mapping[str, Array],
         moving: Mapping[str, float],
     ) -> "_Part":
-        loads = self._loads.take(index)
-        geometry, law, answer, electrodes = parts_of(self._data.spec, inputs, oil)
-        numbers = self._data.spec, inputs, moving, oil
+        spec, loads = self._data.spec, loads.take(index)
+        inputs = with_constants(spec, held, moving, map(jnp.asarray, moving.values()))
         if loads.bodies:
+            if self._latent:
+                raise NoCalibration(
+                    f"{self._data.paths}: a unit as it was built is found from presses of known "
+                    "force, not from a body's travel"
+                )
             try:
-                pressed = deform_by_bodies(loads, self._data.spec, inputs, oil)
+                pressed = deform_by_bodies(loads, spec, inputs, oil)
             except NoDeformation as error:
                 raise NoCalibration(f"{self._data.paths}: {error}") from None
-            slope = body_shape_slopes(pressed, loads, *numbers) if moving else None
-            return _Part(index, pressed, slope)
+            own = None
+            if moving:
+                own = body_shape_slopes(pressed, loads, spec, inputs, moving, oil)
+            return _Part(index, pressed, own)
+        geometry, law, answer, electrodes = parts_of(spec, inputs, oil)
+        moving = {**moving, **dict.fromkeys(self._latent, 0.0)}
+        numbers = spec, held, moving, oil
         if self._data.spec.geometry.dimension == 3:
             try:
                 found = deform_pad(loads, geometry, law, answer, electrodes)

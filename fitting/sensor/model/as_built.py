@@ -1,0 +1,191 @@
+"""The skin as it was built: what of a unit differs from its drawing, and by how much.
+
+Thickness and gap are tables (`geometry.thickness.value.K`) through a few nodes along the arc,
+on pads also along the axis. Before any press they are, relative to the drawing, ::
+
+    u ~ N(0, C),   C_ij = s^2 (1 + exp(-|x_i - x_j|^2 / (2 l^2)))
+
+a common part and a smooth one, each with the standard deviation s that the skin file states,
+else 3 %, and l = 1 / 4 of the arc and of the length. Filling, mounting, permittivity and the
+membrane's stiffness have the file's deviations; channels have gains 1 + N(0, t^2), whose t is
+found from the gains themselves (`shared_deviation`). Every press is where, and as strong as, it
+was told to be up to errors of its own, which are constants like the others.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fitting.arrays import Floats
+from fitting.sensor.model.constants import (
+    AXIAL,
+    FILL,
+    MOUNTING,
+    PERMITTIVITY,
+    PLACE,
+    PUSH,
+    STIFFNESS,
+    SensorConstant,
+    is_press_error,
+    naming,
+)
+from suas_jax.config import SkinSpec, continuous_inputs
+from suas_jax.config.geometry import AlongSpec, SheetSpec
+from suas_jax.config.input_errors import stresses_of
+from suas_jax.config.inputs import given_inputs
+from suas_jax.config.schema_skin import MODULE_TAXELS
+from suas_jax.config.tolerance import deviation_of
+from suas_jax.skin.plain import plain_geometry
+
+AS_BUILT = "as-built"
+NODES, PAD_NODES = 5, 3
+"""Of a table along the arc of a section, and each way on a pad."""
+MODEL_ERROR = {2: 2.5e-3, 3: 1e-2}
+"""Of a reading's change from rest, relative, by the skin's dimension: that of the estimates of
+loads (`fitting.inverse_load.estimator`)."""
+PLACE_ERROR = 1e-3
+"""Standard deviation of a known place where none is stated [m]."""
+FORCE_ERROR = 2e-3
+"""The same of a known force, relative: of a kitchen scale."""
+
+_TOLERANCE, _REACH = 0.03, 0.25
+_STIFFNESS, _PERMITTIVITY, _GAIN = 0.10, 0.022, 0.01  # relative; the scale's is in the second
+_USUAL_GAINS = 8
+_EXACT = 1e-6
+_TABLES = ("thickness", "oil_gap")
+
+
+def as_built(spec: SkinSpec) -> SkinSpec:
+    """A skin that names all that may differ from its drawing, with the drawing's values."""
+    spec = naming(spec, (FILL, MOUNTING) if spec.oil.trapped else (MOUNTING,))
+    geometry = {key: _tabled(spec, key) for key in _TABLES}
+    electrodes = spec.electrodes
+    assert electrodes is not None
+    own: dict[str, Any]
+    if electrodes.layout == "list":
+        own = {
+            "taxels": tuple(t.model_copy(update={"gain": t.gain}) for t in electrodes.taxels)
+        }
+    else:
+        ones = (1.0,) * MODULE_TAXELS
+        own = {
+            "modules": tuple(
+                m.model_copy(update={"gains": m.gains or ones}) for m in electrodes.modules
+            )
+        }
+    return spec.model_copy(
+        update={
+            "geometry": spec.geometry.model_copy(update=geometry),
+            "electrodes": electrodes.model_copy(update=own),
+        }
+    )
+
+
+def _tabled(spec: SkinSpec, key: str) -> AlongSpec | SheetSpec:
+    """A length as a table; one that is a table stays."""
+    value = getattr(spec.geometry, key)
+    if not isinstance(value, float):
+        return value
+    if spec.geometry.dimension == 2:
+        arc = tuple(np.linspace(0, 1, NODES).tolist())
+        return AlongSpec(arc=arc, value=(float(value),) * NODES)
+    places = tuple(np.linspace(0, 1, PAD_NODES).tolist())
+    rows = ((float(value),) * PAD_NODES,) * PAD_NODES
+    return SheetSpec(arc=places, axial=places, value=rows)
+
+
+def as_built_names(spec: SkinSpec) -> tuple[str, ...]:
+    """Names of all constants of such a skin but the errors of presses."""
+    known = continuous_inputs(spec)
+    common = (PERMITTIVITY, STIFFNESS, *((FILL,) if spec.oil.trapped else ()), MOUNTING)
+    return (*common, *(path for path in known if _is_node(path) or is_gain(path)))
+
+
+def is_gain(name: str) -> bool:
+    """Whether a constant is the gain of a taxel's channel."""
+    return name.startswith("electrodes.") and "gain" in name
+
+
+def _is_node(name: str) -> bool:
+    return name.startswith(tuple(f"geometry.{key}.value." for key in _TABLES))
+
+
+def press_errors(spec: SkinSpec, presses: int, place: float) -> list[SensorConstant]:
+    """Errors of presses: angles [rad], on pads then axial positions [m], relative forces.
+
+    Args:
+        spec: the skin.
+        presses: how many.
+        place: standard deviation of a place, along the arc and along the axis [m].
+
+    Raises:
+        ValueError: a deviation is not above zero.
+    """
+    if not place > 0:
+        raise ValueError("--place-error: a length above zero is needed")
+    size = float(plain_geometry(spec.geometry).section.size[0])
+    kinds = [(PLACE, "rad", place / size), (PUSH, "1", FORCE_ERROR)]
+    if spec.geometry.dimension == 3:
+        kinds.insert(1, (AXIAL, "m", place))
+    return [
+        SensorConstant(f"{name}.{k}", unit, own, positive=False)
+        for name, unit, own in kinds
+        for k in range(presses)
+    ]
+
+
+def as_built_deviations(
+    drawing: SkinSpec, parts: Sequence[SensorConstant]
+) -> tuple[dict[str, float], Floats]:
+    """Standard deviations of the constants before any press, and their correlations [p, p].
+
+    Args:
+        drawing: the skin file, which may state deviations.
+        parts: the constants, with those of presses, whose sizes are their deviations.
+    """
+    given = given_inputs(drawing)
+    shares = {key: _share(given.get(f"geometry.{key}"), _TOLERANCE) for key in _TABLES}
+    stresses = [_share(given[path], _STIFFNESS) for path in stresses_of(drawing)]
+    permittivity = _share(given.get("oil.relative_permittivity"), _PERMITTIVITY)
+    own = {PERMITTIVITY: permittivity, STIFFNESS: max(stresses)}
+    found: dict[str, float] = {}
+    correlation = np.eye(len(parts))
+    for part in parts:
+        if _is_node(part.name):
+            found[part.name] = np.sqrt(2) * shares[part.name.split(".")[1]] * part.size
+        elif is_gain(part.name):
+            found[part.name] = _GAIN
+        elif part.name in own:
+            found[part.name] = own[part.name] * part.size
+        elif is_press_error(part.name):
+            found[part.name] = part.size
+    for key in _TABLES:
+        table = _tabled(drawing, key)
+        index = [
+            i for i, part in enumerate(parts) if part.name.startswith(f"geometry.{key}.value.")
+        ]
+        at = np.array(table.arc)[:, None]
+        if isinstance(table, SheetSpec):
+            at = np.stack(np.meshgrid(table.arc, table.axial, indexing="ij"), -1).reshape(-1, 2)
+        square = ((at[:, None] - at) ** 2).sum(-1)
+        correlation[np.ix_(index, index)] = (1 + np.exp(-square / (2 * _REACH**2))) / 2
+    return found, correlation
+
+
+def _share(value: Any, usual: float) -> float:
+    """Relative standard deviation that a file states, or the usual one."""
+    deviation = deviation_of(value)
+    return usual if deviation is None or not value else max(deviation / abs(value), _EXACT)
+
+
+def shared_deviation(values: Floats, variances: Floats) -> float:
+    """The deviation t of numbers x ~ N(1, t^2) that are known to within variances.
+
+    One step of expectation and maximisation,
+    t^2 = (sum((x - 1)^2 + variance) + m t_0^2) / (n + m)
+    for n numbers, the usual t_0 = 1 % counting as m = 8 further ones. Repeated with the
+    posteriors under N(1, t^2) it ends at the most probable t.
+    """
+    total = np.sum((values - 1) ** 2 + variances) + _USUAL_GAINS * _GAIN**2
+    return float(np.sqrt(total / (len(values) + _USUAL_GAINS)))

@@ -1,0 +1,67 @@
+"""A simulated unit found from ten presses: derivatives, its skin file, forces on it.
+
+Long: shapes with the derivatives of 20 constants, and the estimates of a skin of tables, are
+programs of their own; `test_as_built_formulas.py` holds the formulas.
+"""
+
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from benchmarks.as_built import SKIN, Unit, summary
+from fitting.calibration.next_press import _solver
+from fitting.calibration.plan import Press
+from fitting.sensor.model.as_built import as_built, as_built_names, press_errors
+from fitting.sensor.model.constants import SensorFamily, named, starting_values
+from suas_jax import configure
+from suas_jax.config import input_errors, load_skin
+from suas_jax.config.input_errors import as_assembled
+
+pytestmark = pytest.mark.long
+
+PRESSES = tuple(Press(np.deg2rad(-67.5 + 15 * k), (5.0, 10.0)[k % 2]) for k in range(10))
+
+
+def test_readings_by_all_constants_and_errors_of_presses_against_differences() -> None:
+    """Beyond the mesh, which follows a press that is solved anew and no derivative."""
+    configure()
+    spec = as_built(load_skin(SKIN))
+    parts = tuple(named(spec, name) for name in as_built_names(spec))
+    family = SensorFamily((*parts, *press_errors(spec, len(PRESSES), 5e-4)))
+    solver = _solver(spec, PRESSES, family, lambda text: None)
+    at = starting_values(family.parts, [solver.stated(name) for name in family.names])
+    so = eqx.filter_jit(lambda model, c: model.so(c))
+    slope = eqx.filter_jit(lambda model, c: jax.jacfwd(model.so)(c))
+    exact = np.asarray(slope(solver.at(at).model, jnp.asarray(at)))
+    steps = {"stiffness": 1e-3, "fill": 1e-5, "mounting": 1e-6, "push.3": 1e-4}
+    steps |= {f"geometry.{key}.value.1": 1e-6 for key in ("thickness", "oil_gap")}
+    steps |= {"electrodes.taxels.3.gain": 1e-3, "place.0": 1e-4, "place.3": 1e-4}
+    for name, step in steps.items():
+        i = family.names.index(name)
+        two = []
+        for sign in (1, -1):
+            moved = at + sign * step * (np.arange(len(at)) == i)
+            two.append(np.asarray(so(solver.at(moved).model, jnp.asarray(moved))))
+        found = (two[0] - two[1]) / (2 * step)
+        off = np.abs(found - exact[..., i]).max() / np.abs(found).max()
+        assert off < (0.02 if name.startswith("place") else 1e-3), name
+
+
+def test_ten_presses_find_a_unit(tmp_path: Path) -> None:
+    configure()
+    spec = load_skin(SKIN)
+    unit = Unit(spec, 0, PRESSES, 20)
+    own = unit.calibrated(unit.presses("planned", 10), tmp_path)
+    # One joint uncertainty, and nothing assumed beside it.
+    errors = input_errors(as_assembled(own))
+    assert not errors.assumed
+    assert "geometry.thickness.value.4" in errors.paths
+    assert own.calibration is not None
+    assert not any(name.startswith(("place", "push")) for name in own.calibration.parameters)
+    force, *_ = summary([unit.found(own)])
+    drawn, *_ = summary([unit.found(spec)])
+    assert force < min(3.0, drawn / 2)

@@ -1,0 +1,286 @@
+"""Formulas of a skin as it was built, and of the next press, against closed forms."""
+
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import tomlkit
+from typer.testing import CliRunner
+
+from fitting.calibration.next_press import Candidates, force_errors, planned, told_by
+from fitting.calibration.plan import Press
+from fitting.cli.app import app
+from fitting.inverse_load.estimator import MODEL_ERROR as ESTIMATOR_ERROR
+from fitting.inverse_load.estimator import PAD_MODEL_ERROR
+from fitting.sensor.fit.residuals import Prior, SensorProblem, SensorResiduals
+from fitting.sensor.logs.data import SensorData
+from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.logs.readings import averaged
+from fitting.sensor.model.as_built import (
+    MODEL_ERROR,
+    as_built,
+    as_built_deviations,
+    as_built_names,
+    press_errors,
+    shared_deviation,
+)
+from fitting.sensor.model.constants import SensorConstant, SensorFamily, named, with_constants
+from fitting.sensor.model.counts import SensorModel
+from fitting.sensor.report.skin_file import _set_as_built
+from suas_jax.config import UncertainQuantity, continuous_inputs, load_skin
+from suas_jax.config.input_errors import input_errors
+from suas_jax.config.schema_calibration import CalibrationSpec
+from suas_jax.sensing.taxels import gains_of
+
+RNG = np.random.default_rng(0)
+ROOT = Path(__file__).parent.parent
+SKIN = load_skin(ROOT / "configs/skins/suas.toml")
+PAD = load_skin(ROOT / "configs/skins/suas-pad.toml")
+
+
+def test_a_skin_as_built_has_the_drawing_s_values() -> None:
+    for spec, nodes in ((SKIN, 5), (PAD, 9)):
+        own = as_built(spec)
+        inputs = continuous_inputs(own)
+        names = as_built_names(own)
+        taxels = sum(own.electrodes.taxels_by_module.values())
+        assert len(names) == 4 + 2 * nodes + taxels
+        before = continuous_inputs(spec)
+        for name in names:
+            value = named(own, name).size if name != "mounting" else 0.0
+            if name.startswith("geometry."):
+                assert value == before[".".join(name.split(".")[:2])] == inputs[name]
+            elif "gain" in name:
+                assert inputs[name] == 1.0
+        assert as_built(own) == own  # tables and gains that there are stay
+        gain = np.asarray(gains_of(own.electrodes, inputs | {names[-1]: 1.02})).reshape(-1)
+        np.testing.assert_allclose(gain, np.r_[np.ones(taxels - 1), 1.02])
+
+
+def test_fields_have_a_common_and_a_smooth_part() -> None:
+    """C = s^2 (1 + exp(-|x - x'|^2 / (2 l^2))), of the file's own deviation where stated."""
+    thickness = UncertainQuantity(1.5e-3, 0.015e-3)
+    geometry = SKIN.geometry.model_copy(update={"thickness": thickness})
+    drawing = SKIN.model_copy(update={"geometry": geometry})
+    own = as_built(drawing)
+    parts = [named(own, name) for name in as_built_names(own)]
+    deviations, correlation = as_built_deviations(drawing, parts)
+    names = [part.name for part in parts]
+    i, j = (names.index(f"geometry.thickness.value.{k}") for k in (1, 3))
+    covariance = correlation[i, j] * deviations[names[i]] * deviations[names[j]]
+    expected = 0.015e-3**2 * (1 + np.exp(-(0.5**2) / (2 * 0.25**2)))
+    assert covariance == pytest.approx(expected, rel=1e-12)
+    gap = names.index("geometry.oil_gap.value.0")
+    assert deviations[names[gap]] == pytest.approx(np.sqrt(2) * 0.03 * 5e-3)
+    assert correlation[i, gap] == 0.0
+    assert np.linalg.eigvalsh(correlation).min() > 0
+
+
+def test_gains_tell_their_own_deviation() -> None:
+    """Repeated, one step of expectation and maximisation finds the deviation drawn from."""
+    true, error = 0.02, 0.005
+    read = 1 + true * RNG.normal(size=4000) + error * RNG.normal(size=4000)
+    t = 0.1
+    for _ in range(200):
+        share = t**2 / (t**2 + error**2)
+        variance = np.full(len(read), share * error**2)
+        t = shared_deviation(1 + share * (read - 1), variance)
+    assert t == pytest.approx(true, rel=0.04)
+
+
+def test_stiffness_is_a_factor_and_errors_of_presses_are_no_inputs() -> None:
+    inputs = continuous_inputs(SKIN)
+    names = ("stiffness", "place.0", "push.0", "fill")
+    found = with_constants(SKIN, inputs, names, (1.1, 0.5, 0.5, 1.01))
+    assert found["material.C1"] == 1.1 * inputs["material.C1"]
+    changed = {k for k in found if found[k] != inputs.get(k)}
+    assert changed == {"material.C1", "material.C2", "material.C3", "oil.fill"}
+
+
+def test_errors_of_presses_are_known_places_and_forces() -> None:
+    parts = press_errors(PAD, 2, 1e-3)
+    assert [p.name for p in parts] == [
+        f"{k}.{i}" for k in ("place", "axial", "push") for i in (0, 1)
+    ]
+    assert parts[0].size == pytest.approx(1e-3 / 58.25e-3)  # mid-line
+    assert (parts[2].size, parts[5].size) == (1e-3, 2e-3)
+    with pytest.raises(ValueError, match="--place-error"):
+        press_errors(PAD, 2, 0.0)
+    assert {2: ESTIMATOR_ERROR, 3: PAD_MODEL_ERROR} == MODEL_ERROR
+
+
+def test_priors_are_correlated_in_residuals_and_in_information() -> None:
+    """Sum of squares of the priors' residuals is the Mahalanobis distance."""
+    parts = tuple(SensorConstant(f"electrodes.taxels.{k}.gain", "1", 1.0) for k in range(3))
+    a = RNG.normal(size=(3, 3))
+    covariance = a @ a.T + np.eye(3)
+    sd = np.sqrt(np.diag(covariance))
+    priors = {p.name: Prior(1.0, s, "given") for p, s in zip(parts, sd, strict=True)}
+
+    class Silent(eqx.Module):
+        family: SensorFamily = eqx.field(static=True)
+
+        def so(self, constants: Any) -> Any:
+            return jnp.zeros((2, 1))
+
+    readings: Any = SimpleNamespace(
+        so=np.zeros((2, 1)),
+        used=np.ones((2, 1), bool),
+        sigma=np.ones((2, 1)),
+        state=np.zeros(1, int),
+        basis=lambda sigma: np.zeros((2, 1, 0)),
+    )
+    model: Any = Silent(SensorFamily(parts))
+    problem = SensorProblem(model, readings, priors, covariance / np.outer(sd, sd))
+    at = np.array([1.2, 0.9, 1.4])
+    residuals: SensorResiduals = problem.residuals()
+    r = np.asarray(residuals.of_constants(jnp.asarray(at)))
+    expected = (at - 1) @ np.linalg.solve(covariance, at - 1)
+    assert float(r @ r) == pytest.approx(expected, rel=1e-10)
+    information = problem.prior_information(at)
+    np.testing.assert_allclose(
+        information / np.outer(at, at), np.linalg.inv(covariance), rtol=1e-9
+    )
+
+
+def test_means_of_frames_are_by_state_and_log() -> None:
+    zero = np.zeros((1, 2))
+    force = np.array([[0.0, 5.0]])
+    loads = KnownLoads(zero, zero, force, zero + np.nan, np.zeros(1, bool), zero, zero)
+    so = np.array([[1.0, 3.0, 10.0, 12.0, 30.0], [1.0, np.nan, np.nan, np.nan, 4.0]])
+    log, state = np.array([0, 0, 0, 0, 1]), np.array([0, 0, 1, 1, 1])
+    data = SensorData(
+        SKIN, so, np.arange(5.0), log, state, loads, np.full(2, np.nan), (), (), ()
+    )
+    found, count = averaged(data)
+    np.testing.assert_array_equal(found.so[0], [2.0, 11.0, 30.0])
+    np.testing.assert_array_equal(np.isnan(found.so[1]), [True, True, False])
+    np.testing.assert_array_equal(count, [2, 2, 1])
+    np.testing.assert_array_equal(found.state, [0, 1, 1])
+    with pytest.raises(ValueError, match="without load"):
+        averaged(dataclasses.replace(data, state=np.ones(5, int)))
+
+
+def test_shapes_are_linear_in_common_constants_and_in_each_state_s_own() -> None:
+    """The face moves by slopes times changes; a press's error moves its own state only."""
+    family = SensorFamily(
+        tuple(SensorConstant(n, "1", 1.0, False) for n in ("fill", "place.0", "place.1"))
+    )
+
+    class Face(eqx.Module):
+        heights: Any
+
+    slope = Face(jnp.asarray(RNG.normal(size=(2, 4, 3))))
+    model = SensorModel(
+        {}, Face(jnp.zeros((4, 3))), slope, jnp.zeros(3), jnp.zeros(3), None,  # type: ignore[arg-type]
+        SKIN, family, (0,), None, ((1, -1, 2),),
+    )  # fmt: skip
+    assert model.shaping == [0, 1, 2]
+    moved = model._face(jnp.array([0.5, 2.0, 3.0])).heights  # type: ignore[attr-defined]
+    own = np.asarray(slope.heights)
+    expected = 0.5 * own[0] + own[1] * [2.0, 0.0, 3.0]
+    np.testing.assert_allclose(moved, expected, rtol=1e-12)
+    jacobian = jax.jacfwd(lambda c: model._face(c).heights)(jnp.zeros(3))  # type: ignore[attr-defined]
+    assert not np.asarray(jacobian)[:, :2, 2].any()
+
+
+@pytest.mark.parametrize("name", ["suas.toml", "suas-pad.toml"])
+def test_a_skin_file_takes_tables_and_gains(name: str, tmp_path: Path) -> None:
+    file = ROOT / "configs/skins" / name
+    spec = as_built(load_skin(file))
+    inputs = continuous_inputs(spec)
+    names = [k for k in as_built_names(spec) if k.startswith(("geometry.", "electrodes."))]
+    found = {k: inputs[k] * (1 + 0.01 * RNG.normal()) for k in names}
+    document: Any = tomlkit.parse(file.read_text())
+    _set_as_built(document, spec, found)
+    (tmp_path / name).write_text(tomlkit.dumps(document))
+    read = continuous_inputs(load_skin(tmp_path / name))
+    np.testing.assert_allclose([read[k] for k in names], [*found.values()], rtol=1e-11)
+
+
+# --- the next press -----------------------------------------------------------------------
+
+
+def candidates(presses: int = 6, taxels: int = 5, constants: int = 3) -> Candidates:
+    weight = np.full((presses, taxels), 4.0)
+    return Candidates(
+        tuple(Press(0.1 * k, 5.0) for k in range(presses)),
+        RNG.normal(size=(presses, taxels, constants)),
+        RNG.normal(size=(presses, taxels, 2)),
+        weight,
+        weight / 2,
+        np.tile([1 / 0.3**2, 1 / 0.05**2], (presses, 1)),
+        np.diag([1.0, 2.0, 0.5][:constants]),
+    )
+
+
+def test_a_press_tells_what_is_left_of_its_readings_without_its_place() -> None:
+    """I_k is J^T (W^-1 + L S L^T)^-1 J: the place's error as noise that taxels share."""
+    own = candidates()
+    told = told_by(own)
+    for k in range(6):
+        J, L = own.by_constant[k], own.by_press[k]
+        noise = np.diag(1 / own.weight[k]) + L @ np.diag(1 / own.press_information[k]) @ L.T
+        np.testing.assert_allclose(told[k], J.T @ np.linalg.solve(noise, J), rtol=1e-10)
+
+
+def test_least_errors_of_forces_are_those_of_weighted_least_squares() -> None:
+    """V is (L^T (W^-1 + J C J^T)^-1 L)^-1."""
+    own = candidates()
+    found = force_errors(own, np.linalg.inv(own.covariance))
+    for k in range(6):
+        J, L = own.by_constant[k], own.by_press[k]
+        noise = np.diag(1 / own.weight_once[k]) + J @ own.covariance @ J.T
+        V = np.linalg.inv(L.T @ np.linalg.solve(noise, L))
+        assert found[k] == pytest.approx(np.sqrt(V[1, 1]), rel=1e-10)
+
+
+def test_presses_are_planned_while_they_are_needed() -> None:
+    own = candidates()
+    plan = planned(own, 4)
+    assert len(plan.presses) == len(set(plan.presses)) == 4
+    assert list(plan.accuracy) == sorted(plan.accuracy, reverse=True)
+    # The first is the best of all single presses.
+    prior = np.linalg.inv(own.covariance)
+    single = [np.mean(force_errors(own, prior + told) ** 2) for told in told_by(own)]
+    assert plan.presses[0] == own.presses[int(np.argmin(single))]
+    enough = planned(own, 6, plan.accuracy[2])
+    assert len(enough.presses) == 2
+    report = plan.report()["presses"]
+    assert report[0]["force_N"] == 5.0
+    assert "angle_deg" in report[0]
+
+
+def test_a_record_of_stiffness_moves_all_stresses_together() -> None:
+    record = CalibrationSpec(
+        parameters=("stiffness", "geometry.thickness.value.0"),
+        values=(1.25, 1.5e-3),
+        covariance=((0.01, 0.0), (0.0, 1e-10)),
+    )
+    own = as_built(SKIN).model_copy(update={"calibration": record})
+    errors = input_errors(own)
+    at = {path: np.abs(errors.directions[:, i]) for i, path in enumerate(errors.paths)}
+    inputs = continuous_inputs(SKIN)
+    assert at["material.C1"].max() == pytest.approx(0.1 / 1.25 * inputs["material.C1"])
+    assert at["geometry.thickness.value.0"].max() == pytest.approx(1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "only with --plan"),
+        (["--plan", "3", "--press", "0 deg, 5 N"], "give one of them"),
+        (["--plan", "3", "--place-error", "2 deg"], "--place-error"),
+    ],
+)
+def test_a_plan_without_sense_is_refused(options: list[str], said: str) -> None:
+    skin = str(ROOT / "configs/skins/suas.toml")
+    found = CliRunner().invoke(app, ["calibrate", "-", skin, *options])
+    assert found.exit_code == 2
+    assert said in found.output.replace("\n", " ")
