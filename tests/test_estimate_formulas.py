@@ -363,7 +363,7 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
 class Assessment(AbstractLoadAssessment):
     """Estimates on a skin whose wall is reached at 20 N (1 + angle)."""
 
-    def first_contact(self, place: np.ndarray) -> float:
+    def first_contact(self, place: np.ndarray, beside: np.ndarray) -> float:
         """20 N at the crown."""
         return float(20.0 * (1 + place[0]))
 

@@ -38,9 +38,9 @@ class Explanations:
         weight: inverse variances, zero where a taxel is left out [1/counts^2].
         absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
             part of `so` and `chi2`.
-        spread: length of the arc that a single contact was found to press, and its standard
-            deviation [frame, 2] [m]; NaN where contacts are taken as lines. Jacobian and
-            information are those with the spread fitted along.
+        beside: what was fitted along beside the parameters, and eliminated from jacobian and
+            information: values and standard deviations [frame, contact, quantity, 2]; NaN where
+            not told. On a section the length of the arc that a single contact presses [m].
     """
 
     score: Floats
@@ -56,7 +56,7 @@ class Explanations:
     q: Floats
     weight: Floats
     absorbed: Flags
-    spread: Floats
+    beside: Floats
 
     def __len__(self) -> int:
         return len(self.chi2)

@@ -176,7 +176,7 @@ class Selection:
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
-        explained[wide] &= best.spread[wide, 0] < UNUSUAL
+        explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
         explained &= ~self._doubts.hinted(y, best)
         return best, frames[~explained[frames]]
 
