@@ -173,6 +173,15 @@ class AbstractLoadFitter(abc.ABC):
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
 
+    def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
+        """Frames of one contact that leave no more than its model of wide ones leaves out.
+
+        Args:
+            y: readings [frame, taxel].
+            best: explanations of them.
+        """
+        return np.zeros(len(best), bool)
+
     def screened(
         self,
         frames: Rows,

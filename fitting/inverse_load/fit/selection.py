@@ -178,6 +178,7 @@ class Selection:
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
         explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
         explained &= ~self._doubts.hinted(y, best)
+        explained[frames] |= self.fitter.left_to_shape(y[frames], best.rows(frames))
         return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------

@@ -157,8 +157,9 @@ class PadInterpolant:
         way = np.stack([np.cos(turn), np.sin(turn)], 1)
         box = np.tile((short - self.table.diameter**2 / 16)[:, None], (1, 2))
         excess = box + line[:, None] * way**2
-        value, rows = 0.0, np.zeros(1)
-        by_half, by_turn = 0.0, 0.0
+        size = len(x), self.table.u.shape[-1] + 1
+        value, rows = np.zeros(size), np.zeros((len(x), 7, size[1]))
+        by_half, by_turn = np.zeros(size), np.zeros(size)
         for t, share in zip(*_LINE, strict=True):
             own, slopes = self._boxes(x, t * half[:, None] * way, box, excess)
             value, rows = value + share / 2 * own, rows + share / 2 * slopes
@@ -176,7 +177,7 @@ class PadInterpolant:
             + (diameter**2 * np.cosh(2 * slender) / 4)[:, None] * by_line,
         ]
         value, slopes = self._pulled(x, value, rows[:, :PLAIN], np.stack(shape, 1))
-        return value, np.concatenate([slopes, np.asarray(by_turn)[:, None]], 1)
+        return value, np.concatenate([slopes, by_turn[:, None]], 1)
 
     def _boxes(
         self, x: Floats, shift: Floats, box: Floats, excess: Floats

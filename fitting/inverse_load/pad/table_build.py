@@ -117,9 +117,9 @@ def build_pad_table(
     surplus = np.zeros((len(places), len(LEVELS)))
     if resolution.finer is not None:
         surplus = _between(probes, _surplus(columns, resolution.finer, probes, cap), places)
-    some = tuple(np.unique([*range(0, n, _EVERY), n - 1]) for n in counts)
+    along, axially = (np.unique([*range(0, n, _EVERY), n - 1]) for n in counts)
     across = np.zeros(counts, bool)
-    across[np.ix_(*some)] = True
+    across[np.ix_(along, axially)] = True
     found = columns.solve(
         places, force, (LEVELS * (1 + surplus))[:, LEVELS != 0], across=across.reshape(-1)
     )
@@ -134,7 +134,7 @@ def build_pad_table(
         surplus,
         (rest, stray_counts(images)),
         (rest[where[0]], stray),
-        some,
+        (along, axially),
         diameter,
     )
 
@@ -163,7 +163,7 @@ def _surplus(
 
 def _between(axes: tuple[Floats, ...], values: NDArray, places: NDArray) -> Floats:
     """Values of the probes [angle, axial, ...] between them, even in both directions."""
-    whole = [np.concatenate([-x[:0:-1], x]) for x in axes]
+    whole = [_on_both_sides(x) for x in axes]
     both = mirrored(values)
     spline = TensorSpline.through((whole[0], whole[1]), both.reshape(*both.shape[:2], -1))
     return spline(*places.T)[0].reshape(-1, *values.shape[2:])
@@ -208,8 +208,8 @@ def _unfolded(
         return mirrored(x.reshape(*shape, *x.shape[1:]))
 
     return PadTable(
-        np.concatenate([-angle[:0:-1], angle]),
-        np.concatenate([-axial[:0:-1], axial]),
+        _on_both_sides(angle),
+        _on_both_sides(axial),
         on_whole_pad(force),
         on_whole_pad(touch),
         whole,
@@ -217,9 +217,15 @@ def _unfolded(
         on_whole_pad(surplus),
         *of_taxels,
         slopes,
-        *(np.concatenate([-x[:0:-1], x]) for x in (angle[some[0]], axial[some[1]])),
+        _on_both_sides(angle[some[0]]),
+        _on_both_sides(axial[some[1]]),
         diameter,
     )
+
+
+def _on_both_sides(x: Floats) -> Floats:
+    """Coordinates of a half with those of their mirror images before them."""
+    return np.concatenate([-x[:0:-1], x])
 
 
 def _four_quarters(quarters: list[NDArray]) -> NDArray:
