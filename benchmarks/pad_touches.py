@@ -2,10 +2,10 @@
 
     python -m benchmarks.pad_touches [--truth FILE] [--seed N]
 
-Pokes of 3 to 30 mm, palms of 40 to 80 mm, forces inclined by 10 to 30 degrees, two fingers 15 to
-50 mm apart, strips of 15 to 45 mm along the arc, along the axis and askew, contacts near the
-clamps and pulls. Readings are solved on 36 x 30 elements, as discs (strips: five of 8 mm), with 2
-counts of noise and rounding; the table's own states have 24 x 20 elements and discs of 6 mm.
+Pokes of 3 to 30 mm, palms of 40 to 80 mm, forces inclined by 10 to 30 degrees, two fingers 15
+to 50 mm apart, strips of 15 to 45 mm along the arc, along the axis and askew, contacts near the
+clamps and pulls. Readings are solved on 36 x 30 elements, as discs (strips: five of 8 mm), with
+2 counts of noise and rounding; the table's own states have 24 x 20 elements and discs of 6 mm.
 Tolerances are those that are taken where a file states none. Solving takes about a second a
 touch: --truth keeps it.
 """

@@ -11,6 +11,7 @@ import pytest
 from fitting.inverse_load.pad import input_errors as pad_errors
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
+from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors, gap_line
 from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
 from fitting.inverse_load.pad.marginal import Told, beside
@@ -28,6 +29,7 @@ from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.config.input_errors import value_of
+from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from tests.stand_ins import explanations
@@ -634,6 +636,92 @@ def test_priors_count_as_readings_do() -> None:
     free = np.arange(3, 7)
     profiled = fitter.profiled(y, weight, x, 1, None, free)[0]
     assert 0 <= profiled < 3.0
+
+
+# --- contacts of any shape ----------------------------------------------------------------
+
+_DENT = 6e-3  # standard deviation of a disc's dent
+_TAXELS = np.stack(
+    [x.reshape(-1) for x in np.meshgrid(*[np.linspace(-18e-3, 18e-3, 7)] * 2, indexing="ij")]
+)
+
+
+def dent(arc: Any, axial: Any) -> Any:
+    """Fall of u under a disc of 1 N at places, over all taxels [..., taxel]."""
+    away = (arc - _TAXELS[0]) ** 2 + (axial - _TAXELS[1]) ** 2
+    return 1e-5 * np.exp(-away / (2 * _DENT**2))
+
+
+def dent_table() -> PadTable:
+    axis = np.linspace(-24e-3, 24e-3, 13)
+    shape, taxels = (13, 13), _TAXELS.shape[1]
+    force = 20.0 * LEVELS
+    fall = dent(axis[:, None, None], axis[:, None])[:, :, None] * force[:, None]
+    return PadTable(
+        axis / RADIUS,
+        axis,
+        np.full(shape, 20.0),
+        np.full(shape, np.inf),
+        1e-3 - fall,
+        np.broadcast_to(100.0 * force, (*shape, len(LEVELS))),
+        np.zeros((*shape, len(LEVELS))),
+        np.full(taxels, 1e3),
+        np.zeros(taxels),
+        np.zeros((13, 13, len(LEVELS), 2, taxels + 1)),
+        axis / RADIUS,
+        axis,
+        6e-3,
+    )
+
+
+def strip(turn: float, length: float) -> np.ndarray:
+    """Readings, and no pressure, of 10 N over a strip around the middle [1, channel]."""
+    along = np.linspace(-0.5, 0.5, 201)[:, None] * length
+    fall = 10 * dent(along * np.cos(turn), along * np.sin(turn)).mean(0)
+    return np.append(1 / (1e-3 - fall), 0.0)[None]
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0, 45.0, -30.0])
+def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: float) -> None:
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
+    kinds = [
+        kind(skin, interpolant, told, live=False, most_contacts=1)
+        for kind in (PadFitter, AskewFitter)
+    ]
+    y, length = strip(np.deg2rad(turn), 24e-3), 24e-3
+    weight = np.append(np.full(y.shape[1] - 1, 1.0), 0.0)[None]
+    start = np.array([[0.05, 2e-3, 4.0]])
+    straight, askew = (
+        fitter.fit(y, weight, start, State(*[np.zeros(0)] * 3), 1) for fitter in kinds
+    )
+    found = straight if turn in (0.0, 90.0) else askew
+    assert found.chi2[0] < (askew if found is straight else straight).chi2[0] + 0.5
+    np.testing.assert_allclose(found.parameters[0, :2] * [RADIUS, 1], 0.0, atol=1e-4)
+    assert found.parameters[0, 2] == pytest.approx(10.0, rel=0.01)
+    more = length**2 / 12 * np.array([np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn))]) ** 2
+    extents_ = found.beside[0, 0, :2, 0]
+    np.testing.assert_allclose(extents_, 4 * np.sqrt(more + 6e-3**2 / 16), rtol=0.1)
+    if turn == 45.0:  # straight boxes leave what noise would not
+        assert straight.chi2[0] > 20 * askew.chi2[0]
+    assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
+
+
+def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    interpolant = PadInterpolant(dent_table(), RADIUS)
+    fitter = PadFitter(skin, interpolant, Told(False, False), live=False, most_contacts=1)
+    y = strip(0.0, 24e-3)
+    relief = interpolant.relief(np.array([[24e-3**2 / 12, 0.0]]))[0][0]
+    share = 0.06 * np.log(relief)
+    change = np.where(np.arange(y.shape[1]) < y.shape[1] - 1, y - interpolant.rest, 0.0)
+    wide = np.array([[[[4 * np.sqrt(24e-3**2 / 12 + 6e-3**2 / 16), 1e-3], [6e-3, 1e-3]]]])
+    for off, within in ((0.9, True), (1.1, False)):
+        readings = y + off * share * change
+        best = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=wide)
+        assert fitter.left_to_shape(y, best)[0] == within
+        unknown = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9)
+        assert not fitter.left_to_shape(y, unknown)[0]
 
 
 # --- solved states ------------------------------------------------------------------------
