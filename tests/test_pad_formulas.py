@@ -720,7 +720,8 @@ def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:
         readings = y + off * share * change
         best = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=wide)
         assert fitter.left_to_shape(y, best)[0] == within
-        unknown = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9)
+        none = np.full_like(wide, np.nan)
+        unknown = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=none)
         assert not fitter.left_to_shape(y, unknown)[0]
 
 
