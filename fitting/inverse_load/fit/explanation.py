@@ -6,6 +6,7 @@ strain has its fitter in `section_fitter`, a pad in `fitting.inverse_load.pad.fi
 """
 
 import abc
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -95,12 +96,16 @@ class Explanations:
             changed, candidates, np.array([chosen[i] for i in changed])
         ), changed
 
+    @classmethod
+    def of_frames(cls, parts: Sequence["Explanations"]) -> "Explanations":
+        """Those of several groups of frames, one group after the other."""
+        return cls(
+            *(np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(cls))
+        )
+
     def joined(self, other: "Explanations") -> "Explanations":
         """These and others."""
-        names = [field.name for field in fields(self)]
-        return Explanations(
-            *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names)
-        )
+        return Explanations.of_frames([self, other])
 
     @property
     def state(self) -> State:
@@ -137,10 +142,12 @@ class AbstractLoadFitter(abc.ABC):
     Attributes:
         parameters: of a contact.
         live: whether frames come one by one.
+        alone: whether frames that one contact leaves in doubt are fitted one by one.
     """
 
     parameters: ContactParameters
     live: bool
+    alone: bool = False
 
     @property
     def per_contact(self) -> int:

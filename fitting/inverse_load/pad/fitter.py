@@ -48,6 +48,8 @@ class PadFitter(AbstractLoadFitter):
         edge: largest angle [rad] and axial position [m] of a contact.
     """
 
+    alone = True
+
     def __init__(
         self,
         skin: Skin,
