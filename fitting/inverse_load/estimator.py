@@ -90,7 +90,7 @@ class LoadEstimator:
         most_contacts: contacts to tell apart at most, 1 to 3; on a pad to 4.
         live: compile for single frames instead of batches.
         progress: called with what is being done.
-        diameter: of the contacts on a pad [m]; None estimates it.
+        diameter: around which those of contacts on a pad are expected [m]; None tells them.
         pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
         follow_drift: follow the readings at rest in frames without contact, where their times
             are given; with a baseline.

@@ -23,6 +23,7 @@ BESIDE = ("arc_extent", "axial_extent", "arc_force", "axial_force")
 """What is estimated beside the parameters that are told."""
 PRIOR_OF_TANGENTS = 0.3
 """Standard deviation of a tangential component over the inward force, where not told."""
+_UNKNOWN = 1e12
 _TOLD = 0.7  # of a prior's standard deviation, beyond which readings tell nothing
 
 
@@ -131,7 +132,8 @@ def beside(whole: Floats, information: Floats, prior: Floats, contacts: int) -> 
         Values and standard deviations in the order of `BESIDE`; NaN where readings tell hardly
         more than the prior.
     """
-    covariance = inverse(information)
+    # What readings don't determine at all leaves nothing finite to be told.
+    covariance = np.nan_to_num(inverse(information), posinf=_UNKNOWN)
     size = whole.shape[1] // contacts
     found = np.full((len(whole), contacts, len(BESIDE), 2), np.nan)
     for contact in range(contacts):
@@ -147,16 +149,21 @@ def beside(whole: Floats, information: Floats, prior: Floats, contacts: int) -> 
             by[:, 3] = 1 / x[:, 3]
             by[:, 4] = long * np.cos(own_turn) ** 2 - short * np.sin(own_turn) ** 2
             by[:, 7:] = ((short - long) * np.sin(2 * own_turn) / 2)[:, None]
-            deviation = np.sqrt(np.einsum("fi,fij,fj->f", by, own, by))
+            deviation = _deviation(by, own)
             told = deviation < _TOLD * np.hypot(*prior[:2])
             found[:, contact, k] = _where(told, both[k], both[k] * deviation)
             j = 5 + k
             by = np.zeros_like(x)
             by[:, 2], by[:, j] = x[:, j], x[:, 2]
-            deviation = np.sqrt(np.einsum("fi,fij,fj->f", by, own, by))
+            deviation = _deviation(by, own)
             told = np.sqrt(own[:, j, j]) < _TOLD * min(prior[2 + k], PRIOR_OF_TANGENTS)
             found[:, contact, 2 + k] = _where(told, x[:, 2] * x[:, j], deviation)
     return found
+
+
+def _deviation(by: Floats, covariance: Floats) -> Floats:
+    """Standard deviation of a function with these derivatives by parameters [frame]."""
+    return np.sqrt(np.maximum(np.einsum("fi,fij,fj->f", by, covariance, by), 0.0))
 
 
 def _where(told: Flags, value: Floats, deviation: Floats) -> Floats:

@@ -225,7 +225,7 @@ class PadLeastSquares:
             for whole, part in (*zip(best, new, strict=True), *bounds):
                 whole[live[better]] = part[better]
             damping[live] = next_damping(damping[live], better)
-            ended = better & (old.chi2 - new.chi2 < settled) & (decrease < 10 * settled)
+            ended = better & (old.chi2 - new.chi2 < settled) & (decrease < 100 * _SETTLED)
             live = live[~ended & (damping[live] < GIVEN_UP)]
         return best
 
