@@ -257,7 +257,7 @@ class PadFitter(AbstractLoadFitter):
 
 
 class AskewFitter(PadFitter):
-    """Least squares for one slender contact that lies askew, from either side."""
+    """Least squares for one slender contact that lies askew, from the likelier side."""
 
     def fit(
         self,
@@ -272,13 +272,13 @@ class AskewFitter(PadFitter):
         """See the base class."""
         del state
         plain = self.fitted(y, weight, start[:, :PLAIN], contacts, None, pull).parameters
-        fits = []
+        begins, left = [], []
         for turn in (-np.pi / 4, np.pi / 4):
             begin = np.concatenate([plain, np.full((len(y), 1), turn)], 1)
             begin[:, 4] = _SLENDER
-            fits.append(self.squares.fitted(y, weight, begin, contacts, None, pull))
-        first, second = fits
-        better = second.chi2 < first.chi2
-        for whole, part in zip(first, second, strict=True):
-            whole[better] = part[better]
-        return self._gathered(first, weight, contacts, None)
+            begins.append(begin)
+            every = np.arange(begin.shape[1])
+            left.append(self.squares.profiled(y, weight, begin, contacts, None, every))
+        begin = np.where((left[1] < left[0])[:, None], begins[1], begins[0])
+        fit = self.squares.fitted(y, weight, begin, contacts, None, pull)
+        return self._gathered(fit, weight, contacts, None)
