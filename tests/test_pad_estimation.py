@@ -242,30 +242,27 @@ def test_workers_solve_what_this_process_does(
 def test_slopes_of_the_interpolant_are_its_own(table: PadTable) -> None:
     interpolant = PadInterpolant(table, 0.0625)
     whole = [(0.3, -0.2), (0.01, 0.02), (4.0, 6.0), (20e-3, 9e-3), (0.2, -0.1)]
-    x = np.array([sum([*whole, (0.1, -0.2), (0.2, 0.1)], ())])
+    x = np.array([sum([*whole, (0.0, 0.0), (0.0, 0.0)], ())])
     exact = interpolant(x, 2).jacobian[0]
     for k, h in enumerate(1e-6 * np.repeat([1, 0.05, 5, 0.01, 1, 1, 1], 2)):
         d = h * np.eye(14)[k]
         ahead, behind = (interpolant(x + s * d, 2).readings[0] for s in (1, -1))
         slope = (ahead - behind) / (2 * h)
-        if k < 10:  # of the tangents' slopes by place and force, those by force alone count
-            slope_error = 3e-2 if k < 6 else 1e-5
-            atol = slope_error * abs(slope).max()
-            np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=atol)
-        else:
-            np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=1e-6 * abs(slope).max())
+        # A wide contact's centre moves with the slope of the largest force, which is held.
+        error = 1e-6 if k >= 10 else 3e-2
+        np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=error * abs(slope).max())
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
-@pytest.mark.parametrize(("turn", "tilt"), [(0.3, 0.0), (0.0, 0.3), (-0.25, 0.2)])
+@pytest.mark.parametrize(("turn", "tilt"), [(0.05, 0.0), (0.0, 0.05)])
 def test_slopes_by_tangential_forces_are_those_of_solved_states(
     skin: Skin, table: PadTable, turn: float, tilt: float
 ) -> None:
-    """In a quarter of the pad that is solved, and in its mirror images."""
-    taxels = table.rest
+    """At places that know them, in a quarter of the pad that is solved and in its images."""
     interpolant = PadInterpolant(table, float(skin.geometry.outer_size[0]))
-    for angle, axial in ((0.3, 0.015), (-0.25, 0.02), (-0.3, -0.01)):
-        inward = 5.0
+    for i, k in ((-2, -2), (1, -2), (1, 1)):
+        angle, axial = table.across_angle[i], table.across_axial[k]
+        inward = LEVELS[3] * float(interpolant.largest(*np.array([[angle], [axial]]))[0])
         force = inward / (np.cos(turn) * np.cos(tilt))
         straight, turned = (
             np.asarray(forward(skin, Loads.patch(angle, axial, f, DIAMETER, along, out)).so)[
@@ -278,8 +275,9 @@ def test_slopes_by_tangential_forces_are_those_of_solved_states(
         plain = np.array([[angle, axial, inward, DIAMETER, 0.0, 0.0, 0.0]])
         change = interpolant(x, 1).readings[0, :-1] - interpolant(plain, 1).readings[0, :-1]
         expected = turned - straight
-        assert np.abs(expected).max() > 0.002 * np.abs(straight - taxels).max()
-        np.testing.assert_allclose(change, expected, atol=0.15 * np.abs(expected).max())
+        # Under the load itself the table leaves out the shear that a tangential force adds.
+        np.testing.assert_allclose(change, expected, atol=0.3 * np.abs(expected).max())
+        assert np.corrcoef(change, expected)[0, 1] > 0.95
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
@@ -512,9 +510,11 @@ def test_a_direction_is_estimated_as_well_as_the_readings_tell(
     turn = contact.deviation("direction")
     assert turn < np.deg2rad(4)
     assert contact.deviation("tilt") > turn  # along the axis the membrane is stiffer
-    # Radial forces don't explain it, or elsewhere: the readings do tell a direction.
-    (radial,) = estimator.estimate(noisy(so, 3))
-    assert radial.chi2_per_dof > 1.3 * found.chi2_per_dof
+    # Where it is not asked for, the force along the arc is told beside.
+    (beside,) = estimator.estimate(noisy(so, 3))
+    assert beside.contacts[0].arc_force is not None
+    value, deviation = beside.contacts[0].arc_force
+    assert abs(value - 14 * np.cos(-0.3) * np.sin(0.35)) < 4 * deviation
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
