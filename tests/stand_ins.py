@@ -36,7 +36,7 @@ def explanations(
         jacobian: [frame, parameter, taxel]; zero if None.
         weight: inverse variances [frame, taxel].
         chi2: of the fits [frame].
-        **fields: what else differs from zero; NaN is the spread, and the score is chi2.
+        **fields: what else differs from zero; NaN is what is beside, and the score is chi2.
     """
     x = np.atleast_2d(np.asarray(parameters, float))
     frames, width = x.shape
@@ -64,7 +64,7 @@ def explanations(
         "q": np.zeros((frames, 0, 0)),
         "weight": weights,
         "absorbed": np.zeros(frames, bool),
-        "spread": np.full((frames, 2), np.nan),
+        "beside": np.full((frames, 3, 1, 2), np.nan),
     }
     return Explanations(**{**given, **fields})
 

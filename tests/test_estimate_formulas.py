@@ -18,7 +18,6 @@ from fitting.inverse_load import frame_posterior
 from fitting.inverse_load.check import section_log
 from fitting.inverse_load.check.changed_input import AbstractInputFit
 from fitting.inverse_load.check.verdict import (
-    DIAMETER,
     WIDTH,
     Gain,
     ModelVerdict,
@@ -135,7 +134,6 @@ def test_what_sets_a_skin_file_right() -> None:
 
     assert command(shift=1).startswith("compare the order of the taxels in s.toml")
     assert command(name="geometry.oil_gap") == "suas fit sensor s.toml log --fit gap"
-    assert command(name=DIAMETER) == "suas invert s.toml log --diameter free"
     assert command(name="geometry.width") == command() == ""
 
 
@@ -363,7 +361,7 @@ def test_a_contact_s_place_is_the_one_that_scenes_state(section: str) -> None:
 class Assessment(AbstractLoadAssessment):
     """Estimates on a skin whose wall is reached at 20 N (1 + angle)."""
 
-    def first_contact(self, place: np.ndarray) -> float:
+    def first_contact(self, place: np.ndarray, beside: np.ndarray) -> float:
         """20 N at the crown."""
         return float(20.0 * (1 + place[0]))
 

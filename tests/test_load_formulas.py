@@ -498,6 +498,20 @@ def test_two_contacts_are_told_apart_and_cost_the_penalty() -> None:
     assert best.score[0] - best.chi2[0] == pytest.approx(20.0)
 
 
+@pytest.mark.parametrize("alone", [True, False])
+def test_frames_in_doubt_are_fitted_alone_or_together_with_one_result(alone: bool) -> None:
+    """Time beyond one contact is that of the frames that took it."""
+    loads = [[-0.25, 0.3, 8.0, 5.0], [0.1, 0.1, 4.0, 0.0], [-0.4, 0.2, 5.0, 7.0]]
+    selection, y, weight = selected(loads)
+    selection.fitter.alone = alone
+    best, _ = selection.explain(y, weight)
+    assert best.contacts.tolist() == [2, 1, 2]
+    places = np.sort(best.parameters[[0, 2], :2], 1)
+    np.testing.assert_allclose(places, [[-0.25, 0.3], [-0.4, 0.2]], atol=1e-3)
+    assert (selection.seconds > 0).tolist() == [True, False, True]
+    assert (selection.seconds[0] == selection.seconds[2]) != alone
+
+
 def test_three_contacts_are_found_by_adding_one() -> None:
     selection, y, weight = selected([[-0.4, 0.0, 0.4, 8.0, 5.0, 6.0]], most_contacts=3)
     best, _ = selection.explain(y, weight)

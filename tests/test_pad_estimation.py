@@ -1,6 +1,5 @@
 """Contacts on a pad from readings: table and spline, bounds, pairs, faults, oil pressure."""
 
-import dataclasses
 import json
 import pickle
 from collections.abc import Callable, Iterator
@@ -173,7 +172,7 @@ def test_the_spline_is_exact_for_cubics_and_so_are_its_derivatives() -> None:
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_mirrored_quarters_are_what_a_solve_says(table: PadTable, solved: Solve) -> None:
-    interpolant = PadInterpolant((table,))
+    interpolant = PadInterpolant(table)
     place = np.array([table.angle[-2], table.axial[-3]])
     signs = np.array([(1, 1), (1, -1), (-1, 1), (-1, -1)])
     share = LEVELS[4]
@@ -241,17 +240,44 @@ def test_workers_solve_what_this_process_does(
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
 def test_slopes_of_the_interpolant_are_its_own(table: PadTable) -> None:
-    wider = dataclasses.replace(table, diameter=2 * DIAMETER, u=1.01 * table.u)
-    between = dataclasses.replace(table, diameter=1.5 * DIAMETER, u=1.004 * table.u)
-    interpolant = PadInterpolant((table, between, wider))
-    x = np.array([[0.3, -0.2, 0.01, 0.02, 4.0, 6.0, 14e-3, 16e-3]])
-    step = 1e-6 * np.array([1, 1, 0.05, 0.05, 5, 5, 0.01, 0.01])
+    interpolant = PadInterpolant(table, 0.0625)
+    whole = [(0.3, -0.2), (0.01, 0.02), (4.0, 6.0), (20e-3, 9e-3), (0.2, -0.1)]
+    x = np.array([sum([*whole, (0.0, 0.0), (0.0, 0.0)], ())])
     exact = interpolant(x, 2).jacobian[0]
-    for k, h in enumerate(step):
-        d = h * np.eye(8)[k]
+    for k, h in enumerate(1e-6 * np.repeat([1, 0.05, 5, 0.01, 1, 1, 1], 2)):
+        d = h * np.eye(14)[k]
         ahead, behind = (interpolant(x + s * d, 2).readings[0] for s in (1, -1))
         slope = (ahead - behind) / (2 * h)
-        np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=1e-6 * abs(slope).max())
+        # A wide contact's centre moves with the slope of the largest force, which is held.
+        error = 1e-6 if k >= 10 else 3e-2
+        np.testing.assert_allclose(exact[k], slope, rtol=1e-5, atol=error * abs(slope).max())
+
+
+@pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
+@pytest.mark.parametrize(("turn", "tilt"), [(0.05, 0.0), (0.0, 0.05)])
+def test_slopes_by_tangential_forces_are_those_of_solved_states(
+    skin: Skin, table: PadTable, turn: float, tilt: float
+) -> None:
+    """At places that know them, in a quarter of the pad that is solved and in its images."""
+    interpolant = PadInterpolant(table, float(skin.geometry.outer_size[0]))
+    for i, k in ((-2, -2), (1, -2), (1, 1)):
+        angle, axial = table.across_angle[i], table.across_axial[k]
+        inward = LEVELS[3] * float(interpolant.largest(*np.array([[angle], [axial]]))[0])
+        force = inward / (np.cos(turn) * np.cos(tilt))
+        straight, turned = (
+            np.asarray(forward(skin, Loads.patch(angle, axial, f, DIAMETER, along, out)).so)[
+                :, 0
+            ]
+            for f, along, out in ((inward, 0.0, 0.0), (force, turn, tilt))
+        )
+        tangents = np.tan(turn), np.tan(tilt) / np.cos(turn)
+        x = np.array([[angle, axial, inward, DIAMETER, 0.0, *tangents]])
+        plain = np.array([[angle, axial, inward, DIAMETER, 0.0, 0.0, 0.0]])
+        change = interpolant(x, 1).readings[0, :-1] - interpolant(plain, 1).readings[0, :-1]
+        expected = turned - straight
+        # Under the load itself the table leaves out the shear that a tangential force adds.
+        np.testing.assert_allclose(change, expected, atol=0.3 * np.abs(expected).max())
+        assert np.corrcoef(change, expected)[0, 1] > 0.95
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas
@@ -270,7 +296,8 @@ def test_single_contacts_reach_their_bound(
         wrong.append((np.array([c.angle, c.axial, c.force]) - true) / spread)
     scaled = np.array(wrong)
     assert (np.sqrt((scaled**2).mean(0)) < 1.2).all()
-    assert 0.90 <= (np.abs(scaled) < 1.96).mean() <= 0.99
+    # Extents and tangents that might be there widen what is stated of such discs.
+    assert (np.abs(scaled) < 1.96).mean() >= 0.90
     assert 0.85 < np.mean([e.chi2_per_dof for e in found]) < 1.15
 
 
@@ -473,8 +500,8 @@ def test_a_direction_is_estimated_as_well_as_the_readings_tell(
     true = np.array([-0.3, 0.012, 14.0, 0.35, -0.3])
     fitter = free.selection.fitter
     assert isinstance(fitter, PadFitter)
-    solved = fitter.correction(true, 1)
-    so = fitter.interpolant(true[None], 1, solved).readings[:, :-1]
+    solved = forward(free.skin, Loads.patch(*true[:3], DIAMETER, *true[3:]))
+    so = np.asarray(solved.so).T
     (found,) = free.estimate(noisy(so, 3))
     (contact,) = found.contacts
     assert contact.covariance is not None
@@ -483,9 +510,11 @@ def test_a_direction_is_estimated_as_well_as_the_readings_tell(
     turn = contact.deviation("direction")
     assert turn < np.deg2rad(4)
     assert contact.deviation("tilt") > turn  # along the axis the membrane is stiffer
-    # Radial forces don't explain it, or elsewhere: the readings do tell a direction.
-    (radial,) = estimator.estimate(noisy(so, 3))
-    assert radial.chi2_per_dof > 1.3 * found.chi2_per_dof
+    # Where it is not asked for, the force along the arc is told beside.
+    (beside,) = estimator.estimate(noisy(so, 3))
+    assert beside.contacts[0].arc_force is not None
+    value, deviation = beside.contacts[0].arc_force
+    assert abs(value - 14 * np.cos(-0.3) * np.sin(0.35)) < 4 * deviation
 
 
 @pytest.mark.long  # the table of a pad; formulas of it in test_pad_formulas

@@ -11,15 +11,17 @@ import pytest
 from fitting.inverse_load.pad import input_errors as pad_errors
 from fitting.inverse_load.pad.columns import LEVELS, Column, _reach, largest_forces
 from fitting.inverse_load.pad.finer_mesh import force_surplus
+from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors, gap_line
-from fitting.inverse_load.pad.interpolant import (
-    Correction,
-    PadInterpolant,
-    _lagrange,
-    force_components,
-)
+from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant, extents
+from fitting.inverse_load.pad.marginal import Told, beside
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
-from fitting.inverse_load.pad.pad_least_squares import PadFit, PadLeastSquares, step_of
+from fitting.inverse_load.pad.pad_least_squares import (
+    PRIOR,
+    PadFit,
+    PadLeastSquares,
+    step_of,
+)
 from fitting.inverse_load.pad.parts import PadNodeSearch
 from fitting.inverse_load.pad.solved import near
 from fitting.inverse_load.pad.spline import SplineBasis, TensorSpline
@@ -27,6 +29,7 @@ from fitting.inverse_load.pad.table import PadTable, reciprocal
 from fitting.inverse_load.pad.table_build import _between, edge_of
 from suas_jax.config import InputErrors, SkinSpec, load_skin
 from suas_jax.config.input_errors import value_of
+from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import skin_of
 from suas_jax.sensing.capacitance import VACUUM_PERMITTIVITY
 from tests.stand_ins import explanations
@@ -95,6 +98,9 @@ def linear_table(
         0.01 * np.broadcast_to(LEVELS, force.shape),
         rest,
         np.full(taxels, stray),
+        1e-6 * np.array([1.0, -2.0])[:, None] * np.ones((*force.shape, 2, taxels + 1)),
+        angle,
+        axial,
         diameter,
     )
 
@@ -134,7 +140,9 @@ def errors_of(spec: SkinSpec, *, from_rest: bool = False) -> PadErrors:
     paths = tuple(ERRORS)
     sizes = np.diag([x[0] for x in ERRORS.values()])
     errors = InputErrors(paths, sizes, paths, (), spec)
-    table: Any = SimpleNamespace(rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY))
+    table: Any = SimpleNamespace(
+        rest=STRAY + 1 / AT_REST, stray=np.full(3, STRAY), diameter=6e-3
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PadErrors, "_solved_stiffening", _stiffened)
         skin = skin_of(spec, contact=False)
@@ -210,6 +218,13 @@ def test_model_and_mesh_leave_half_a_per_cent_and_a_twentieth_of_a_millimetre(
     assert found is not None
     expected = np.array([5e-5 / radius, 5e-5 / radius, 5e-5, 5e-5, 0.04, 0.01]) ** 2
     np.testing.assert_allclose(np.diag(found[0]), expected, rtol=1e-12)
+    # Of a contact 26 mm long, the sum of discs leaves out as much more.
+    long = np.array([[[[26e-3, 1e-3], [7e-3, 1e-3]]]])
+    found = errors.unexplained(explanations([[0.3, 0.01, 8.0]], beside=long), 3)
+    assert found is not None
+    place = np.hypot(5e-5, 0.02 * 20e-3)
+    expected = np.array([place / radius, place, np.hypot(5e-3, 2 * 20e-3) * 8.0])
+    np.testing.assert_allclose(np.sqrt(np.diag(found[0])), expected, rtol=1e-9)
 
 
 def test_a_dimension_stiffens_as_less_force_does(
@@ -355,7 +370,7 @@ def test_force_on_the_mesh_grows_by_the_surplus_of_its_level() -> None:
 
 def test_contacts_add_up_in_reciprocal_readings() -> None:
     table = linear_table(stray=50.0)
-    interpolant = PadInterpolant((table,))
+    interpolant = PadInterpolant(table)
     x = np.array([[0.1, -0.2, 0.01, -0.02, 3.0, 2.0]])
     found = interpolant(x, 2)
     taxel = 1 + np.arange(3)
@@ -377,7 +392,7 @@ def test_contacts_add_up_in_reciprocal_readings() -> None:
 
 
 def test_last_slope_goes_on_beyond_the_table_and_a_closed_gap_has_none() -> None:
-    interpolant = PadInterpolant((linear_table(),))
+    interpolant = PadInterpolant(linear_table())
     found = interpolant(np.array([[0.0, 0.0, 20.0]]), 1)  # twice the largest force
     np.testing.assert_allclose(found.readings[0, 0], 1 / (1e-3 - 20e-5), rtol=1e-7)
     closed = interpolant(np.array([[0.0, 0.0, 200.0]]), 1)
@@ -386,69 +401,120 @@ def test_last_slope_goes_on_beyond_the_table_and_a_closed_gap_has_none() -> None
     np.testing.assert_allclose(closed.readings[0, 3], 20e3, rtol=1e-7)
 
 
-def test_largest_force_is_that_of_the_table_that_reaches_least_far() -> None:
-    wide = dataclasses.replace(linear_table(diameter=16e-3), cap=2 * linear_table().cap)
-    angle, axial = np.array([0.0, 0.3]), np.array([0.0, 0.02])
-    expected = 10 * np.exp([0.0, 0.02])
-    for tables in ((linear_table(), wide), (wide, linear_table())):
-        found = PadInterpolant(tables).largest(angle, axial)
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
+def quadratic_table() -> PadTable:
+    """`linear_table` whose u falls with the squares of both places instead."""
+    table = linear_table()
+    place = 4 * table.angle[:, None] ** 2 + 900 * table.axial**2
+    force = 10.0 * LEVELS  # the largest is 10 N everywhere
+    share = (1 + place)[..., None, None] * force[:, None] * (1 + np.arange(3))
+    pressure = np.broadcast_to(100.0 * force, table.pressure.shape)
+    cap = np.full_like(table.cap, 10.0)
+    return dataclasses.replace(table, u=1e-3 - 1e-5 * share, pressure=pressure, cap=cap)
 
 
-def test_readings_are_polynomials_of_the_square_of_the_diameter() -> None:
-    """Three tables whose u falls in proportion to 1 + 1e4 d^2 + 1e8 d^4."""
-
-    def size(d: float) -> float:
-        return 1 + 1e4 * d**2 + 1e8 * d**4
-
-    tables = tuple(linear_table(diameter=d, slope=size(d)) for d in (4e-3, 8e-3, 12e-3))
-    interpolant = PadInterpolant(tables)
-    assert interpolant.parameters.names == ("angle", "axial", "force", "diameter")
-    d, force = 6e-3, 2.0
-    found = interpolant(np.array([[0.0, 0.0, force, d]]), 1)
-    u = 1e-3 - 1e-5 * force * size(d)
-    assert found.readings[0, 0] == pytest.approx(1 / u, rel=1e-8)
-    by_diameter = 1e-5 * force * (2e4 * d + 4e8 * d**3) / u**2
-    assert found.jacobian[0, 3, 0] == pytest.approx(by_diameter, rel=1e-6)
-    assert found.jacobian[0, 2, 0] == pytest.approx(1e-5 * size(d) / u**2, rel=1e-7)
+RADIUS = 0.06
 
 
-def test_lagrange_polynomials_and_slopes() -> None:
-    nodes, x = np.array([1.0, 2.0, 4.0]), np.array([1.5, 3.0])
-    share, slope = _lagrange(nodes, x)
-    for power in range(3):
-        np.testing.assert_allclose(share @ nodes**power, x**power, rtol=1e-12)
-    np.testing.assert_allclose(slope @ nodes**2, 2 * x, rtol=1e-10)
-    np.testing.assert_allclose(slope @ np.ones(3), 0.0, atol=1e-12)
-
-
-def test_force_turns_along_the_arc_and_tilts_along_the_axis() -> None:
-    x = np.array([0.1, 0.02, 5.0, 0.3, -0.4])
-    plane = 5 * np.cos(-0.4)
-    expected = [plane * np.cos(0.3), plane * np.sin(0.3), 5 * np.sin(-0.4)]
-    np.testing.assert_allclose(force_components(x), expected, rtol=1e-12)
-
-
-def test_readings_under_a_tilted_force_are_linear_in_what_is_tangential() -> None:
-    interpolant = PadInterpolant((linear_table(),), direction=True)
-    x = np.array([0.05, 0.01, 4.0, 0.3, -0.2])
-    across = np.array([[[1e-5, 2e-5, 3e-5, 11.0], [-2e-5, 1e-5, 0.0, 7.0]]])
-    near = Correction(x, np.zeros(4), 1.0, across)
-    found = interpolant(x[None], 1, near)
-    radial, along, axial = force_components(x)
-    fall = 1e-5 * radial * (1 + 0.05 + 0.2) * (1 + np.arange(3))
-    change = along * across[0, 0] + axial * across[0, 1]
-    u = 1e-3 - fall + change[:3]
+@pytest.mark.parametrize(("diameter", "slender"), [(20e-3, 0.3), (9e-3, -0.2), (5e-3, 0.1)])
+def test_a_wide_contact_is_the_mean_of_discs_over_its_extent(
+    diameter: float, slender: float
+) -> None:
+    """The mean of a quadratic dent adds half the curvature times the variance."""
+    interpolant = PadInterpolant(quadratic_table(), RADIUS)
+    angle, axial, force = 0.05, -0.01, 2.0
+    x = np.array([[angle, axial, force, diameter, slender, 0.0, 0.0]])
+    found = interpolant(x, 1)
+    arc, along = diameter * np.exp(slender), diameter * np.exp(-slender)
+    variance = np.array([arc**2 - 64e-6, along**2 - 64e-6]) / 16
+    place = 4 * (angle**2 + variance[0] / RADIUS**2) + 900 * (axial**2 + variance[1])
+    u = 1e-3 - 1e-5 * force * (1 + place) * (1 + np.arange(3))
     np.testing.assert_allclose(found.readings[0, :3], 1 / u, rtol=1e-8)
-    np.testing.assert_allclose(found.readings[0, 3], 100 * radial + change[3], rtol=1e-8)
-    step = 1e-6
-    for k in range(5):
+    assert found.readings[0, 3] == pytest.approx(100 * force, rel=1e-8)
+
+
+def test_slopes_by_extent_and_tangent_are_those_of_the_readings() -> None:
+    interpolant = PadInterpolant(quadratic_table(), RADIUS)
+    x = np.array([[0.05, -0.01, 3.0, 14e-3, 0.2, 0.1, -0.2]])
+    found = interpolant(x, 1)
+    for k, step in enumerate([1e-6, 1e-7, 1e-5, 1e-8, 1e-6, 1e-6, 1e-6]):
         high, low = (
-            interpolant(x[None] + side * step * np.eye(5)[k], 1, near).readings[0]
-            for side in (1, -1)
+            interpolant(x + side * step * np.eye(7)[k], 1).readings[0] for side in (1, -1)
         )
         slope = (high - low) / (2 * step)
-        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-4)
+    # The table's slopes by tangential forces are 1e-6 and -2e-6 everywhere.
+    radial = x.copy()
+    radial[0, 5:] = 0.0
+    more = found.change - interpolant(radial, 1).change
+    np.testing.assert_allclose(more, 3.0 * (0.1 + 0.4) * 1e-6, rtol=1e-7)
+
+
+def test_slopes_of_a_contact_askew_are_those_of_the_readings() -> None:
+    interpolant = PadInterpolant(quadratic_table(), RADIUS)
+    x = np.array([[0.05, -0.01, 3.0, 14e-3, 0.5, 0.1, -0.2, 0.6]])
+    found = interpolant(x, 1)
+    for k, step in enumerate([1e-6, 1e-7, 1e-5, 1e-8, 1e-6, 1e-6, 1e-6, 1e-6]):
+        high, low = (
+            interpolant(x + side * step * np.eye(8)[k], 1).readings[0] for side in (1, -1)
+        )
+        slope = (high - low) / (2 * step)
+        np.testing.assert_allclose(found.jacobian[0, k], slope, rtol=1e-5, atol=1e-4)
+
+
+@pytest.mark.parametrize(("turn", "way"), [(0.0, 1.0), (np.pi / 2, -1.0)])
+def test_a_contact_that_lies_straight_is_askew_by_nothing(turn: float, way: float) -> None:
+    interpolant = PadInterpolant(quadratic_table(), RADIUS)
+    askew = np.array([[0.05, -0.01, 3.0, 14e-3, 0.5, 0.1, -0.2, turn]])
+    straight = np.array([[0.05, -0.01, 3.0, 14e-3, way * 0.5, 0.1, -0.2]])
+    a, b = (interpolant(x, 1) for x in (askew, straight))
+    np.testing.assert_allclose(a.readings, b.readings, rtol=1e-8)
+    np.testing.assert_allclose(a.jacobian[0, :4], b.jacobian[0, :4], rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(extents(14e-3, 0.5, turn), extents(14e-3, way * 0.5, 0.0))
+
+
+def test_a_told_direction_is_that_of_the_components() -> None:
+    told = Told(diameter=False, direction=True)
+    assert told.parameters.names == ("angle", "axial", "force", "direction", "tilt")
+    x = np.array([[0.1, 0.02, 5.0, 0.3, -0.4]])
+    plane = 5 * np.cos(-0.4)
+    inward, along, axially = plane * np.cos(0.3), plane * np.sin(0.3), 5 * np.sin(-0.4)
+    rest = np.array([0.0, 0.0, 0.0, 7e-3, 0.1, 0.0, 0.0])
+    whole = told.whole(x, rest, 1)
+    expected = [0.1, 0.02, inward, 7e-3, 0.1, along / inward, axially / inward]
+    np.testing.assert_allclose(whole[0], expected, rtol=1e-12)
+    shown, slopes = told.turned(whole, 1)
+    np.testing.assert_allclose(shown[0, [0, 1, 2, 5, 6]], x[0], rtol=1e-12)
+    for j, k in enumerate((0, 1, 2, 5, 6)):
+        step = 1e-6 * np.eye(5)[j]
+        by = (told.whole(x + step, rest, 1) - told.whole(x - step, rest, 1)) / 2e-6
+        np.testing.assert_allclose(slopes[0, :, k], by[0], rtol=1e-8, atol=1e-9)
+
+
+def test_what_is_not_told_is_marginalised() -> None:
+    """The covariance of what is told is its block of the whole inverse."""
+    told, random = Told(diameter=True, direction=False), np.random.default_rng(0)
+    root = random.normal(size=(1, 14, 20))
+    information = root @ root.transpose(0, 2, 1)
+    whole = np.tile([0.1, 0.02, 5.0, 7e-3, 0.1, 0.0, 0.0], (1, 1)).repeat(2, 1)
+    values, _, left = told.marginal(whole, root, information, 2)
+    rows, _ = told.columns(2)
+    np.testing.assert_array_equal(rows, np.arange(8))
+    np.testing.assert_array_equal(values, whole[:, :8])
+    inverse = np.linalg.inv(information)[0][np.ix_(rows, rows)]
+    np.testing.assert_allclose(np.linalg.inv(left[0]), inverse, rtol=1e-7)
+
+
+def test_extents_and_tangents_that_readings_do_not_show_are_not_told() -> None:
+    whole = np.array([[0.1, 0.02, 5.0, 10e-3, 0.2, 0.3, -0.1]])
+    known = np.diag(1 / np.array([1e-3, 1e-4, 0.1, 1e-3, 0.05, 0.02, 0.29]) ** 2)
+    found = beside(whole, known[None], PRIOR, 1)[0, 0]
+    arc = 10e-3 * np.exp(0.2)
+    np.testing.assert_allclose(found[0], [arc, arc * np.hypot(0.1, 0.05)], rtol=1e-6)
+    force = np.hypot(5.0 * 0.02, 0.3 * 0.1)
+    np.testing.assert_allclose(found[2], [1.5, force], rtol=1e-6)
+    assert np.isnan(found[3]).all()  # no better than the prior's 0.3
+    loose = np.diag(1 / np.array([1e-3, 1e-4, 0.1, 5e-3, 0.5, 0.02, 0.29]) ** 2)
+    assert np.isnan(beside(whole, loose[None], PRIOR, 1)[0, 0, :2]).all()
 
 
 # --- least squares ------------------------------------------------------------------------
@@ -509,7 +575,7 @@ EDGE = (0.35, 0.035)
 
 
 def test_bounds_of_contacts_on_a_pad() -> None:
-    one = PadLeastSquares(PadInterpolant((linear_table(),)), EDGE)
+    one = PadLeastSquares(PadInterpolant(linear_table()), EDGE)
     x = np.array([[0.1, 0.2, 0.0, 0.02, 3.0, 4.0]])
     cap = 10 * np.exp([0.0, 0.02])
     low, high = one.bounds(x, 2, False)
@@ -524,28 +590,18 @@ def test_bounds_of_contacts_on_a_pad() -> None:
     assert high[0, 2] == pytest.approx(12 * np.exp(0.035), rel=1e-9)
 
 
-def test_bounds_of_diameters_and_directions() -> None:
-    tables = linear_table(diameter=4e-3), linear_table(diameter=12e-3)
-    free = PadLeastSquares(PadInterpolant(tables, direction=True), EDGE)
-    low, high = free.bounds(np.array([[0.0, 0.0, 1.0, 6e-3, 0.0, 0.0]]), 1, False)
-    np.testing.assert_allclose(low[0, 3:], [4e-3, -np.pi / 3, -np.pi / 3], rtol=1e-12)
-    np.testing.assert_allclose(high[0, 3:], [12e-3, np.pi / 3, np.pi / 3], rtol=1e-12)
-
-
-def test_volume_of_the_prior_is_a_box_times_a_normal_density_s() -> None:
-    cap = float(linear_table().cap.mean())
-    box = 4 * 0.35 * 0.035 * 1.2 * cap
-    assert PadLeastSquares(
-        PadInterpolant((linear_table(),)), EDGE
-    ).prior_volume() == pytest.approx(box, rel=1e-12)
-    tables = linear_table(diameter=4e-3), linear_table(diameter=12e-3)
-    wide = PadLeastSquares(PadInterpolant(tables, direction=True), EDGE)
-    more = np.sqrt(2 * np.pi) * 3e-3 * (2 * np.pi / 3) ** 2
-    assert wide.prior_volume() == pytest.approx(box * more, rel=1e-12)
+def test_bounds_of_extents_and_tangents() -> None:
+    one = PadLeastSquares(PadInterpolant(linear_table(), RADIUS), EDGE)
+    x = one.completed(np.array([[0.0, 0.0, 1.0]]), 1)
+    np.testing.assert_allclose(x[0], [0, 0, 1, 8e-3, 0, 0, 0])
+    low, high = one.bounds(x, 1, False)
+    tangent = np.tan(np.pi / 3)
+    np.testing.assert_allclose(low[0, 3:], [2.4e-3, -1.5, -tangent, -tangent], rtol=1e-12)
+    np.testing.assert_allclose(high[0, 3:], [0.12, 1.5, tangent, tangent], rtol=1e-12)
 
 
 def test_fit_of_exact_readings_finds_the_loads_and_chi2_their_misfit() -> None:
-    interpolant = PadInterpolant((linear_table(),))
+    interpolant = PadInterpolant(linear_table())
     fitter = PadLeastSquares(interpolant, EDGE)
     truth = np.array([[0.1, 0.01, 4.0]])
     y = interpolant(truth, 1).readings
@@ -556,24 +612,117 @@ def test_fit_of_exact_readings_finds_the_loads_and_chi2_their_misfit() -> None:
     assert found.parameters[0, 2] == pytest.approx(4.0, rel=1e-4)
     assert found.parameters[0, 0] + 20 * found.parameters[0, 1] == pytest.approx(0.3, rel=1e-3)
     off = y + np.array([[3.0, -2.0, 1e6, 10.0]])
-    chi2 = fitter.chi2(off, weight, truth, 1, None)
+    chi2 = fitter._judged(off, weight, truth, 1, None).chi2
     assert chi2[0] == pytest.approx(9.0 + 4.0 + 1.0, rel=1e-6)
 
 
-def test_a_free_diameter_has_a_normal_prior_of_6_and_3_mm() -> None:
-    tables = linear_table(diameter=4e-3), linear_table(diameter=12e-3)
-    interpolant = PadInterpolant(tables)
+def test_priors_count_as_readings_do() -> None:
+    interpolant = PadInterpolant(linear_table(), RADIUS)
     fitter = PadLeastSquares(interpolant, EDGE)
-    x = np.array([[0.1, 0.01, 4.0, 9e-3]])
+    diameter = 8e-3 * np.exp(0.6)
+    x = np.array([[0.1, 0.01, 4.0, diameter, 0.5, -0.3, 0.0]])  # one deviation off, thrice
     weight = np.array([[1.0, 1.0, 1.0, 1e-2]])
     y = interpolant(x, 1).readings
     found = fitter._judged(y, weight, x, 1, None)
-    assert found.chi2[0] == pytest.approx(1.0, rel=1e-9)  # one deviation off
-    assert found.gradient[0, 3] == pytest.approx(-1 / 3e-3, rel=1e-9)
+    assert found.chi2[0] == pytest.approx(3.0, rel=1e-9)
+    by_diameter = 1 / (0.6 * diameter)
+    expected = [0, 0, 0, -by_diameter, -2.0, 1 / 0.3, 0]
+    np.testing.assert_allclose(found.gradient[0], expected, rtol=1e-9, atol=1e-9)
     slopes = found.jacobian[0]
-    expected = (slopes * weight) @ slopes.T
-    expected[3, 3] += 1 / 3e-3**2
-    np.testing.assert_allclose(found.information[0], expected, rtol=1e-10)
+    prior = np.diag([0, 0, 0, by_diameter, 2.0, 1 / 0.3, 1 / 0.3]) ** 2
+    np.testing.assert_allclose(
+        found.information[0], (slopes * weight) @ slopes.T + prior, rtol=1e-10
+    )
+    free = np.arange(3, 7)
+    profiled = fitter.profiled(y, weight, x, 1, None, free)[0]
+    assert 0 <= profiled < 3.0
+
+
+# --- contacts of any shape ----------------------------------------------------------------
+
+_DENT = 6e-3  # standard deviation of a disc's dent
+_TAXELS = np.stack(
+    [x.reshape(-1) for x in np.meshgrid(*[np.linspace(-18e-3, 18e-3, 7)] * 2, indexing="ij")]
+)
+
+
+def dent(arc: Any, axial: Any) -> Any:
+    """Fall of u under a disc of 1 N at places, over all taxels [..., taxel]."""
+    away = (arc - _TAXELS[0]) ** 2 + (axial - _TAXELS[1]) ** 2
+    return 1e-5 * np.exp(-away / (2 * _DENT**2))
+
+
+def dent_table() -> PadTable:
+    axis = np.linspace(-24e-3, 24e-3, 13)
+    shape, taxels = (13, 13), _TAXELS.shape[1]
+    force = 20.0 * LEVELS
+    fall = dent(axis[:, None, None], axis[:, None])[:, :, None] * force[:, None]
+    return PadTable(
+        axis / RADIUS,
+        axis,
+        np.full(shape, 20.0),
+        np.full(shape, np.inf),
+        1e-3 - fall,
+        np.broadcast_to(100.0 * force, (*shape, len(LEVELS))),
+        np.zeros((*shape, len(LEVELS))),
+        np.full(taxels, 1e3),
+        np.zeros(taxels),
+        np.zeros((13, 13, len(LEVELS), 2, taxels + 1)),
+        axis / RADIUS,
+        axis,
+        6e-3,
+    )
+
+
+def strip(turn: float, length: float) -> np.ndarray:
+    """Readings, and no pressure, of 10 N over a strip around the middle [1, channel]."""
+    along = np.linspace(-0.5, 0.5, 201)[:, None] * length
+    fall = 10 * dent(along * np.cos(turn), along * np.sin(turn)).mean(0)
+    return np.append(1 / (1e-3 - fall), 0.0)[None]
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0, 45.0, -30.0])
+def test_a_strip_is_one_contact_of_its_length_and_force(spec: SkinSpec, turn: float) -> None:
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    interpolant, told = PadInterpolant(dent_table(), RADIUS), Told(False, False)
+    kinds = [
+        kind(skin, interpolant, told, live=False, most_contacts=1)
+        for kind in (PadFitter, AskewFitter)
+    ]
+    y, length = strip(np.deg2rad(turn), 24e-3), 24e-3
+    weight = np.append(np.full(y.shape[1] - 1, 1.0), 0.0)[None]
+    start = np.array([[0.05, 2e-3, 4.0]])
+    straight, askew = (
+        fitter.fit(y, weight, start, State(*[np.zeros(0)] * 3), 1) for fitter in kinds
+    )
+    found = straight if turn in (0.0, 90.0) else askew
+    assert found.chi2[0] < (askew if found is straight else straight).chi2[0] + 0.5
+    np.testing.assert_allclose(found.parameters[0, :2] * [RADIUS, 1], 0.0, atol=1e-4)
+    assert found.parameters[0, 2] == pytest.approx(10.0, rel=0.01)
+    more = length**2 / 12 * np.array([np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn))]) ** 2
+    extents_ = found.beside[0, 0, :2, 0]
+    np.testing.assert_allclose(extents_, 4 * np.sqrt(more + 6e-3**2 / 16), rtol=0.1)
+    if turn == 45.0:  # straight boxes leave what noise would not
+        assert straight.chi2[0] > 20 * askew.chi2[0]
+    assert np.isnan(found.beside[0, 0, 2:]).all()  # of tangents this pad says nothing
+
+
+def test_what_a_wide_contact_leaves_may_be_its_shape_s(spec: SkinSpec) -> None:
+    skin = skin_of(spec, elements=(8, 8), contact=False)
+    interpolant = PadInterpolant(dent_table(), RADIUS)
+    fitter = PadFitter(skin, interpolant, Told(False, False), live=False, most_contacts=1)
+    y = strip(0.0, 24e-3)
+    relief = interpolant.relief(np.array([[24e-3**2 / 12, 0.0]]))[0][0]
+    share = 0.06 * np.log(relief)
+    change = np.where(np.arange(y.shape[1]) < y.shape[1] - 1, y - interpolant.rest, 0.0)
+    wide = np.array([[[[4 * np.sqrt(24e-3**2 / 12 + 6e-3**2 / 16), 1e-3], [6e-3, 1e-3]]]])
+    for off, within in ((0.9, True), (1.1, False)):
+        readings = y + off * share * change
+        best = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=wide)
+        assert fitter.left_to_shape(y, best)[0] == within
+        none = np.full_like(wide, np.nan)
+        unknown = explanations([[0.0, 0.0, 10.0]], so=readings, weight=1e9, beside=none)
+        assert not fitter.left_to_shape(y, unknown)[0]
 
 
 # --- solved states ------------------------------------------------------------------------
@@ -653,13 +802,6 @@ def test_a_correction_holds_within_millimetres_and_a_share_of_the_force(
         most = share * limit if k < 4 else limit
         assert holds(k, 0.99 * most)
         assert not holds(k, 1.01 * most)
-    turned = Correction(
-        np.array([0.0, 0.0, 5.0, 0.0, 0.0]), np.zeros(4), 1.0, np.zeros((1, 2, 4))
-    )
-    for turn, held in ((0.99, True), (1.01, False)):
-        angle = 2 * np.arcsin(turn * share * 0.15 / 2)
-        now = np.array([0.0, 0.0, 5.0, angle, 0.0])
-        assert near(turned, now, 1, radius, live=live) == held
 
 
 def test_values_of_a_quarter_are_even_between_its_probes() -> None:

@@ -75,7 +75,8 @@ def invert(
     diameter: Annotated[
         str | None,
         typer.Option(
-            metavar="LENGTH", help="On a pad: diameter of contacts, or 'free'; default 6 mm."
+            metavar="LENGTH",
+            help="On a pad: diameter expected of contacts (6 mm), or 'free' to tell theirs.",
         ),
     ] = None,
     pressure_noise: Annotated[

@@ -53,7 +53,7 @@ def measure_pad(
     spec = variants.spec
     skin = skin_of(spec, elements=_RESOLUTION.elements, contact=False)
     table = pad_table_of(spec, DIAMETER, _RESOLUTION, progress=shown, workers=workers)
-    interpolant = PadInterpolant((table,))
+    interpolant = PadInterpolant(table)
     sides = [
         np.linspace(-x[-1], x[-1], n)
         for x, n in zip((table.angle, table.axial), places, strict=True)
@@ -134,7 +134,7 @@ def _readings(
         q=np.zeros((count, 0, 0)),
         weight=np.ones_like(so),
         absorbed=none > 0,
-        spread=np.full((count, 2), np.nan),
+        beside=np.full((count, 1, 0, 2), np.nan),
     )
     moved = np.moveaxis(errors.slopes(best, 3, 1)[..., :-1], 0, -1)  # change, taxel, place
     own = np.moveaxis(jacobian[..., :-1], 0, -1) / np.array([outer, 1.0, 1.0])[:, None, None]

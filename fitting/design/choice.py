@@ -98,7 +98,7 @@ class Choice(NamedTuple):
     def drawn(self) -> Figure:
         """The taxels that are kept, coloured by what the worst place loses without each."""
         label = f"{WORDS[self.want.goal].title.lower()}: loss without the taxel [%]"
-        return plot_pad(self.want.spec, 100 * self.selection.costs, label=label)
+        return plot_pad(self.want.spec, (100 * self.selection.costs).tolist(), label=label)
 
     @property
     def _names(self) -> list[tuple[int, int]]:

@@ -196,7 +196,7 @@ def range_from_table(
         np.linspace(-x[-1], x[-1], n) if n > 1 else np.zeros(1)
         for x, n in zip((table.angle, table.axial), places, strict=True)
     )
-    interpolant = PadInterpolant((table,))
+    interpolant = PadInterpolant(table)
     at = np.stack([x.reshape(-1) for x in np.meshgrid(angle, axial, indexing="ij")], 1)
     most = MOST * interpolant.largest(*at.T)
     touch = table.first_contact_at(*at.T)

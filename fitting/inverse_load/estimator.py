@@ -90,7 +90,7 @@ class LoadEstimator:
         most_contacts: contacts to tell apart at most, 1 to 3; on a pad to 4.
         live: compile for single frames instead of batches.
         progress: called with what is being done.
-        diameter: of the contacts on a pad [m]; None estimates it.
+        diameter: around which those of contacts on a pad are expected [m]; None tells them.
         pressure_noise: standard deviation of a measured oil pressure [Pa]; on a pad.
         follow_drift: follow the readings at rest in frames without contact, where their times
             are given; with a baseline.
@@ -390,6 +390,7 @@ class LoadEstimator:
         test = self._parts.detector.test(change, weight, errors)
         touched = enough & (test.p_value < self.false_alarm)
         results: list[LoadEstimate] = [LoadEstimate(None)] * len(so)
+        alone = np.zeros(len(so))
         chi2_rest = _chi2_at_rest(change, weight, errors)
         at_rest = chdtrc(np.maximum(count, 1), chi2_rest) > POOR
         for i in np.flatnonzero(~touched):
@@ -407,6 +408,8 @@ class LoadEstimator:
                 )
                 for i, estimate in zip(index, found, strict=True):
                     results[i] = estimate
+                if not pulled:
+                    alone[index] = selection.seconds
                 if memory is not None:
                     memory.after(best.q[0] if results[0].contacts else None)
         if memory is not None and results[0].contact is False:
@@ -414,8 +417,9 @@ class LoadEstimator:
         if drift is not None:
             results = [_drifting(e, *d) for e, d in zip(results, drift.sizes(), strict=True)]
         spent = time.perf_counter() - begin - (COMPILED.seconds - compiling)
-        spent /= len(so)
-        return [replace(result, latency=spent) for result in results]
+        shared = max(spent - alone.sum(), 0.0) / len(so)
+        own = (shared + alone).tolist()
+        return [replace(result, latency=s) for result, s in zip(results, own, strict=True)]
 
     def _explained(
         self,

@@ -4,6 +4,7 @@ Each state starts from a polynomial through the ones before. The last Newton cor
 factors serve the omitted energy, too, so a state costs little more than its corrections.
 """
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
@@ -15,6 +16,7 @@ from suas_jax.equilibrium.balance import Problem, State, border_of, residual
 from suas_jax.equilibrium.continuation import LoadStepping
 from suas_jax.equilibrium.load_path import settled
 from suas_jax.equilibrium.validity import kept_in_domain
+from suas_jax.mechanics.pad.pad import Pad
 from suas_jax.numerics.array_types import Lanes
 from suas_jax.numerics.bordered_solve import BorderedVector, eliminate
 from suas_jax.scene.loads import Loads
@@ -23,6 +25,7 @@ from suas_jax.scene.skin import Skin
 # Displacement by the last Newton correction before the shear is added, relative.
 _CLOSE = 1e-2
 _MOST_CORRECTIONS = 12
+_SMALL = 1e-3  # tangential force of differences, in terms of the loads'
 
 
 class PadReadings(NamedTuple):
@@ -33,12 +36,15 @@ class PadReadings(NamedTuple):
         pressure: of the oil, above ambient [Pa].
         min_gap: smallest between membrane and wall [m].
         found: whether the equilibrium was found.
+        across: derivatives of `so` and, last, of the pressure by a force on the same patch
+            along growing angles, and by one along the axis [1/N]; NaN where not asked for.
     """
 
     so: Float[Array, "level taxel"]
     pressure: Float[Array, " level"]
     min_gap: Float[Array, " level"]
     found: Bool[Array, " level"]
+    across: Float[Array, "level 2 channel"]
 
 
 def _with_shear(
@@ -92,6 +98,7 @@ def readings_along(
     loads: Loads,
     levels: Float[Array, " level"],
     weights: Float[Array, "level level"],
+    across: Bool[Array, " level"],
 ) -> PadReadings:
     """Readings along a path of loads that starts at rest.
 
@@ -101,21 +108,30 @@ def readings_along(
         levels: factors on the forces, in the order to visit.
         weights: of the states before, rest first, in the state that the next one starts
             from, see `extrapolation`.
+        across: levels at which derivatives by tangential forces are wanted.
     """
     problem = skin.problem(loads)
     rest = settled(problem, 1, LoadStepping()).y
     history = jax.tree.map(lambda x: jnp.zeros((len(levels), *x.shape)).at[0].set(x), rest)
 
     def visit(history: BorderedVector, step: tuple[Array, ...]) -> tuple[Any, PadReadings]:
-        index, level, weight = step
+        index, level, weight, wanted = step
         start = jax.tree.map(lambda x: jnp.tensordot(weight, x, 1), history)
         state, y, found = _with_shear(problem, start, level[None])
         kept = jax.tree.map(
             lambda h, x: jax.lax.dynamic_update_index_in_dim(h, x, index + 1, 0), history, y
         )
-        return kept, _read(skin, problem, state, found)
+        read = _read(skin, problem, state, found)
 
-    steps = (jnp.arange(len(levels)), levels, weights)
+        def derived(_: None) -> Array:
+            return _across(skin, loads, y, State(state.q, state.pressure, level[None]))
+
+        def unknown(_: None) -> Array:
+            return jnp.full_like(read.across, jnp.nan)
+
+        return kept, read._replace(across=jax.lax.cond(wanted, derived, unknown, None))
+
+    steps = (jnp.arange(len(levels)), levels, weights, across)
     return jax.lax.scan(visit, history, steps)[1]
 
 
@@ -124,7 +140,44 @@ def _read(skin: Skin, problem: Problem, state: State, found: Array) -> PadReadin
     so = skin.electrodes.read(problem.mechanics, state.q).so[..., 0]
     gap = problem.mechanics.shape(state.q).smallest_gap(skin.geometry).value
     outcome = kept_in_domain(problem.mechanics, state.q, (~found).astype(jnp.int32))
-    return PadReadings(so, state.pressure[0], gap[0], outcome[0] == 0)
+    unknown = jnp.zeros((2, len(so) + 1))
+    return PadReadings(so, state.pressure[0], gap[0], outcome[0] == 0, unknown)
+
+
+def _across(skin: Skin, loads: Loads, y: BorderedVector, state: State) -> Array:
+    """Derivatives of readings and pressure by tangential forces [force, channel].
+
+    With K the tangent and w_T the work of a force of 1 N, dq/dT = K^-1 dw_T/dq; readings are
+    taken at q + e dq/dT, e a thousandth of the load, whose search for the point over each taxel
+    is dear to differentiate.
+
+    Args:
+        skin: the pad, meshed.
+        loads: one patch in one lane.
+        y: the shell's state.
+        state: the same with what the shell leaves out.
+    """
+    one, zero = jnp.ones_like(loads.force), jnp.zeros_like(loads.force)
+    quarter = jnp.pi / 2 * one
+    problem, rights = skin.problem(loads), []
+    for turn, tilt in ((quarter, zero), (zero, quarter)):
+        unit = skin.problem(dataclasses.replace(loads, force=one, turn=turn, tilt=tilt))
+        mechanics = unit.mechanics
+        assert isinstance(mechanics, Pad)
+        by = jax.grad(lambda q, pad=mechanics: jnp.sum(pad.work(q)))(y.stations)
+        rights.append(by * mechanics.topology.free[..., None])
+    _, operator = residual(problem, y, state.factor)
+    border = None if y.border is None else jnp.zeros((2, *y.border.shape))
+    both = BorderedVector(jnp.stack(rights), border)
+    slopes = jax.vmap(lambda right: eliminate(operator, right).solution)(both)
+    step = _SMALL * jnp.abs(loads.force[0, 0])
+
+    def read(q: Array) -> Array:
+        return skin.electrodes.read(problem.mechanics, q).so[..., 0]
+
+    so = [(read(state.q + step * d) - read(state.q)) / step for d in slopes.stations]
+    pressure = jnp.zeros((2, 1)) if slopes.border is None else slopes.border
+    return jnp.concatenate([jnp.stack(so), pressure], 1)
 
 
 def extrapolation(levels: np.ndarray, order: int = 3) -> np.ndarray:

@@ -155,7 +155,7 @@ def _wide(estimator: LoadEstimator, y: Floats, weight: Floats, fit: Explanations
         return Gain(0.0, WIDTH, 0.0, np.inf)
     wide = fitter.fit(y, weight, fit.parameters[:, :2], fit.state, 1)
     gained = np.maximum(np.nan_to_num(fit.chi2 - wide.chi2, neginf=0.0), 0.0)
-    length = float(np.median(wide.spread[gained > 0, 0])) if gained.any() else 0.0
+    length = float(np.median(wide.beside[gained > 0, 0, 0, 0])) if gained.any() else 0.0
     return Gain(float(gained.sum()) - len(gained), WIDTH, length, np.inf)
 
 

@@ -13,7 +13,6 @@ from scipy.special import chdtrc
 from fitting.arrays import Flags, Floats
 from fitting.inverse_load.check.changed_input import ELECTRICAL, ElectricalFit
 from fitting.inverse_load.check.verdict import (
-    DIAMETER,
     FEWEST,
     GAIN,
     LARGER,
@@ -105,10 +104,5 @@ def _slopes(estimator: LoadEstimator, parameters: Floats) -> dict[str, Floats]:
     changed = skin_of(
         estimator.spec, {_THICKNESS: value}, elements=skin.elements, contact=False
     )
-    slopes = {
-        _THICKNESS: (solved_channels(changed, parameters, diameter, slots) - base) / _STEP
-    }
-    if estimator.diameter is not None:
-        wider = solved_channels(skin, parameters, (1 + 10 * _STEP) * diameter, slots)
-        slopes[DIAMETER] = (wider - base) / (10 * _STEP)
-    return slopes
+    thicker = solved_channels(changed, parameters, diameter, slots)
+    return {_THICKNESS: (thicker - base) / _STEP}

@@ -32,7 +32,6 @@ USABLE = (
     "no_convergence",
 )
 """Statuses of frames that say something about the skin file."""
-DIAMETER = "diameter of the contacts"
 WIDTH = "width of the contacts"
 _COMMANDS = {
     "geometry.oil_gap": "suas fit sensor {skin} {log} --fit gap",
@@ -40,7 +39,6 @@ _COMMANDS = {
     "electrodes.lsb": "suas fit sensor {skin} {log} --fit scale",
     "geometry.thickness": "suas fit sensor {skin} {log} --joint",
     STIFFNESS: "suas fit sensor {skin} {log} --joint",
-    DIAMETER: "suas invert {skin} {log} --diameter free",
 }
 
 

@@ -37,10 +37,12 @@ class AbstractLoadAssessment(abc.ABC):
 
     Attributes:
         limit_error: of the force at first contact, relative.
+        beside: names of what is estimated of a contact beside its parameters.
         along: what scenes call places.
     """
 
     limit_error = 0.01  # between the shell and the continuum
+    beside: tuple[str, ...] = ("spread",)
 
     def __init__(
         self, parameters: ContactParameters, along: ContactPlaces, taxels: int
@@ -49,11 +51,12 @@ class AbstractLoadAssessment(abc.ABC):
         self.along, self._taxels = along, taxels
 
     @abc.abstractmethod
-    def first_contact(self, place: Floats) -> float:
+    def first_contact(self, place: Floats, beside: Floats) -> float:
         """Force of one contact at which the membrane reaches the wall [N].
 
         Args:
             place: of the contact [coordinate].
+            beside: what is estimated beside its parameters [quantity, 2].
         """
 
     @abc.abstractmethod
@@ -119,7 +122,8 @@ class AbstractLoadAssessment(abc.ABC):
         places = best.parameters[i, : self._parameters.places * count]
         places = places.reshape(-1, count).T
         spread = covariance * (max(ratio, 1.0) if poor else 1.0)
-        bound, near = self._bound(best.parameters[i], count, spread, systematic)
+        own, more = best.parameters[i], best.beside[i]
+        bound, near = self._bound(own, count, spread, systematic, more)
         wall = bool(best.min_gap[i] <= 0) or near
         wall = wall or any(self.near_taxels(place, full_scale) for place in places)
         if poor and ratio > _BEYOND_MODEL:
@@ -138,7 +142,7 @@ class AbstractLoadAssessment(abc.ABC):
             count,
             None if wall else spread,
             None if wall else systematic,
-            best.spread[i],
+            best.beside[i],
             # At the wall no error is stated that would tell which of them are there at all.
             self._felt(best.parameters[i], count, spread) if wall else None,
         )
@@ -177,7 +181,7 @@ class AbstractLoadAssessment(abc.ABC):
         )
 
     def _bound(
-        self, parameters: Any, count: int, covariance: Any, systematic: Any
+        self, parameters: Any, count: int, covariance: Any, systematic: Any, beside: Any
     ) -> tuple[float, bool]:
         """Force that acts at least [N], and whether the wall may take more.
 
@@ -189,7 +193,9 @@ class AbstractLoadAssessment(abc.ABC):
         force, own = parameters[forces], covariance[forces, forces]
         shared = np.zeros_like(own) if systematic is None else systematic[forces, forces]
         places = parameters[: self._parameters.places * count].reshape(-1, count).T
-        limit = np.array([self.first_contact(place) for place in places])
+        limit = np.array(
+            [self.first_contact(x, y) for x, y in zip(places, beside, strict=False)]
+        )
         near = count == 1 and force[0] + _SURE * _root(own) >= (1 - self.limit_error) * limit[0]
         # No force pulls: together they are at least what any of them are.
         bounds = [
@@ -214,7 +220,7 @@ class AbstractLoadAssessment(abc.ABC):
         count: int,
         covariance: Any,
         systematic: Any,
-        spread: Any = (np.nan, np.nan),
+        beside: Any = None,
         chosen: Rows | None = None,
     ) -> tuple[Contact, ...]:
         contacts = []
@@ -230,6 +236,7 @@ class AbstractLoadAssessment(abc.ABC):
                 for x in (systematic, covariance)
             )
             arc = self.along.arc(at)
+            more = {} if beside is None else dict(zip(self.beside, beside[k], strict=True))
             contacts.append(
                 Contact(
                     float(self.along.angle(at)),
@@ -240,10 +247,10 @@ class AbstractLoadAssessment(abc.ABC):
                     own,
                     values.get("axial"),
                     values.get("diameter"),
-                    None if np.isnan(spread[0]) else (float(spread[0]), float(spread[1])),
                     values.get("tilt"),
                     None if arc is None else float(arc),
                     self.along.name == "arc",
+                    **{n: (float(x[0]), float(x[1])) for n, x in more.items() if x[0] == x[0]},
                 )
             )
         return tuple(sorted(contacts, key=lambda contact: contact.arc_position or 0.0))
@@ -277,7 +284,7 @@ class SectionAssessment(AbstractLoadAssessment):
         super().__init__(parameters, along, len(taxel_angle))
         self._taxel_angle, self._edge, self._table = taxel_angle, edge, table
 
-    def first_contact(self, place: Floats) -> float:
+    def first_contact(self, place: Floats, beside: Floats) -> float:
         """See the base class."""
         known = np.minimum(self._table.first_contact, _NEVER)
         return float(np.interp(place[0], self._table.angles, known))

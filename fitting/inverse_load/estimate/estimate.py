@@ -56,6 +56,15 @@ FIELDS = {
 }
 """Names of a contact's quantities with their units."""
 
+BESIDE = {
+    "spread": ("spread_m", "spread_deviation_m"),
+    "arc_extent": ("extent_arc_m", "extent_arc_deviation_m"),
+    "axial_extent": ("extent_axial_m", "extent_axial_deviation_m"),
+    "arc_force": ("tangential_force_N", "tangential_force_deviation_N"),
+    "axial_force": ("tangential_force_axial_N", "tangential_force_axial_deviation_N"),
+}
+"""What is estimated beside them, with its standard deviation: keys in reports."""
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -73,12 +82,18 @@ class Contact:
             calibration, and so is shared by all frames; None where there is none.
         axial: from the middle of a pad [m]; None in plane strain.
         diameter: of a round contact on a pad [m]; None where it was not estimated.
-        spread: arc of the outer face that a wide contact presses, and its standard deviation
-            [m]; None where a line explains the readings.
         tilt: of the force out of the section's plane towards +axial [rad]; None in plane
             strain, and where held radial.
         arc: arc length of the inner face from its middle [m]; None on a circle.
         by_arc: whether the arc is what was estimated, not the angle.
+        spread: arc of the outer face that a wide contact presses, and its standard deviation
+            [m]; None where a line explains the readings.
+        arc_extent: diameter along the arc of the even ellipse whose second moments a contact on
+            a pad has, and its standard deviation [m]; None where the taxels can't tell.
+        axial_extent: likewise along the axis.
+        arc_force: force on a pad along growing angles, and its standard deviation [N]; None
+            where the taxels can't tell.
+        axial_force: likewise along the axis.
     """
 
     angle: float
@@ -89,10 +104,14 @@ class Contact:
     systematic: Floats | None = None
     axial: float | None = None
     diameter: float | None = None
-    spread: tuple[float, float] | None = None
     tilt: float | None = None
     arc: float | None = None
     by_arc: bool = False
+    spread: tuple[float, float] | None = None
+    arc_extent: tuple[float, float] | None = None
+    axial_extent: tuple[float, float] | None = None
+    arc_force: tuple[float, float] | None = None
+    axial_force: tuple[float, float] | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

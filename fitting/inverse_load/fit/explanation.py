@@ -6,6 +6,7 @@ strain has its fitter in `section_fitter`, a pad in `fitting.inverse_load.pad.fi
 """
 
 import abc
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -38,9 +39,9 @@ class Explanations:
         weight: inverse variances, zero where a taxel is left out [1/counts^2].
         absorbed: whether errors of the skin's inputs were fitted with the loads: they are then
             part of `so` and `chi2`.
-        spread: length of the arc that a single contact was found to press, and its standard
-            deviation [frame, 2] [m]; NaN where contacts are taken as lines. Jacobian and
-            information are those with the spread fitted along.
+        beside: what was fitted along beside the parameters, and eliminated from jacobian and
+            information: values and standard deviations [frame, contact, quantity, 2]; NaN where
+            not told. On a section the length of the arc that a single contact presses [m].
     """
 
     score: Floats
@@ -56,7 +57,7 @@ class Explanations:
     q: Floats
     weight: Floats
     absorbed: Flags
-    spread: Floats
+    beside: Floats
 
     def __len__(self) -> int:
         return len(self.chi2)
@@ -95,12 +96,16 @@ class Explanations:
             changed, candidates, np.array([chosen[i] for i in changed])
         ), changed
 
+    @classmethod
+    def of_frames(cls, parts: Sequence["Explanations"]) -> "Explanations":
+        """Those of several groups of frames, one group after the other."""
+        return cls(
+            *(np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(cls))
+        )
+
     def joined(self, other: "Explanations") -> "Explanations":
         """These and others."""
-        names = [field.name for field in fields(self)]
-        return Explanations(
-            *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names)
-        )
+        return Explanations.of_frames([self, other])
 
     @property
     def state(self) -> State:
@@ -137,10 +142,12 @@ class AbstractLoadFitter(abc.ABC):
     Attributes:
         parameters: of a contact.
         live: whether frames come one by one.
+        alone: whether frames that one contact leaves in doubt are fitted one by one.
     """
 
     parameters: ContactParameters
     live: bool
+    alone: bool = False
 
     @property
     def per_contact(self) -> int:
@@ -172,6 +179,15 @@ class AbstractLoadFitter(abc.ABC):
     @abc.abstractmethod
     def inside(self, parameters: Floats, contacts: int) -> Floats:
         """Parameters [frame, parameter] with those beyond their bounds on them."""
+
+    def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
+        """Frames of one contact that leave no more than its model of wide ones leaves out.
+
+        Args:
+            y: readings [frame, taxel].
+            best: explanations of them.
+        """
+        return np.zeros(len(best), bool)
 
     def screened(
         self,

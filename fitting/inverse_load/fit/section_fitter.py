@@ -163,5 +163,5 @@ class SectionFitter(AbstractLoadFitter):
             q=np.asarray(fit.evaluation.state.q).transpose(2, 0, 1).copy(),
             weight=weight.copy(),
             absorbed=np.zeros(len(fit.chi2), bool),
-            spread=np.full((len(fit.chi2), 2), np.nan),
+            beside=np.full((len(fit.chi2), wide // self.per_contact, 1, 2), np.nan),
         )

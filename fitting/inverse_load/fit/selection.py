@@ -8,13 +8,14 @@ What errors of the skin's inputs explain is no further contact, and no faulty ta
 (`fitting.inverse_load.fit.loads_and_errors`).
 """
 
+import time
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from fitting.arrays import Floats, Rows
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.doubts import Doubts, FaultyTaxels
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations
 from fitting.inverse_load.fit.loads_and_errors import SUSPECT, LoadsAndErrors
@@ -22,6 +23,7 @@ from fitting.inverse_load.fit.systematic import AbstractSystematicErrors
 from fitting.inverse_load.fit.wide_contact import UNUSUAL
 from fitting.inverse_load.search.base import AbstractNodeSearch, AbstractSeveralSearch, Start
 from suas_jax.equilibrium.equilibrium import State
+from suas_jax.runtime.compiled import COMPILED
 
 _PLAUSIBLE = 0.05  # p-value of chi2 above which no further contact is sought
 
@@ -66,6 +68,8 @@ class Selection:
         self._pairs: AbstractSeveralSearch | None = None
         self.last: Explanations | None = None
         """Live: what explained the last frame that was touched; the next one begins there."""
+        self.seconds: Floats = np.zeros(0)
+        """Time spent on each frame of the last call beyond one contact [s]."""
         per_contact, most = self.fitter.per_contact, self.most_contacts
         self._doubts = Doubts(self.fitter, self.nodes, self.penalty, most)
         self._faulty = FaultyTaxels(self.nodes, self._fit_several, per_contact, most)
@@ -97,17 +101,33 @@ class Selection:
         doubtful = self._doubts.of(y, best)
         # What errors of the inputs explain may be a width as well.
         frames = np.flatnonzero(doubtful | best.absorbed)
+        self.seconds = np.zeros(len(y))
         if frames.size:
-            best, narrow = self._or_wide(y, weight, frames, best)
-            best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
-            best = self._fewer_contacts(y, weight, best)
-            best = self._or_pulled(y, weight, frames, best)
-            bad = frames[self._p_value(best)[frames] < SUSPECT / 10]
-            if bad.size:
-                best = self._faulty.explained_without(y, weight, bad, best)
+            groups = np.split(frames, len(frames) if self.fitter.alone else 1)
+            parts = []
+            for group in groups:
+                begin = time.perf_counter() - COMPILED.seconds
+                own = (y[group], weight[group], best.rows(group), doubtful[group])
+                parts.append(self._reconsidered(*own))
+                spent = time.perf_counter() - COMPILED.seconds - begin
+                self.seconds[group] = spent / len(group)
+            found = Explanations.of_frames(parts)
+            best = best.with_frames(frames, found, np.arange(len(frames)))
         if self.fitter.live:
             self.last = best if np.isfinite(best.chi2[0]) else None
         return best, others
+
+    def _reconsidered(
+        self, y: Any, weight: Any, best: Explanations, doubtful: Flags
+    ) -> Explanations:
+        """The best explanation of frames that one contact may not explain, or errors may."""
+        frames = np.arange(len(y))
+        best, narrow = self._or_wide(y, weight, frames, best)
+        best = self._more_contacts(y, weight, narrow[doubtful[narrow]], best)
+        best = self._fewer_contacts(y, weight, best)
+        best = self._or_pulled(y, weight, frames, best)
+        bad = frames[self._p_value(best) < SUSPECT / 10]
+        return self._faulty.explained_without(y, weight, bad, best) if bad.size else best
 
     def _single(self, y: Any, weight: Any, node: Any) -> Explanations:
         """One contact, from the nearest nodes or, live, from the last frame if nearer."""
@@ -176,8 +196,9 @@ class Selection:
         best, wide = best.cheapest(frames, found)
         explained = np.zeros(len(y), bool)
         explained[wide] = self._p_value(best)[wide] >= _PLAUSIBLE
-        explained[wide] &= best.spread[wide, 0] < UNUSUAL
+        explained[wide] &= best.beside[wide, 0, 0, 0] < UNUSUAL
         explained &= ~self._doubts.hinted(y, best)
+        explained[frames] |= self.fitter.left_to_shape(y[frames], best.rows(frames))
         return best, frames[~explained[frames]]
 
     # --- more contacts ----------------------------------------------------------------

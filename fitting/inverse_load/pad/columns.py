@@ -20,6 +20,8 @@ from suas_jax.scene.skin import Skin
 
 LEVELS = np.array([-0.15, 0.0, 0.12, 0.28, 0.46, 0.64, 0.82, 1.0])
 """Forces as shares of the largest, rest among them."""
+ACROSS = (0, 1, 2, 4, 6)
+"""Which of them, rest left out, know derivatives by tangential forces, which change little."""
 _GAP_LEFT = 0.05  # smallest gap in the table in terms of the film's
 _MOST_FORCE = 3.0  # largest force in terms of the smallest of the largest forces
 _PASSES = 6  # attempts to find the largest force
@@ -30,12 +32,16 @@ _READ_ALONG = eqx.filter_jit(readings_along)
 
 
 class Column(NamedTuple):
-    """Readings of one place, or of many with a leading axis; see `PadReadings`."""
+    """Readings of one place, or of many with a leading axis; see `PadReadings`.
+
+    Derivatives by tangential forces are known at `ACROSS` of the levels, where asked for.
+    """
 
     so: Floats
     pressure: Floats
     min_gap: Floats
     found: Flags
+    across: Floats = np.zeros(0)
 
 
 class Columns:
@@ -66,6 +72,7 @@ class Columns:
         force: Floats,
         levels: Floats,
         elements: tuple[int, int] | None = None,
+        across: Flags | None = None,
     ) -> Column:
         """Readings [place, level, ...] of places [place, 2] under shares of forces.
 
@@ -74,11 +81,13 @@ class Columns:
             force: of the places [N].
             levels: shares of the force, for all places [level] or each [place, level].
             elements: of the mesh; those of the pad if None.
+            across: places where derivatives by tangential forces are wanted; nowhere if None.
         """
         skin = self.skin if elements is None else replace(self.skin, elements=elements)
         once = self._total < _FEW
         diameter = np.full(len(places), self._diameter)
-        numbers = np.column_stack([places, force, diameter])
+        wanted = np.zeros(len(places)) if across is None else across
+        numbers = np.column_stack([places, force, diameter, wanted])
         levels = np.broadcast_to(levels, (len(places), levels.shape[-1]))
         if self._workers is not None:
             return _joined(self._on_workers(self._workers, skin, numbers, levels, once))
@@ -120,14 +129,16 @@ def solve_column(skin: Skin, numbers: Floats, levels: Floats, once: bool) -> Col
 
     Args:
         skin: the pad.
-        numbers: angle [rad], axial position [m], force [N] and diameter [m].
+        numbers: angle [rad], axial position [m], force [N], diameter [m], and whether
+            derivatives by tangential forces are wanted.
         levels: shares of the force.
         once: whether few columns will be solved.
     """
-    angle, axial, force, diameter = numbers
+    angle, axial, force, diameter, wanted = numbers
     loads = Loads.patch(angle, axial, force, diameter)
     skin, weights = skin.around(loads), extrapolation(levels)
-    found = COMPILED.run(_READ_ALONG, skin, loads, levels, weights, once=once)
+    across = np.isin(np.arange(len(levels)), ACROSS) & bool(wanted)
+    found = COMPILED.run(_READ_ALONG, skin, loads, levels, weights, across, once=once)
     column = Column(*(np.array(x) for x in found))
     for k in np.flatnonzero(~column.found):
         alone = forward(skin, Loads.patch(angle, axial, force * levels[k], diameter))

@@ -1,7 +1,8 @@
 """The fitter of contacts on a pad: least squares on the interpolant, and what that leaves out.
 
-Several contacts are solved where the fit ends, the interpolant is corrected by what it left
-out, and the fit goes on until it moves no more: its end is exact but for the interpolant's
+A fit begins with the table's discs under radial forces, and goes on with extents and directions
+free. Several contacts are solved where the fit ends, the interpolant is corrected by what it
+left out, and the fit goes on until it moves no more: its end is exact but for the interpolant's
 slopes.
 """
 
@@ -9,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from fitting.arrays import Floats, Rows
+from fitting.arrays import Flags, Floats, Rows
 from fitting.inverse_load.fit.explanation import AbstractLoadFitter, Explanations, widened
-from fitting.inverse_load.pad.interpolant import Correction, PadInterpolant
+from fitting.inverse_load.pad.interpolant import MOST, PLAIN, Correction, PadInterpolant
+from fitting.inverse_load.pad.marginal import BESIDE, Told, beside
 from fitting.inverse_load.pad.pad_least_squares import (
-    DIAMETER_PRIOR,
+    PRIOR,
     PadFit,
     PadLeastSquares,
     step_of,
@@ -24,6 +26,10 @@ from suas_jax.equilibrium.equilibrium import State
 from suas_jax.scene.skin import Skin
 
 _ROUNDS = 4  # of solving several contacts and fitting again
+# Share of the change of readings that discs in the place of a wide contact leave out, by the
+# logarithm of its relief: of solved discs of 40 to 80 mm a half of it, of two fingers more.
+_SHAPE = 0.06
+_SLENDER = 0.6  # where fits of slender contacts begin
 _MOVED = 0.1  # standard deviations below which a round is the last
 
 
@@ -32,34 +38,36 @@ class PadFitter(AbstractLoadFitter):
 
     Args:
         skin: the pad.
-        interpolant: of its tables.
+        interpolant: of its table.
+        told: what is told of contacts.
         live: whether frames come one by one.
         most_contacts: widest set of parameters.
-        diameter: of the contacts where it is no parameter [m].
 
     Attributes:
         squares: least squares on the interpolant alone.
         edge: largest angle [rad] and axial position [m] of a contact.
     """
 
+    alone = True
+
     def __init__(
         self,
         skin: Skin,
         interpolant: PadInterpolant,
+        told: Told,
         *,
         live: bool,
         most_contacts: int,
-        diameter: float,
     ) -> None:
-        self.interpolant, self.live = interpolant, live
-        self.table = interpolant.tables[0]
-        self.parameters = interpolant.parameters
-        self._width = self.per_contact * most_contacts
-        self.edge = edge_of(skin, interpolant.tables[-1].diameter)
-        self.squares = PadLeastSquares(interpolant, self.edge)
+        self.interpolant, self.told, self.live = interpolant, told, live
+        self.table = interpolant.table
+        self.parameters = told.parameters
+        self._most = most_contacts
+        self.edge = edge_of(skin, self.table.diameter)
+        self.squares = PadLeastSquares(interpolant, self.edge, direction=told.direction)
         self._radius = float(skin.geometry.outer_size[0])
         self._gap = float(skin.geometry.oil_gap[0])
-        self._solved = SolvedContacts(skin, interpolant, most_contacts, diameter)
+        self._solved = SolvedContacts(skin, interpolant, most_contacts)
         self._kept: dict[int, Correction] = {}
 
     def fit(
@@ -74,10 +82,10 @@ class PadFitter(AbstractLoadFitter):
     ) -> Explanations:
         """See the base class; no states are needed."""
         del state
-        start = self.completed(start, contacts)
-        if contacts == 1 and (pull or not self.interpolant.direction):
-            fit = self.squares.fitted(y, weight, start, 1, None, pull)
-            return self._gathered(fit, weight, 1, self._gap_sign(fit.parameters))
+        start = start[:, : PLAIN * contacts]
+        if contacts == 1:
+            fit = self.fitted(y, weight, start, 1, None, pull)
+            return self._gathered(fit, weight, 1, None)
         fits, gaps = [], []
         for i in range(len(y)):
             row = slice(i, i + 1)
@@ -87,10 +95,37 @@ class PadFitter(AbstractLoadFitter):
         joined = PadFit(*(np.concatenate(x) for x in zip(*fits, strict=True)))
         return self._gathered(joined, weight, contacts, np.array(gaps))
 
+    def fitted(
+        self,
+        y: Any,
+        weight: Any,
+        start: Any,
+        contacts: int,
+        correction: Correction | None = None,
+        pull: bool = False,
+    ) -> PadFit:
+        """Fit all parameters, discs under radial forces first; see `PadLeastSquares.fitted`.
+
+        Args:
+            y: readings [frame, channel].
+            weight: inverse variances [frame, channel].
+            start: PLAIN or WHOLE parameters a contact [frame, parameter].
+            contacts: their number.
+            correction: of the interpolant.
+            pull: whether forces pull outwards.
+        """
+        if start.shape[1] == PLAIN * contacts:
+            plain = self.squares.fitted(y, weight, start, contacts, correction, pull)
+            start = self.squares.completed(plain.parameters, contacts)
+        return self.squares.fitted(y, weight, start, contacts, correction, pull)
+
     def inside(self, parameters: Floats, contacts: int) -> Floats:
-        """See the base class."""
-        low, high = self.squares.bounds(parameters, contacts, False)
-        return np.clip(parameters, low, high)
+        """See the base class; what follows the forces is sought anew by every fit."""
+        plain = parameters[:, : PLAIN * contacts]
+        low, high = self.squares.bounds(plain, contacts, False)
+        inside = parameters.copy()
+        inside[:, : PLAIN * contacts] = np.clip(plain, low, high)
+        return inside
 
     def screened(
         self,
@@ -106,7 +141,7 @@ class PadFitter(AbstractLoadFitter):
         None where even that is no better than what is known: the interpolant is exact for a
         contact beside one that hardly presses.
         """
-        start = self.completed(start, contacts)
+        start = start[:, : PLAIN * contacts]
         fit = self.squares.fitted(y, weight, start, contacts, None, False)
         best = [
             rows[np.argmin(fit.chi2[rows])]
@@ -115,45 +150,38 @@ class PadFitter(AbstractLoadFitter):
         chosen = np.array(best, np.intp)
         return chosen[fit.chi2[chosen] < to_beat[chosen]]
 
-    def completed(self, start: Floats, contacts: int) -> Floats:
-        """Starting points with all parameters: the prior's diameter, radial forces."""
-        missing = self.parameters.names[start.shape[1] // contacts :]
-        values = [DIAMETER_PRIOR[0] if name == "diameter" else 0.0 for name in missing]
-        more = np.tile(np.repeat(values, contacts), (len(start), 1))
-        return np.concatenate([start, more], 1) if missing else start
-
     def correction(self, parameters: Floats, contacts: int) -> Correction | None:
         """What the interpolant leaves out at some contacts; None for nothing, or unknown.
 
         Args:
-            parameters: of the contacts [parameter].
+            parameters: of the contacts, places and forces first [parameter].
             contacts: their number.
         """
-        if contacts == 1 and not self.interpolant.direction:
+        if contacts == 1:
             return None
-        return self._solved.correction(parameters, contacts)
+        return self._solved.correction(parameters[: PLAIN * contacts], contacts)
 
     # --- several contacts -------------------------------------------------------------
 
     def _refined(self, y: Any, weight: Any, start: Any, contacts: int) -> tuple[PadFit, float]:
-        """Fit one frame by several contacts or free directions, solving them on the way."""
-        kept, gap = self._kept.get(contacts), 1.0
+        """Fit one frame by several contacts, solving them on the way."""
+        kept, gap, plain = self._kept.get(contacts), 1.0, PLAIN * contacts
         # A coarse start is near enough to try what is known.
         close = self._near(kept, start[0], contacts, live=True)
-        fit = self.squares.fitted(y, weight, start, contacts, kept if close else None, False)
+        fit = self.fitted(y, weight, start, contacts, kept if close else None)
         for _ in range(_ROUNDS):
-            now = fit.parameters[0]
+            now = fit.parameters[0, :plain]
             if kept is not None and close and self._near(kept, now, contacts, live=self.live):
                 gap = kept.min_gap
                 break
-            nearby = self._near(kept, now, contacts, live=True)
-            found = self._solved.correction(now, contacts, kept if nearby else None)
+            found = self._solved.correction(now, contacts)
             if found is None:
                 return fit._replace(chi2=np.full(1, np.inf)), gap
             self._kept[contacts] = kept = found
             close, gap = True, found.min_gap
-            fit = self.squares.fitted(y, weight, now[None], contacts, found, False)
-            moved = fit.parameters[0] - now
+            before = fit.parameters[0]
+            fit = self.fitted(y, weight, before[None], contacts, found)
+            moved = fit.parameters[0] - before
             if moved @ fit.information[0] @ moved < _MOVED**2:
                 break
         return fit, gap
@@ -161,23 +189,62 @@ class PadFitter(AbstractLoadFitter):
     def _near(self, kept: Correction | None, now: Any, contacts: int, *, live: bool) -> bool:
         return kept is not None and near(kept, now, contacts, self._radius, live=live)
 
-    def _gap_sign(self, parameters: Floats) -> Floats:
-        """Below zero where a contact is beyond the force of first contact."""
-        angle, axial, force = parameters[:, :3].T  # of single contacts
-        return self._gap * (1 - force / self.table.first_contact_at(angle, axial))
+    def first_contact(self, places: Floats, extents: Floats) -> Floats:
+        """Force at which the membrane under single contacts reaches the wall [contact] [N].
 
-    def _gathered(self, fit: PadFit, weight: Any, contacts: int, gaps: Floats) -> Explanations:
-        frames, wide = len(fit.chi2), self._width
+        Args:
+            places: angle [rad] and axial position [m] [contact, 2].
+            extents: along arc and axis [contact, 2] [m]; NaN where unknown: the table's.
+        """
+        known = np.where(np.isnan(extents), self.table.diameter, extents)
+        relief, _ = self.interpolant.relief((known**2 - self.table.diameter**2) / 16)
+        return self.table.first_contact_at(*places.T) * relief
+
+    def left_to_shape(self, y: Floats, best: Explanations) -> Flags:
+        """See the base class: noise is taken off the residuals' squares."""
+        extents = best.beside[:, 0, :2, 0]
+        known = np.isfinite(extents).all(1) & (best.contacts == 1)
+        excess = np.where(known[:, None], extents, self.table.diameter) ** 2
+        relief, _ = self.interpolant.relief((excess - self.table.diameter**2) / 16)
+        used = best.weight > 0
+        residual = np.where(used, y - best.so, 0.0)[:, :-1]
+        change = np.where(used, y - self.interpolant.rest, 0.0)[:, :-1]
+        noise = used[:, :-1].sum(1) / np.maximum(best.weight[:, :-1].max(1), 1e-300)
+        left = np.maximum((residual**2).sum(1) - noise, 0.0) / (change**2).sum(1)
+        return np.asarray(known & (np.sqrt(left) < _SHAPE * np.log(relief)))
+
+    def prior_volume(self) -> float:
+        """Of what is told of one contact: even but for its diameter."""
+        size = 4 * self.edge[0] * self.edge[1] * MOST * float(self.table.cap.mean())
+        if self.told.diameter:
+            size *= np.sqrt(2 * np.pi) * PRIOR[0] * self.table.diameter
+        if self.told.direction:
+            size *= (2 * np.pi / 3) ** 2
+        return float(size)
+
+    def _gathered(
+        self, fit: PadFit, weight: Any, contacts: int, gaps: Floats | None
+    ) -> Explanations:
+        frames, wide = len(fit.chi2), self.per_contact * self._most
         low, high = self.squares.bounds(fit.parameters, contacts, False)
         low = np.where(fit.parameters < low, -np.inf, low)
         _, decrease = step_of(fit, low, high, np.zeros(frames))
+        own = self.told.marginal(fit.parameters, fit.jacobian, fit.information, contacts)
+        parameters, jacobian, information = own
+        more = np.full((frames, max(self._most, contacts), len(BESIDE), 2), np.nan)
+        more[:, :contacts] = beside(
+            fit.parameters, fit.information, self.squares.prior, contacts
+        )
+        if gaps is None:  # of single contacts: below zero beyond first contact
+            limit = self.first_contact(fit.parameters[:, :2], more[:, 0, :2, 0])
+            gaps = self._gap * (1 - fit.parameters[:, 2] / limit)
         return Explanations(
             score=fit.chi2.copy(),
             chi2=fit.chi2.copy(),
             contacts=np.full(frames, contacts),
-            parameters=widened(fit.parameters, wide),
-            jacobian=widened(fit.jacobian, wide),
-            information=widened(fit.information, wide, wide),
+            parameters=widened(parameters, wide),
+            jacobian=widened(jacobian, wide),
+            information=widened(information, wide, wide),
             predicted_decrease=decrease,
             pressure=fit.readings[:, -1].copy(),
             min_gap=gaps,
@@ -185,5 +252,33 @@ class PadFitter(AbstractLoadFitter):
             q=np.zeros((frames, 0, 0)),
             weight=weight.copy(),
             absorbed=np.zeros(len(fit.chi2), bool),
-            spread=np.full((len(fit.chi2), 2), np.nan),
+            beside=more,
         )
+
+
+class AskewFitter(PadFitter):
+    """Least squares for one slender contact that lies askew, from the likelier side."""
+
+    def fit(
+        self,
+        y: Floats,
+        weight: Floats,
+        start: Floats,
+        state: State,
+        contacts: int,
+        *,
+        pull: bool = False,
+    ) -> Explanations:
+        """See the base class."""
+        del state
+        plain = self.fitted(y, weight, start[:, :PLAIN], contacts, None, pull).parameters
+        begins, left = [], []
+        for turn in (-np.pi / 4, np.pi / 4):
+            begin = np.concatenate([plain, np.full((len(y), 1), turn)], 1)
+            begin[:, 4] = _SLENDER
+            begins.append(begin)
+            every = np.arange(begin.shape[1])
+            left.append(self.squares.profiled(y, weight, begin, contacts, None, every))
+        begin = np.where((left[1] < left[0])[:, None], begins[1], begins[0])
+        fit = self.squares.fitted(y, weight, begin, contacts, None, pull)
+        return self._gathered(fit, weight, contacts, None)

@@ -1,4 +1,4 @@
-"""Readings of a few contacts on a pad from tables of one, with derivatives.
+"""Readings of a few contacts on a pad from a table of one, with derivatives.
 
 One contact's readings are the table's spline. Changes of the reciprocal readings of several
 add up, but for a few per cent of them: what is missing is taken from the solved state at
@@ -6,24 +6,45 @@ contacts nearby, as a correction that is kept while they move::
 
     u(x) = u_rest + sum_c (u_c(x_c) - u_rest) + correction
 
-Where directions are free, a contact is the table's under its radial component alone; what its
-tangential components add is linear, with slopes from solved states nearby.
+A contact of another extent than the table's disc is the mean of such discs over a box, the
+second moments of whose points are what the contact's has more than the disc's; where it is
+smaller, that is an extrapolation. With d_1 and d_2 the diameters along arc and axis of the even
+ellipse of the same second moments, d_0 that of the disc::
+
+    v_k = (d_k^2 - d_0^2) / 16,   d_1 = d exp(s),   d_2 = d exp(-s)
+
+How much stiffer or softer a dent becomes as it grows follows from its depth, so a contact whose
+dent is r times less deep than the disc's reads r times what it would under the r-th part of its
+force (against solved discs of 30 mm: forces to 2 %, where r = 1 is up to 10 % off).
+
+A slender contact that lies askew is such boxes along a line, by Gauss' quadrature: the boxes
+have the short diameter, the line what the long one has more, turned from the arc towards the
+axis.
+
+What tangential components add is linear, with the table's own slopes.
 
 Columns of readings ("channels") are all taxels and, last, the oil's pressure.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RectBivariateSpline
 
 from fitting.arrays import Floats
-from fitting.inverse_load.model.contact_parameters import pad_parameters
 from fitting.inverse_load.pad.columns import LEVELS
 from fitting.inverse_load.pad.table import PadTable
 
 LEAST, MOST = -0.3, 1.2
 """Shares of the table's largest force between which it is used, over first contact at most."""
+PLAIN, WHOLE, ASKEW = 3, 7, 8
+"""Parameters of a contact that is the table's disc under a radial force (angle, axial position,
+inward force), of any (also the diameter d [m], the slenderness s, and the tangential components
+along arc and axis over the inward force), and of one askew (also its turn [rad])."""
+_LINE = np.polynomial.legendre.leggauss(4)  # places and weights of boxes along a line
+_WIDEST = 25e-3  # largest standard deviation of a contact's pressure with its own relief [m]
 _LEAST_GAP = 1e-3  # smallest u in terms of that at rest
 
 
@@ -34,26 +55,11 @@ class Correction(NamedTuple):
         parameters: of the contacts [parameter].
         change: to add to u and the oil's pressure [channel].
         min_gap: between membrane and wall there [m].
-        across: derivatives of u and the oil's pressure by the tangential components of the
-            forces, along arc and axis [contact, component, channel]; None where forces are
-            radial.
     """
 
     parameters: Floats
     change: Floats
     min_gap: float
-    across: Floats | None = None
-
-
-def force_components(x: Floats) -> Floats:
-    """Radial force and those along arc and axis [N], of contacts with a direction.
-
-    Args:
-        x: of contacts: parameters [..., parameter], force third, direction and tilt last.
-    """
-    force, turn, tilt = x[..., 2], x[..., -2], x[..., -1]
-    plane = force * np.cos(tilt)
-    return np.stack([plane * np.cos(turn), plane * np.sin(turn), force * np.sin(tilt)], -1)
 
 
 class Interpolated(NamedTuple):
@@ -74,29 +80,24 @@ class PadInterpolant:
     """The interpolant of one pad.
 
     Args:
-        tables: of one diameter, or of several, ascending: then the diameter is a parameter,
-            and readings are polynomials of its square.
-        direction: whether turn and tilt of the forces are parameters.
+        table: of its states.
+        radius: of the outer face [m]; needed where extents are told.
     """
 
-    def __init__(self, tables: tuple[PadTable, ...], *, direction: bool = False) -> None:
-        self.tables, self.direction = tables, direction
-        self.parameters = pad_parameters(diameter=len(tables) > 1, direction=direction)
-        first = tables[0]
-        self._stray = first.stray
-        self._rest = 1 / (first.rest - first.stray)
-        self._squares = np.array([table.diameter**2 for table in tables])
+    def __init__(self, table: PadTable, radius: float = float("nan")) -> None:
+        self.table = table
+        self._metres = np.array([radius, 1.0])  # of a unit of place
+        self._stray = table.stray
+        self._rest = 1 / (table.rest - table.stray)
 
     @property
     def rest(self) -> Floats:
         """Channels at rest."""
-        return np.append(self.tables[0].rest, 0.0)
+        return np.append(self.table.rest, 0.0)
 
     def largest(self, angle: Floats, axial: Floats) -> NDArray:
-        """Largest force of the tables at places [N]."""
-        return np.asarray(
-            np.min([np.exp(t.largest(angle, axial)[0][:, 0]) for t in self.tables], 0)
-        )
+        """Largest force of the table at places [N]."""
+        return np.asarray(np.exp(self.table.largest(angle, axial)[0][:, 0]))
 
     def __call__(
         self, parameters: Floats, contacts: int, correction: Correction | None = None
@@ -104,18 +105,19 @@ class PadInterpolant:
         """Readings and derivatives.
 
         Args:
-            parameters: [frame, parameter], all of a name together.
+            parameters: [frame, parameter], all of a name together, PLAIN or WHOLE of them a
+                contact.
             contacts: their number.
             correction: of u and the pressure; none where not given.
         """
         frames, taxels = len(parameters), len(self._rest)
         by_contact = parameters.reshape(frames, -1, contacts)
         change = np.zeros((frames, taxels + 1))
-        slopes = np.zeros((frames, self.parameters.per_contact, contacts, taxels + 1))
-        across = None if correction is None else correction.across
+        slopes = np.zeros((frames, by_contact.shape[1], contacts, taxels + 1))
+        kinds = {PLAIN: self._plain, WHOLE: self._whole, ASKEW: self._askew}
+        one = kinds[by_contact.shape[1]]
         for c in range(contacts):
-            own = None if across is None else across[c]
-            value, slope = self._turned(by_contact[:, :, c], own)
+            value, slope = one(by_contact[:, :, c])
             change += value
             slopes[:, :, c] = slope
         total = change if correction is None else change + correction.change
@@ -130,72 +132,150 @@ class PadInterpolant:
         jacobian[..., :taxels] *= by_u[:, None]
         return Interpolated(readings, jacobian, change)
 
-    def _turned(self, x: Floats, across: Floats | None) -> tuple[Floats, Floats]:
-        """The same of a contact whose force may not be radial.
+    def _plain(self, x: Floats) -> tuple[Floats, Floats]:
+        """Change of u by the table's disc [frame, channel], and its slopes."""
+        share, inside, by_place, cap = self._share(x)
+        value, slopes = self.table.spline(*x[:, :2].T, inside)
+        return _beyond(value, slopes, share - inside, share, by_place, cap)
+
+    def _whole(self, x: Floats) -> tuple[Floats, Floats]:
+        """The same of a contact of any extent, under a force of any direction."""
+        diameters = x[:, 3:4] * np.exp(np.stack([x[:, 4], -x[:, 4]], 1))
+        excess = (diameters**2 - self.table.diameter**2) / 16
+        value, slopes = self._boxes(x, np.zeros((len(x), 2)), excess, excess)
+        by_excess = (slopes[:, 3:5] + slopes[:, 5:7]) * (diameters**2 / 8)[..., None]
+        by_diameter = by_excess.sum(1, keepdims=True) / x[:, 3, None, None]
+        shape = np.concatenate([by_diameter, by_excess[:, :1] - by_excess[:, 1:]], 1)
+        return self._pulled(x, value, slopes[:, :PLAIN], shape)
+
+    def _askew(self, x: Floats) -> tuple[Floats, Floats]:
+        """The same of a slender contact at any angle."""
+        diameter, slender, turn = x[:, 3], x[:, 4], x[:, 7]
+        short = diameter**2 * np.exp(-2 * slender) / 16
+        line = diameter**2 * np.sinh(2 * slender) / 8
+        half = np.sqrt(3 * np.maximum(line, 1e-12))
+        way = np.stack([np.cos(turn), np.sin(turn)], 1)
+        box = np.tile((short - self.table.diameter**2 / 16)[:, None], (1, 2))
+        excess = box + line[:, None] * way**2
+        size = len(x), self.table.u.shape[-1] + 1
+        value, rows = np.zeros(size), np.zeros((len(x), 7, size[1]))
+        by_half, by_turn = np.zeros(size), np.zeros(size)
+        for t, share in zip(*_LINE, strict=True):
+            own, slopes = self._boxes(x, t * half[:, None] * way, box, excess)
+            value, rows = value + share / 2 * own, rows + share / 2 * slopes
+            by_metre = slopes[:, :2] / self._metres[:, None]
+            by_half = by_half + share / 2 * t * (way[..., None] * by_metre).sum(1)
+            side = np.stack([-way[:, 1], way[:, 0]], 1)[..., None]
+            by_turn = by_turn + share / 2 * t * half[:, None] * (side * by_metre).sum(1)
+        along = (way**2)[..., None] * rows[:, 5:7]
+        by_line = 1.5 / half[:, None] * by_half + along.sum(1)
+        by_box = rows[:, 3:7].sum(1)
+        by_turn = by_turn + (line * np.sin(2 * turn))[:, None] * (rows[:, 6] - rows[:, 5])
+        shape = [
+            2 * (short[:, None] * by_box + line[:, None] * by_line) / diameter[:, None],
+            -2 * short[:, None] * by_box
+            + (diameter**2 * np.cosh(2 * slender) / 4)[:, None] * by_line,
+        ]
+        value, slopes = self._pulled(x, value, rows[:, :PLAIN], np.stack(shape, 1))
+        return value, np.concatenate([slopes, by_turn[:, None]], 1)
+
+    def _boxes(
+        self, x: Floats, shift: Floats, box: Floats, excess: Floats
+    ) -> tuple[Floats, Floats]:
+        """Change of u by discs over boxes beside contacts' places, as dents of theirs respond.
 
         Args:
-            x: parameters [frame, parameter].
-            across: slopes by its tangential forces [component, channel]; zero if None.
+            x: parameters of the contacts, whose places and forces count.
+            shift: of the boxes [contact, 2] [m].
+            box: second moments of the boxes, along arc and axis [contact, 2] [m^2].
+            excess: those of the whole contacts beyond the disc's, likewise.
+
+        Returns:
+            Change [contact, channel], and slopes by place, force, box and excess
+            [contact, 7, channel].
         """
-        if not self.direction:
-            return self._one(x)
-        components = force_components(x)
-        base = x[:, :-2].copy()
-        base[:, 2] = components[:, 0]
-        value, slope = self._one(base)
-        by_force = np.zeros((len(x), 3, value.shape[1]))
-        by_force[:, 0] = slope[:, 2]
-        if across is not None:
-            by_force[:, 1:] = across
-            value = value + components[:, 1:] @ across
-        force, turn, tilt = x[:, 2], x[:, -2], x[:, -1]
-        zero = np.zeros_like(force)
-        flat = np.stack([np.cos(turn), np.sin(turn), zero], -1) * force[:, None]
-        by_turn = np.cos(tilt)[:, None] * np.stack([-flat[:, 1], flat[:, 0], zero], -1)
-        by_tilt = -np.sin(tilt)[:, None] * flat
-        by_tilt[:, 2] = force * np.cos(tilt)
-        unit = x.copy()
-        unit[:, 2] = 1.0
-        rows = np.stack([force_components(unit), by_turn, by_tilt], 1) @ by_force
-        slope[:, 2] = rows[:, 0]
-        return value, np.concatenate([slope, rows[:, 1:]], 1)
+        relief, by_excess = self.relief(excess)
+        light = x.copy()
+        light[:, 2] /= relief
+        share, inside, by_place, cap = self._share(light)
+        # The discs' forces are the same shares of the largest ones: their centre is moved.
+        middle = x[:, :2] + shift / self._metres - excess / self._metres**2 * by_place
+        value, slopes = self.table.spline.over(middle, box / self._metres**2, inside)
+        value, plain = _beyond(value, slopes[:, :3], share - inside, share, by_place, cap)
+        by_relief = (value - light[:, 2:3] * plain[:, 2])[:, None]
+        plain[:, :2] *= relief[:, None, None]
+        by_box = relief[:, None, None] * slopes[:, 3:] / self._metres[:, None] ** 2
+        rows = (plain, by_box, by_excess[..., None] * by_relief)
+        return relief[:, None] * value, np.concatenate(rows, 1)
 
-    def _one(self, x: Floats) -> tuple[Floats, Floats]:
-        """Change of u by one contact [frame, channel], and its slopes [frame, 3 or 4, ...]."""
-        found = [_from_table(table, *x[:, :3].T) for table in self.tables]
-        if len(found) == 1:
-            return found[0]
-        share, slope = _lagrange(self._squares, x[:, 3] ** 2)
-        values, slopes = (np.stack([f[k] for f in found], 1) for k in (0, 1))
-        value = (share[..., None] * values).sum(1)
-        by_square = (slope[..., None] * values).sum(1)
-        by_others = (share[..., None, None] * slopes).sum(1)
-        by_diameter = (2 * x[:, 3:4] * by_square)[:, None]
-        return value, np.concatenate([by_others, by_diameter], 1)
+    def _pulled(
+        self, x: Floats, value: Floats, plain: Floats, shape: Floats
+    ) -> tuple[Floats, Floats]:
+        """Change of u and slopes with what tangential forces add."""
+        _, inside, _, _ = self._share(x)
+        across = self.table.tangential.values(*x[:, :2].T, inside).reshape(len(x), 2, -1)
+        force, tangents = x[:, 2, None], x[:, 5:7]
+        along = (tangents[:, None] @ across)[:, 0]
+        plain = np.concatenate([plain[:, :2], plain[:, 2:] + along[:, None]], 1)
+        rows = (plain, shape, force[..., None] * across)
+        return value + force * along, np.concatenate(rows, 1)
+
+    def reliefs(self, parameters: Floats, contacts: int) -> Floats:
+        """`relief` of contacts [frame, contact] by their parameters [frame, parameter]."""
+        x = parameters.reshape(len(parameters), -1, contacts)
+        turn = x[:, 7] if x.shape[1] == ASKEW else 0.0
+        diameters = extents(x[:, 3], x[:, 4], turn).reshape(2, -1).T
+        excess = (diameters**2 - self.table.diameter**2) / 16
+        return self.relief(excess)[0].reshape(-1, contacts)
+
+    def relief(self, excess: Floats) -> tuple[Floats, Floats]:
+        """Depth of the disc's dent over that of a wider contact of the same force.
+
+        Args:
+            excess: second moments beyond the disc's, along arc and axis [contact, 2] [m^2].
+
+        Returns:
+            The ratio, one where it is no wider [contact], and its derivatives [contact, 2].
+        """
+        sigma = np.sqrt(np.clip(excess, 0.0, _WIDEST**2))
+        logarithm = self._log_relief.ev(*sigma.T)
+        ratio = np.exp(logarithm)
+        slopes = [self._log_relief.ev(*sigma.T, dx=1 - k, dy=k) for k in range(2)]
+        inside = (excess > 0) & (sigma < _WIDEST)
+        by_excess = np.stack(slopes, 1) / np.where(inside, 2 * sigma, np.inf)
+        return ratio, ratio[:, None] * by_excess
+
+    @functools.cached_property
+    def _log_relief(self) -> RectBivariateSpline:
+        """Its logarithm by standard deviations along arc and axis, in the pad's middle."""
+        sigma = np.linspace(0.0, _WIDEST, 12)
+        both = np.stack([x.reshape(-1) for x in np.meshgrid(sigma, sigma, indexing="ij")], 1)
+        middle, level = np.zeros((len(both), 2)), np.full(len(both), LEVELS[LEVELS > 0][0])
+        change = self.table.spline.over(middle, both**2 / self._metres**2, level)[0]
+        depth = np.abs(change[:, :-1]).max(1).reshape(len(sigma), -1)
+        return RectBivariateSpline(sigma, sigma, np.log(np.maximum(depth[0, 0] / depth, 1.0)))
+
+    def _share(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Force as a share of the largest, as is and within the table; the largest force."""
+        log_cap, by_place = self.table.largest(*x[:, :2].T)
+        cap = np.exp(log_cap[:, 0])
+        share = x[:, 2] / cap
+        return share, np.clip(share, LEVELS[0] * 2, MOST), by_place[:, :, 0], cap
 
 
-def _from_table(
-    table: PadTable, angle: Floats, axial: Floats, force: Floats
+def _beyond(
+    value: Floats, slopes: Floats, more: Floats, share: Floats, by_place: Floats, cap: Floats
 ) -> tuple[Floats, Floats]:
-    log_cap, by_place = table.largest(angle, axial)
-    cap = np.exp(log_cap[:, 0])
-    share = force / cap
-    inside = np.clip(share, LEVELS[0] * 2, MOST)
-    value, slopes = table.spline(angle, axial, inside)
+    """Values with the last slope going on beyond the table, and slopes by place and force."""
     by_share = slopes[:, 2]
-    # Beyond the table the last slope goes on.
-    value = value + by_share * (share - inside)[:, None]
-    slopes[:, :2] -= by_share[:, None] * (share[:, None] * by_place[:, :, 0])[..., None]
-    slopes[:, 2] = by_share / cap[:, None]
-    return value, slopes
+    value = value + by_share * more[:, None]
+    by_force = by_share / cap[:, None]
+    moved = slopes[:, :2] - by_share[:, None] * (share[:, None] * by_place)[..., None]
+    return value, np.concatenate([moved, by_force[:, None]], 1)
 
 
-def _lagrange(nodes: Floats, x: Floats) -> tuple[Floats, Floats]:
-    """Lagrange polynomials and their slopes [place, node]."""
-    powers = np.vander(nodes / nodes[-1], increasing=True)
-    inverse = np.linalg.inv(powers)
-    count = len(nodes)
-    at = np.vander(x / nodes[-1], count, increasing=True)
-    slope = np.zeros_like(at)
-    slope[:, 1:] = at[:, :-1] * np.arange(1, count) / nodes[-1]
-    return at @ inverse, slope @ inverse
+def extents(diameter: Floats, slender: Floats, turn: Floats | float) -> Floats:
+    """Diameters along arc and axis of ellipses [2, ...] [m]."""
+    long, short = (diameter**2 * np.exp(2 * sign * slender) for sign in (1, -1))
+    cos, sin = np.cos(turn) ** 2, np.sin(turn) ** 2
+    return np.sqrt([long * cos + short * sin, long * sin + short * cos])

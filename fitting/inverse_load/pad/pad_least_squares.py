@@ -1,14 +1,16 @@
 """Weighted least squares on the interpolant of a pad's tables, in all frames at once.
 
-Levenberg-Marquardt inside bounds: contacts lie on the pad, press no harder than the tables
-reach, and have diameters of the tables; a diameter that is estimated has a normal prior beside.
+Levenberg-Marquardt inside bounds: contacts lie on the pad and press no harder than the table
+reaches. What readings hardly show has a prior, whose residuals count as those of readings: a
+contact's diameter is log-normal around the table's, its slenderness and the tangential
+components of its force over the inward one are normal around zero.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from fitting.arrays import Floats
+from fitting.arrays import Floats, Rows
 from fitting.inverse_load.fit.damped_step import (
     FIRST_DAMPING,
     GIVEN_UP,
@@ -16,14 +18,26 @@ from fitting.inverse_load.fit.damped_step import (
     damped_step,
     next_damping,
 )
-from fitting.inverse_load.pad.interpolant import LEAST, MOST, Correction, PadInterpolant
+from fitting.inverse_load.pad.interpolant import (
+    ASKEW,
+    LEAST,
+    MOST,
+    PLAIN,
+    WHOLE,
+    Correction,
+    PadInterpolant,
+)
+from fitting.inverse_load.pad.marginal import PRIOR_OF_TANGENTS
 
-DIAMETER_PRIOR = (6e-3, 3e-3)
-"""Mean and standard deviation of a contact's diameter where it is estimated [m]."""
-# Largest turn and tilt of a force from the radial where directions are free [rad].
-_MOST_TURN = np.pi / 3
+PRIOR = np.array([0.6, 0.5, PRIOR_OF_TANGENTS, PRIOR_OF_TANGENTS])
+"""Standard deviations of a contact's ln d, slenderness and tangents (see `interpolant`)."""
+_FREE = 3.0  # of tangents that are asked for
+_DIAMETERS = (0.3, 15.0)  # smallest and largest, in terms of the table's
+_SLENDER, _LEAST_SLENDER = 1.5, 0.1  # the least of one that lies askew
+_MOST_TANGENT = np.tan(np.pi / 3)
 _STEPS = 100
-_SETTLED = 1e-4  # decrease of chi2 below which a fit has ended
+# Decrease of chi2 below which a fit has ended; extents are hardly told to more.
+_SETTLED, _SETTLED_WHOLE = 1e-4, 1e-2
 _CHUNK = 64  # frames whose coefficients are gathered together
 _RIDGE = 1e-10
 
@@ -56,15 +70,17 @@ class PadLeastSquares:
     """Least squares for contacts on one pad, on its interpolant alone.
 
     Args:
-        interpolant: of its tables.
+        interpolant: of its table.
         edge: largest angle [rad] and axial position [m] of a contact.
+        direction: whether nothing is known of directions before.
     """
 
-    def __init__(self, interpolant: PadInterpolant, edge: tuple[float, float]) -> None:
+    def __init__(
+        self, interpolant: PadInterpolant, edge: tuple[float, float], *, direction: bool = False
+    ) -> None:
         self._interpolant, self._edge = interpolant, edge
-        self._parameters = interpolant.parameters
-        self._free_diameter = "diameter" in self._parameters.names
-        self._diameters = interpolant.tables[0].diameter, interpolant.tables[-1].diameter
+        self._diameter = interpolant.table.diameter
+        self.prior = np.append(PRIOR[:2], [_FREE, _FREE]) if direction else PRIOR
 
     def bounds(self, parameters: Floats, contacts: int, pull: bool) -> tuple[Floats, Floats]:
         """Lower and upper bounds [frame, parameter]; those of forces depend on places.
@@ -76,42 +92,42 @@ class PadLeastSquares:
         """
         frames = len(parameters)
         angle, axial = (
-            np.clip(parameters[:, self._parameters.rows(name, contacts)], -edge, edge)
-            for name, edge in zip(("angle", "axial"), self._edge, strict=True)
+            np.clip(parameters[:, k * contacts : (k + 1) * contacts], -edge, edge)
+            for k, edge in enumerate(self._edge)
         )
         cap = self._interpolant.largest(angle.reshape(-1), axial.reshape(-1))
         cap = cap.reshape(frames, contacts)
+        if parameters.shape[1] > PLAIN * contacts:
+            cap = cap * self._interpolant.reliefs(parameters, contacts)
         ones = np.ones((frames, contacts))
         force = (LEAST * cap, 0 * cap) if pull else (0 * cap, MOST * cap)
         low = [-self._edge[0] * ones, -self._edge[1] * ones, force[0]]
         high = [self._edge[0] * ones, self._edge[1] * ones, force[1]]
-        if self._free_diameter:
-            low.append(self._diameters[0] * ones)
-            high.append(self._diameters[1] * ones)
-        if self._interpolant.direction:
-            low += [-_MOST_TURN * ones] * 2
-            high += [_MOST_TURN * ones] * 2
+        if parameters.shape[1] > PLAIN * contacts:
+            smallest, largest = (x * self._diameter for x in _DIAMETERS)
+            low += [x * ones for x in (smallest, -_SLENDER, -_MOST_TANGENT, -_MOST_TANGENT)]
+            high += [x * ones for x in (largest, _SLENDER, _MOST_TANGENT, _MOST_TANGENT)]
+        if parameters.shape[1] == ASKEW * contacts:
+            low[4] = _LEAST_SLENDER * ones
+            low.append(-np.pi * ones)
+            high.append(np.pi * ones)
         return np.concatenate(low, 1), np.concatenate(high, 1)
 
-    def prior_volume(self) -> float:
-        """Of one contact's parameters: even, but normal in the diameter."""
-        force = MOST * float(self._interpolant.tables[0].cap.mean())
-        size = 4 * self._edge[0] * self._edge[1] * force
-        if self._free_diameter:
-            size *= np.sqrt(2 * np.pi) * DIAMETER_PRIOR[1]
-        if self._interpolant.direction:
-            size *= (2 * _MOST_TURN) ** 2
-        return float(size)
+    def completed(self, plain: Floats, contacts: int) -> Floats:
+        """Parameters of discs under radial forces, with what a prior expects of the others."""
+        expected = np.repeat([self._diameter, 0.0, 0.0, 0.0], contacts)
+        return np.concatenate([plain, np.tile(expected, (len(plain), 1))], 1)
 
-    def chi2(
+    def profiled(
         self,
         y: Floats,
         weight: Floats,
         parameters: Floats,
         contacts: int,
         correction: Correction | None,
+        free: Rows,
     ) -> Floats:
-        """Weighted squares of the residuals, and of the diameters' from their prior [frame].
+        """Weighted squares of the residuals, least over some parameters to first order [frame].
 
         Args:
             y: readings [frame, channel].
@@ -119,8 +135,12 @@ class PadLeastSquares:
             parameters: [frame, parameter].
             contacts: their number.
             correction: of the interpolant.
+            free: parameters that are free.
         """
-        return self._judged(y, weight, parameters, contacts, correction).chi2
+        found = self._judged(y, weight, parameters, contacts, correction)
+        gradient = found.gradient[:, free, None]
+        step = np.linalg.solve(found.information[:, free[:, None], free], gradient)
+        return np.asarray(found.chi2 - (gradient * step).sum((1, 2)))
 
     def _judged(
         self, y: Any, weight: Any, parameters: Any, contacts: int, correction: Correction | None
@@ -132,14 +152,17 @@ class PadLeastSquares:
         chi2 = (weight * residual**2).sum(1)
         gradient = (weighted @ residual[..., None])[..., 0]
         information = weighted @ np.swapaxes(found.jacobian, 1, 2)
-        if self._free_diameter:
-            mean, sigma = DIAMETER_PRIOR
-            rows = self._parameters.rows("diameter", contacts)
-            off = mean - parameters[:, rows]
-            chi2 = chi2 + (off**2).sum(1) / sigma**2
-            gradient[:, rows] += off / sigma**2
-            k = np.arange(rows.start, rows.stop)
-            information[:, k, k] += 1 / sigma**2
+        if parameters.shape[1] > PLAIN * contacts:
+            first, last = PLAIN * contacts, WHOLE * contacts
+            value = parameters[:, first:last].copy()
+            slope = np.ones_like(value)
+            slope[:, :contacts] = 1 / value[:, :contacts]
+            value[:, :contacts] = np.log(value[:, :contacts] / self._diameter)
+            sigma = np.repeat(self.prior, contacts)
+            chi2 = chi2 + ((value / sigma) ** 2).sum(1)
+            gradient[:, first:last] -= slope * value / sigma**2
+            k = np.arange(first, last)
+            information[:, k, k] += (slope / sigma) ** 2
         return PadFit(parameters, found.readings, found.jacobian, chi2, gradient, information)
 
     def fitted(
@@ -156,7 +179,8 @@ class PadLeastSquares:
         Args:
             y: readings [frame, channel].
             weight: inverse variances [frame, channel].
-            start: parameters [frame, parameter].
+            start: parameters [frame, parameter], PLAIN, WHOLE or ASKEW of them a contact: so
+                many are fitted.
             contacts: their number.
             correction: of the interpolant.
             pull: whether forces pull outwards.
@@ -181,9 +205,17 @@ class PadLeastSquares:
         best = self._judged(y, weight, np.clip(start, low, high), contacts, correction)
         damping = np.full(len(y), FIRST_DAMPING)
         live = np.arange(len(y))
+        settled = _SETTLED if start.shape[1] == PLAIN * contacts else _SETTLED_WHOLE
         for _ in range(_STEPS):
             old = best.rows(live)
             step, decrease = step_of(old, low[live], high[live], damping[live])
+            # A damped step promises little wherever it begins.
+            going = (decrease > settled) | (damping[live] > FIRST_DAMPING)
+            if not going.all():
+                live, step, decrease = live[going], step[going], decrease[going]
+                old = best.rows(live)
+            if not live.size:
+                break
             there = old.parameters + step
             lowest, highest = self.bounds(there, contacts, pull)
             there = np.clip(there, lowest, highest)
@@ -193,10 +225,8 @@ class PadLeastSquares:
             for whole, part in (*zip(best, new, strict=True), *bounds):
                 whole[live[better]] = part[better]
             damping[live] = next_damping(damping[live], better)
-            ended = better & (old.chi2 - new.chi2 < _SETTLED) & (decrease < 100 * _SETTLED)
+            ended = better & (old.chi2 - new.chi2 < settled) & (decrease < 100 * _SETTLED)
             live = live[~ended & (damping[live] < GIVEN_UP)]
-            if not live.size:
-                break
         return best
 
 

@@ -13,9 +13,10 @@ from fitting.inverse_load.estimate.place import ContactPlaces
 from fitting.inverse_load.fit.detection import PadDetector
 from fitting.inverse_load.fit.explanation import Explanations
 from fitting.inverse_load.fit.load_posterior import AbstractLoadPosterior
-from fitting.inverse_load.pad.fitter import PadFitter
+from fitting.inverse_load.pad.fitter import AskewFitter, PadFitter
 from fitting.inverse_load.pad.input_errors import PadErrors
-from fitting.inverse_load.pad.interpolant import PadInterpolant
+from fitting.inverse_load.pad.interpolant import PLAIN, PadInterpolant
+from fitting.inverse_load.pad.marginal import BESIDE, Told
 from fitting.inverse_load.pad.table import PadTable
 from fitting.inverse_load.pad.table_build import FINE, PadResolution, pad_table_of
 from fitting.inverse_load.search.base import AbstractNodeSearch
@@ -33,9 +34,7 @@ _CLOSEST = 6e-3  # contacts of a pair are at least so far apart [m]
 _SAME = 1e-3  # distance below which two contacts are the same [m]
 _MIRRORS = np.array([[-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]])
 
-FREE_DIAMETERS = (2e-3, 7e-3, 12e-3)
-"""Diameters that are tabulated where it is estimated [m]."""
-_FALLBACK = 6e-3
+_DIAMETER = 6e-3  # of the table's discs where it is estimated [m]
 
 
 class PadNodeSearch(AbstractNodeSearch):
@@ -105,12 +104,13 @@ class PadNodeSearch(AbstractNodeSearch):
 class PadPosterior(AbstractLoadPosterior):
     """The posterior of contacts on one pad: even over place and force.
 
-    Several contacts are solved at the mode; what the sum of single ones leaves out there is
-    taken as the same for all samples.
+    What is not told is at its most likely for every sample, to first order. Several contacts
+    are solved at the mode; what the sum of single ones leaves out there is taken as the same
+    for all samples.
     """
 
     def __init__(self, fitter: PadFitter, nodes: AbstractNodeSearch) -> None:
-        super().__init__(nodes, 2, fitter.squares.prior_volume(), _SAME, _MIRRORS)
+        super().__init__(nodes, 2, fitter.prior_volume(), _SAME, _MIRRORS)
         self._fitter = fitter
 
     def log_probability(self, y: Floats, mode: Explanations) -> NumpyBatch:
@@ -119,13 +119,17 @@ class PadPosterior(AbstractLoadPosterior):
         centre = mode.parameters[0, : fitter.per_contact * count]
         pull = bool(centre[fitter.parameters.rows("force", count)][0] < 0)
         correction = fitter.correction(centre, count)
-        weight = mode.weight[:1]
+        weight, told = mode.weight[:1], fitter.told
+        start = centre[None, : PLAIN * count]
+        at = fitter.fitted(y[None], weight, start, count, correction, pull).parameters[0]
+        at, other = told.turned(at[None], count)[0][0], told.columns(count)[1]
 
         def log_probability(points: Floats) -> Floats:
-            low, high = fitter.squares.bounds(points, count, pull)
-            inside = ((points >= low) & (points <= high)).all(1)
-            within = np.clip(points, low, high)
-            chi2 = fitter.squares.chi2(y[None], weight, within, count, correction)
+            whole = told.whole(points, at, count)
+            low, high = fitter.squares.bounds(whole, count, pull)
+            inside = ((whole >= low) & (whole <= high)).all(1)
+            within = np.clip(whole, low, high)
+            chi2 = fitter.squares.profiled(y[None], weight, within, count, correction, other)
             return np.where(inside, -chi2 / 2, -np.inf)
 
         return NumpyBatch(log_probability)
@@ -142,6 +146,7 @@ class PadAssessment(AbstractLoadAssessment):
     """
 
     limit_error = 0.03  # of the table, which knows it at a few places
+    beside = BESIDE
 
     def __init__(
         self, fitter: PadFitter, nodes: PadNodeSearch, along: ContactPlaces, taxels: Floats
@@ -149,9 +154,9 @@ class PadAssessment(AbstractLoadAssessment):
         super().__init__(fitter.parameters, along, len(taxels))
         self._fitter, self._nodes, self._places = fitter, nodes, taxels
 
-    def first_contact(self, place: Floats) -> float:
-        """See the base class."""
-        return float(self._fitter.table.first_contact_at(place[:1], place[1:2])[0])
+    def first_contact(self, place: Floats, beside: Floats) -> float:
+        """See the base class; a wide contact dents the membrane less."""
+        return float(self._fitter.first_contact(place[None, :2], beside[None, :2, 0])[0])
 
     def near_taxels(self, place: Floats, taxels: Flags) -> bool:
         """See the base class."""
@@ -180,8 +185,9 @@ def pad_parts(
     Args:
         spec: the pad.
         errors: of its inputs.
-        diameter: of the contacts [m]; None estimates it.
-        direction: whether directions are free.
+        diameter: of the table's discs, around which contacts' diameters are expected [m]; None
+            tells the diameter, too.
+        direction: whether directions are told.
         live: whether frames come one by one.
         most_contacts: to tell apart.
         from_rest: whether readings count from a baseline.
@@ -189,7 +195,6 @@ def pad_parts(
         workers: that solve the table's states; None: this process.
         resolution: of the tables.
     """
-    diameters = FREE_DIAMETERS if diameter is None else (diameter,)
     skin = skin_of(spec, elements=resolution.elements, contact=False)
     if not (skin.geometry.symmetric and spec.geometry.mirrored_along_axis):
         raise ValueError(
@@ -197,17 +202,11 @@ def pad_parts(
             "section that is its own mirror image, and a thickness and an oil gap that are "
             "the same on both sides of the crown and of mid-width"
         )
-    tables = tuple(_table(spec, d, progress, workers, resolution) for d in diameters)
-    interpolant = PadInterpolant(tables, direction=direction)
-    fitter = PadFitter(
-        skin,
-        interpolant,
-        live=live,
-        most_contacts=most_contacts,
-        diameter=_FALLBACK if diameter is None else diameter,
-    )
-    middle = tables[len(tables) // 2]
+    middle = _table(spec, diameter or _DIAMETER, progress, workers, resolution)
     radius = float(skin.geometry.outer_size[0])
+    interpolant = PadInterpolant(middle, radius)
+    told = Told(diameter=diameter is None, direction=direction)
+    fitter = PadFitter(skin, interpolant, told, live=live, most_contacts=most_contacts)
     nodes = PadNodeSearch(middle, radius)
     own = skin.electrodes.taxels
     places = np.stack([np.asarray(x)[:, 0] for x in (own.angle, own.axial)], 1)
@@ -215,10 +214,7 @@ def pad_parts(
     a, z = 0.3 * fitter.edge[0], 0.3 * fitter.edge[1]
     force = 0.3 * float(middle.cap.min())
     one, two = np.array([[a, z, force]]), np.array([[a, -a, z, -z, force, force]])
-    single, several = (
-        interpolant(fitter.completed(x, k + 1), k + 1).readings[0, :-1]
-        for k, x in enumerate((one, two))
-    )
+    single, several = (interpolant(x, k + 1).readings[0, :-1] for k, x in enumerate((one, two)))
     parts = EstimationParts(
         middle.rest,
         detector,
@@ -228,6 +224,7 @@ def pad_parts(
         (single, several),
         PadPosterior(fitter, nodes),
         PadErrors(errors, skin, middle, from_rest=from_rest, slots=max(most_contacts, 2)),
+        AskewFitter(skin, interpolant, told, live=live, most_contacts=most_contacts),
     )
     return parts, skin, middle
 

@@ -43,6 +43,11 @@ class PadTable:
             finer mesh reads [angle, axial, level].
         rest: readings at rest [taxel] [counts].
         stray: part of the readings that no gap changes [taxel] [counts].
+        across: derivatives of u and, last, of the pressure by a further force along growing
+            angles and by one along the axis, at some of the places
+            [across_angle, across_axial, level, 2, channel].
+        across_angle: angles of these places [rad].
+        across_axial: their axial positions [m].
         diameter: of the contact [m].
     """
 
@@ -55,6 +60,9 @@ class PadTable:
     surplus: Floats
     rest: Floats
     stray: Floats
+    across: Floats
+    across_angle: Floats
+    across_axial: Floats
     diameter: float
 
     @functools.cached_property
@@ -63,6 +71,12 @@ class PadTable:
         change = self.u - 1 / (self.rest - self.stray)
         both = np.concatenate([change, self.pressure[..., None]], -1)
         return TensorSpline.through((self.angle, self.axial, LEVELS), both)
+
+    @functools.cached_property
+    def tangential(self) -> TensorSpline:
+        """Of the derivatives by tangential forces, those along the arc first."""
+        nodes = self.across_angle, self.across_axial, LEVELS
+        return TensorSpline.through(nodes, self.across.reshape(*self.across.shape[:3], -1))
 
     @functools.cached_property
     def largest(self) -> TensorSpline:

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Flags, Floats, Rows
-from fitting.inverse_load.pad.columns import LEVELS, Column, Columns, grid, largest_forces
+from fitting.inverse_load.pad.columns import (
+    ACROSS,
+    LEVELS,
+    Column,
+    Columns,
+    grid,
+    largest_forces,
+)
 from fitting.inverse_load.pad.finer_mesh import force_surplus
 from fitting.inverse_load.pad.mirror import mirror_images, mirrored
 from fitting.inverse_load.pad.rest import rest_readings, stray_counts
@@ -18,6 +25,8 @@ from suas_jax.config import SkinSpec, continuous_inputs, structure
 from suas_jax.files.kept_arrays import kept_arrays
 from suas_jax.runtime.content_key import content_key, source_digest
 from suas_jax.scene.skin import PAD_ELEMENTS, Skin, skin_of
+
+_EVERY = 2  # of the places along arc and axis knows derivatives by tangential forces
 
 
 @dataclass(frozen=True)
@@ -108,7 +117,12 @@ def build_pad_table(
     surplus = np.zeros((len(places), len(LEVELS)))
     if resolution.finer is not None:
         surplus = _between(probes, _surplus(columns, resolution.finer, probes, cap), places)
-    found = columns.solve(places, force, (LEVELS * (1 + surplus))[:, LEVELS != 0])
+    along, axially = (np.unique([*range(0, n, _EVERY), n - 1]) for n in counts)
+    across = np.zeros(counts, bool)
+    across[np.ix_(along, axially)] = True
+    found = columns.solve(
+        places, force, (LEVELS * (1 + surplus))[:, LEVELS != 0], across=across.reshape(-1)
+    )
     stray = stray_counts(skin)
     rest = rest_readings(images)
     return _unfolded(
@@ -120,6 +134,7 @@ def build_pad_table(
         surplus,
         (rest, stray_counts(images)),
         (rest[where[0]], stray),
+        (along, axially),
         diameter,
     )
 
@@ -148,7 +163,7 @@ def _surplus(
 
 def _between(axes: tuple[Floats, ...], values: NDArray, places: NDArray) -> Floats:
     """Values of the probes [angle, axial, ...] between them, even in both directions."""
-    whole = [np.concatenate([-x[:0:-1], x]) for x in axes]
+    whole = [_on_both_sides(x) for x in axes]
     both = mirrored(values)
     spline = TensorSpline.through((whole[0], whole[1]), both.reshape(*both.shape[:2], -1))
     return spline(*places.T)[0].reshape(-1, *values.shape[2:])
@@ -163,6 +178,7 @@ def _unfolded(
     surplus: Floats,
     of_images: tuple[Floats, Floats],
     of_taxels: tuple[Floats, Floats],
+    some: tuple[Rows, Rows],
     diameter: float,
 ) -> PadTable:
     """The whole pad's table from the quarter's states of all images."""
@@ -174,30 +190,65 @@ def _unfolded(
     level = int(np.flatnonzero(LEVELS == 0)[0])
     u = np.insert(u, level, 1 / (rest - stray), axis=1)
     pressure = np.insert(found.pressure, level, 0.0, axis=1)
+    across = _across(found, u)
     u, pressure = _mended(u, found.found, level), _mended(pressure, found.found, level)
     shape = (len(angle), len(axial))
     u = u.reshape(*shape, len(LEVELS), -1)
-    quarters = [u[..., image].astype(np.float32) for image in where]
-    # A contact mirrored in the crown's plane does to a taxel what it does to its image.
-    here, crown, middle, both = quarters
-    upper = np.concatenate([middle[:, :0:-1], here], 1)
-    lower = np.concatenate([both[:, :0:-1], crown], 1)
-    whole = np.concatenate([lower[:0:-1], upper], 0)
+    # A contact mirrored in the crown's plane does to a taxel what it does to its image; a force
+    # along the arc is turned round by it.
+    whole = _four_quarters([u[..., image] for image in where])
+    across = across.reshape(*shape, *across.shape[1:])[np.ix_(*some)]
+    turned = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])[:, :, None]
+    channels = np.concatenate([where, np.full((4, 1), across.shape[-1] - 1)], 1)
+    slopes = _four_quarters(
+        [sign * across[..., image] for sign, image in zip(turned, channels, strict=True)]
+    )
 
     def on_whole_pad(x: NDArray) -> NDArray:
         return mirrored(x.reshape(*shape, *x.shape[1:]))
 
     return PadTable(
-        np.concatenate([-angle[:0:-1], angle]),
-        np.concatenate([-axial[:0:-1], axial]),
+        _on_both_sides(angle),
+        _on_both_sides(axial),
         on_whole_pad(force),
         on_whole_pad(touch),
         whole,
         on_whole_pad(pressure),
         on_whole_pad(surplus),
         *of_taxels,
+        slopes,
+        _on_both_sides(angle[some[0]]),
+        _on_both_sides(axial[some[1]]),
         diameter,
     )
+
+
+def _on_both_sides(x: Floats) -> Floats:
+    """Coordinates of a half with those of their mirror images before them."""
+    return np.concatenate([-x[:0:-1], x])
+
+
+def _four_quarters(quarters: list[NDArray]) -> NDArray:
+    """The whole pad from a quarter as it is, mirrored at the crown, at the middle, at both."""
+    here, crown, middle, both = (x.astype(np.float32) for x in quarters)
+    upper = np.concatenate([middle[:, :0:-1], here], 1)
+    lower = np.concatenate([both[:, :0:-1], crown], 1)
+    return np.concatenate([lower[:0:-1], upper], 0)
+
+
+def _across(found: Column, u: NDArray) -> Floats:
+    """Derivatives of u and the pressure by tangential forces at all levels; lines join them.
+
+    Args:
+        found: the solved states.
+        u: reciprocal readings, the state at rest among them [place, level, taxel].
+    """
+    known = [LEVELS[LEVELS != 0][k] for k in ACROSS]
+    share = np.stack([np.interp(LEVELS, known, row) for row in np.eye(len(known))], 1)
+    values = np.nan_to_num(np.where(found.found[..., None, None], found.across, np.nan))
+    across = np.einsum("lk,pk...->pl...", share, values[:, list(ACROSS)])
+    across[..., :-1] *= -(u[:, :, None] ** 2)
+    return np.asarray(across)
 
 
 def _mended(values: NDArray, found: Flags, level: int) -> NDArray:

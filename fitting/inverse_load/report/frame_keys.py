@@ -30,6 +30,16 @@ CONTACT_KEYS = {
     "arc_m": "arc length of the inner face from its middle; not on a circle",
     "axial_m": "on a pad: place along the axis, from the middle",
     "diameter_m": "on a pad with `--diameter free`: of the contact",
+    "extent_arc_m": "on a pad: diameter along the arc of the even ellipse with the contact's "
+    "second moments (a strip of length L has 1.15 L); `null` where the taxels cannot tell",
+    "extent_arc_deviation_m": "its standard deviation",
+    "extent_axial_m": "the same along the axis",
+    "extent_axial_deviation_m": "its standard deviation",
+    "tangential_force_N": "on a pad: force on the skin towards growing angles; `null` where "
+    "the taxels cannot tell",
+    "tangential_force_deviation_N": "its standard deviation",
+    "tangential_force_axial_N": "the same along the axis",
+    "tangential_force_axial_deviation_N": "its standard deviation",
     "spread_m": "arc that a wide contact presses; `spread_deviation_m` is its deviation",
     "direction_deg": "with `--direction`: turn from the inward radial, counter-clockwise",
     "tilt_deg": "on a pad with `--direction`: turn towards +axial",

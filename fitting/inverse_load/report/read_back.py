@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate
 from suas_jax.files.reading import MEGABYTE, read_bytes
 
 _MOST_BYTES = 512 * MEGABYTE
@@ -82,6 +82,11 @@ def _contact(load: dict[str, Any]) -> Contact:
         tilt=tilt,
         arc=_optional(load, "arc_m"),
         by_arc="arc" in load.get("covariance_of", ()),
+        **{
+            name: (float(load[keys[0]]), float(load[keys[1]]))
+            for name, keys in BESIDE.items()
+            if load.get(keys[0]) is not None
+        },
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fitting.arrays import Floats
-from fitting.inverse_load.estimate.estimate import STATUS, Contact, LoadEstimate
+from fitting.inverse_load.estimate.estimate import BESIDE, STATUS, Contact, LoadEstimate
 from fitting.inverse_load.frame_posterior import LoadMode
 from suas_jax.acquisition.terminal import new_console
 
@@ -37,8 +37,12 @@ def contact_json(contact: Contact) -> dict[str, Any]:
         entry["axial_m"] = contact.axial
     if contact.diameter is not None:
         entry["diameter_m"] = contact.diameter
-    if contact.spread is not None:
-        entry["spread_m"], entry["spread_deviation_m"] = contact.spread
+    for name, keys in BESIDE.items():
+        value = getattr(contact, name)
+        if value is not None:
+            entry |= dict(zip(keys, value, strict=True))
+        elif contact.axial is not None and name != "spread":
+            entry |= dict.fromkeys(keys)  # the taxels can't tell
     if contact.direction is not None:
         entry["direction_deg"] = float(np.rad2deg(contact.direction))
     if contact.tilt is not None:
@@ -107,6 +111,14 @@ def contact_text(contact: Contact) -> str:
     if contact.spread is not None:
         length, error = contact.spread
         parts.append(f"over {1e3 * length:.1f} ± {1e3 * error:.1f} mm")
+    extents = contact.arc_extent, contact.axial_extent
+    if any(extents):
+        told = ["?" if x is None else f"{1e3 * x[0]:.0f} ± {1e3 * x[1]:.0f}" for x in extents]
+        parts.append(f"over {told[0]} by {told[1]} mm")
+    if contact.direction is None:
+        for way, pull in (("arc", contact.arc_force), ("axis", contact.axial_force)):
+            if pull is not None:
+                parts.append(f"{pull[0]:.2f} ± {pull[1]:.2f} N along the {way}")
     if contact.direction is not None:
         turn, error = np.rad2deg(contact.direction), np.rad2deg(sigma["direction"])
         parts.append(f"{turn:.1f} ± {error:.1f}° off radial")

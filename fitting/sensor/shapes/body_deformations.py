@@ -17,6 +17,7 @@ from jaxtyping import Array
 
 from fitting.arrays import Floats
 from fitting.sensor.logs.known_loads import KnownLoads
+from fitting.sensor.model.constants import with_constants
 from fitting.sensor.shapes.deformations import NoDeformation
 from fitting.sensor.shapes.pad_deformations import taxel_face
 from fitting.sensor.shapes.shape_slopes import Moving
@@ -185,7 +186,8 @@ def _slopes(
     moving: Moving,
 ) -> AbstractFace:
     def face(values: Array) -> AbstractFace:
-        parts, problem = _problem(scene, plan, {**inputs, **moving.named(values)}, oil)
+        own = with_constants(scene.scene, inputs, moving.names, values)
+        parts, problem = _problem(scene, plan, own, oil)
         return eqx.filter(_read(parts, problem, state)[0], eqx.is_inexact_array)
 
     slope = jax.jacfwd(face)(moving.values)

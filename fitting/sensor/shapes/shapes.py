@@ -261,8 +261,8 @@ class ShapeSolver:
         if loads.bodies:
             if self._latent:
                 raise NoCalibration(
-                    f"{self._data.paths}: a unit as it was built is found from presses of known "
-                    "force, not from a body's travel"
+                    f"{self._data.paths}: a unit as it was built is found from presses of "
+                    "known force, not from a body's travel"
                 )
             try:
                 pressed = deform_by_bodies(loads, spec, inputs, oil)
