@@ -310,7 +310,22 @@ def test_drawings_are_those_of_the_code(name: str) -> None:
 
 def test_keys_of_a_frame_are_described_and_occur() -> None:
     everything = Contact(
-        0.1, 1.0, 0.0, np.eye(2), 0.0, np.eye(2), 0.0, 0.0, (0.0, 0.0), 0.0, 0.0, True
+        0.1,
+        1.0,
+        0.0,
+        np.eye(2),
+        arc_position=0.0,
+        systematic=np.eye(2),
+        axial=0.0,
+        diameter=0.0,
+        spread=(0.0, 0.0),
+        tilt=0.0,
+        arc=0.0,
+        by_arc=True,
+        arc_extent=(0.0, 0.0),
+        axial_extent=(0.0, 0.0),
+        arc_force=(0.0, 0.0),
+        axial_force=(0.0, 0.0),
     )
     estimate = LoadEstimate(
         True, (everything,), alternatives=(everything,), at_least=1.0, drift=(0.0, 0.0)

@@ -32,7 +32,12 @@ PICTURES = {
 }
 """Command lines by the name of the picture; the last one writes it."""
 
-ELSEWHERE = {"run_time_error": "benchmarks/run_time_error.py", "view_": "docs/view.md"}
+ELSEWHERE = {
+    "as_built": "benchmarks/as_built.py",
+    "prestress_forces": "benchmarks/prestress_forces.py",
+    "run_time_error": "benchmarks/run_time_error.py",
+    "view_": "docs/view.md",
+}
 """Beginnings of the names of other pictures, and what they are made by or shots of."""
 
 _WIDTH = 1300  # the widest picture [px]
