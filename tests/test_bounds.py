@@ -167,15 +167,12 @@ READERS = {
 }
 
 
+@pytest.mark.parametrize("quote", ["", '"'])
 @pytest.mark.parametrize("reader", READERS)
-def test_fields_of_200000_characters(reader: str, tmp_path: Path) -> None:
+def test_fields_of_200000_characters(reader: str, quote: str, tmp_path: Path) -> None:
     read, text = READERS[reader]
     file = tmp_path / "long.csv"
-    file.write_text(f'{text}"{"1" * 200_000}"\n')
-    with pytest.raises(ValueError, match=r"long.csv.*line 3: .* more than 131072 char") as told:
-        read(file)
-    assert len(str(told.value)) < 300 + len(str(file))
-    file.write_text(f"{text}{'1' * 200_000}\n")
+    file.write_text(f"{text}{quote}{'1' * 200_000}{quote}\n")
     if reader == "table":  # whose numbers are judged by whom they are for
         assert len(read(file).rows[-1][1][-1]) == 200_000
         return

@@ -34,7 +34,9 @@ def designed_skin(want: Want, x: Floats, output: Path) -> str:
     document = _copied(want, output)
     values = {path: float(value) for path, value in want.inputs(x).items()}
     if "preset" in document["material"] and any(p.startswith("material.") for p in values):
-        document["material"] = want.spec.material.table()
+        table = want.spec.material.table()
+        table.pop("note", None)  # of a preset, whose constants these are no more
+        document["material"] = table
     now = continuous_inputs(want.spec)
     for path, value in values.items():
         *parents, last = (int(k) if k.isdigit() else k for k in path.split("."))

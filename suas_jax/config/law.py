@@ -204,6 +204,8 @@ class LawSpec(Spec):
         own = [key for key in type(self).model_fields if key not in LawSpec.model_fields]
         keys = [key for key in (*own, "response") if key in self.model_fields_set]
         table = {"law": self.law} | {key: shown(key, getattr(self, key)) for key in keys}
+        if self.note is not None:
+            table["note"] = self.note
         if self.density is not None:
             table["density"] = f"{self.density:.12g} kg/m^3"
         if self.expansion is not None:
