@@ -503,5 +503,5 @@ def test_readings_at_rest_are_no_degrees_of_freedom(tmp_path: pathlib.Path) -> N
     file.write_text("stretch_1,nominal_stress_MPa\n" + 5 * REST + PULLED)
     fit = fit_material([load_dataset("uniaxial", file)], "neo-hookean")
     assert fit.uncertainty.dof == 0
-    assert fit.uncertainty.standard_errors[0] >= fit.constants[0]
+    assert fit.uncertainty.standard_errors[0] >= (1 - 1e-9) * fit.constants[0]
     assert any("1 readings for 1 constants" in text for text in fit.uncertainty.unidentifiable)
