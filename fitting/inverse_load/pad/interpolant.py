@@ -62,6 +62,18 @@ class Correction(NamedTuple):
     min_gap: float
 
 
+class _Cap(NamedTuple):
+    """Largest forces of the table at places.
+
+    Attributes:
+        force: [place] [N].
+        by_place: slopes of its logarithm by angle and axial position [place, 2].
+    """
+
+    force: Floats
+    by_place: Floats
+
+
 class Interpolated(NamedTuple):
     """What the interpolant says; frames lead.
 
@@ -97,7 +109,7 @@ class PadInterpolant:
 
     def largest(self, angle: Floats, axial: Floats) -> NDArray:
         """Largest force of the table at places [N]."""
-        return np.asarray(np.exp(self.table.largest(angle, axial)[0][:, 0]))
+        return np.asarray(np.exp(self.table.largest.values(angle, axial)[:, 0]))
 
     def __call__(
         self, parameters: Floats, contacts: int, correction: Correction | None = None
@@ -134,19 +146,22 @@ class PadInterpolant:
 
     def _plain(self, x: Floats) -> tuple[Floats, Floats]:
         """Change of u by the table's disc [frame, channel], and its slopes."""
-        share, inside, by_place, cap = self._share(x)
+        cap = self._cap(x)
+        share = x[:, 2] / cap.force
+        inside = _inside(share)
         value, slopes = self.table.spline(*x[:, :2].T, inside)
-        return _beyond(value, slopes, share - inside, share, by_place, cap)
+        return _beyond(value, slopes, inside, share, cap)
 
     def _whole(self, x: Floats) -> tuple[Floats, Floats]:
         """The same of a contact of any extent, under a force of any direction."""
         diameters = x[:, 3:4] * np.exp(np.stack([x[:, 4], -x[:, 4]], 1))
         excess = (diameters**2 - self.table.diameter**2) / 16
-        value, slopes = self._boxes(x, np.zeros((len(x), 2)), excess, excess)
+        cap, relief = self._cap(x), self.relief(excess)
+        value, slopes = self._boxes(x, cap, relief, np.zeros((len(x), 2)), excess, excess)
         by_excess = (slopes[:, 3:5] + slopes[:, 5:7]) * (diameters**2 / 8)[..., None]
         by_diameter = by_excess.sum(1, keepdims=True) / x[:, 3, None, None]
         shape = np.concatenate([by_diameter, by_excess[:, :1] - by_excess[:, 1:]], 1)
-        return self._pulled(x, value, slopes[:, :PLAIN], shape)
+        return self._pulled(x, cap, value, slopes[:, :PLAIN], shape)
 
     def _askew(self, x: Floats) -> tuple[Floats, Floats]:
         """The same of a slender contact at any angle."""
@@ -157,11 +172,13 @@ class PadInterpolant:
         way = np.stack([np.cos(turn), np.sin(turn)], 1)
         box = np.tile((short - self.table.diameter**2 / 16)[:, None], (1, 2))
         excess = box + line[:, None] * way**2
+        cap, relief = self._cap(x), self.relief(excess)
         size = len(x), self.table.u.shape[-1] + 1
         value, rows = np.zeros(size), np.zeros((len(x), 7, size[1]))
         by_half, by_turn = np.zeros(size), np.zeros(size)
         for t, share in zip(*_LINE, strict=True):
-            own, slopes = self._boxes(x, t * half[:, None] * way, box, excess)
+            shift = t * half[:, None] * way
+            own, slopes = self._boxes(x, cap, relief, shift, box, excess)
             value, rows = value + share / 2 * own, rows + share / 2 * slopes
             by_metre = slopes[:, :2] / self._metres[:, None]
             by_half = by_half + share / 2 * t * (way[..., None] * by_metre).sum(1)
@@ -176,16 +193,24 @@ class PadInterpolant:
             -2 * short[:, None] * by_box
             + (diameter**2 * np.cosh(2 * slender) / 4)[:, None] * by_line,
         ]
-        value, slopes = self._pulled(x, value, rows[:, :PLAIN], np.stack(shape, 1))
+        value, slopes = self._pulled(x, cap, value, rows[:, :PLAIN], np.stack(shape, 1))
         return value, np.concatenate([slopes, by_turn[:, None]], 1)
 
     def _boxes(
-        self, x: Floats, shift: Floats, box: Floats, excess: Floats
+        self,
+        x: Floats,
+        cap: _Cap,
+        reliefs: tuple[Floats, Floats],
+        shift: Floats,
+        box: Floats,
+        excess: Floats,
     ) -> tuple[Floats, Floats]:
         """Change of u by discs over boxes beside contacts' places, as dents of theirs respond.
 
         Args:
             x: parameters of the contacts, whose places and forces count.
+            cap: largest forces at their places.
+            reliefs: `relief` of the excess.
             shift: of the boxes [contact, 2] [m].
             box: second moments of the boxes, along arc and axis [contact, 2] [m^2].
             excess: those of the whole contacts beyond the disc's, likewise.
@@ -194,25 +219,25 @@ class PadInterpolant:
             Change [contact, channel], and slopes by place, force, box and excess
             [contact, 7, channel].
         """
-        relief, by_excess = self.relief(excess)
-        light = x.copy()
-        light[:, 2] /= relief
-        share, inside, by_place, cap = self._share(light)
+        relief, by_excess = reliefs
+        force = x[:, 2] / relief
+        share = force / cap.force
+        inside = _inside(share)
         # The discs' forces are the same shares of the largest ones: their centre is moved.
-        middle = x[:, :2] + shift / self._metres - excess / self._metres**2 * by_place
+        middle = x[:, :2] + shift / self._metres - excess / self._metres**2 * cap.by_place
         value, slopes = self.table.spline.over(middle, box / self._metres**2, inside)
-        value, plain = _beyond(value, slopes[:, :3], share - inside, share, by_place, cap)
-        by_relief = (value - light[:, 2:3] * plain[:, 2])[:, None]
+        value, plain = _beyond(value, slopes[:, :3], inside, share, cap)
+        by_relief = (value - force[:, None] * plain[:, 2])[:, None]
         plain[:, :2] *= relief[:, None, None]
         by_box = relief[:, None, None] * slopes[:, 3:] / self._metres[:, None] ** 2
         rows = (plain, by_box, by_excess[..., None] * by_relief)
         return relief[:, None] * value, np.concatenate(rows, 1)
 
     def _pulled(
-        self, x: Floats, value: Floats, plain: Floats, shape: Floats
+        self, x: Floats, cap: _Cap, value: Floats, plain: Floats, shape: Floats
     ) -> tuple[Floats, Floats]:
         """Change of u and slopes with what tangential forces add."""
-        _, inside, _, _ = self._share(x)
+        inside = _inside(x[:, 2] / cap.force)
         across = self.table.tangential.values(*x[:, :2].T, inside).reshape(len(x), 2, -1)
         force, tangents = x[:, 2, None], x[:, 5:7]
         along = (tangents[:, None] @ across)[:, 0]
@@ -255,22 +280,25 @@ class PadInterpolant:
         depth = np.abs(change[:, :-1]).max(1).reshape(len(sigma), -1)
         return RectBivariateSpline(sigma, sigma, np.log(np.maximum(depth[0, 0] / depth, 1.0)))
 
-    def _share(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Force as a share of the largest, as is and within the table; the largest force."""
-        log_cap, by_place = self.table.largest(*x[:, :2].T)
-        cap = np.exp(log_cap[:, 0])
-        share = x[:, 2] / cap
-        return share, np.clip(share, LEVELS[0] * 2, MOST), by_place[:, :, 0], cap
+    def _cap(self, x: Floats) -> _Cap:
+        """Largest forces at the places of contacts [contact, parameter]."""
+        logarithm, by_place = self.table.largest(*x[:, :2].T)
+        return _Cap(np.exp(logarithm[:, 0]), by_place[:, :, 0])
+
+
+def _inside(share: Floats) -> Floats:
+    """Shares of the largest force as far as the table goes."""
+    return np.clip(share, LEVELS[0] * 2, MOST)
 
 
 def _beyond(
-    value: Floats, slopes: Floats, more: Floats, share: Floats, by_place: Floats, cap: Floats
+    value: Floats, slopes: Floats, inside: Floats, share: Floats, cap: _Cap
 ) -> tuple[Floats, Floats]:
     """Values with the last slope going on beyond the table, and slopes by place and force."""
     by_share = slopes[:, 2]
-    value = value + by_share * more[:, None]
-    by_force = by_share / cap[:, None]
-    moved = slopes[:, :2] - by_share[:, None] * (share[:, None] * by_place)[..., None]
+    value = value + by_share * (share - inside)[:, None]
+    by_force = by_share / cap.force[:, None]
+    moved = slopes[:, :2] - by_share[:, None] * (share[:, None] * cap.by_place)[..., None]
     return value, np.concatenate([moved, by_force[:, None]], 1)
 
 
