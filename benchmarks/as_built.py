@@ -76,8 +76,7 @@ def unit_of(spec: SkinSpec, random: np.random.Generator) -> tuple[Skin, np.ndarr
 def data_of(spec: SkinSpec, place: np.ndarray, force: np.ndarray, so: np.ndarray) -> SensorData:
     """Mean readings [press + 1, taxel] of presses, rest last, as logs would give them."""
     at, load = np.append(place, 0.0)[None], np.append(force, 0.0)[None]
-    zero, frames = np.zeros_like(at), np.arange(at.shape[1])
-    loads = KnownLoads(at, zero, load, zero + np.nan, np.zeros(1, bool), zero, zero)
+    loads, frames = KnownLoads.pushes(at, load), np.arange(at.shape[1])
     file = LogFile("simulated", "0", len(frames), ("oil",), None)
     # Repeated, as the noise of a mean follows from the number of its frames.
     state = np.repeat(frames, FRAMES)

@@ -150,9 +150,7 @@ def test_priors_are_correlated_in_residuals_and_in_information() -> None:
 
 
 def test_means_of_frames_are_by_state_and_log() -> None:
-    zero = np.zeros((1, 2))
-    force = np.array([[0.0, 5.0]])
-    loads = KnownLoads(zero, zero, force, zero + np.nan, np.zeros(1, bool), *4 * [zero])
+    loads = KnownLoads.pushes(np.zeros((1, 2)), np.array([[0.0, 5.0]]))
     so = np.array([[1.0, 3.0, 10.0, 12.0, 30.0], [1.0, np.nan, np.nan, np.nan, 4.0]])
     log, state = np.array([0, 0, 0, 0, 1]), np.array([0, 0, 1, 1, 1])
     data = SensorData(

@@ -245,7 +245,7 @@ def _solver(
     rows = angles, [p.force for p in presses], [p.axial or 0.0 for p in presses]
     angle, force, axial = (np.append(row, 0.0)[None] for row in rows)
     zero, count = np.zeros_like(angle), len(presses)
-    loads = KnownLoads(angle, zero, force, zero + np.nan, np.zeros(1, bool), axial, *3 * [zero])
+    loads = KnownLoads.pushes(angle, force, axial)
     oil = np.full(count + 1, np.nan)
     none = zero[0].astype(int)
     data = SensorData(spec, zero, zero[0], none, none, loads, oil, (), (), (), True)

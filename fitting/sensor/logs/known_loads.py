@@ -34,6 +34,21 @@ class KnownLoads:
     depth: np.ndarray
     radius: np.ndarray
 
+    @classmethod
+    def pushes(
+        cls, angle: np.ndarray, force: np.ndarray, axial: np.ndarray | None = None
+    ) -> "KnownLoads":
+        """Radial loads of known force; see the attributes.
+
+        Args:
+            angle: where they act.
+            force: inwards.
+            axial: where they act on a pad; its middle if None.
+        """
+        zero, inner = np.zeros_like(force), np.zeros(len(force), bool)
+        axial = zero if axial is None else axial
+        return cls(angle, zero, force, zero + np.nan, inner, axial, zero, zero, zero)
+
     @property
     def bodies(self) -> bool:
         """Whether the loads are bodies."""
