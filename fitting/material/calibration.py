@@ -29,17 +29,11 @@ COMPARE_ALL = "auto"
 
 
 class Calibration(NamedTuple):
-    """A material's calibration.
+    """A material's calibration."""
 
-    Attributes:
-        fit: the law; None where all tests are volumetric.
-        bulk: the bulk modulus; None where no test is volumetric.
-        report: the JSON of `suas fit material`.
-    """
-
-    fit: MaterialFit | None
-    bulk: BulkModulus | None
-    report: dict[str, Any]
+    fit: MaterialFit | None  # the law; None where all tests are volumetric
+    bulk: BulkModulus | None  # the bulk modulus; None where no test is volumetric
+    report: dict[str, Any]  # the JSON of `suas fit material`
 
 
 def calibrate(
@@ -197,8 +191,7 @@ def _compared(comparison: Comparison) -> dict[str, Any]:
 def with_material(scene: SceneSpec, fit: MaterialFit) -> SceneSpec:
     """The scene with the fitted law as its membrane's.
 
-    Raises:
-        ValueError: the law is none of those that a skin can have.
+    Raises ValueError: the law is none of those that a skin can have.
     """
     fields = {key: getattr(scene, key) for key in type(scene).model_fields}
     return type(scene).model_construct(
@@ -211,12 +204,8 @@ def compare_with_scene(fit: MaterialFit, path: Path) -> tuple[dict[str, Any], li
 
     A skin is in plane strain, so its stretches are those of pure shear.
 
-    Args:
-        fit: the fitted law.
-        path: scene file; its own material is replaced.
-
-    Returns:
-        The stretches reached, and warnings.
+    `path`: scene file; its own material is replaced.
+    Returns the stretches reached, and warnings.
     """
     from suas_jax.scene.solve import solve
 

@@ -43,8 +43,7 @@ class JobError(ValueError):
 def load_jobs(file: Path) -> list[dict[str, Any]]:
     """Read [[membrane]] tables; paths become absolute.
 
-    Raises:
-        JobError: a key is unknown or missing, or a name stands twice.
+    Raises JobError: a key is unknown or missing, or a name stands twice.
     """
     try:
         table = read_toml(file)
@@ -128,20 +127,12 @@ def calibrate_all(
 ) -> int:
     """Calibrate every membrane that has no result yet.
 
-    Args:
-        jobs: from `load_jobs`.
-        results: JSON lines, appended to.
-        workers: that calibrate (`fitting.workers`).
-        progress: called with membranes done, all of them, and the last one's name.
-
-    Returns:
-        How many results were added.
-
-    Raises:
-        LostWorkerError: names the membranes that took their workers with them; they have no
-            result, all others have theirs.
-        OwnedError: another process writes the file of results.
-        ValueError: the file was deleted, moved or replaced; the results are beside it.
+    `results`: JSON lines, appended to. `workers`: that calibrate (`fitting.workers`).
+    `progress`: called with membranes done, all of them, and the last one's name.
+    Returns how many results were added.
+    Raises LostWorkerError: names the membranes that took their workers with them; they have no
+    result, all others have theirs; OwnedError: another process writes the file of results;
+    ValueError: the file was deleted, moved or replaced; the results are beside it.
     """
     with contextlib.closing(LineFile.open(results)) as file:
         known = finished(results)

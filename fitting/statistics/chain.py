@@ -24,29 +24,17 @@ _MEANS_AGREE, _DEVIATIONS_AGREE = 0.5, 1.2
 
 @dataclasses.dataclass(frozen=True)
 class Posterior:
-    """Samples of a posterior and how far they can be trusted.
+    """Samples of a posterior and how far they can be trusted."""
 
-    Attributes:
-        names: of the parameters.
-        chain: every step of every walker, shape [step, walker, p].
-        log_probability: shape [step, walker].
-        tau: integrated autocorrelation time of each parameter, in steps, shape [p].
-        tau_change: largest relative change of tau since the look before.
-        acceptance: mean fraction of accepted proposals.
-        laplace: the Gaussian at the maximum, or None where there is none.
-        evaluations: log-probabilities computed in this run.
-        seconds: spent on computing them.
-    """
-
-    names: tuple[str, ...]
-    chain: np.ndarray
-    log_probability: np.ndarray
-    tau: np.ndarray
-    tau_change: float
-    acceptance: float
-    laplace: Gaussian | None
-    evaluations: int
-    seconds: float
+    names: tuple[str, ...]  # of the parameters
+    chain: np.ndarray  # every step of every walker, shape [step, walker, p]
+    log_probability: np.ndarray  # shape [step, walker]
+    tau: np.ndarray  # integrated autocorrelation time of each parameter, in steps, shape [p]
+    tau_change: float  # largest relative change of tau since the look before
+    acceptance: float  # mean fraction of accepted proposals
+    laplace: Gaussian | None  # the Gaussian at the maximum, or None where there is none
+    evaluations: int  # log-probabilities computed in this run
+    seconds: float  # spent on computing them
 
     @property
     def steps(self) -> int:
@@ -162,11 +150,8 @@ def constants_report(
 ) -> dict[str, Any]:
     """Samples of constants in numbers, for JSON.
 
-    Args:
-        constants: samples, SI units, shape [n, p].
-        names: of the constants.
-        quantiles: ends of the 95 %, of the 68 % interval, and the median, ascending [%].
-        tree: puts one value a constant under its name.
+    `constants`: samples, SI units, shape [n, p]. `quantiles`: ends of the 95 %, of the 68 %
+    interval, and the median, ascending [%]. `tree`: puts one value a constant under its name.
     """
     low95, low, middle, high, high95 = np.percentile(constants, quantiles, axis=0)
     covariance = np.atleast_2d(np.cov(constants.T))

@@ -31,32 +31,20 @@ _FLIPS, _FEWEST_FLIPPED = 2000, 10  # fewer readings have too few signs
 
 @dataclasses.dataclass(frozen=True)
 class Misfit:
-    """What the residuals look like.
+    """What the residuals look like."""
 
-    Attributes:
-        chi_square: Σ r² where the noise is known, else NaN.
-        dof: degrees of freedom.
-        chi_square_p: probability of a chi-square this large by chance, else NaN.
-        runs: number of runs of one sign, over all tests.
-        expected_runs: how many independent residuals would have.
-        runs_p: probability of so few runs by chance.
-        pattern_p: probability of smooth patterns this large by chance; NaN where the data
-            are too few to tell.
-        autocorrelation: of neighbouring residuals along a test.
-        significant: whether the misfit is more than noise.
-        inflation: factor by which standard errors grow.
-    """
-
-    chi_square: float
-    dof: int
-    chi_square_p: float
-    runs: int
-    expected_runs: float
-    runs_p: float
+    chi_square: float  # Σ r² where the noise is known, else NaN
+    dof: int  # degrees of freedom
+    chi_square_p: float  # probability of a chi-square this large by chance, else NaN
+    runs: int  # number of runs of one sign, over all tests
+    expected_runs: float  # how many independent residuals would have
+    runs_p: float  # probability of so few runs by chance
+    # probability of smooth patterns this large by chance; NaN where the data are too few to
+    # tell
     pattern_p: float
-    autocorrelation: float
-    significant: bool
-    inflation: float
+    autocorrelation: float  # of neighbouring residuals along a test
+    significant: bool  # whether the misfit is more than noise
+    inflation: float  # factor by which standard errors grow
 
     @property
     def report(self) -> dict[str, Any]:
@@ -108,13 +96,11 @@ def misfit(
 ) -> Misfit:
     """Judge residuals.
 
-    Args:
-        paths: residuals of each test, in the order along which it deforms.
-        constants: number of fitted constants.
-        known_noise: the residuals are in units of the known noise.
-        exact: residuals below this are rounding and have no pattern.
-        smooth: residuals [n] and their derivatives by the constants [n, p] of tests in which
-            smooth patterns are looked for, on a scale that is smooth along the test itself.
+    `paths`: residuals of each test, in the order along which it deforms. `known_noise`: the
+    residuals are in units of the known noise. `exact`: residuals below this are rounding and
+    have no pattern. `smooth`: residuals [n] and their derivatives by the constants [n, p] of
+    tests in which smooth patterns are looked for, on a scale that is smooth along the test
+    itself.
     """
     everything = np.concatenate(paths)
     count = len(everything)
@@ -181,9 +167,8 @@ def _patterns(
 ) -> tuple[float, float]:
     """Do smooth patterns explain more of the residuals than noise would?
 
-    Returns:
-        Probability by chance, and the mean square of the patterns over that of all residuals
-        (over one, where the noise is known); NaN and one where the data are too few.
+    Returns probability by chance, and the mean square of the patterns over that of all
+    residuals (over one, where the noise is known); NaN and one where the data are too few.
     """
     r, J = (np.concatenate(parts) for parts in zip(*tests, strict=True))
     sizes = np.linalg.norm(J, axis=0)
@@ -265,15 +250,10 @@ def information_criteria(
 ) -> tuple[float, float]:
     """AICc and BIC of a least-squares fit, up to a constant of the data.
 
-    Args:
-        square: Σ r².
-        count: number of readings n.
-        constants: number of fitted constants p.
-        known_noise: −2 log L = Σ r²; else n log(Σ r²/n), the noise one parameter more.
-
-    Returns:
-        AICc = −2 log L + 2k + 2k(k + 1)/(n − k − 1) (infinite for n ≤ k + 1) and
-        BIC = −2 log L + k log n.
+    `square`: Σ r². `count`: number of readings n. `constants`: number of fitted constants p.
+    `known_noise`: −2 log L = Σ r²; else n log(Σ r²/n), the noise one parameter more.
+    Returns AICc = −2 log L + 2k + 2k(k + 1)/(n − k − 1) (infinite for n ≤ k + 1) and BIC = −2
+    log L + k log n.
     """
     k = constants if known_noise else constants + 1
     deviance = square if known_noise else count * np.log(max(square, 1e-300) / count)

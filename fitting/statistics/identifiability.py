@@ -29,33 +29,21 @@ _LARGEST = 1e100
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
-    """Uncertainty of fitted constants.
+    """Uncertainty of fitted constants."""
 
-    Attributes:
-        noise: standard deviation of the residuals, one where the noise is known.
-        dof: degrees of freedom, readings less constants.
-        inflation: factor on the standard errors for a misfit that is not noise.
-        covariance: of the constants, SI units, inflation included, shape [p, p].
-        root: R with R Rᵀ the covariance. Where some constants are free by any amount,
-            what the data do know of their combinations is lost to rounding in the
-            covariance, not in R; shape [p, p].
-        correlation: of the constants, shape [p, p].
-        singular_values: of the scaled sensitivity matrix, largest first, shape [p].
-        sizes: natural size of each constant, shape [p].
-        unidentifiable: combinations that the data don't determine, in words.
-        spare: how many of them there are without the inflation: constants too many for the
-            noise alone, whatever the law's misfit adds.
-    """
-
-    noise: float
-    dof: int
-    inflation: float
-    covariance: np.ndarray
+    noise: float  # standard deviation of the residuals, one where the noise is known
+    dof: int  # degrees of freedom, readings less constants
+    inflation: float  # factor on the standard errors for a misfit that is not noise
+    covariance: np.ndarray  # of the constants, SI units, inflation included, shape [p, p]
+    # R with R Rᵀ the covariance. Where some constants are free by any amount, what the data do
+    # know of their combinations is lost to rounding in the covariance, not in R; shape [p, p].
     root: np.ndarray
-    correlation: np.ndarray
-    singular_values: np.ndarray
-    sizes: np.ndarray
-    unidentifiable: tuple[str, ...]
+    correlation: np.ndarray  # of the constants, shape [p, p]
+    singular_values: np.ndarray  # of the scaled sensitivity matrix, largest first, shape [p]
+    sizes: np.ndarray  # natural size of each constant, shape [p]
+    unidentifiable: tuple[str, ...]  # combinations that the data don't determine, in words
+    # how many of them there are without the inflation: constants too many for the noise alone,
+    # whatever the law's misfit adds
     spare: int
 
     @property
@@ -76,8 +64,7 @@ class Uncertainty:
     def with_error(self, error: np.ndarray) -> "Uncertainty":
         """The same with a further error that all constants share.
 
-        Args:
-            error: by how much each constant moves at one standard deviation of it, shape [p].
+        `error`: by how much each constant moves at one standard deviation of it, shape [p].
         """
         root = np.column_stack([self.root, error])
         covariance = root @ root.T
@@ -108,15 +95,11 @@ def uncertainty(
 ) -> Uncertainty:
     """Judge what the data say about the constants at a minimum.
 
-    Args:
-        residuals: the misfit.
-        constants: fitted constants, SI units.
-        known_noise: the residuals are in units of the known noise.
-        inflation: factor on the standard errors, from `diagnostics.Misfit`.
-        held: constants that stopped at a bound; they are taken as known.
-        noise_ratio: standard deviation of each residual up to a common factor, where it is
-            not the same for all, shape [n]. The covariance is then that of the estimate
-            under this noise, A diag(ratio²) Aᵀ with A = (JᵀJ)⁻¹Jᵀ.
+    `known_noise`: the residuals are in units of the known noise. `inflation`: factor on the
+    standard errors, from `diagnostics.Misfit`. `held`: constants that stopped at a bound; they
+    are taken as known. `noise_ratio`: standard deviation of each residual up to a common
+    factor, where it is not the same for all, shape [n]. The covariance is then that of the
+    estimate under this noise, A diag(ratio²) Aᵀ with A = (JᵀJ)⁻¹Jᵀ.
     """
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))
     used = residuals.used

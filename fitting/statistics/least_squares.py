@@ -35,19 +35,12 @@ _IMPOSSIBLE = 1e6
 
 
 class Minima(NamedTuple):
-    """What became of the best starts, best first.
+    """What became of the best starts, best first."""
 
-    Attributes:
-        theta: parameters, shape [lanes, p].
-        cost: ½ Σ r², shape [lanes]; infinite where nothing finite was found.
-        converged: whether it is a minimum, shape [lanes].
-        predicted_decrease: of the cost by one more step, relative, shape [lanes].
-    """
-
-    theta: np.ndarray
-    cost: np.ndarray
-    converged: np.ndarray
-    predicted_decrease: np.ndarray
+    theta: np.ndarray  # parameters, shape [lanes, p]
+    cost: np.ndarray  # ½ Σ r², shape [lanes]; infinite where nothing finite was found
+    converged: np.ndarray  # whether it is a minimum, shape [lanes]
+    predicted_decrease: np.ndarray  # of the cost by one more step, relative, shape [lanes]
 
     @property
     def agreeing(self) -> int:
@@ -69,16 +62,11 @@ def minimise(
     Every start gets one run of Levenberg-Marquardt; the best go on until they have
     converged or their passes are used up.
 
-    Args:
-        residuals: the misfit.
-        starts: unconstrained parameters to start from; fewer than `lanes` are repeated.
-        lanes: how many advance together, and how many of the best go on.
-        passes: how many more runs the best get at most.
-        finish: follow long valleys to their bottom; a rough minimum needs none.
-
-    Returns:
-        The starts that went on, best first. Nothing raises: a start that fails has
-        infinite cost and is not converged.
+    `starts`: unconstrained parameters to start from; fewer than `lanes` are repeated. `lanes`:
+    how many advance together, and how many of the best go on. `passes`: how many more runs the
+    best get at most. `finish`: follow long valleys to their bottom; a rough minimum needs none.
+    Returns the starts that went on, best first. Nothing raises: a start that fails has infinite
+    cost and is not converged.
     """
     points = np.asarray(starts, float)
     filled = np.resize(points, (-(-len(points) // lanes) * lanes, points.shape[1]))
@@ -131,14 +119,9 @@ def solved_by_scipy(
 ) -> Any:
     """SciPy's least squares of residuals that come with their derivatives.
 
-    Args:
-        at: residuals [n] and their derivatives [n, p] at parameters [p].
-        start: parameters to start from [p].
-        impossible: residual that stands for one that is not a number, flat there.
-        options: of `scipy.optimize.least_squares`.
-
-    Returns:
-        SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
+    `at`: residuals [n] and their derivatives [n, p] at parameters [p]. `start`: parameters to
+    start from [p]. `impossible`: residual that stands for one that is not a number, flat there.
+    Returns SciPy's result; `fun` and `jac` are the residuals and derivatives at its end.
     """
 
     @functools.lru_cache(maxsize=2)
@@ -187,8 +170,7 @@ def minimise_one_by_one(
     The steps are taken outside of the compiled programs (MINPACK's Levenberg-Marquardt), so
     that of residuals that are long to compile nothing but `sensitivity` is compiled.
 
-    Returns:
-        The starts, best first, judged as `minimise` judges them.
+    Returns the starts, best first, judged as `minimise` judges them.
     """
     used = int(residuals.used.sum())
     found = []

@@ -91,15 +91,10 @@ class Batch:
 
 
 class Gaussian(NamedTuple):
-    """A normal distribution.
+    """A normal distribution."""
 
-    Attributes:
-        mean: shape [p].
-        covariance: shape [p, p].
-    """
-
-    mean: np.ndarray
-    covariance: np.ndarray
+    mean: np.ndarray  # shape [p]
+    covariance: np.ndarray  # shape [p, p]
 
     @property
     def deviation(self) -> np.ndarray:
@@ -117,12 +112,8 @@ def laplace(batch: Callable[[np.ndarray], np.ndarray], start: Gaussian) -> Gauss
     three tests 0.2 and 1.1, Ogden's with three terms 0.4 and 5.9, a skin's curve 5.6 and
     19.1), while an expansion of six parameters by differences takes three batches.
 
-    Args:
-        batch: log-probability of points [n, p].
-        start: an approximation to begin with.
-
-    Returns:
-        The Gaussian of the maximum and its curvature; None where none was found.
+    `batch`: log-probability of points [n, p]. `start`: an approximation to begin with.
+    Returns the Gaussian of the maximum and its curvature; None where none was found.
     """
     values, vectors = np.linalg.eigh(start.covariance)
     widest = float(np.max(values))

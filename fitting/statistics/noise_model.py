@@ -28,19 +28,12 @@ _OUTLIER = 6.0
 
 @dataclasses.dataclass(frozen=True)
 class NoiseModel:
-    """Noise of one test.
+    """Noise of one test."""
 
-    Attributes:
-        absolute: a, in the unit of the readings.
-        relative: b.
-        kind: "absolute", "relative" or "both".
-        gain: how much the log-likelihood exceeds that of the assumed noise.
-    """
-
-    absolute: float
-    relative: float
-    kind: str
-    gain: float
+    absolute: float  # a, in the unit of the readings
+    relative: float  # b
+    kind: str  # "absolute", "relative" or "both"
+    gain: float  # how much the log-likelihood exceeds that of the assumed noise
 
     def deviation(self, size: np.ndarray) -> np.ndarray:
         """Standard deviation of readings of this size, shape [n]."""
@@ -61,15 +54,11 @@ def estimate_noise(
 ) -> NoiseModel | None:
     """Estimate the noise of a test from its residuals.
 
-    Args:
-        error: predicted less measured readings in the order of deformation, shape [n].
-        size: of the readings themselves, such as their predictions, shape [n].
-        assumed: standard deviation that the fit assumes, up to a factor, shape [n].
-        along: coordinate that orders the test, shape [n].
-        weight: number of readings of which each is the mean, shape [n].
-
-    Returns:
-        The noise, or None where the data are too few or exact.
+    `error`: predicted less measured readings in the order of deformation, shape [n]. `size`: of
+    the readings themselves, such as their predictions, shape [n]. `assumed`: standard deviation
+    that the fit assumes, up to a factor, shape [n]. `along`: coordinate that orders the test,
+    shape [n]. `weight`: number of readings of which each is the mean, shape [n].
+    Returns the noise, or None where the data are too few or exact.
     """
     if len(error) < FEWEST:
         return None

@@ -46,24 +46,15 @@ class PosteriorError(ArithmeticError):
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """How to sample.
+    """How to sample."""
 
-    Attributes:
-        walkers: size of the ensemble, even and at least twice the number of parameters.
-        steps: most steps of the ensemble, resumed ones included.
-        moves: how proposals are made, a key of `MOVES`.
-        seed: of the random numbers.
-        check: steps between two looks at the autocorrelation time.
-        stop: whether to stop as soon as the chain has converged.
-        chain: HDF5 file in emcee's format that keeps the chain; one that exists is resumed.
-    """
-
-    walkers: int = 32
-    steps: int = 20_000
-    moves: str = "stretch"
-    seed: int = 0
-    check: int = 200
-    stop: bool = True
+    walkers: int = 32  # size of the ensemble, even and at least twice the number of parameters
+    steps: int = 20_000  # most steps of the ensemble, resumed ones included
+    moves: str = "stretch"  # how proposals are made, a key of `MOVES`
+    seed: int = 0  # of the random numbers
+    check: int = 200  # steps between two looks at the autocorrelation time
+    stop: bool = True  # whether to stop as soon as the chain has converged
+    # HDF5 file in emcee's format that keeps the chain; one that exists is resumed
     chain: Path | None = None
 
     def __post_init__(self) -> None:
@@ -84,24 +75,16 @@ def sample(
 ) -> Posterior:
     """Sample a posterior with emcee's ensemble.
 
-    Args:
-        log_probability: of points [n, p], as a JAX function or evaluated by NumPy; not finite
-            where impossible.
-        start: walkers start from this distribution, such as a least-squares fit's.
-        names: of the parameters.
-        settings: how to sample.
-        key: what the posterior depends on (data, priors); a chain file made with another
-            key is not resumed. The file has one owner: a second sampler is refused.
-        progress: called with steps done, most steps and the slowest autocorrelation time.
-
-    Returns:
-        The chain. One that is too short comes back too: `converged` is false and
-        `message` has the numbers.
-
-    Raises:
-        ValueError: the ensemble is too small, or the chain file belongs to something else.
-        OwnedError: another process writes the chain file.
-        PosteriorError: no possible point was found near the start.
+    `log_probability`: of points [n, p], as a JAX function or evaluated by NumPy; not finite
+    where impossible. `start`: walkers start from this distribution, such as a least-squares
+    fit's. `key`: what the posterior depends on (data, priors); a chain file made with another
+    key is not resumed. The file has one owner: a second sampler is refused. `progress`: called
+    with steps done, most steps and the slowest autocorrelation time.
+    Returns the chain. One that is too short comes back too: `converged` is false and `message`
+    has the numbers.
+    Raises ValueError: the ensemble is too small, or the chain file belongs to something else;
+    OwnedError: another process writes the chain file; PosteriorError: no possible point was
+    found near the start.
     """
     chosen = settings or Settings()
     p = len(names)

@@ -30,15 +30,10 @@ Quantity = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 class End(NamedTuple):
-    """One end of an interval.
+    """One end of an interval."""
 
-    Attributes:
-        value: of the quantity; NaN where the search failed.
-        is_open: the data do not exclude anything up to the quantity's own limit.
-    """
-
-    value: float
-    is_open: bool
+    value: float  # of the quantity; NaN where the search failed
+    is_open: bool  # the data do not exclude anything up to the quantity's own limit
 
 
 def profile_end(
@@ -52,17 +47,12 @@ def profile_end(
 ) -> End:
     """One end of a quantity's interval.
 
-    Args:
-        at: residuals [n] and their derivatives [n, p] at parameters.
-        quantity: g and its gradient [p].
-        theta: parameters at the minimum.
-        side: −1 for the lower end, 1 for the upper.
-        excess: by how much the cost exceeds its minimum at the end.
-        step: distance of the end if the likelihood were Gaussian, in units of g.
-        farthest: distance at which an end is taken as open.
-
-    Returns:
-        The end in units of g.
+    `at`: residuals [n] and their derivatives [n, p] at parameters. `quantity`: g and its
+    gradient [p]. `theta`: parameters at the minimum. `side`: −1 for the lower end, 1 for the
+    upper. `excess`: by how much the cost exceeds its minimum at the end. `step`: distance of
+    the end if the likelihood were Gaussian, in units of g. `farthest`: distance at which an end
+    is taken as open.
+    Returns the end in units of g.
     """
     r, _ = at(theta)
     counted = _Counted(at, int(np.clip(_EVALUATIONS / len(r), _FEWEST, _MOST)))

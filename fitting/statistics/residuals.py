@@ -17,14 +17,10 @@ from suas_jax.runtime.compiled import COMPILED
 
 
 class AbstractResiduals(eqx.Module):
-    """A misfit as a function of unconstrained parameters θ: what least squares minimises.
+    """A misfit as a function of unconstrained parameters θ: what least squares minimises."""
 
-    Attributes:
-        value: measured readings, shape [n].
-        inverse_scale: √w/s, shape [n]; zero for readings that are not used.
-    """
-
-    value: eqx.AbstractVar[Float[Array, " n"]]
+    value: eqx.AbstractVar[Float[Array, " n"]]  # measured readings
+    # √w/s, shape [n]; zero for readings that are not used
     inverse_scale: eqx.AbstractVar[Float[Array, " n"]]
 
     @property
@@ -78,13 +74,10 @@ class AbstractResiduals(eqx.Module):
     ) -> Float[Array, ""]:
         """Gaussian log-likelihood up to a constant, −½ Σ r²/s² − n log s.
 
-        Args:
-            theta: unconstrained parameters.
-            noise: s, standard deviation of the residuals: one where the scales are the
-                known noise, otherwise estimated or sampled with the parameters.
-
-        Returns:
-            The log-likelihood; −∞ where the law can't follow the test.
+        `theta`: unconstrained parameters. `noise`: s, standard deviation of the residuals: one
+        where the scales are the known noise, otherwise estimated or sampled with the
+        parameters.
+        Returns the log-likelihood; −∞ where the law can't follow the test.
         """
         r = self(theta)
         count = jnp.sum(self.inverse_scale > 0.0)

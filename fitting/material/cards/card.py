@@ -30,19 +30,12 @@ from suas_jax.files.writing import write_text
 
 
 class Program(NamedTuple):
-    """A program that reads cards.
+    """A program that reads cards."""
 
-    Attributes:
-        write: makes the card.
-        comment: begins a line of remarks.
-        relaxes: whether the card holds the relaxation of the stress.
-        softens: whether it holds the softening.
-    """
-
-    write: Callable[[LawSpec, CardSettings], str]
-    comment: str
-    relaxes: bool
-    softens: bool
+    write: Callable[[LawSpec, CardSettings], str]  # makes the card
+    comment: str  # begins a line of remarks
+    relaxes: bool  # whether the card holds the relaxation of the stress
+    softens: bool  # whether it holds the softening
 
 
 def _toml(law: LawSpec, settings: CardSettings) -> str:
@@ -65,8 +58,7 @@ PROGRAMS: dict[str, Program] = {
 def require_program(name: str) -> None:
     """Refuse a program that there are no cards for.
 
-    Raises:
-        CardError: names the programs.
+    Raises CardError: names the programs.
     """
     if name not in PROGRAMS:
         raise CardError(f"--export {name}: unknown program; allowed: {', '.join(PROGRAMS)}")
@@ -75,13 +67,9 @@ def require_program(name: str) -> None:
 def card(law: LawSpec, program: str, settings: CardSettings | None = None) -> str:
     """The card of a law for a program.
 
-    Args:
-        law: the law; constants that were not given are left out.
-        program: one of `PROGRAMS`.
-        settings: units, name, density and bulk modulus.
-
-    Raises:
-        CardError: the program is unknown or doesn't have this law.
+    `law`: the law; constants that were not given are left out. `program`: one of `PROGRAMS`.
+    `settings`: units, name, density and bulk modulus.
+    Raises CardError: the program is unknown or doesn't have this law.
     """
     require_program(program)
     chosen = settings or CardSettings()
@@ -117,10 +105,7 @@ def write_cards(
 ) -> list[dict[str, str]]:
     """Write cards; one that a program can't have is reported, and stops nothing.
 
-    Args:
-        law: the law.
-        cards: program and file of each.
-        settings: of all of them.
+    `cards`: program and file of each.
     """
     found = []
     for program, file in cards:

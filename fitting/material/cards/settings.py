@@ -21,18 +21,13 @@ class CardError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class CardSettings:
-    """What a card says beside the law.
+    """What a card says beside the law."""
 
-    Attributes:
-        units: "SI" or "mm-N-MPa".
-        name: of the material.
-        density: [kg/m³]; None leaves it to the user where a program needs none.
-        bulk_modulus: [Pa]; None stands for an incompressible material, or `BULK` shear moduli.
-    """
-
-    units: str = "SI"
-    name: str = "membrane"
+    units: str = "SI"  # "SI" or "mm-N-MPa"
+    name: str = "membrane"  # of the material
+    # [kg/m³]; None leaves it to the user where a program needs none
     density: float | None = None
+    # [Pa]; None stands for an incompressible material, or `BULK` shear moduli
     bulk_modulus: float | None = None
 
     def __post_init__(self) -> None:

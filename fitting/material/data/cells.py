@@ -36,23 +36,14 @@ _ERROR_CELLS = ("#n/a", "#div/0!", "#value!", "#num!")
 
 @dataclasses.dataclass(frozen=True)
 class Cells:
-    """Rows of text cells.
+    """Rows of text cells."""
 
-    Attributes:
-        name: of the sheet; empty for text.
-        rows: cells of each row that is not blank.
-        lines: line number of each row, from one.
-        comments: lines that are marked as comments, without their mark.
-        delimiter: what separates the fields; empty for a sheet.
-        encoding: of a text.
-    """
-
-    name: str
-    rows: list[list[str]]
-    lines: list[int]
-    comments: tuple[str, ...] = ()
-    delimiter: str = ""
-    encoding: str = ""
+    name: str  # of the sheet; empty for text
+    rows: list[list[str]]  # cells of each row that is not blank
+    lines: list[int]  # line number of each row, from one
+    comments: tuple[str, ...] = ()  # lines that are marked as comments, without their mark
+    delimiter: str = ""  # what separates the fields; empty for a sheet
+    encoding: str = ""  # of a text
 
     @property
     def format(self) -> str:
@@ -65,8 +56,7 @@ class Cells:
 def read_cells(path: str | os.PathLike[str]) -> list[Cells]:
     """Read the cells of a file, one `Cells` a sheet; text has one.
 
-    Raises:
-        DataError: the file is missing, binary, too large, or a broken workbook.
+    Raises DataError: the file is missing, binary, too large, or a broken workbook.
     """
     file = os.fspath(path)
     raw = _raw(file)
@@ -151,8 +141,7 @@ def _is_comment(line: str) -> bool:
 def fields(line: str, delimiter: str) -> list[str]:
     """The fields of a line of text, without blanks around them.
 
-    Raises:
-        ValueError: as `split_fields`.
+    Raises ValueError: as `split_fields`.
     """
     if delimiter == " ":
         # Names may hold single blanks, in lines whose columns stand wider apart.

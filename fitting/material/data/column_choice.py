@@ -26,15 +26,9 @@ def renamed(
 ) -> list[str]:
     """Column names with the user's word for what they measure.
 
-    Args:
-        file: for messages.
-        names: of the columns, as they stand in the file.
-        units: of the columns, from a row of units; "" where there is none.
-        shown: names with their units.
-        columns: see `read_table`.
-
-    Raises:
-        DataError: there is no such column or quantity, or its unit is missing or unknown.
+    `names`: of the columns, as they stand in the file. `units`: of the columns, from a row of
+    units; "" where there is none. `shown`: names with their units.
+    Raises DataError: there is no such column or quantity, or its unit is missing or unknown.
     """
     if not columns:
         return shown
@@ -105,11 +99,9 @@ def side_by_side(
 ) -> list[tuple[str, list[int]]]:
     """Columns of each specimen, by its label; one group where there is only one.
 
-    Args:
-        names: of the columns, with their units.
-        groups: specimen of each column, from a row above the names; "" where there is none.
-        fixed: the user says what columns measure, of a single specimen.
-        plane: numbers in names are directions in the plane, not specimens.
+    `names`: of the columns, with their units. `groups`: specimen of each column, from a row
+    above the names; "" where there is none. `fixed`: the user says what columns measure, of a
+    single specimen. `plane`: numbers in names are directions in the plane, not specimens.
     """
     everything = [i for i, name in enumerate(names) if name]
     whole = [("", list(range(len(names))))]

@@ -126,17 +126,11 @@ def plain_words(text: str) -> str:
 
 
 class Quantity(NamedTuple):
-    """What a column can measure.
+    """What a column can measure."""
 
-    Attributes:
-        name: how this project calls it.
-        dimension: kind of unit; "area" is a length squared, "word" has none.
-        pattern: regular expression of its names, blanks as underscores.
-    """
-
-    name: str
-    dimension: str
-    pattern: str
+    name: str  # how this project calls it
+    dimension: str  # kind of unit; "area" is a length squared, "word" has none
+    pattern: str  # regular expression of its names, blanks as underscores
 
 
 QUANTITIES = tuple(

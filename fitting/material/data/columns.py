@@ -40,33 +40,19 @@ SIZES = (
 
 
 class Column(NamedTuple):
-    """A column that was understood.
+    """A column that was understood."""
 
-    Attributes:
-        quantity: what it measures.
-        direction: 1 or 2; zero if its name has none.
-        unit: unit as the units library calls it.
-        factor: size of the unit in SI units.
-    """
-
-    quantity: str
-    direction: int
-    unit: str
-    factor: float
+    quantity: str  # what it measures
+    direction: int  # 1 or 2; zero if its name has none
+    unit: str  # unit as the units library calls it
+    factor: float  # size of the unit in SI units
 
 
 def understand(name: str, where: str) -> Column | None:
     """Read a column's name, such as "nominal_stress_1_MPa" or "Force [kgf]".
 
-    Args:
-        name: the column's name.
-        where: file, for messages.
-
-    Returns:
-        What the column measures, or None if it is none of the known quantities.
-
-    Raises:
-        ValueError: the quantity is known but its unit is missing or unknown.
+    Returns what the column measures, or None if it is none of the known quantities.
+    Raises ValueError: the quantity is known but its unit is missing or unknown.
     """
     plain, explicit = _name_and_unit(name)
     for quantity in QUANTITIES:

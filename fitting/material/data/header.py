@@ -22,16 +22,11 @@ _META = re.compile(r"^\s*([^\W\d][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Header:
-    """What a file says beside its table.
+    """What a file says beside its table."""
 
-    Attributes:
-        comments: lines marked as comments.
-        metadata: values by key, lower case with underscores.
-        by_specimen: sizes in SI units as text, by column name with unit, by specimen.
-    """
-
-    comments: tuple[str, ...]
-    metadata: dict[str, str]
+    comments: tuple[str, ...]  # lines marked as comments
+    metadata: dict[str, str]  # values by key, lower case with underscores
+    # sizes in SI units as text, by column name with unit, by specimen
     by_specimen: dict[str, dict[str, str]]
 
     @staticmethod

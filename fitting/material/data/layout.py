@@ -28,25 +28,16 @@ _SPECIMEN_ROW = re.compile(r"specimen|sample|probe|eprouvette|test_?(?:no|number
 
 @dataclasses.dataclass(frozen=True)
 class TableLayout:
-    """The parts of a sheet.
+    """The parts of a sheet."""
 
-    Attributes:
-        names: column names as they stand there; empty where there is no row of names.
-        units: unit of each column, from the row of units; "" where there is none.
-        groups: specimen of each column, from a row above the names; "" where there is none.
-        body: positions of the rows of numbers.
-        skipped: positions of rows among them that hold no numbers.
-        head: positions of the rows above the table that are no names or units.
-        line: line number of the row of names, or of the first row of numbers.
-    """
-
-    names: list[str]
-    units: list[str]
+    names: list[str]  # column names as they stand there; empty where there is no row of names
+    units: list[str]  # unit of each column, from the row of units; "" where there is none
+    # specimen of each column, from a row above the names; "" where there is none
     groups: list[str]
-    body: list[int]
-    skipped: list[int]
-    head: list[int]
-    line: int
+    body: list[int]  # positions of the rows of numbers
+    skipped: list[int]  # positions of rows among them that hold no numbers
+    head: list[int]  # positions of the rows above the table that are no names or units
+    line: int  # line number of the row of names, or of the first row of numbers
 
     @property
     def known(self) -> int:
@@ -60,13 +51,8 @@ class TableLayout:
 def find_table(file: str, cells: Cells, *, named: bool) -> TableLayout:
     """Find the table of readings.
 
-    Args:
-        file: for messages.
-        cells: of one sheet.
-        named: the user names the columns, so that none have to be known.
-
-    Raises:
-        DataError: there is no table.
+    `named`: the user names the columns, so that none have to be known.
+    Raises DataError: there is no table.
     """
     rows = cells.rows
     if not rows:

@@ -57,10 +57,8 @@ def decimal_mark(cells: Iterable[str]) -> str:
 def number(text: str, decimal: str | None = None) -> float:
     """The number in a cell; NaN if there is none.
 
-    Args:
-        text: the cell.
-        decimal: decimal mark of its table; None takes the last mark of the cell, unless it
-            comes twice.
+    `decimal`: decimal mark of its table; None takes the last mark of the cell, unless it comes
+    twice.
     """
     if decimal != "," and _PLAIN.fullmatch(text):  # most cells of most files
         return float(text)

@@ -26,30 +26,20 @@ _SAMPLED = 2000  # rows that tell the decimal mark
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table of numbers as it stands in a file.
+    """A table of numbers as it stands in a file."""
 
-    Attributes:
-        file: the file, as the user named it.
-        names: column names.
-        cells: numbers, NaN where missing, shape [rows, columns].
-        texts: the cells as written, for columns of words.
-        lines: line number of each row in the file, from one.
-        comments: the comment lines, without their mark.
-        metadata: `key: value` pairs of the comments and of the rows above the table, keys in
-            lower case with underscores.
-        reading: how the file was read, for people: format, decimal mark, lines.
-        remarks: what a person should know about how it was read.
-    """
-
-    file: str
-    names: tuple[str, ...]
-    cells: np.ndarray
-    texts: tuple[tuple[str, ...], ...]
-    lines: np.ndarray
-    comments: tuple[str, ...]
+    file: str  # the file, as the user named it
+    names: tuple[str, ...]  # column names
+    cells: np.ndarray  # numbers, NaN where missing, shape [rows, columns]
+    texts: tuple[tuple[str, ...], ...]  # the cells as written, for columns of words
+    lines: np.ndarray  # line number of each row in the file, from one
+    comments: tuple[str, ...]  # the comment lines, without their mark
+    # `key: value` pairs of the comments and of the rows above the table, keys in lower case
+    # with underscores
     metadata: dict[str, str]
+    # how the file was read, for people: format, decimal mark, lines
     reading: dict[str, Any] = dataclasses.field(default_factory=dict)
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # what a person should know about how it was read
 
 
 def read_table(
@@ -60,15 +50,11 @@ def read_table(
 ) -> Table:
     """Read a delimited text file, or a workbook, of numbers.
 
-    Args:
-        path: the file.
-        columns: what columns measure where their names don't say, as quantity to column
-            ("3", or its name) and, where the file states none, a unit: {"force": "3 N"}.
-        plane: numbers in names are directions in the plane, not specimens.
-
-    Raises:
-        DataError: the file is missing, empty, binary, has no line of column names or a
-            line that doesn't fit them, with the line and what to do.
+    `columns`: what columns measure where their names don't say, as quantity to column ("3", or
+    its name) and, where the file states none, a unit: {"force": "3 N"}. `plane`: numbers in
+    names are directions in the plane, not specimens.
+    Raises DataError: the file is missing, empty, binary, has no line of column names or a line
+    that doesn't fit them, with the line and what to do.
     """
     file = os.fspath(path)
     sheets = read_cells(file)
@@ -99,25 +85,15 @@ def read_table(
 
 @dataclasses.dataclass(frozen=True)
 class _Part:
-    """Readings of one specimen.
+    """Readings of one specimen."""
 
-    Attributes:
-        specimen: its label; "" where the file holds one.
-        names: of the columns.
-        rows: cells as written.
-        lines: line numbers.
-        header: what the rows about the test say.
-        reading: how it was read.
-        remarks: for people.
-    """
-
-    specimen: str
-    names: list[str]
-    rows: list[list[str]]
-    lines: list[int]
-    header: Header
-    reading: dict[str, Any]
-    remarks: list[str]
+    specimen: str  # its label; "" where the file holds one
+    names: list[str]  # of the columns
+    rows: list[list[str]]  # cells as written
+    lines: list[int]  # line numbers
+    header: Header  # what the rows about the test say
+    reading: dict[str, Any]  # how it was read
+    remarks: list[str]  # for people
 
 
 def _signature(layout: TableLayout) -> tuple[str, ...]:

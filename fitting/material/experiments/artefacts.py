@@ -174,12 +174,8 @@ def _off_at_rest(
 ) -> list[Suspect]:
     """Slack or an offset of the force, by the stress at rest that readings near it point to.
 
-    Args:
-        data: the test.
-        near: positions of the readings of a specimen near rest.
-        where: names the specimen.
-        lowest: of its stresses, positive away from rest [Pa].
-        largest: size of its largest stress [Pa].
+    `near`: positions of the readings of a specimen near rest. `lowest`: of its stresses,
+    positive away from rest [Pa]. `largest`: size of its largest stress [Pa].
     """
     # Neo-Hookean and Mooney's second term follow any rubber near rest, whatever the mode.
     part = data.select(np.isin(np.arange(data.size), near))
@@ -213,11 +209,8 @@ def _off_at_rest(
 def _zeros_off(data: StressTest, where: str, at_rest: float, slope: float) -> list[Suspect]:
     """Both zeros that a curve off at rest may have: no curve tells them apart.
 
-    Args:
-        data: the test.
-        where: names the specimen.
-        at_rest: stress at a stretch of one [Pa].
-        slope: of the stress there, by the strain [Pa].
+    `at_rest`: stress at a stretch of one [Pa]. `slope`: of the stress there, by the strain
+    [Pa].
     """
     size, unit = at_rest / 1e6, "MPa"
     if np.isfinite(data.origin.area):

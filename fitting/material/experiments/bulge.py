@@ -41,14 +41,11 @@ class SphericalCap(AbstractExperiment):
     far the shapes are apart. For a neo-Hookean membrane that is 12 % at small heights, as for
     any law, and fades as exp(−η²/0.19) to less than 1 %; this much is taken off. A law has
     such a pressure at every height, also where it has no membrane of that height.
-
-    Attributes:
-        strain: log λ at the points of each reading's cap, shape [n, points].
-        share: of each point's stress in the pressure, shape [n, points].
     """
 
+    # log λ at the points of each reading's cap, shape [n, points]
     strain: Float[Array, "n points"]
-    share: Float[Array, "n points"]
+    share: Float[Array, "n points"]  # of each point's stress in the pressure
 
     @classmethod
     def of_heights(cls, height: Float[np.ndarray, " n"], thickness: np.ndarray) -> Self:
@@ -84,14 +81,10 @@ class Bulge(AbstractExperiment):
         log p = log p(e) + (d log p / d log h) (log h_i − log h(e)),
 
     exact, with exact derivatives in the constants, where h(e) = h_i.
-
-    Attributes:
-        height: apex height over the diaphragm's radius, shape [n].
-        thickness: undeformed thickness over radius, shape [n].
     """
 
-    height: Float[Array, " n"]
-    thickness: Float[Array, " n"]
+    height: Float[Array, " n"]  # apex height over the diaphragm's radius
+    thickness: Float[Array, " n"]  # undeformed thickness over radius
 
     @property
     def size(self) -> int:
@@ -164,13 +157,9 @@ class Bulge(AbstractExperiment):
 
 @dataclasses.dataclass(frozen=True)
 class BulgeTest(StressTest):
-    """Pressures of a bulge test; states and factors are those of a spherical cap.
+    """Pressures of a bulge test; states and factors are those of a spherical cap."""
 
-    Attributes:
-        thickness: undeformed thickness over the diaphragm's radius, shape [n].
-    """
-
-    thickness: np.ndarray
+    thickness: np.ndarray  # undeformed thickness over the diaphragm's radius, shape [n]
 
     @property
     def height(self) -> np.ndarray:
@@ -209,8 +198,7 @@ def caps(tests: Sequence[BulgeTest]) -> SphericalCap:
 def bulge(reader: Reader) -> BulgeTest:
     """Readings of a clamped circular diaphragm: pressure over the apex's relative height.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     values, height = reader.column("pressure"), reader.column("height")
     if values is None:

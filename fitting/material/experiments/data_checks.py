@@ -24,15 +24,10 @@ _JUMP = 6.0
 
 @dataclasses.dataclass(frozen=True)
 class Branches:
-    """Loading and unloading of one test, in the order of its rows.
+    """Loading and unloading of one test, in the order of its rows."""
 
-    Attributes:
-        unloading: readings on a branch that goes back, shape [n].
-        loss: mean of how much lower the stress is on the way back, relative.
-    """
-
-    unloading: np.ndarray
-    loss: float
+    unloading: np.ndarray  # readings on a branch that goes back, shape [n]
+    loss: float  # mean of how much lower the stress is on the way back, relative
 
 
 def branches(data: Dataset) -> Branches:
@@ -76,8 +71,7 @@ def _goes_back(h: np.ndarray) -> np.ndarray:
 def refuse_without_information(data: Dataset) -> None:
     """Refuse a test that no material could be told from.
 
-    Raises:
-        ValueError: every reading is at rest, or every reading is zero.
+    Raises ValueError: every reading is at rest, or every reading is zero.
     """
     deformed = np.ones(data.size, bool)
     if isinstance(data, StressTest):

@@ -53,8 +53,7 @@ def _stress_test(
 def one_parameter(reader: Reader) -> StressTest:
     """Readings of uniaxial, equibiaxial tension or pure shear: stress over one stretch.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     found = reader.stress()
     if found is None:
@@ -68,8 +67,7 @@ def one_parameter(reader: Reader) -> StressTest:
 def biaxial(reader: Reader) -> StressTest:
     """Readings of general biaxial tension: one stress or both over two stretches.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     first, second = reader.stretch(1), _second_stretch(reader)
     parts = []
@@ -109,8 +107,7 @@ def _second_stretch(reader: Reader) -> np.ndarray:
 def difference(reader: Reader) -> StressTest:
     """Readings of the difference of the Cauchy stresses over two stretches.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     first, second = reader.stretch(1), _second_stretch(reader)
     values = reader.column("cauchy_difference")
@@ -132,8 +129,7 @@ def difference(reader: Reader) -> StressTest:
 def simple_shear(reader: Reader) -> StressTest:
     """Readings of simple shear: shear stress over the amount of shear.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     shear, angle = reader.column("shear"), reader.column("shear_angle")
     if shear is None and angle is not None:
@@ -157,8 +153,7 @@ def simple_shear(reader: Reader) -> StressTest:
 def balloon(reader: Reader) -> StressTest:
     """Readings of a spherical balloon: p = 2 (H/R) σ / λ³ of Cauchy stress σ.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     values = reader.column("pressure")
     if values is None:
@@ -255,8 +250,7 @@ def load_dataset(
 def stiffness_of(text: str) -> float:
     """A machine's stiffness in N/m, from text such as "2 kN/mm".
 
-    Raises:
-        DataError: it is none, or not positive.
+    Raises DataError: it is none, or not positive.
     """
     where = f'--machine-stiffness "{text}"'
     found = re.fullmatch(r"\s*([^\s]+)\s+([A-Za-z]+)\s*/\s*([A-Za-zµ]+)\s*", text)

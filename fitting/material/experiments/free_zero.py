@@ -31,45 +31,29 @@ _POWERS = {"cauchy": 0.0, "nominal": 1.0, "second_pk": 2.0}
 
 
 class Zero(NamedTuple):
-    """One unknown of a test's zeros.
+    """One unknown of a test's zeros."""
 
-    Attributes:
-        kind: "slack" [strain], "force" [Pa] or "machine" [1/Pa].
-        test: position of the data set.
-        specimen: of the data set; the machine is shared by all.
-    """
-
-    kind: str
-    test: int
-    specimen: str
+    kind: str  # "slack" [strain], "force" [Pa] or "machine" [1/Pa]
+    test: int  # position of the data set
+    specimen: str  # of the data set; the machine is shared by all
 
 
 class FreeZero(AbstractExperiment):
-    """Points of tests of one stretch with free zeros.
+    """Points of tests of one stretch with free zeros."""
 
-    Attributes:
-        stretch: measured λ_m, shape [n].
-        nominal: measured nominal stress without its scatter [Pa], shape [n]; a machine gives
-            way by the force itself, not by what its noise adds.
-        ratio: log λ₂ / log λ₁ of the mode, shape [n].
-        c1: factor of τ₁ in the Cauchy stress, shape [n].
-        c2: factor of τ₂ in the Cauchy stress, shape [n].
-        power: of λ by which the Cauchy stress is divided in a reading, shape [n].
-        side: 1 in tension, −1 in compression, shape [n].
-        which: position of slack, force and machine among the zeros; beyond them for none,
-            shape [3, n].
-        zeros: s, o and k of all tests, shape [k].
-    """
-
-    stretch: Float[Array, " n"]
+    stretch: Float[Array, " n"]  # measured λ_m
+    # measured nominal stress without its scatter [Pa], shape [n]; a machine gives way by the
+    # force itself, not by what its noise adds
     nominal: Float[Array, " n"]
-    ratio: Float[Array, " n"]
-    c1: Float[Array, " n"]
-    c2: Float[Array, " n"]
+    ratio: Float[Array, " n"]  # log λ₂ / log λ₁ of the mode
+    c1: Float[Array, " n"]  # factor of τ₁ in the Cauchy stress
+    c2: Float[Array, " n"]  # factor of τ₂ in the Cauchy stress
+    # of λ by which the Cauchy stress is divided in a reading, shape [n]
     power: Float[Array, " n"]
-    side: Float[Array, " n"]
+    side: Float[Array, " n"]  # 1 in tension, −1 in compression
+    # position of slack, force and machine among the zeros; beyond them for none, shape [3, n]
     which: Int[Array, "3 n"]
-    zeros: Float[Array, " k"]
+    zeros: Float[Array, " k"]  # s, o and k of all tests
 
     @property
     def size(self) -> int:
@@ -127,10 +111,7 @@ def free_zeros(
 ) -> FreeZero:
     """Tests of one stretch, one after the other, with free zeros.
 
-    Args:
-        tests: the data.
-        numbers: position of each of them in the fit.
-        zeros: the unknowns.
+    `numbers`: position of each of them in the fit.
     """
     stretch = np.concatenate([test.stretch_1 for test in tests])
     parts = []

@@ -95,8 +95,7 @@ class HistoryTest(StressTest):
 def with_history(data: Dataset) -> HistoryTest:
     """A test that remembers.
 
-    Raises:
-        DataError: the test is of another kind, or its times are not complete or negative.
+    Raises DataError: the test is of another kind, or its times are not complete or negative.
     """
     if not isinstance(data, StressTest):
         raise DataError(
@@ -111,24 +110,16 @@ def with_history(data: Dataset) -> HistoryTest:
 
 
 class History(AbstractExperiment):
-    """Readings of tests that remember, Σ_k a_k S_k of pulled-back stresses with a history.
+    """Readings of tests that remember, Σ_k a_k S_k of pulled-back stresses with a history."""
 
-    Attributes:
-        e1: log λ₁ of every state passed through, shape [m].
-        e2: log λ₂, shape [m].
-        pull: parts of τ₁ and τ₂ in the pulled-back stresses, shape [m, 3, 2].
-        elapsed: time since the state before [s], shape [m].
-        begins: where another history begins, shape [m].
-        state: state of each reading, shape [n].
-        push: a, the parts of the pulled-back stresses in the reading, shape [n, 3].
-    """
-
-    e1: Float[Array, " m"]
-    e2: Float[Array, " m"]
+    e1: Float[Array, " m"]  # log λ₁ of every state passed through
+    e2: Float[Array, " m"]  # log λ₂
+    # parts of τ₁ and τ₂ in the pulled-back stresses, shape [m, 3, 2]
     pull: Float[Array, "m 3 2"]
-    elapsed: Float[Array, " m"]
-    begins: Bool[Array, " m"]
-    state: Int[Array, " n"]
+    elapsed: Float[Array, " m"]  # time since the state before [s]
+    begins: Bool[Array, " m"]  # where another history begins
+    state: Int[Array, " n"]  # state of each reading
+    # a, the parts of the pulled-back stresses in the reading, shape [n, 3]
     push: Float[Array, "n 3"]
 
     @property
@@ -188,9 +179,8 @@ def _states(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """States that a series passes through: its readings, and those before and between.
 
-    Returns:
-        Coordinates [2, m], time since the state before [m], where the history begins [m], and
-        the states of the readings [n].
+    Returns coordinates [2, m], time since the state before [m], where the history begins [m],
+    and the states of the readings [n].
     """
     x = coordinates(test)[:, rows]
     if not test.is_timed:
@@ -219,11 +209,10 @@ def _before(
 ) -> tuple[list[np.ndarray], list[float], float]:
     """What a series went through before its first reading.
 
-    Returns:
-        States and times before it, and for how long the first state of all was held. A series
-        that begins at rest has none. One that begins while it deforms came at that rate. One
-        that begins with its strain held was loaded by the stated ramp; else at once, at time
-        zero if that is not long before, or at its first reading.
+    Returns states and times before it, and for how long the first state of all was held. A
+    series that begins at rest has none. One that begins while it deforms came at that rate. One
+    that begins with its strain held was loaded by the stated ramp; else at once, at time zero
+    if that is not long before, or at its first reading.
     """
     rest = np.zeros(2) if test.mode == "simple_shear" else np.ones(2)
     away = float(np.max(np.abs(_distance(rest, x[:, 0], test.mode))))

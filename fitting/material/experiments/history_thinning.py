@@ -20,9 +20,7 @@ def thinned_history(test: HistoryTest, most: int) -> HistoryTest:
     Runs are short where the strain changes and where a hold begins, and end at the corners of
     the strain's history. Times, strains and readings are averaged alike.
 
-    Args:
-        test: the test.
-        most: tests with more readings are averaged to about half as many; zero keeps all.
+    `most`: tests with more readings are averaged to about half as many; zero keeps all.
     """
     if not 0 < most < test.size:
         return test
@@ -86,9 +84,7 @@ def _way(test: HistoryTest, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _corners(clock: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Rows between which straight lines in time follow a history (Douglas and Peucker).
 
-    Args:
-        clock: times, shape [n].
-        x: the history over its span, shape [2, n].
+    `clock`: times, shape [n]. `x`: the history over its span, shape [2, n].
     """
     found = np.zeros(len(clock), dtype=bool)
     found[[0, -1]] = True

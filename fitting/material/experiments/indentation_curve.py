@@ -46,27 +46,17 @@ Found = TypeVar("Found")
 
 
 class BodyCurve(AbstractExperiment):
-    """Readings of a skin under a series of travels of a body.
-
-    Attributes:
-        meshes: of the solve.
-        inputs: the scene's numbers by TOML path, SI; its material is replaced.
-        travel: beyond first touch, each of them once [m], shape [level].
-        start: states near the solutions, one a level.
-        lane: which travel a reading belongs to, shape [n].
-        channel: 0 for the force [N], 1 for oil pressure [Pa], shape [n].
-        scene: skin and body.
-    """
+    """Readings of a skin under a series of travels of a body."""
 
     costly: ClassVar[bool] = True
 
-    meshes: Meshes
-    inputs: dict[str, Array]
-    travel: Float[Array, " level"]
-    start: State
-    lane: Int[Array, " n"]
-    channel: Int[Array, " n"]
-    scene: Structure = eqx.field(static=True)
+    meshes: Meshes  # of the solve
+    inputs: dict[str, Array]  # the scene's numbers by TOML path, SI; its material is replaced
+    travel: Float[Array, " level"]  # beyond first touch, each of them once [m]
+    start: State  # states near the solutions, one a level
+    lane: Int[Array, " n"]  # which travel a reading belongs to
+    channel: Int[Array, " n"]  # 0 for the force [N], 1 for oil pressure [Pa]
+    scene: Structure = eqx.field(static=True)  # skin and body
 
     @property
     def size(self) -> int:
@@ -141,16 +131,12 @@ class BodyCurve(AbstractExperiment):
 
 @dataclasses.dataclass(frozen=True)
 class BodySpecimen(Specimen):
-    """A body's curve, and what the skin's other inputs do to it; see `Specimen`.
-
-    Attributes:
-        inputs: names of the inputs, and of the travel's zero.
-        slopes: change of the readings where an input grows by its whole size, the filling by
-            one, the mounting by one, the travel's zero by a metre, shape [n, input].
-    """
+    """A body's curve, and what the skin's other inputs do to it; see `Specimen`."""
 
     curve: BodyCurve
-    inputs: tuple[str, ...]
+    inputs: tuple[str, ...]  # names of the inputs, and of the travel's zero
+    # change of the readings where an input grows by its whole size, the filling by one, the
+    # mounting by one, the travel's zero by a metre, shape [n, input]
     slopes: np.ndarray
 
 
@@ -159,14 +145,10 @@ def body_specimen(
 ) -> BodySpecimen:
     """The forward model of an indentation curve, and the sizes of its material.
 
-    Args:
-        scene: skin and body; its material is only where sizes come from.
-        travel: of each reading [m], shape [n].
-        channel: 0 for the force, 1 for oil pressure, shape [n].
-        value: readings [N, Pa], shape [n].
-
-    Raises:
-        DataError: the skin doesn't bear these travels with the scene's material.
+    `scene`: skin and body; its material is only where sizes come from. `travel`: of each
+    reading [m], shape [n]. `channel`: 0 for the force, 1 for oil pressure, shape [n]. `value`:
+    readings [N, Pa], shape [n].
+    Raises DataError: the skin doesn't bear these travels with the scene's material.
     """
     levels, lane = np.unique(travel, return_inverse=True)
     depth = next(f"load.{i}.depth" for i, load in enumerate(scene.loads) if load.kind == "body")
@@ -230,8 +212,7 @@ def _scaled(scene: SceneSpec, scale: float) -> dict[str, float]:
 def _followed(scene: SceneSpec, found: Solution, depth: str, levels: np.ndarray) -> list[Point]:
     """Solutions at all travels, on the mesh of the deepest one.
 
-    Raises:
-        DataError: there is none at one of them.
+    Raises DataError: there is none at one of them.
     """
     model = MODELS[scene.geometry.dimension]["shell"]
     curve = IndentationCurve(scene, {depth: 1.0}, model, found.plan, found.wall)

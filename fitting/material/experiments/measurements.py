@@ -48,68 +48,42 @@ Predictor = Callable[[Sequence[Any]], AbstractExperiment]
 
 
 class Channel(NamedTuple):
-    """Readings of one quantity, as a figure draws them.
+    """Readings of one quantity, as a figure draws them."""
 
-    Attributes:
-        rows: which readings, shape [n].
-        unit: size of the figure's unit in SI units.
-        label: name of the quantity with its unit.
-    """
-
-    rows: np.ndarray
-    unit: float
-    label: str
+    rows: np.ndarray  # which readings, shape [n]
+    unit: float  # size of the figure's unit in SI units
+    label: str  # name of the quantity with its unit
 
 
 class Origin(NamedTuple):
-    """Where the states and stresses of a test come from.
+    """Where the states and stresses of a test come from."""
 
-    Attributes:
-        state: quantity that states the deformation, such as "strain".
-        column: its name in the file.
-        unit: its unit; "" for a number.
-        length: of the specimen that a displacement stretches [m]; NaN where not stated.
-        area: undeformed cross-section [m²]; NaN where not stated.
-        ramp: duration of the loading before the first reading [s]; NaN where not stated.
-        preload: force at which the machine set its travel to zero [N]; NaN where not stated.
-    """
-
-    state: str = ""
-    column: str = ""
-    unit: str = ""
+    state: str = ""  # quantity that states the deformation, such as "strain"
+    column: str = ""  # its name in the file
+    unit: str = ""  # its unit; "" for a number
+    # of the specimen that a displacement stretches [m]; NaN where not stated
     length: float = math.nan
-    area: float = math.nan
+    area: float = math.nan  # undeformed cross-section [m²]; NaN where not stated
+    # duration of the loading before the first reading [s]; NaN where not stated
     ramp: float = math.nan
+    # force at which the machine set its travel to zero [N]; NaN where not stated
     preload: float = math.nan
 
 
 @dataclasses.dataclass(frozen=True)
 class Dataset(abc.ABC):
-    """Readings of one file, one entry per reading (two per row of a biaxial test).
+    """Readings of one file, one entry per reading (two per row of a biaxial test)."""
 
-    Attributes:
-        mode: kind of test.
-        file: where the readings come from.
-        value: readings, SI units, shape [n].
-        sigma: standard deviation of the noise, NaN where not stated, shape [n].
-        weight: weight in the sum of squares, shape [n].
-        specimen: name of the specimen of each reading, shape [n].
-        line: line in the file, shape [n].
-        dropped: how many rows were left out, by reason.
-        warnings: what a person should know about this file.
-        origin: columns and sizes behind the states.
-    """
-
-    mode: str
-    file: str
-    value: np.ndarray
-    sigma: np.ndarray
-    weight: np.ndarray
-    specimen: np.ndarray
-    line: np.ndarray
-    dropped: dict[str, int]
-    warnings: tuple[str, ...]
-    origin: Origin
+    mode: str  # kind of test
+    file: str  # where the readings come from
+    value: np.ndarray  # readings, SI units, shape [n]
+    sigma: np.ndarray  # standard deviation of the noise, NaN where not stated, shape [n]
+    weight: np.ndarray  # weight in the sum of squares, shape [n]
+    specimen: np.ndarray  # name of the specimen of each reading, shape [n]
+    line: np.ndarray  # line in the file, shape [n]
+    dropped: dict[str, int]  # how many rows were left out, by reason
+    warnings: tuple[str, ...]  # what a person should know about this file
+    origin: Origin  # columns and sizes behind the states
 
     @property
     def size(self) -> int:
@@ -190,8 +164,7 @@ class Dataset(abc.ABC):
     def predictor(self, *, estimate: bool) -> Predictor:
         """What predicts the readings; tests with equal predictors are predicted together.
 
-        Args:
-            estimate: a rough prediction will do where it is much faster.
+        `estimate`: a rough prediction will do where it is much faster.
         """
 
     def select(self, keep: np.ndarray) -> Self:
@@ -207,8 +180,7 @@ class Dataset(abc.ABC):
 def mode_named(name: str) -> str:
     """The kind of test that a name means.
 
-    Raises:
-        DataError: there is no such kind.
+    Raises DataError: there is no such kind.
     """
     known = _ALIASES.get(name, name)
     if known in MODES:

@@ -86,8 +86,7 @@ class NamedColumns:
     def _better_of(self, quantity: str, first: int, second: int) -> int:
         """Which of two columns of the same quantity to use.
 
-        Raises:
-            DataError: neither is the better one.
+        Raises DataError: neither is the better one.
         """
         names = [self.table.names[i] for i in (first, second)]
         ranks = [closeness_to_specimen(name) for name in names]
@@ -110,8 +109,7 @@ class NamedColumns:
     def column(self, quantity: str, direction: int = 0) -> np.ndarray | None:
         """Values of a column in SI units, NaN where missing; None if there is none.
 
-        Raises:
-            DataError: a cell holds neither a number nor a usual sign of a missing one.
+        Raises DataError: a cell holds neither a number nor a usual sign of a missing one.
         """
         wanted = (0, 1) if direction in (0, 1) else (direction,)
         if quantity in self._faulty and not any((quantity, d) in self.columns for d in wanted):
@@ -176,8 +174,7 @@ class NamedColumns:
     def require_positive(self, values: np.ndarray, quantity: str, why: str = "") -> None:
         """Refuse values that are impossible.
 
-        Raises:
-            DataError: names the first of them, and why.
+        Raises DataError: names the first of them, and why.
         """
         bad = np.flatnonzero(values <= 0.0)
         if bad.size:

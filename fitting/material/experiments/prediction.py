@@ -25,12 +25,9 @@ _FEWEST = 64
 
 
 class AbstractExperiment(eqx.Module):
-    """Tests whose readings a law predicts.
+    """Tests whose readings a law predicts."""
 
-    Attributes:
-        costly: whether compiling the prediction takes longer than a whole fit's use of it.
-    """
-
+    # whether compiling the prediction takes longer than a whole fit's use of it
     costly: ClassVar[bool] = False
 
     @property
@@ -60,19 +57,12 @@ class AbstractExperiment(eqx.Module):
 
 
 class Homogeneous(AbstractExperiment):
-    """Points of homogeneous tests, c₁ τ₁ + c₂ τ₂ at (e₁, e₂).
+    """Points of homogeneous tests, c₁ τ₁ + c₂ τ₂ at (e₁, e₂)."""
 
-    Attributes:
-        e1: log λ₁, shape [n].
-        e2: log λ₂, shape [n].
-        c1: factor of τ₁, shape [n].
-        c2: factor of τ₂, shape [n].
-    """
-
-    e1: Float[Array, " n"]
-    e2: Float[Array, " n"]
-    c1: Float[Array, " n"]
-    c2: Float[Array, " n"]
+    e1: Float[Array, " n"]  # log λ₁
+    e2: Float[Array, " n"]  # log λ₂
+    c1: Float[Array, " n"]  # factor of τ₁
+    c2: Float[Array, " n"]  # factor of τ₂
 
     @property
     def size(self) -> int:
@@ -94,9 +84,7 @@ def padded(values: np.ndarray, fill: float = 0.0) -> Float[Array, " n"]:
 def mode_factors(mode: str, stretch: np.ndarray) -> tuple[np.ndarray, ...]:
     """(e₁, e₂, c₁, c₂) that read the Cauchy stress of a one-parameter mode.
 
-    Args:
-        mode: "uniaxial", "equibiaxial" or "planar".
-        stretch: λ > 0, shape [n].
+    `mode`: "uniaxial", "equibiaxial" or "planar". `stretch`: λ > 0, shape [n].
     """
     path = MODES[mode]
     e = np.log(stretch)

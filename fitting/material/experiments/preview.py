@@ -28,18 +28,11 @@ def preview(
 ) -> tuple[dict[str, Any], Table, Dataset | None]:
     """Read a file and say what was understood.
 
-    Args:
-        path: the file.
-        mode: kind of test that it is read as.
-        columns: see `read_table`.
-        specimen: sizes with units where the file doesn't state them.
-
-    Returns:
-        The JSON of `suas data`, the table, and the test; None where something is missing for
-        it, which the JSON says.
-
-    Raises:
-        DataError: the file holds no table.
+    `mode`: kind of test that it is read as. `specimen`: sizes with units where the file doesn't
+    state them.
+    Returns the JSON of `suas data`, the table, and the test; None where something is missing
+    for it, which the JSON says.
+    Raises DataError: the file holds no table.
     """
     plane = mode in ("biaxial", "biaxial_difference")
     table = read_table(path, columns, plane=plane)

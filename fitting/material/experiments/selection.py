@@ -19,15 +19,10 @@ _FAILED, _WHOLE = 0.6, 0.97
 
 @dataclasses.dataclass(frozen=True)
 class HalfCycle:
-    """Rows between two turning points of one specimen.
+    """Rows between two turning points of one specimen."""
 
-    Attributes:
-        rows: positions, in the order of time.
-        outward: away from rest.
-    """
-
-    rows: np.ndarray
-    outward: bool
+    rows: np.ndarray  # positions, in the order of time
+    outward: bool  # away from rest
 
 
 def series_of(data: Dataset) -> Iterator[np.ndarray]:
@@ -39,11 +34,8 @@ def series_of(data: Dataset) -> Iterator[np.ndarray]:
 def half_cycles(h: np.ndarray) -> list[HalfCycle]:
     """Loading and unloading of a series in the order of time.
 
-    Args:
-        h: how far each reading is from rest, shape [n].
-
-    Returns:
-        The half cycles; one that goes outward where the rows are in no order of time.
+    `h`: how far each reading is from rest, shape [n].
+    Returns the half cycles; one that goes outward where the rows are in no order of time.
     """
     everything = [HalfCycle(np.arange(len(h)), True)]
     span = np.ptp(h) if len(h) else 0.0
@@ -99,8 +91,7 @@ def loadings(data: Dataset) -> list[list[np.ndarray]]:
 def in_cycle(data: Dataset, which: str) -> Dataset:
     """The loading of one cycle: "first", "last", "all", or its number from one.
 
-    Raises:
-        ValueError: there is no such cycle.
+    Raises ValueError: there is no such cycle.
     """
     if which == "all":
         return data
@@ -166,9 +157,8 @@ def thinned(data: Dataset, most: int) -> Dataset:
     and stress, so that means lie on the curve; a run counts as often as it has readings,
     so that nothing shifts.
 
-    Args:
-        data: a test; those that are no single curve stay as they are.
-        most: tests with more readings are averaged to half as many; zero keeps all.
+    `data`: a test; those that are no single curve stay as they are. `most`: tests with more
+    readings are averaged to half as many; zero keeps all.
     """
     if not isinstance(data, StressTest) or not data.is_curve or not 0 < most < data.size:
         return data

@@ -37,25 +37,16 @@ _SAMPLES = 4
 
 
 class SkinCurve(AbstractExperiment):
-    """Readings of a skin under a series of forces.
-
-    Attributes:
-        problem: the skin, one lane a force; its law is replaced.
-        angle: where the displacement is read [rad].
-        direction: unit vector along which it is read, shape [2, 1].
-        lane: which force a reading belongs to, shape [n].
-        channel: 0 for displacement [m], 1 for oil pressure [Pa], shape [n].
-        start: states from which the solution is sought.
-    """
+    """Readings of a skin under a series of forces."""
 
     costly: ClassVar[bool] = True
 
-    problem: Problem
-    angle: Float[Array, " 1"]
-    direction: Float[Array, "2 1"]
-    lane: Int[Array, " n"]
-    channel: Int[Array, " n"]
-    start: State
+    problem: Problem  # the skin, one lane a force; its law is replaced
+    angle: Float[Array, " 1"]  # where the displacement is read [rad]
+    direction: Float[Array, "2 1"]  # unit vector along which it is read
+    lane: Int[Array, " n"]  # which force a reading belongs to
+    channel: Int[Array, " n"]  # 0 for displacement [m], 1 for oil pressure [Pa]
+    start: State  # states from which the solution is sought
 
     @property
     def size(self) -> int:
@@ -123,19 +114,13 @@ def predicted(curve: SkinCurve, law: AbstractLaw) -> Float[Array, " n"]:
 
 @dataclasses.dataclass(frozen=True)
 class Specimen:
-    """A skin curve with what its own material says about sizes.
+    """A skin curve with what its own material says about sizes."""
 
-    Attributes:
-        curve: the readings' forward model.
-        modulus: shear modulus that the readings suggest [Pa].
-        stretch: largest hoop stretch on the inner face under the largest force.
-        model_error: standard deviation of the corrected shell's own error under the largest
-            force, relative to displacement and pressure; all readings share it.
-    """
-
-    curve: AbstractExperiment
-    modulus: float
-    stretch: float
+    curve: AbstractExperiment  # the readings' forward model
+    modulus: float  # shear modulus that the readings suggest [Pa]
+    stretch: float  # largest hoop stretch on the inner face under the largest force
+    # standard deviation of the corrected shell's own error under the largest force, relative to
+    # displacement and pressure; all readings share it
     model_error: float
 
 
@@ -144,14 +129,10 @@ def specimen(
 ) -> Specimen:
     """The forward model of a skin's curve, and the sizes of its material.
 
-    Args:
-        scene: skin and pattern of loads; its material is only where sizes come from.
-        force: sum of the loads' magnitudes of each reading [N], shape [n].
-        channel: 0 for displacement, 1 for oil pressure, shape [n].
-        value: readings [m, Pa], shape [n].
-
-    Raises:
-        ValueError: the skin doesn't carry these forces with the scene's material.
+    `scene`: skin and pattern of loads; its material is only where sizes come from. `force`: sum
+    of the loads' magnitudes of each reading [N], shape [n]. `channel`: 0 for displacement, 1
+    for oil pressure, shape [n]. `value`: readings [m, Pa], shape [n].
+    Raises ValueError: the skin doesn't carry these forces with the scene's material.
     """
     scene.require_plane_strain("A skin as test specimen")
     elements = scene.solve.elements

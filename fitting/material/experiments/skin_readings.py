@@ -26,24 +26,18 @@ AnySkinTest = TypeVar("AnySkinTest", bound="SkinTest")
 
 @dataclasses.dataclass(frozen=True)
 class SkinTest(Dataset):
-    """Displacements [m] and oil pressures [Pa] of a skin under known forces.
-
-    Attributes:
-        scene: the skin, with the pattern of its loads.
-        drive: what was set: sum of the loads' magnitudes [N], shape [n].
-        channel: `DISPLACEMENT` or `PRESSURE`, shape [n].
-        smallest: smallest size of a reading of this channel that a relative misfit is
-            compared with [m, Pa], shape [n].
-    """
+    """Displacements [m] and oil pressures [Pa] of a skin under known forces."""
 
     READS: ClassVar = (
         (DISPLACEMENT, 1e-3, "displacement [mm]", "rms_m"),
         (PRESSURE, 1e3, "pressure [kPa]", "rms_Pa"),
     )
 
-    scene: SceneSpec
-    drive: np.ndarray
-    channel: np.ndarray
+    scene: SceneSpec  # the skin, with the pattern of its loads
+    drive: np.ndarray  # what was set: sum of the loads' magnitudes [N], shape [n]
+    channel: np.ndarray  # `DISPLACEMENT` or `PRESSURE`, shape [n]
+    # smallest size of a reading of this channel that a relative misfit is compared with [m,
+    # Pa], shape [n]
     smallest: np.ndarray
 
     @property
@@ -199,12 +193,8 @@ def _test(
 ) -> AnySkinTest:
     """A test's readings: one of its own, and oil pressures.
 
-    Args:
-        kind: of test.
-        reader: of its file.
-        scene: the skin, with its loads.
-        drive: what was set; rows without it say nothing.
-        read: quantity that was read beside oil pressure.
+    `scene`: the skin, with its loads. `drive`: what was set; rows without it say nothing.
+    `read`: quantity that was read beside oil pressure.
     """
     idle = int(np.sum(drive == 0.0))
     if idle and read == "displacement":

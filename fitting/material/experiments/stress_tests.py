@@ -29,25 +29,17 @@ _LABELS = {
 
 @dataclasses.dataclass(frozen=True)
 class StressTest(Dataset):
-    """Stresses or pressures [Pa] read in known homogeneous states.
+    """Stresses or pressures [Pa] read in known homogeneous states."""
 
-    Attributes:
-        measure: what was read: "nominal", "cauchy", "second_pk", "shear", "difference"
-            or "pressure".
-        coordinate: stretch, or the amount of shear, shape [n].
-        factors: e₁, e₂, c₁, c₂ of each reading, shape [4, n].
-        companion: size of the largest stress read at the same state [Pa], shape [n]; zero
-            where the reading is the only one.
-        direction: 1 or 2, of a stress, shape [n].
-        time: of each reading [s], NaN where not stated, shape [n].
-    """
-
+    # what was read: "nominal", "cauchy", "second_pk", "shear", "difference" or "pressure"
     measure: str
-    coordinate: np.ndarray
-    factors: np.ndarray
+    coordinate: np.ndarray  # stretch, or the amount of shear, shape [n]
+    factors: np.ndarray  # e₁, e₂, c₁, c₂ of each reading, shape [4, n]
+    # size of the largest stress read at the same state [Pa], shape [n]; zero where the reading
+    # is the only one
     companion: np.ndarray
-    direction: np.ndarray
-    time: np.ndarray
+    direction: np.ndarray  # 1 or 2, of a stress, shape [n]
+    time: np.ndarray  # of each reading [s], NaN where not stated, shape [n]
 
     @property
     def stretch_1(self) -> np.ndarray:

@@ -10,24 +10,16 @@ from fitting.material.experiments.stress_tests import StressTest
 
 @dataclasses.dataclass(frozen=True)
 class Suspect:
-    """An artefact that a file seems to have.
+    """An artefact that a file seems to have."""
 
-    Attributes:
-        kind: "break", "preconditioning", "percent", "slack", "toe", "force offset", "slip",
-            "drift" or "machine stiffness".
-        file: which file.
-        evidence: what shows it.
-        option: what corrects it, for the command line.
-        size: how large it is, in `unit`; None where it has no size.
-        unit: of the size.
-    """
-
+    # "break", "preconditioning", "percent", "slack", "toe", "force offset", "slip", "drift" or
+    # "machine stiffness"
     kind: str
-    file: str
-    evidence: str
-    option: str
-    size: float | None = None
-    unit: str = ""
+    file: str  # which file
+    evidence: str  # what shows it
+    option: str  # what corrects it, for the command line
+    size: float | None = None  # how large it is, in `unit`; None where it has no size
+    unit: str = ""  # of the size
 
     @property
     def text(self) -> str:

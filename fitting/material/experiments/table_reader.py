@@ -97,8 +97,7 @@ class Reader(NamedColumns):
     def times(self, strain: np.ndarray) -> np.ndarray:
         """Time of each row [s], NaN where neither a column nor a rate of strain states it.
 
-        Args:
-            strain: nominal strain, or amount of shear, of each row.
+        `strain`: nominal strain, or amount of shear, of each row.
         """
         times = self.column("time")
         if times is not None:
@@ -182,12 +181,9 @@ class Reader(NamedColumns):
     def fields(self, values: np.ndarray, sigma: np.ndarray | None = None) -> dict[str, Any]:
         """What the readings of every kind of test share, one entry a row of the table.
 
-        Args:
-            values: readings [row].
-            sigma: standard deviation of their noise [row], if they are no stresses.
-
-        Raises:
-            DataError: a weight is negative, or a noise is not positive.
+        `values`: readings [row]. `sigma`: standard deviation of their noise [row], if they are
+        no stresses.
+        Raises DataError: a weight is negative, or a noise is not positive.
         """
         return {
             "mode": self.mode,
@@ -205,12 +201,8 @@ class Reader(NamedColumns):
     def kept(self, test: Kind, states: np.ndarray) -> Kind:
         """A test without the rows that are masked or miss something.
 
-        Args:
-            test: one reading a row.
-            states: what else a row must state [..., row].
-
-        Raises:
-            DataError: no row is left.
+        `test`: one reading a row. `states`: what else a row must state [..., row].
+        Raises DataError: no row is left.
         """
         missing = ~np.isfinite(test.value) | np.isnan(test.weight)
         missing |= ~np.isfinite(states.reshape(-1, test.size)).all(0)

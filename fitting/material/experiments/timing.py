@@ -23,10 +23,8 @@ _SECONDS = {"s": 1.0, "sec": 1.0, "min": 60.0, "h": 3600.0}
 def stated(metadata: Mapping[str, str], given: Mapping[str, str], key: str) -> str | None:
     """What the command line, or a file's comments, state of a test; None for nothing.
 
-    Args:
-        metadata: `key: value` pairs of the file.
-        given: of the command line.
-        key: one of `KEYS`.
+    `metadata`: `key: value` pairs of the file. `given`: of the command line. `key`: one of
+    `KEYS`.
     """
     if key in given:
         return given[key]
@@ -38,8 +36,7 @@ def held_stretch(
 ) -> float | None:
     """The stretch of a relaxation test whose table has no strains; None where none is stated.
 
-    Raises:
-        DataError: what is stated is no stretch or strain.
+    Raises DataError: what is stated is no stretch or strain.
     """
     for key, shift in (("stretch", 0.0), ("strain", 1.0)):
         text = stated(metadata, given, key)
@@ -58,8 +55,7 @@ def held_stretch(
 def ramp_of(metadata: Mapping[str, str], given: Mapping[str, str], file: str) -> float:
     """Duration of the loading before the first reading [s]; NaN where none is stated.
 
-    Raises:
-        DataError: what is stated is no time.
+    Raises DataError: what is stated is no time.
     """
     text = stated(metadata, given, "ramp")
     if text is None:
@@ -78,14 +74,9 @@ def times_by_rate(
 ) -> np.ndarray:
     """Times of readings at a constant rate of strain [s], shape [n]; NaN where none is stated.
 
-    Args:
-        metadata: `key: value` pairs of the file.
-        given: of the command line.
-        file: for messages.
-        strain: nominal strain, or amount of shear, in the order of the test, shape [n].
-
-    Raises:
-        DataError: what is stated is no rate.
+    `metadata`: `key: value` pairs of the file. `given`: of the command line. `strain`: nominal
+    strain, or amount of shear, in the order of the test, shape [n].
+    Raises DataError: what is stated is no rate.
     """
     text = stated(metadata, given, "strain_rate")
     if text is None:

@@ -25,10 +25,8 @@ def idle(x: np.ndarray, y: np.ndarray, largest: float) -> float | None:
 
     Before that, readings scatter about zero and do not rise; behind it they do.
 
-    Args:
-        x: logarithms of the stretches, positive away from rest [n].
-        y: stresses, likewise [n].
-        largest: size of the largest stress.
+    `x`: logarithms of the stretches, positive away from rest [n]. `y`: stresses, likewise [n].
+    `largest`: size of the largest stress.
     """
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
@@ -52,9 +50,7 @@ def toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
 
     Slopes of lines through an eighth of the early readings each.
 
-    Args:
-        x: logarithms of the stretches, positive away from rest [n].
-        y: stresses, likewise [n].
+    `x`: logarithms of the stretches, positive away from rest [n]. `y`: stresses, likewise [n].
     """
     order = np.argsort(x, kind="stable")
     # Against the stretch itself rubber is steepest at rest, until its chains lock.
@@ -89,10 +85,8 @@ def toe_end(x: np.ndarray, y: np.ndarray) -> float | None:
 def without_toe(data: Dataset, share: float = 0.0) -> Dataset:
     """A test without its toe.
 
-    Args:
-        data: the test.
-        share: of the largest stress, below which readings are left out; none where the curve
-            is steepest at once.
+    `share`: of the largest stress, below which readings are left out; none where the curve is
+    steepest at once.
     """
     if not isinstance(data, StressTest) or not can_be_freed(data):
         return data

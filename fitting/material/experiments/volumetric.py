@@ -50,8 +50,7 @@ class VolumetricTest(StressTest):
     def predictor(self, *, estimate: bool) -> Predictor:
         """There is none.
 
-        Raises:
-            ValueError: always; `fit.bulk_modulus` fits these tests.
+        Raises ValueError: always; `fit.bulk_modulus` fits these tests.
         """
         raise ValueError(
             f"{self.file}: a volumetric test gives the bulk modulus; an incompressible law "
@@ -62,8 +61,7 @@ class VolumetricTest(StressTest):
 def volumetric(reader: Reader) -> VolumetricTest:
     """Readings of a volumetric test: pressure over volume ratio, strain or compression.
 
-    Raises:
-        DataError: what is missing, or impossible.
+    Raises DataError: what is missing, or impossible.
     """
     values, found = reader.column("pressure"), None
     if values is None:

@@ -53,19 +53,12 @@ _ASKED = 10  # stretches on either side of rest
 
 
 class Band(NamedTuple):
-    """Nominal stress of a mode with its uncertainty.
+    """Nominal stress of a mode with its uncertainty."""
 
-    Attributes:
-        stretch: λ, shape [n].
-        nominal: middle of the interval [Pa], shape [n].
-        half_width: half width of the interval [Pa], shape [n].
-        law: what the fitted law says [Pa], shape [n].
-    """
-
-    stretch: np.ndarray
-    nominal: np.ndarray
-    half_width: np.ndarray
-    law: np.ndarray
+    stretch: np.ndarray  # λ, shape [n]
+    nominal: np.ndarray  # middle of the interval [Pa], shape [n]
+    half_width: np.ndarray  # half width of the interval [Pa], shape [n]
+    law: np.ndarray  # what the fitted law says [Pa], shape [n]
 
 
 class FittedLaw(Protocol):
@@ -112,21 +105,13 @@ class FittedLaw(Protocol):
 
 @dataclasses.dataclass(frozen=True)
 class Belief:
-    """What the tests of a fit say of the stress in any mode.
+    """What the tests of a fit say of the stress in any mode."""
 
-    Attributes:
-        readings: that were fitted.
-        modulus: μ that makes sizes [Pa].
-        parts: of the average, the most evident first.
-        measured: modes whose own readings stand.
-        repeats: relative deviation between tests of two modes.
-    """
-
-    readings: Readings
-    modulus: float
-    parts: tuple[Part, ...]
-    measured: frozenset[str]
-    repeats: float
+    readings: Readings  # that were fitted
+    modulus: float  # μ that makes sizes [Pa]
+    parts: tuple[Part, ...]  # of the average, the most evident first
+    measured: frozenset[str]  # modes whose own readings stand
+    repeats: float  # relative deviation between tests of two modes
 
     @classmethod
     def of(cls, fits: Sequence[FittedLaw]) -> Self:
@@ -162,9 +147,8 @@ class Belief:
     def reading(self, factors: Float[np.ndarray, "4 n"], other: float) -> tuple[Rows, Rows]:
         """Mean and standard deviation of readings of homogeneous states [Pa], each [n].
 
-        Args:
-            factors: e₁, e₂, c₁, c₂ of each.
-            other: by how much another test differs, relative; `repeats` of one not measured.
+        `factors`: e₁, e₂, c₁, c₂ of each. `other`: by how much another test differs, relative;
+        `repeats` of one not measured.
         """
         asked = States.of(factors)
         parts = [part for part in self.parts if reaches(part.first, asked.i1)]

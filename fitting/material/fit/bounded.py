@@ -26,18 +26,11 @@ def minimise_in_box(
 ) -> tuple[np.ndarray, Minima, tuple[str, ...]]:
     """Minimise ½ Σ r² with some constants kept between bounds.
 
-    Args:
-        residuals: the misfit.
-        family: the law, which may bind the signs of constants.
-        constants: the free minimum, SI units; its signs are kept.
-        others: further starting points θ, shape [k, p].
-        bounds: lowest and highest value by constant, SI units.
-
-    Returns:
-        Constants, what the starts in the box found, and which constants are at a bound.
-
-    Raises:
-        ValueError: a bound names no constant of the law, or excludes every allowed value.
+    `family`: the law, which may bind the signs of constants. `constants`: the free minimum, SI
+    units; its signs are kept. `others`: further starting points θ, shape [k, p]. `bounds`:
+    lowest and highest value by constant, SI units.
+    Returns constants, what the starts in the box found, and which constants are at a bound.
+    Raises ValueError: a bound names no constant of the law, or excludes every allowed value.
     """
     points = [constants] + [
         family.ordered(np.asarray(residuals.constants(jnp.asarray(theta)))) for theta in others

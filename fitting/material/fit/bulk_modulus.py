@@ -27,27 +27,16 @@ _NEARLY_INCOMPRESSIBLE = 30.0
 
 @dataclasses.dataclass(frozen=True)
 class BulkModulus:
-    """A bulk modulus and how sure it is.
+    """A bulk modulus and how sure it is."""
 
-    Attributes:
-        sets: the tests that were fitted.
-        value: K [Pa].
-        standard_error: of K [Pa], for the misfit's inflation, too.
-        dof: degrees of freedom; the noise is known where they are infinite.
-        residual: what misfits are relative to.
-        misfit: whether what remains is noise.
-        noise: of the tests.
-        remarks: warnings for a person.
-    """
-
-    sets: tuple[VolumetricTest, ...]
-    value: float
-    standard_error: float
-    dof: float
-    residual: str
-    misfit: Misfit
-    noise: Noise
-    remarks: tuple[str, ...]
+    sets: tuple[VolumetricTest, ...]  # the tests that were fitted
+    value: float  # K [Pa]
+    standard_error: float  # of K [Pa], for the misfit's inflation, too
+    dof: float  # degrees of freedom; the noise is known where they are infinite
+    residual: str  # what misfits are relative to
+    misfit: Misfit  # whether what remains is noise
+    noise: Noise  # of the tests
+    remarks: tuple[str, ...]  # warnings for a person
 
     def interval(self, level: float) -> tuple[float, float]:
         """Interval of K [Pa], no lower than zero."""
@@ -66,8 +55,7 @@ class BulkModulus:
     def report(self, shear_modulus: float | None = None) -> dict[str, Any]:
         """What `suas fit material` says of it.
 
-        Args:
-            shear_modulus: of the law that was fitted beside it [Pa], if there is one.
+        `shear_modulus`: of the law that was fitted beside it [Pa], if there is one.
         """
         ends = {
             f"{side}{name}": end
@@ -121,16 +109,12 @@ def fit_bulk_modulus(
 ) -> BulkModulus:
     """Find the bulk modulus that follows volumetric tests best.
 
-    Args:
-        sets: the tests, from `datasets.load_dataset`.
-        residual: "relative", "absolute", "noise" or "estimated", as for `fit_material`.
-        branch: "all" or "loading"; None takes all.
-        cycle: "all", "first", "last" or a number.
-        thin: most readings of a curve; zero keeps all.
-
-    Raises:
-        ValueError: an option is not allowed, the tests say nothing, or pressure falls with
-            compression.
+    `sets`: the tests, from `datasets.load_dataset`. `residual`: "relative", "absolute", "noise"
+    or "estimated", as for `fit_material`. `branch`: "all" or "loading"; None takes all.
+    `cycle`: "all", "first", "last" or a number. `thin`: most readings of a curve; zero keeps
+    all.
+    Raises ValueError: an option is not allowed, the tests say nothing, or pressure falls with
+    compression.
     """
     used, remarks, suspects = prepared(
         sets, branch, cycle, (), cut_break=False, remembers=False, thin=thin
@@ -175,21 +159,13 @@ def fit_bulk_modulus(
 
 @dataclasses.dataclass(frozen=True)
 class _Fitted:
-    """Weighted least squares of one constant: r = K J - y over its scale.
+    """Weighted least squares of one constant: r = K J - y over its scale."""
 
-    Attributes:
-        tests: the data.
-        slopes: derivatives of the residuals by K, a test each.
-        measured: readings over their scale, a test each.
-        value: K.
-        noise: estimated from the residuals.
-    """
-
-    tests: Sequence[VolumetricTest]
-    slopes: list[np.ndarray]
-    measured: list[np.ndarray]
-    value: float
-    noise: Noise
+    tests: Sequence[VolumetricTest]  # the data
+    slopes: list[np.ndarray]  # derivatives of the residuals by K, a test each
+    measured: list[np.ndarray]  # readings over their scale, a test each
+    value: float  # K
+    noise: Noise  # estimated from the residuals
 
     @classmethod
     def of(

@@ -30,20 +30,15 @@ _GAIN = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Laws compared on the same data.
+    """Laws compared on the same data."""
 
-    Attributes:
-        fits: one per law that could be fitted, lowest AICc first.
-        failed: reasons, by title, of those that could not: too few readings, no finite
-            stresses, no convergence, no stiffness at rest.
-        refused: further reasons against laws, by title, such as a scene's stretches.
-        up_to: largest stretch that is asked for; None for that of the data.
-    """
-
-    fits: tuple[MaterialFit, ...]
+    fits: tuple[MaterialFit, ...]  # one per law that could be fitted, lowest AICc first
+    # reasons, by title, of those that could not: too few readings, no finite stresses, no
+    # convergence, no stiffness at rest
     failed: dict[str, str]
+    # further reasons against laws, by title, such as a scene's stretches
     refused: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    up_to: float | None = None
+    up_to: float | None = None  # largest stretch that is asked for; None for that of the data
 
     @functools.cached_property
     def effective_number(self) -> float:
@@ -237,10 +232,8 @@ def ranked(
 ) -> Comparison:
     """Fits of the same data, lowest AICc first; those that did not converge go last.
 
-    Args:
-        fits: one or more.
-        failed: reasons, by title, of those that could not be fitted.
-        refused: further reasons against them, by title.
+    `failed`: reasons, by title, of those that could not be fitted. `refused`: further reasons
+    against them, by title.
     """
     comparison = Comparison(tuple(fits), failed, dict(refused or {}))
 
@@ -263,15 +256,8 @@ def choose_prony_terms(
     Refused are numbers of terms of which one is not determined: its share is as uncertain as
     half of it, its time lies outside of those measured, or close to another's.
 
-    Args:
-        sets: the data.
-        law: a value of `law` in [material].
-        terms: number of terms of the law.
-        progress: called with each title before it is fitted.
-        options: as for `fit_material`.
-
-    Raises:
-        NoFit: no number of terms could be fitted.
+    `progress`: called with each title before it is fitted.
+    Raises NoFit: no number of terms could be fitted.
     """
     fits: list[MaterialFit] = []
     failed: dict[str, str] = {}

@@ -33,14 +33,10 @@ def minimise_corrected(
 ) -> Float[np.ndarray, " p"]:
     """Approach the minimum of ½ Σ r² of costly residuals.
 
-    Args:
-        costly: the residuals.
-        cheap: residuals of the same readings by a cheap model with the same parameters.
-        start: unconstrained parameters to start from.
-        evaluations: most evaluations of the costly residuals.
-
-    Returns:
-        The best parameters found; the start where either model has no numbers there.
+    `cheap`: residuals of the same readings by a cheap model with the same parameters. `start`:
+    unconstrained parameters to start from. `evaluations`: most evaluations of the costly
+    residuals.
+    Returns the best parameters found; the start where either model has no numbers there.
     """
     best, cost = start, np.inf
     r, J = by_theta(costly, start)

@@ -25,11 +25,9 @@ def constants_root(
 ) -> Float[np.ndarray, "k n"]:
     """R of the constants that a file states, with R Rᵀ their covariance, SI units.
 
-    Args:
-        fit: the fit.
-        belief: what the data say of plane strain.
-        constants: of the law and of what is beside it, but for the tests' zeros, shape [k].
-        up_to: largest stretch of the skin; None for 1.05.
+    `belief`: what the data say of plane strain. `constants`: of the law and of what is beside
+    it, but for the tests' zeros, shape [k]. `up_to`: largest stretch of the skin; None for
+    1.05.
     """
     count = len(constants)
     # A file's deviations are read as normal: Student's t of few readings is wider.

@@ -24,20 +24,14 @@ _CAN_BE_PROFILED = ("Homogeneous", "FreeZero", "History")
 
 
 class Intervals(NamedTuple):
-    """Intervals of all constants, and of the shear modulus.
+    """Intervals of all constants, and of the shear modulus."""
 
-    Attributes:
-        ends: lowest and highest value of each constant, SI units, shape [2, p]; infinite, or
-            the constant's own limit, where the data exclude nothing on that side.
-        is_open: where that is so, shape [2, p].
-        modulus: of the shear modulus [Pa].
-        method: "profile" or "normal".
-    """
-
+    # lowest and highest value of each constant, SI units, shape [2, p]; infinite, or the
+    # constant's own limit, where the data exclude nothing on that side
     ends: np.ndarray
-    is_open: np.ndarray
-    modulus: tuple[float, float]
-    method: str
+    is_open: np.ndarray  # where that is so, shape [2, p]
+    modulus: tuple[float, float]  # of the shear modulus [Pa]
+    method: str  # "profile" or "normal"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,13 +58,7 @@ def intervals_of(
     Where readings are expensive, or constants are held at bounds, the likelihood is taken
     as normal in the logarithm of constants of one sign, else in the constants themselves.
 
-    Args:
-        problem: residuals of the fit.
-        constants: fitted constants, SI units.
-        judged: their uncertainty.
-        level: probability that an interval covers the truth.
-        held: constants at a bound.
-        bounds: hard bounds by constant.
+    `level`: probability that an interval covers the truth.
     """
     family = problem.residuals.family
     quantile = judged.quantile(level)

@@ -34,19 +34,12 @@ _QUANTILES = (2.5, 16.0, 50.0, 84.0, 97.5)
 
 @dataclasses.dataclass(frozen=True)
 class MaterialPosterior:
-    """Samples of a law's constants.
+    """Samples of a law's constants."""
 
-    Attributes:
-        fit: the fit that was sampled around.
-        posterior: the chain in θ (and log s).
-        noise_known: whether s was stated and not sampled.
-        bounds: hard bounds on constants, SI units.
-    """
-
-    fit: MaterialFit
-    posterior: Posterior
-    noise_known: bool
-    bounds: Mapping[str, tuple[float, float]]
+    fit: MaterialFit  # the fit that was sampled around
+    posterior: Posterior  # the chain in θ (and log s)
+    noise_known: bool  # whether s was stated and not sampled
+    bounds: Mapping[str, tuple[float, float]]  # hard bounds on constants, SI units
 
     def constants(self, theta: np.ndarray) -> np.ndarray:
         """Constants in SI units of samples [n, p]."""

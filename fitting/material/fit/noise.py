@@ -16,18 +16,13 @@ from fitting.statistics.residuals import sensitivity
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """The noise of all readings of a fit.
+    """The noise of all readings of a fit."""
 
-    Attributes:
-        models: of each data set; None where it can't be estimated.
-        ratio: standard deviation of each residual over that of the whole, shape [n] with
-            padding; one where the assumed noise stands.
-        excluded: whether the assumed noise is excluded by one of the data sets.
-    """
-
-    models: tuple[NoiseModel | None, ...]
+    models: tuple[NoiseModel | None, ...]  # of each data set; None where it can't be estimated
+    # standard deviation of each residual over that of the whole, shape [n] with padding; one
+    # where the assumed noise stands
     ratio: np.ndarray
-    excluded: bool
+    excluded: bool  # whether the assumed noise is excluded by one of the data sets
 
     def report(self, sets: Sequence[Dataset]) -> list[dict[str, Any]]:
         """One entry a data set, for JSON."""
@@ -45,13 +40,7 @@ class Noise:
 
 
 def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.ndarray) -> Noise:
-    """Estimate the noise of each data set from the residuals of a fit.
-
-    Args:
-        sets: the data, in the order of the problem's.
-        problem: the residuals.
-        constants: fitted constants, SI units.
-    """
+    """Estimate the noise of each data set from the residuals of a fit."""
     residuals = problem.residuals
     r, _ = sensitivity(residuals, jnp.asarray(constants))
     error = np.asarray(residuals.misfit(r))
@@ -76,13 +65,8 @@ def noise_of(sets: Sequence[Dataset], problem: MaterialProblem, constants: np.nd
 def with_noise(sets: Sequence[Dataset], noise: Noise, sizes: list[np.ndarray]) -> list[Dataset]:
     """The data sets with the estimated noise as their stated one.
 
-    Args:
-        sets: the data.
-        noise: from `noise_of`.
-        sizes: predicted readings of each data set.
-
-    Raises:
-        ValueError: the noise of a data set can't be estimated.
+    `sizes`: predicted readings of each data set.
+    Raises ValueError: the noise of a data set can't be estimated.
     """
     found = []
     for data, model, size in zip(sets, noise.models, sizes, strict=True):
@@ -102,11 +86,8 @@ def estimated_noise(
 ) -> NoiseModel | None:
     """The noise of a test that is one curve; None where it can't be estimated.
 
-    Args:
-        data: the test.
-        error: predicted less measured readings, shape [n].
-        predicted: readings, shape [n].
-        inverse: of the scale of each residual, shape [n].
+    `error`: predicted less measured readings, shape [n]. `predicted`: readings, shape [n].
+    `inverse`: of the scale of each residual, shape [n].
     """
     if not data.is_curve or np.any(inverse <= 0.0):
         return None
@@ -182,11 +163,10 @@ def _residual_paths(
 ) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
     """Residuals of each test in the order in which it deforms.
 
-    Returns:
-        Them, and of tests that are one curve also residuals and derivatives on a scale that
-        changes smoothly along it: where the scale is a share of the reading, noise and all,
-        the same share of the prediction. Where the noise is not what the fit assumed, both
-        are those of a step that weighs by the noise as it is.
+    Returns them, and of tests that are one curve also residuals and derivatives on a scale that
+    changes smoothly along it: where the scale is a share of the reading, noise and all, the
+    same share of the prediction. Where the noise is not what the fit assumed, both are those of
+    a step that weighs by the noise as it is.
     """
     residuals = problem.residuals
     r, J = (np.asarray(x) for x in sensitivity(residuals, jnp.asarray(constants)))

@@ -31,17 +31,10 @@ def prepared(
 ) -> tuple[list[Dataset], list[str], list[Suspect]]:
     """The readings that are fitted, remarks, and artefacts that their curves show.
 
-    Args:
-        sets: the data.
-        branch: "all" or "loading"; None takes all.
-        cycle: "all", "first", "last" or a number.
-        zero: what is found with the law.
-        cut_break: leave out what follows a failure.
-        remembers: readings depend on those before them.
-        thin: most readings of a curve; zero keeps all.
-
-    Raises:
-        ValueError: branch or cycle are not allowed, or a test says nothing.
+    `branch`: "all" or "loading"; None takes all. `cycle`: "all", "first", "last" or a number.
+    `remembers`: readings depend on those before them. `thin`: most readings of a curve; zero
+    keeps all.
+    Raises ValueError: branch or cycle are not allowed, or a test says nothing.
     """
     used, notes, suspects = [], [], []
     for data in sets:
@@ -105,8 +98,7 @@ def refuse_what_forgets(
 ) -> None:
     """Refuse options that leave out part of a history, or are not there for one.
 
-    Raises:
-        ValueError: names the option.
+    Raises ValueError: names the option.
     """
     for option, value in {"--branch": branch or "all", "--cycle": cycle}.items():
         if value != "all":
@@ -123,12 +115,8 @@ def refuse_what_forgets(
 def window_of(sets: Sequence[Dataset], prony: int) -> tuple[float, float]:
     """Shortest and longest time that tests of relaxation resolve [s].
 
-    Args:
-        sets: the data.
-        prony: number of Prony terms that are asked for.
-
-    Raises:
-        ValueError: Prony terms are asked for, and no test states times.
+    `prony`: number of Prony terms that are asked for.
+    Raises ValueError: Prony terms are asked for, and no test states times.
     """
     shortest, longest = [], []
     for data in sets:

@@ -23,24 +23,16 @@ KINDS = ("relative", "absolute", "noise", "estimated")
 
 
 class Residuals(AbstractResiduals):
-    """Misfit of a family of laws to measurements, as a function of θ.
+    """Misfit of a family of laws to measurements, as a function of θ."""
 
-    Attributes:
-        experiments: the tests, each predicting a run of readings.
-        value: measured readings [Pa], shape [n] with padding.
-        inverse_scale: √w/s [1/Pa], shape [n]; zero for padding.
-        scales: sizes that make constants dimensionless.
-        shared: errors that all readings of a test share, such as a model's own, in the form
-            that `shared_error` gives them, shape [k, n]; k is zero where there are none.
-        family: the law; part of the compiled program.
-    """
-
-    experiments: tuple[AbstractExperiment, ...]
-    value: Float[Array, " n"]
-    inverse_scale: Float[Array, " n"]
-    scales: Scales
+    experiments: tuple[AbstractExperiment, ...]  # the tests, each predicting a run of readings
+    value: Float[Array, " n"]  # measured readings [Pa] with padding
+    inverse_scale: Float[Array, " n"]  # √w/s [1/Pa]; zero for padding
+    scales: Scales  # sizes that make constants dimensionless
+    # errors that all readings of a test share, such as a model's own, in the form that
+    # `shared_error` gives them, shape [k, n]; k is zero where there are none
     shared: Float[Array, "k n"]
-    family: AbstractFamily = eqx.field(static=True)
+    family: AbstractFamily = eqx.field(static=True)  # the law; part of the compiled program
 
     @property
     def costly(self) -> bool:
@@ -115,15 +107,10 @@ class Residuals(AbstractResiduals):
 
 
 class Mapping(eqx.Module):
-    """The map of a family from unconstrained parameters to constants.
+    """The map of a family from unconstrained parameters to constants."""
 
-    Attributes:
-        scales: sizes that make constants dimensionless.
-        family: the law.
-    """
-
-    scales: Scales
-    family: AbstractFamily = eqx.field(static=True)
+    scales: Scales  # sizes that make constants dimensionless
+    family: AbstractFamily = eqx.field(static=True)  # the law
 
     def __call__(self, theta: Float[Array, " p"]) -> Float[Array, " p"]:
         """Constants in SI units."""
@@ -143,12 +130,9 @@ def readings(residuals: Residuals, constants: Float[Array, " p"]) -> tuple[Array
 def shared_error(error: np.ndarray) -> np.ndarray:
     """A shared error as `Residuals.shared` holds it.
 
-    Args:
-        error: standard deviation of the shared error in units of each reading's noise,
-            signed alike for all; zero for readings that don't share it, shape [n].
-
-    Returns:
-        d with I − d dᵀ = (I + e eᵀ)^(-1/2), shape [n].
+    `error`: standard deviation of the shared error in units of each reading's noise, signed
+    alike for all; zero for readings that don't share it, shape [n].
+    Returns d with I − d dᵀ = (I + e eᵀ)^(-1/2), shape [n].
     """
     square = float(error @ error)
     if square == 0.0:
@@ -158,21 +142,14 @@ def shared_error(error: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class MaterialProblem:
-    """The residuals of one fit and where each data set is in them.
+    """The residuals of one fit and where each data set is in them."""
 
-    Attributes:
-        residuals: the misfit as a function of θ.
-        places: positions of each data set's readings in the residuals.
-        floors: smallest scale of relative residuals for each data set [Pa].
-        kind: "relative", "absolute" or "noise".
-        model_error: of the corrected shell, where a skin was tested, relative to its
-            displacement: a standard deviation.
-    """
-
-    residuals: Residuals
-    places: tuple[np.ndarray, ...]
-    floors: tuple[float, ...]
-    kind: str
+    residuals: Residuals  # the misfit as a function of θ
+    places: tuple[np.ndarray, ...]  # positions of each data set's readings in the residuals
+    floors: tuple[float, ...]  # smallest scale of relative residuals for each data set [Pa]
+    kind: str  # "relative", "absolute" or "noise"
+    # of the corrected shell, where a skin was tested, relative to its displacement: a standard
+    # deviation
     model_error: float = 0.0
 
 
@@ -186,18 +163,13 @@ def pose(
 ) -> MaterialProblem:
     """Build the residuals of a fit.
 
-    Args:
-        sets: the data.
-        family: the law.
-        kind: what residuals are relative to: "relative", each reading's own size (or the
-            larger stress of the same biaxial state) with a floor; "absolute", the
-            root-mean-square reading; "noise", the stated standard deviation.
-        estimate: predict bulges by a spherical cap, which is fast, instead of a membrane.
-        zeros: of tests, which are unknown; the family's last constants.
-
-    Raises:
-        ValueError: the kind is unknown, there is no data, or "noise" is asked for and a
-            file states none.
+    `kind`: what residuals are relative to: "relative", each reading's own size (or the larger
+    stress of the same biaxial state) with a floor; "absolute", the root-mean-square reading;
+    "noise", the stated standard deviation. `estimate`: predict bulges by a spherical cap, which
+    is fast, instead of a membrane. `zeros`: of tests, which are unknown; the family's last
+    constants.
+    Raises ValueError: the kind is unknown, there is no data, or "noise" is asked for and a file
+    states none.
     """
     if kind not in KINDS:
         raise ValueError(f"--residual {kind}: unknown; allowed: {', '.join(KINDS)}")

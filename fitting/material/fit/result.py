@@ -88,8 +88,7 @@ class MaterialFit:
     def material(self) -> LawSpec:
         """The fitted law as the [material] table of a skin, with its deviations.
 
-        Raises:
-            ValueError: it is a law of one's own, which no file can name.
+        Raises ValueError: it is a law of one's own, which no file can name.
         """
         name = self.family.law_name
         if name not in LAWS:
@@ -145,10 +144,8 @@ class MaterialFit:
     def predict(self, mode: str, stretch: np.ndarray, level: float = 0.95) -> Band:
         """Stress of a mode, measured or not, with an interval that no law's form narrows.
 
-        Args:
-            mode: "uniaxial", "equibiaxial" or "pure_shear".
-            stretch: λ > 0, shape [n].
-            level: probability that the interval covers the stress.
+        `mode`: "uniaxial", "equibiaxial" or "pure_shear". `stretch`: λ > 0, shape [n]. `level`:
+        probability that the interval covers the stress.
         """
         stretch = np.asarray(stretch, float)
         middle, deviation = self.belief.stress(mode, stretch)
@@ -160,9 +157,8 @@ class MaterialFit:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Readings of the law's homogeneous tests [Pa], and derivatives by its constants.
 
-        Args:
-            factors: e₁, e₂, c₁, c₂ of each reading, shape [4, n].
-            constants: SI units; None for the fitted ones.
+        `factors`: e₁, e₂, c₁, c₂ of each reading, shape [4, n]. `constants`: SI units; None for
+        the fitted ones.
         """
         at = jnp.asarray(self.constants if constants is None else constants)
         found = []
@@ -229,8 +225,7 @@ class MaterialFit:
     def instabilities(self, margin: float = 0.0) -> list[str]:
         """Where the law is unstable within the data's range, in words.
 
-        Args:
-            margin: share by which the logarithms of the stretches exceed the data's.
+        `margin`: share by which the logarithms of the stretches exceed the data's.
         """
         found = []
         for data in self.sets:

@@ -53,14 +53,9 @@ def refuse_without_stiffness(
 ) -> None:
     """Refuse constants of a law that has no stiffness at rest.
 
-    Args:
-        sets: the data.
-        family: the law.
-        constants: those that follow the data best, SI units.
-
-    Raises:
-        NoFit: the law refuses the constants, or its shear modulus is below a thousandth of
-            what the least deformed readings of every test suggest.
+    `constants`: those that follow the data best, SI units.
+    Raises NoFit: the law refuses the constants, or its shear modulus is below a thousandth of
+    what the least deformed readings of every test suggest.
     """
     suggested = min((data.modulus for data in sets if data.modulus > 0.0), default=0.0)
     try:
@@ -93,13 +88,7 @@ def search(
 ) -> tuple[MaterialProblem, Minima]:
     """Minima from many starts, the best one first.
 
-    Args:
-        sets: the data.
-        chosen: parameters of the law.
-        kind: of the residuals.
-        starts: number of them.
-        seed: of their draw.
-        zeros: of tests that are found with the law.
+    `zeros`: of tests that are found with the law.
     """
     points = chosen.random(np.random.default_rng(seed), starts)
     problem = pose(sets, chosen, kind, zeros=zeros)
@@ -175,16 +164,9 @@ def weighed_search(
 ) -> tuple[MaterialProblem, Minima, list[Dataset]]:
     """The search, with readings weighed by their noise where it is to be estimated.
 
-    Args:
-        sets: the data.
-        chosen: parameters of the law.
-        kind: of the residuals; "estimated" weighs them.
-        starts: number of starting points.
-        seed: of their draw.
-        zeros: of tests that are found with the law.
-
-    Returns:
-        The problem, its minima, and the data with the noise that they are weighed by.
+    `kind`: of the residuals; "estimated" weighs them. `zeros`: of tests that are found with the
+    law.
+    Returns the problem, its minima, and the data with the noise that they are weighed by.
     """
     if kind != "estimated":
         return *search(sets, chosen, kind, starts, seed, zeros), sets
@@ -213,16 +195,10 @@ def search_for_typical_specimen(
 ) -> tuple[Specimens | None, MaterialProblem, Minima, list[Dataset]]:
     """The search for the typical specimen's constants, if the specimens differ.
 
-    Args:
-        sets: the data.
-        chosen: parameters of the law.
-        problem: residuals of all specimens alike.
-        minima: of that problem.
-        options: kind of the residuals, number of starting points and seed of their draw.
-
-    Returns:
-        The specimens' factors, the problem, its minima, and the data, over their factors
-        where the specimens differ.
+    `problem`: residuals of all specimens alike. `options`: kind of the residuals, number of
+    starting points and seed of their draw.
+    Returns the specimens' factors, the problem, its minima, and the data, over their factors
+    where the specimens differ.
     """
 
     def judged(known: np.ndarray | None) -> Specimens | None:

@@ -31,33 +31,22 @@ _CHANCE = 0.01
 
 
 class Scatter(NamedTuple):
-    """Scatter between groups.
+    """Scatter between groups."""
 
-    Attributes:
-        mean: m.
-        mean_error: its standard error, scatter included.
-        deviation: τ.
-        low: end of the 95 % interval of τ.
-        high: end of the 95 % interval of τ.
-        chance: of groups this different without any scatter.
-        further: half width of the 95 % interval of a further group about m.
-    """
-
-    mean: float
-    mean_error: float
-    deviation: float
-    low: float
-    high: float
-    chance: float
-    further: float
+    mean: float  # m
+    mean_error: float  # its standard error, scatter included
+    deviation: float  # τ
+    low: float  # end of the 95 % interval of τ
+    high: float  # end of the 95 % interval of τ
+    chance: float  # of groups this different without any scatter
+    further: float  # half width of the 95 % interval of a further group about m
 
 
 def scatter_between(values: np.ndarray, errors: np.ndarray) -> Scatter:
     """Scatter between groups beyond their own standard errors.
 
-    Args:
-        values: estimate of each group, shape [s], two or more.
-        errors: their standard errors, shape [s].
+    `values`: estimate of each group, shape [s], two or more. `errors`: their standard errors,
+    shape [s].
     """
     count = len(values)
     spread = max(float(np.ptp(values)), float(np.max(errors)), 1e-300)
@@ -90,10 +79,7 @@ def scatter_between(values: np.ndarray, errors: np.ndarray) -> Scatter:
 def _further(excess: Callable[[float], float], errors: np.ndarray, spread: float) -> float:
     """Half width of the 95 % interval of a further group; see the module.
 
-    Args:
-        excess: Σ (y - m)²/(τ² + e²) at τ.
-        errors: standard errors of the groups [s].
-        spread: of the groups.
+    `excess`: Σ (y - m)²/(τ² + e²) at τ. `errors`: standard errors of the groups [s].
     """
     typical = float(np.mean(errors**-2.0) ** -0.5)
     tau = np.geomspace(1e-3 * typical, max(_MOST_SCATTER, 10.0 * spread), 400)
@@ -113,21 +99,13 @@ def _further(excess: Callable[[float], float], errors: np.ndarray, spread: float
 
 @dataclasses.dataclass(frozen=True)
 class Specimens:
-    """Factors of the specimens of a fit.
+    """Factors of the specimens of a fit."""
 
-    Attributes:
-        labels: file and label of each specimen.
-        modes: of each specimen's test.
-        factors: k_s, geometric mean one in every mode, shape [s].
-        errors: relative standard errors of the factors, shape [s].
-        scatter: of log k_s between specimens of one mode.
-    """
-
-    labels: tuple[tuple[str, str], ...]
-    modes: tuple[str, ...]
-    factors: np.ndarray
-    errors: np.ndarray
-    scatter: Scatter
+    labels: tuple[tuple[str, str], ...]  # file and label of each specimen
+    modes: tuple[str, ...]  # of each specimen's test
+    factors: np.ndarray  # k_s, geometric mean one in every mode, shape [s]
+    errors: np.ndarray  # relative standard errors of the factors, shape [s]
+    scatter: Scatter  # of log k_s between specimens of one mode
 
     @property
     def differ(self) -> bool:
@@ -142,8 +120,7 @@ class Specimens:
     def report(self, modulus: float) -> dict[str, Any]:
         """The key "specimens" of the JSON.
 
-        Args:
-            modulus: shear modulus of the typical specimen [Pa].
+        `modulus`: shear modulus of the typical specimen [Pa].
         """
         reach = self.scatter.further
         return {
@@ -186,14 +163,8 @@ def specimens_of(
 ) -> Specimens | None:
     """Factors of the specimens, from a fit to all of them.
 
-    Args:
-        sets: the data.
-        problem: residuals of the fit.
-        constants: fitted constants.
-        known: factors that the readings were divided by already, shape [s].
-
-    Returns:
-        The factors; None where no mode has two specimens with five readings or more.
+    `known`: factors that the readings were divided by already, shape [s].
+    Returns the factors; None where no mode has two specimens with five readings or more.
     """
     r, _ = sensitivity(problem.residuals, jnp.asarray(constants))
     inverse = np.asarray(problem.residuals.inverse_scale)

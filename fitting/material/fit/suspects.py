@@ -34,8 +34,7 @@ _FARTHEST = 200.0  # of parameters, beyond which exponentials overflow
 def zeros_of(sets: Sequence[Dataset], kinds: Sequence[str]) -> tuple[Zero, ...]:
     """The unknown zeros of all tests that can have them.
 
-    Raises:
-        ValueError: no test can.
+    Raises ValueError: no test can.
     """
     found = []
     for i, data in enumerate(sets):
@@ -97,15 +96,10 @@ def fit_suspects(
 ) -> list[Suspect]:
     """Artefacts that explain a misfit.
 
-    Args:
-        sets: the data.
-        problem: residuals of the fit.
-        constants: fitted constants.
-        is_noise: whether the residuals of a problem at constants are no more than noise.
-        refit: cost of the law on other data.
-
-    Returns:
-        Those that leave only noise, the best first; none if the law fails for another reason.
+    `is_noise`: whether the residuals of a problem at constants are no more than noise. `refit`:
+    cost of the law on other data.
+    Returns those that leave only noise, the best first; none if the law fails for another
+    reason.
     """
     family = problem.residuals.family
     kind_posed = posed_kind(problem)

@@ -55,15 +55,10 @@ class AbstractAddition(AbstractBlock):
 
 @dataclasses.dataclass(frozen=True)
 class Relaxation(AbstractAddition):
-    """Prony terms, θ = (log g_i/g_∞, log(τ_i / 1 s)).
+    """Prony terms, θ = (log g_i/g_∞, log(τ_i / 1 s))."""
 
-    Attributes:
-        count: number of terms.
-        window: shortest and longest time that the data resolve [s]; no part of what is
-            compiled.
-    """
-
-    count: int
+    count: int  # number of terms
+    # shortest and longest time that the data resolve [s]; no part of what is compiled
     window: tuple[float, float] = dataclasses.field(default=(1.0, 1.0), compare=False)
 
     @property
@@ -192,18 +187,13 @@ class _Zero(Constant):
 
 @dataclasses.dataclass(frozen=True)
 class TestZeros(IndependentConstants, AbstractAddition):
-    """Unknown zeros of the tests, θ in natural sizes.
-
-    Attributes:
-        kinds: of each zero: "slack", "force" or "machine".
-        labels: names of the zeros.
-        start: where the search begins, in natural sizes; no part of what is compiled.
-    """
+    """Unknown zeros of the tests, θ in natural sizes."""
 
     __test__ = False  # no test of pytest's
 
-    kinds: tuple[str, ...]
-    labels: tuple[str, ...]
+    kinds: tuple[str, ...]  # of each zero: "slack", "force" or "machine"
+    labels: tuple[str, ...]  # names of the zeros
+    # where the search begins, in natural sizes; no part of what is compiled
     start: tuple[float, ...] = dataclasses.field(compare=False)
 
     @property
@@ -238,15 +228,10 @@ def _of_all(name: str) -> Any:
 
 @dataclasses.dataclass(frozen=True)
 class ExtendedFamily(AbstractFamily):
-    """A law with further blocks of constants beside its own, which come first.
+    """A law with further blocks of constants beside its own, which come first."""
 
-    Attributes:
-        base: the law's family.
-        blocks: what stands beside it.
-    """
-
-    base: AbstractFamily
-    blocks: tuple[AbstractAddition, ...]
+    base: AbstractFamily  # the law's family
+    blocks: tuple[AbstractAddition, ...]  # what stands beside it
 
     law_name = _of_law("law_name")
     terms = _of_law("terms")

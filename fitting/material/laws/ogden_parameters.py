@@ -29,13 +29,9 @@ _LARGEST_POWER = 80.0
 
 @dataclasses.dataclass(frozen=True)
 class OgdenFamily(AbstractFamily):
-    """Ogden's law with a number of terms, θ = (log m_p/s, ~α_p), m_p = μ_p α_p / 2.
+    """Ogden's law with a number of terms, θ = (log m_p/s, ~α_p), m_p = μ_p α_p / 2."""
 
-    Attributes:
-        terms: number of terms.
-    """
-
-    terms: int
+    terms: int  # number of terms
     law_name: str = "ogden"
 
     def __post_init__(self) -> None:

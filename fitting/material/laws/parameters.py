@@ -26,19 +26,12 @@ Columns = Callable[[AbstractLaw], Array]
 
 
 class Scales(NamedTuple):
-    """What makes a law's constants dimensionless for a given set of data.
+    """What makes a law's constants dimensionless for a given set of data."""
 
-    Attributes:
-        stress: a typical modulus [Pa].
-        i1: largest I₁ − 3 in the data.
-        i2: largest I₂ − 3 in the data.
-        strain: largest |log λ| of any direction in the data.
-    """
-
-    stress: ArrayLike
-    i1: ArrayLike
-    i2: ArrayLike
-    strain: ArrayLike
+    stress: ArrayLike  # a typical modulus [Pa]
+    i1: ArrayLike  # largest I₁ − 3 in the data
+    i2: ArrayLike  # largest I₂ − 3 in the data
+    strain: ArrayLike  # largest |log λ| of any direction in the data
 
 
 class AbstractBlock(abc.ABC):
@@ -88,9 +81,8 @@ class AbstractBlock(abc.ABC):
     def signs(self, constants: np.ndarray, bounds: Bounds) -> Signs:
         """Lowest and highest constants that the law's own conditions allow, each [p].
 
-        Args:
-            constants: a point that meets them, where a condition leaves a choice.
-            bounds: what else is asked of the constants; it may make that choice.
+        `constants`: a point that meets them, where a condition leaves a choice. `bounds`: what
+        else is asked of the constants; it may make that choice.
         """
         return np.full(self.size, -np.inf), np.full(self.size, np.inf)
 
@@ -134,11 +126,8 @@ class AbstractFamily(AbstractBlock):
     def refined(self, theta: Vector, columns: Columns, scales: Scales, target: Array) -> Vector:
         """Improve a start by what is linear in it; by default it stays.
 
-        Args:
-            theta: the start.
-            columns: weighed readings of a law with unit modulus.
-            scales: sizes that make constants dimensionless.
-            target: weighed measurements.
+        `columns`: weighed readings of a law with unit modulus. `scales`: sizes that make
+        constants dimensionless. `target`: weighed measurements.
         """
         return theta
 
@@ -156,22 +145,17 @@ class AbstractFamily(AbstractBlock):
 
 @dataclasses.dataclass(frozen=True)
 class Constant:
-    """One constant of a law and the bijection that reaches it.
+    """One constant of a law and the bijection that reaches it."""
 
-    Attributes:
-        name: key in [material].
-        kind: "positive", c = s exp(θ); "free", c = s θ; "above one", c = 1 + exp(θ); or "above
-            I1", a limit of I₁ − 3 that all data stay below, c = i1 (1 + exp(θ)).
-        unit: SI, "1" for a number. The size s is the typical modulus for a stress, else one.
-        degree: (i, j) of the invariants it multiplies, which sets its size.
-        start: range of θ to start from.
-    """
-
-    name: str
+    name: str  # key in [material]
+    # "positive", c = s exp(θ); "free", c = s θ; "above one", c = 1 + exp(θ); or "above I1", a
+    # limit of I₁ − 3 that all data stay below, c = i1 (1 + exp(θ))
     kind: str = "positive"
+    # SI, "1" for a number. The size s is the typical modulus for a stress, else one.
     unit: str = "Pa"
+    # (i, j) of the invariants it multiplies, which sets its size
     degree: tuple[int, int] = (0, 0)
-    start: tuple[float, float] = (-1.0, 1.0)
+    start: tuple[float, float] = (-1.0, 1.0)  # range of θ to start from
 
     def size(self, scales: Scales) -> ArrayLike:
         """Typical size of the constant."""
@@ -254,21 +238,15 @@ class Family(IndependentConstants, AbstractFamily):
 
     A law of one's own takes part in everything:
     `Family("mine", (Constant("mu"), Constant("k", "free", "1")), MyLaw)`.
-
-    Attributes:
-        law_name: value of `law` in [material].
-        parts: its constants, in the order of the law's arguments.
-        build: the law's class.
-        modulus_is_sum: the first two constants are bound by C₁ + C₂ > 0; the first
-            parameter is then the logarithm of that sum.
-        shown: name for people, where it is not the law's.
     """
 
-    law_name: str
-    parts: tuple[Constant, ...]
-    build: Callable[..., AbstractLaw]
+    law_name: str  # value of `law` in [material]
+    parts: tuple[Constant, ...]  # its constants, in the order of the law's arguments
+    build: Callable[..., AbstractLaw]  # the law's class
+    # the first two constants are bound by C₁ + C₂ > 0; the first parameter is then the
+    # logarithm of that sum
     modulus_is_sum: bool = False
-    shown: str = ""
+    shown: str = ""  # name for people, where it is not the law's
 
     @property
     def title(self) -> str:

@@ -15,13 +15,9 @@ _BY_TERMS: dict[str, Callable[[int], AbstractFamily]] = {"ogden": OgdenFamily}
 def family(law: str, terms: int | None = None) -> AbstractFamily:
     """The constants of a law to be fitted.
 
-    Args:
-        law: a value of `law` in [material].
-        terms: number of terms (Ogden 1 to 6, Mooney-Rivlin and Yeoh 1 to 3 constants) or
-            degree (polynomial 1 to 3); None takes the usual number.
-
-    Raises:
-        ValueError: the law is unknown or has no such number of terms.
+    `terms`: number of terms (Ogden 1 to 6, Mooney-Rivlin and Yeoh 1 to 3 constants) or degree
+    (polynomial 1 to 3); None takes the usual number.
+    Raises ValueError: the law is unknown or has no such number of terms.
     """
     if law not in LAWS:
         raise ValueError(f"--law {law}: unknown law; allowed: auto, {', '.join(LAWS)}")

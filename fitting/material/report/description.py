@@ -23,9 +23,7 @@ from suas_jax.config.schema_material import LAWS
 def print_report(report: dict[str, Any], fit: MaterialFit | None) -> None:
     """Print what was found, and the [material] table.
 
-    Args:
-        report: the JSON of `suas fit material`.
-        fit: the fit it came from; None where only a bulk modulus was fitted.
+    `fit`: the fit it came from; None where only a bulk modulus was fitted.
     """
     console = new_console(highlight=False)
     print_parts(console, described(report, fit))

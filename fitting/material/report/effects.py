@@ -52,9 +52,7 @@ def _block(fit: MaterialFit, places: dict[str, tuple[int, int]]) -> dict[str, An
 def _ends_of_relaxation(fit: MaterialFit, place: slice) -> dict[str, Any]:
     """Long-term share and instantaneous modulus, with 95 % intervals normal in logarithms.
 
-    Args:
-        fit: the fit.
-        place: of the shares among its constants.
+    `place`: of the shares among its constants.
     """
     family = fit.family
     shares = np.zeros(family.size, dtype=bool)

@@ -39,11 +39,8 @@ def write_html(
 ) -> None:
     """Write the report of a fit.
 
-    Args:
-        fit: the fit; None where only a bulk modulus was fitted.
-        report: its JSON, with whatever the command added.
-        file: where to write it.
-        bulk: the bulk modulus, if there is one.
+    `fit`: the fit; None where only a bulk modulus was fitted. `report`: its JSON, with whatever
+    the command added. `bulk`: the bulk modulus, if there is one.
     """
     text = page(
         "fitting.material.report",

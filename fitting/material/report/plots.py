@@ -31,10 +31,8 @@ def plot_material(
 
     Modes that were not measured are drawn too: there the band says how little is known.
 
-    Args:
-        fit: what to draw; None where there is a bulk modulus only.
-        file: where to write the figure; its ending chooses the format.
-        bulk: the bulk modulus, if there is one; its tests come last.
+    `fit`: what to draw; None where there is a bulk modulus only. `bulk`: the bulk modulus, if
+    there is one; its tests come last.
     """
     modes = []
     if fit is not None:
@@ -168,10 +166,7 @@ def _draw_band(fit: MaterialFit, mode: str, sets: list[Dataset], axes: "Axes") -
 def plot_data(table: Table, data: Dataset | None, file: Path | None = None) -> Figure:
     """Draw what was read: the test, or where it is incomplete its columns over the rows.
 
-    Args:
-        table: of the file.
-        data: the test, or None.
-        file: where to write the figure; its ending chooses the format.
+    `data`: the test, or None.
     """
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     if data is None:

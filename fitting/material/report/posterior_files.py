@@ -40,8 +40,7 @@ _ENDS = (2.5, 97.5)
 def to_arviz(found: MaterialPosterior) -> Any:
     """Samples after burn-in as ArviZ data: a chain a walker, constants in SI units.
 
-    Raises:
-        ValueError: ArviZ is not installed.
+    Raises ValueError: ArviZ is not installed.
     """
     try:
         with warnings.catch_warnings():
@@ -67,8 +66,7 @@ def to_arviz(found: MaterialPosterior) -> Any:
 def plot_corner(found: MaterialPosterior, file: Path) -> None:
     """Write a corner plot of the constants (MPa or plain numbers).
 
-    Raises:
-        ValueError: corner is not installed.
+    Raises ValueError: corner is not installed.
     """
     try:
         import corner
@@ -93,13 +91,8 @@ def plot_corner(found: MaterialPosterior, file: Path) -> None:
 def plot_predictive(found: MaterialPosterior, file: Path | None = None) -> Figure:
     """Draw the posterior's predictions over the data, and of modes that were not measured.
 
-    Args:
-        found: the samples.
-        file: where to write the figure; its ending chooses the format.
-
-    Returns:
-        One panel a test (two for a skin: displacement and oil pressure), with the 95 % band
-        of the law (dark) and of single readings (light).
+    Returns one panel a test (two for a skin: displacement and oil pressure), with the 95 % band
+    of the law (dark) and of single readings (light).
     """
     theta = found.posterior.draws(_DRAWS)
     constants = jnp.asarray(found.constants(theta))

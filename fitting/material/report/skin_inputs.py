@@ -19,17 +19,12 @@ _NOTHING = 1e-9
 
 
 class Effect(NamedTuple):
-    """What an error of an input does to the modulus that is fitted without it.
+    """What an error of an input does to the modulus that is fitted without it."""
 
-    Attributes:
-        modulus_change: of the modulus, relative, by a step of the input.
-        correlation: of the readings' changes by both.
-        joint_error: standard error of the input in steps, were it free beside the modulus; None
-            where the readings do not feel it.
-    """
-
-    modulus_change: float
-    correlation: float
+    modulus_change: float  # of the modulus, relative, by a step of the input
+    correlation: float  # of the readings' changes by both
+    # standard error of the input in steps, were it free beside the modulus; None where the
+    # readings do not feel it
     joint_error: float | None
 
 
@@ -39,10 +34,8 @@ def effect_of(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"], noise: flo
     The modulus moves by -(a.b)/(a.a). Were both free, the input would have the standard error
     s / |b - (a.b)/(a.a) a|.
 
-    Args:
-        a: change of the weighed residuals by the modulus, relative.
-        b: their change by a step of the input.
-        noise: s, standard deviation of a residual.
+    `a`: change of the weighed residuals by the modulus, relative. `b`: their change by a step
+    of the input. `noise`: s, standard deviation of a residual.
     """
     share, size = float(a @ b) / float(a @ a), float(np.linalg.norm(b))
     apart = float(np.linalg.norm(b - share * a))
@@ -55,9 +48,8 @@ def effect_of(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"], noise: flo
 def inputs_report(fit: MaterialFit) -> list[dict[str, Any]]:
     """For every indentation curve and input: what an error of it does to the modulus.
 
-    Returns:
-        Per entry `file`, `input`, `step` (of filling and mounting as they are, of the travel's
-        zero in metres, else relative) and the keys of `Effect`.
+    Returns per entry `file`, `input`, `step` (of filling and mounting as they are, of the
+    travel's zero in metres, else relative) and the keys of `Effect`.
     """
     found = []
     constants = jnp.asarray(fit.constants)
