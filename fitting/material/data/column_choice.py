@@ -12,36 +12,26 @@ sequence of names that is repeated; columns before or without these are common t
 import re
 from collections.abc import Mapping
 
-from fitting.material.data.columns import split_specimen, understand
+from fitting.material.data.columns import split_specimen, understand, understood, with_unit
 from fitting.material.data.errors import DataError
 from suas_jax.config.errors import listed
 
 
 def renamed(
-    file: str,
-    names: list[str],
-    units: list[str],
-    shown: list[str],
-    columns: Mapping[str, str],
+    file: str, names: list[str], units: list[str], columns: Mapping[str, str]
 ) -> list[str]:
-    """Column names with the user's word for what they measure.
+    """Names of columns with their units, or with the user's word for what they measure.
 
-    `names`: of the columns, as they stand in the file. `units`: of the columns, from a row of
-    units; "" where there is none. `shown`: names with their units.
     Raises DataError: there is no such column or quantity, or its unit is missing or unknown.
     """
-    if not columns:
-        return shown
-    found = list(shown)
-    meant = {}
+    shown = list(map(with_unit, names, units))
+    found, meant = list(shown), {}
     for quantity, text in columns.items():
         index, given = _position(file, quantity, text, names, shown)
-        unit = given or units[index]
-        if not unit and (known := _understood(shown[index])) is not None:
-            unit = known
-        spelled = f"{quantity} [{unit}]" if unit else quantity
+        known = understood(shown[index])
+        unit = given or units[index] or (known.unit if known is not None else "")
         try:
-            column = understand(spelled, f"--columns {quantity}={text}")
+            column = understand(with_unit(quantity, unit), f"--columns {quantity}={text}")
         except ValueError as error:
             raise DataError(str(error)) from None
         if column is None:
@@ -50,17 +40,12 @@ def renamed(
                 f"{f' in {unit}' if unit else ''}; such as force, extension, strain, stretch, "
                 f"stress, pressure, time"
             )
-        found[index] = spelled
-        meant[index] = (column.quantity, column.direction)
+        found[index] = with_unit(quantity, unit)
+        meant[index] = column[:2]
     # Other columns of the same meaning give way.
     for i, name in enumerate(found):
-        if i in meant:
-            continue
-        try:
-            column = understand(name, "")
-        except ValueError:
-            continue
-        if column is not None and (column.quantity, column.direction) in meant.values():
+        column = None if i in meant else understood(name)
+        if column is not None and column[:2] in meant.values():
             found[i] = f"(not used) {name}"
     return found
 
@@ -83,15 +68,6 @@ def _position(
         f"--columns {quantity}={text}: {file} has no such column; it has {have or 'no names'}"
         + (f" and {len(names)} columns" if not any(names) else "")
     )
-
-
-def _understood(name: str) -> str | None:
-    """Unit of a column that is understood by its name."""
-    try:
-        column = understand(name, "")
-    except ValueError:
-        return None
-    return column.unit if column is not None else None
 
 
 def side_by_side(

@@ -6,35 +6,34 @@ from typing import NamedTuple
 from fitting.column_units import UNITS, unit_size
 from fitting.material.data.column_names import QUANTITIES, Quantity, plain_words
 
-STRESS_UNITS = "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
-_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
+SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0, "hr": 3600.0}
 # Units of quantities that are no concern of a material's law.
 _OTHER_UNITS = frozenset(
     (
-        *_SECONDS,
-        *("seconds", "secs", "minutes", "cycles", "hz", "mm/min", "mm/s", "1/s", "%/s"),
-        *("°c", "c", "k", "°f", "v", "mv", "mv/v", "mpa/s", "n/s", "kn/s"),
-        *("nm", "n*m", "j", "w"),
+        *SECONDS,
+        *("seconds", "secs", "minutes", "cycles", "hz", "mm/min", "mm/s", "1/s", "%/s", "nm"),
+        *("°c", "c", "k", "°f", "v", "mv", "mv/v", "mpa/s", "n/s", "kn/s", "n*m", "j", "w"),
     )
 )
-
+_STRESS = "MPa", "Pa, kPa, MPa, psi, kgf/cm2, bar, N/mm2"
+# A unit to suggest, and those to name, of each dimension.
+_SUGGESTED = {
+    "stress": _STRESS,
+    "pressure": ("kPa", _STRESS[1]),
+    "force": ("N", "N, mN, kN, kgf, gf, lbf"),
+    "length": ("mm", "um, mm, cm, m, in"),
+    "area": ("mm2", "mm2, cm2, m2"),
+    "angle": ("deg", "deg, rad"),
+}
 # A number of units for one of the column's.
 _SCALED = re.compile(r"([\d.,]*\d[.,]?(?:e[+-]?\d+)?)([^\d\s/].*?)(?:/m?v)?")
 # Which specimen of a file a column or a size belongs to.
 _SPECIMEN = re.compile(
     r"(?:^|_)(?:specimen|sample|probekoerper|probe|eprouvette)_*(?:no_|nr_)?#?(\d+)(?=_|$)"
 )
-
 SIZES = (
-    "length",
-    "grip_separation",
-    "width",
-    "thickness",
-    "diameter",
-    "radius",
-    "rest_radius",
-    "area",
-    "thickness_ratio",
+    *("length", "grip_separation", "width", "thickness", "diameter", "radius"),
+    *("rest_radius", "area", "thickness_ratio"),
 )
 """Sizes of a specimen."""
 
@@ -49,7 +48,7 @@ class Column(NamedTuple):
 
 
 def understand(name: str, where: str) -> Column | None:
-    """Read a column's name, such as "nominal_stress_1_MPa" or "Force [kgf]".
+    """Read a column's name, such as "nominal_stress_1_MPa" or "Force [kgf]" of a file `where`.
 
     Returns what the column measures, or None if it is none of the known quantities.
     Raises ValueError: the quantity is known but its unit is missing or unknown.
@@ -59,25 +58,29 @@ def understand(name: str, where: str) -> Column | None:
         found = re.match(rf"(?:{quantity.pattern})(?![a-z])", plain)
         if not found:
             continue
-        rest = plain[found.end() :]
-        direction, rest = _split_direction(rest)
+        direction, rest = _split_direction(plain[found.end() :])
         unit = explicit if explicit is not None else re.sub(r"^_in_(?=.)", "_", rest)
-        unit = unit.strip("_, ")
         if explicit is not None and rest.strip("_ "):
             continue
-        column = _with_unit(quantity, direction, unit, name, where)
+        column = _with_unit(quantity, direction, unit.strip("_, "), name, where)
         if column is not None:
             return column
     return None
 
 
+def understood(name: str) -> Column | None:
+    """What a column measures; None also where its unit is missing or unknown."""
+    try:
+        return understand(name, "")
+    except ValueError:
+        return None
+
+
 def quantity_of(name: str) -> str | None:
     """Which quantity a name means, whatever its unit; None for others."""
     plain, _ = _name_and_unit(name)
-    for quantity in QUANTITIES:
-        if re.match(rf"(?:{quantity.pattern})(?![a-z])", plain):
-            return quantity.name
-    return None
+    matching = (q for q in QUANTITIES if re.match(rf"(?:{q.pattern})(?![a-z])", plain))
+    return next((quantity.name for quantity in matching), None)
 
 
 def size_of(name: str) -> str:
@@ -85,15 +88,12 @@ def size_of(name: str) -> str:
 
     A cylinder's height is its length.
     """
-    for spelled in (name, f"{name} [mm]", f"{name} [mm2]"):
-        try:
-            column = understand(spelled, "")
-        except ValueError:
-            continue
-        if column is not None:
-            size = "length" if column.quantity == "height" else column.quantity
-            return size if size in SIZES else ""
-    return ""
+    spelled = (understood(text) for text in (name, f"{name} [mm]", f"{name} [mm2]"))
+    column = next((column for column in spelled if column is not None), None)
+    if column is None:
+        return ""
+    size = "length" if column.quantity == "height" else column.quantity
+    return size if size in SIZES else ""
 
 
 def split_specimen(name: str) -> tuple[str, str]:
@@ -118,6 +118,11 @@ def is_unit(text: str) -> bool:
     """Whether a cell holds a unit, in brackets or without."""
     bare = text.strip("()[]{}<> ").casefold().replace("²", "2").replace("^2", "2")
     return bare in UNITS or bare in _OTHER_UNITS
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A column's name with the unit of the row of units, if that states one."""
+    return f"{name} [{unit}]" if unit.strip("- ") and name else name
 
 
 def _name_and_unit(name: str) -> tuple[str, str | None]:
@@ -153,66 +158,38 @@ def _with_unit(
         column = _with_unit(quantity, direction, scaled.group(2), name, where)
         size = float(scaled.group(1).replace(",", "."))
         return column and column._replace(factor=size * column.factor)
-    if quantity.dimension == "word":
-        return None if bare else Column(quantity.name, direction, "", 1.0)
-    if quantity.dimension == "number":
-        if not bare or UNITS.get(bare) == "":
-            return Column(quantity.name, direction, "", 1.0)
-        if UNITS.get(bare) == "%":
-            return Column(quantity.name, direction, "%", 0.01)
-        return None
-    if quantity.name == "time" and not bare:
-        return Column("time", direction, "s", 1.0)
+    kind, dimension, known = quantity.name, quantity.dimension, UNITS.get(bare)
+    if dimension == "word":
+        return None if bare else Column(kind, direction, "", 1.0)
+    if dimension == "number":
+        if not bare or known == "":
+            return Column(kind, direction, "", 1.0)
+        return Column(kind, direction, "%", 0.01) if known == "%" else None
+    if dimension == "time":
+        size = SECONDS.get(bare or "s", 0.0)
+        return Column("time", direction, bare or "s", size) if size else None
     # ISO 527 calls a thickness a0.
-    of_thickness = quantity.name == "area" and name.strip().casefold().startswith("a0")
-    if of_thickness and UNITS.get(bare) in ("mm", "cm", "m", "um"):
-        return Column("thickness", direction, UNITS[bare], unit_size(UNITS[bare], "length"))
-    if quantity.name == "sigma" and UNITS.get(bare) == "%":
-        return Column("relative_sigma", direction, "%", 0.01)
+    of_thickness = kind == "area" and name.strip().casefold().startswith("a0")
+    if of_thickness and known in ("mm", "cm", "m", "um"):
+        return Column("thickness", direction, known, unit_size(known, "length"))
+    if known == "%" and kind in ("sigma", "displacement"):
+        return Column({"sigma": "relative_sigma"}.get(kind, "strain"), direction, "%", 0.01)
+    example, allowed = _SUGGESTED[dimension]
     if not bare:
-        if quantity.name in ("pressure", "length", "radius", "height") and len(name) <= 2:
+        if kind in ("pressure", "length", "radius", "height") and len(name) <= 2:
             return None
         raise ValueError(
             f'{where}: column "{name}" states no unit; add it, for example '
-            f'"{name}_{_example(quantity.dimension)}", or say which one by --columns '
-            f'"{quantity.name}={name} {_example(quantity.dimension)}"'
+            f'"{name}_{example}", or say which one by --columns "{kind}={name} {example}"'
         )
-    if quantity.dimension == "time":
-        if bare not in _SECONDS:
+    if known is None:
+        if kind == "stress":  # "stress_ratio" and the like
             return None
-        return Column("time", direction, bare, _SECONDS[bare])
-    if bare not in UNITS:
-        if quantity.name == "stress":  # "stress_ratio" and the like
-            return None
-        raise ValueError(
-            f'{where}: column "{name}": unknown unit "{unit}"; allowed: '
-            f"{_allowed(quantity.dimension)}"
-        )
-    known = UNITS[bare]
-    if quantity.name in ("displacement",) and known == "%":
-        return Column("strain", direction, "%", 0.01)
+        raise ValueError(f'{where}: column "{name}": unknown unit "{unit}"; allowed: {allowed}')
     try:
-        factor = unit_size(known, quantity.dimension)
+        factor = unit_size(known, dimension)
     except ValueError:
         raise ValueError(
-            f'{where}: column "{name}": "{unit}" is no unit of {quantity.dimension}; allowed: '
-            f"{_allowed(quantity.dimension)}"
+            f'{where}: column "{name}": "{unit}" is no unit of {dimension}; allowed: {allowed}'
         ) from None
-    return Column(quantity.name, direction, known, factor)
-
-
-def _example(dimension: str) -> str:
-    examples = {"stress": "MPa", "pressure": "kPa", "force": "N", "length": "mm"}
-    return examples.get(dimension, {"area": "mm2", "angle": "deg"}.get(dimension, ""))
-
-
-def _allowed(dimension: str) -> str:
-    choices = {
-        "stress": STRESS_UNITS,
-        "pressure": STRESS_UNITS,
-        "force": "N, mN, kN, kgf, gf, lbf",
-        "length": "um, mm, cm, m, in",
-        "area": "mm2, cm2, m2",
-        "angle": "deg, rad",
-    }
-    return choices[dimension]
+    return Column(kind, direction, known, factor)

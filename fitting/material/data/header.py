@@ -4,27 +4,39 @@ Read are comments (`# width: 6 mm`), rows of a key, a value and perhaps its unit
 such in a row, and small tables of results whose columns are sizes of the specimens.
 """
 
+import contextlib
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from fitting.column_units import unit_size
 from fitting.material.data.cells import Cells
 from fitting.material.data.column_names import plain_words
-from fitting.material.data.columns import is_unit, size_of, split_specimen, understand
-from fitting.material.data.layout import TableLayout, with_unit
+from fitting.material.data.columns import (
+    SIZES,
+    is_unit,
+    size_of,
+    split_specimen,
+    understood,
+    with_unit,
+)
+from fitting.material.data.errors import DataError
+from fitting.material.data.layout import TableLayout
 from fitting.material.data.numbers import decimal_mark, looks_numeric, number
+from suas_jax.config.errors import listed, nearest
+from suas_jax.config.quantities import parse_quantity
 
 # Sizes within a line of text, and those of TA Instruments: length, width, thickness.
 _STATED = re.compile(r"([^\W\d][\w ]*?)\s*[:=]\s*([\d.,]*\d)\s*([^\W\d]\w*)")
 _THREE = re.compile(r"([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(?:x\s*)?([\d.,]+)\s*(\w+)")
 _META = re.compile(r"^\s*([^\W\d][\w /^-]*?)\s*[:=]\s*(.+?)\s*$")
+_SI = {"area": "m2", "thickness_ratio": ""}  # of other sizes "m"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Header:
     """What a file says beside its table."""
 
-    comments: tuple[str, ...]  # lines marked as comments
     metadata: dict[str, str]  # values by key, lower case with underscores
     # sizes in SI units as text, by column name with unit, by specimen
     by_specimen: dict[str, dict[str, str]]
@@ -37,27 +49,23 @@ class Header:
         for header in headers:
             metadata = {**header.metadata, **metadata}
             sizes = {**header.by_specimen, **sizes}
-        comments = tuple(text for header in headers for text in header.comments)
-        return Header(comments, metadata, sizes)
+        return Header(metadata, sizes)
 
     def single(self, *, several: bool) -> dict[str, str]:
         """The metadata; of a single specimen with its sizes."""
         if several or len(self.by_specimen) != 1:
             return self.metadata
         (own,) = self.by_specimen.values()
-        named = {}
-        for key, text in own.items():
-            name, unit = re.fullmatch(r"(\w+) \[(.*)\]", key).groups()  # type: ignore[union-attr]
-            named[name] = f"{text} {unit}"
+        keys = (key.rstrip("]").partition(" [") for key in own)
+        pairs = zip(keys, own.values(), strict=True)
+        named = {name: f"{text} {unit}" for (name, _, unit), text in pairs}
         return {**named, **self.metadata}
 
     def of_sheet(self) -> dict[str, str]:
         """Sizes of the single specimen of a sheet, as those of `by_specimen`."""
-        found: dict[str, str] = (
-            dict(*self.by_specimen.values()) if len(self.by_specimen) == 1 else {}
-        )
+        own = next(iter(self.by_specimen.values())) if len(self.by_specimen) == 1 else {}
         sizes = (_size(key, text, "", ".") for key, text in self.metadata.items())
-        return {**dict(size for size in sizes if size is not None), **found}
+        return {**dict(size for size in sizes if size is not None), **own}
 
 
 def read_header(cells: Cells, layout: TableLayout | None) -> Header:
@@ -67,24 +75,22 @@ def read_header(cells: Cells, layout: TableLayout | None) -> Header:
     metadata: dict[str, str] = {}
     sizes: dict[str, dict[str, str]] = {}
     for text in cells.comments:
-        found = _META.match(text)
-        if found:
+        if found := _META.match(text):
             metadata.setdefault(_key(found.group(1)), found.group(2).strip(" ;,\t\"'"))
-    results = _results(rows, decimal)
-    for row in rows:
-        for key, value, unit in _pairs(row):
-            name, label = split_specimen(key)
-            size = _size(name, value, unit, decimal)
-            if size is not None and label:
-                sizes.setdefault(label, {}).setdefault(*size)
-            elif size is not None:
-                metadata.setdefault(size[0].split(" ")[0], f"{size[1]} {_unit(size[0])}")
-            elif not size_of(name):
-                metadata.setdefault(_key(key), f"{value} {unit}".strip())
-    for label, own in results.items():
-        for key, text in own.items():
-            sizes.setdefault(label, {}).setdefault(key, text)
-    return Header(cells.comments, metadata, sizes)
+    for key, value, unit in (pair for row in rows for pair in _pairs(row)):
+        name, label = split_specimen(key)
+        size = _size(name, value, unit, decimal)
+        if size is not None and label:
+            sizes.setdefault(label, {}).setdefault(*size)
+        elif size is not None:
+            known, _, si = size[0].rstrip("]").partition(" [")
+            metadata.setdefault(known, f"{size[1]} {si}")
+        elif not size_of(name):
+            metadata.setdefault(_key(key), f"{value} {unit}".strip())
+    for label, own in _results(rows, decimal).items():
+        for known_size in own.items():
+            sizes.setdefault(label, {}).setdefault(*known_size)
+    return Header(metadata, sizes)
 
 
 def _pairs(row: list[str]) -> list[tuple[str, str, str]]:
@@ -105,12 +111,9 @@ def _pairs(row: list[str]) -> list[tuple[str, str, str]]:
     while i + 1 < len(filled):
         key, value = filled[i].rstrip(" :="), filled[i + 1]
         unit = filled[i + 2] if i + 2 < len(filled) and is_unit(filled[i + 2]) else ""
-        if len(filled) > 3 and not pairs and not looks_numeric(value):
-            pairs.append((key, value, unit))
-            i += 1
-            continue
-        pairs.append((key, value, unit.strip("()[] ")))
-        i += 3 if unit else 2
+        title = len(filled) > 3 and not pairs and not looks_numeric(value)
+        pairs.append((key, value, unit if title else unit.strip("()[] ")))
+        i += 1 if title else 3 if unit else 2
     return pairs
 
 
@@ -122,15 +125,10 @@ def _size(name: str, value: str, unit: str, decimal: str) -> tuple[str, str] | N
         if found is None or not number(found.group(1), decimal) > 0.0:
             return None
         amount, unit = number(found.group(1), decimal), found.group(2).strip("()[] ")
-    try:
-        column = understand(with_unit(name, unit), "")
-    except ValueError:
-        return None
-    size = size_of(name)
+    column, size = understood(with_unit(name, unit)), size_of(name)
     if column is None or not size:
         return None
-    si = {"area": "m2", "thickness_ratio": ""}.get(size, "m")
-    return f"{size} [{si}]", repr(amount * column.factor)
+    return f"{size} [{_SI.get(size, 'm')}]", repr(amount * column.factor)
 
 
 def _results(rows: list[list[str]], decimal: str) -> dict[str, dict[str, str]]:
@@ -151,18 +149,56 @@ def _results(rows: list[list[str]], decimal: str) -> dict[str, dict[str, str]]:
             if not any(k < len(row) and looks_numeric(row[k]) for k in sized):
                 break
             label = row[0] if row[0] and 0 not in sized else str(count)
-            for k in sized:
-                if k < len(row):
-                    size = _size(names[k], row[k], units[k], decimal)
-                    if size is not None:
-                        number_of = split_specimen(label)[1] or label
-                        found.setdefault(number_of, {}).setdefault(*size)
+            label = split_specimen(label)[1] or label
+            sizes = (_size(names[k], row[k], units[k], decimal) for k in sized if k < len(row))
+            for size in filter(None, sizes):
+                found.setdefault(label, {}).setdefault(*size)
     return found
-
-
-def _unit(name: str) -> str:
-    return name.partition("[")[2].rstrip("]")
 
 
 def _key(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", plain_words(text)).strip("_")
+
+
+def stated_sizes(file: str, metadata: Mapping[str, str]) -> dict[str, float]:
+    """Specimen sizes in a file's metadata, SI units."""
+    sizes = {}
+    for key, text in metadata.items():
+        name = size_of(key)
+        if not name:
+            continue
+        column = understood(key)
+        if column is not None:
+            with contextlib.suppress(ValueError):  # a number, whose unit the key states
+                size = float(text.replace(",", ".")) * column.factor
+                text = f"{size!r} {_SI.get(name, 'm')}".rstrip()
+        sizes[name] = _parsed(file, name, text, f"# {key}")
+    return sizes
+
+
+def given_sizes(file: str, specimen: Mapping[str, str]) -> dict[str, float]:
+    """Specimen sizes of the command line, SI units."""
+    specimen = {size_of(name) or name: text for name, text in specimen.items()}
+    for name in specimen:
+        if name not in SIZES:
+            near = nearest(name, SIZES)
+            hint = f'did you mean "{near}"? ' if near else ""
+            raise DataError(f"--specimen {name}: unknown size; {hint}allowed: {listed(SIZES)}")
+    return {k: _parsed(file, k, text, f"--specimen {k}") for k, text in specimen.items()}
+
+
+def _parsed(file: str, name: str, text: str, where: str) -> float:
+    try:
+        if name == "area":
+            amount, _, unit = text.strip().partition(" ")
+            plain = unit.replace("²", "2").replace("^2", "2")
+            if not plain.endswith("2"):
+                raise ValueError('an area with its unit is expected, for example "12 mm2"')
+            value = float(amount.replace(",", ".")) * unit_size(f"{plain[:-1]}^2", "area")
+        else:
+            value = parse_quantity(text, "number" if name == "thickness_ratio" else "length")
+    except ValueError as error:
+        raise DataError(f'{file}: {where} = "{text}": {error}') from None
+    if not value > 0.0:
+        raise DataError(f'{file}: {where} = "{text}": {name} must be greater than zero')
+    return value

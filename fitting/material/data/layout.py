@@ -18,11 +18,13 @@ from fitting.material.data.columns import (
     size_of,
     split_specimen,
     understand,
+    with_unit,
 )
 from fitting.material.data.errors import DataError
 from fitting.material.data.numbers import is_missing, looks_numeric
 
 _HEAD_ROWS = 4  # of names and units above a table
+_BRACKETS = "()[]{}<> "
 _SPECIMEN_ROW = re.compile(r"specimen|sample|probe|eprouvette|test_?(?:no|number|run)")
 
 
@@ -102,13 +104,12 @@ def stacked(cells: Cells) -> list[Cells]:
     if len(starts) == 1:
         return [cells]
     return [
-        Cells(
-            str(k),
-            rows[a:b],
-            cells.lines[a:b],
-            cells.comments if k == 1 else (),
-            cells.delimiter,
-            cells.encoding,
+        dataclasses.replace(
+            cells,
+            name=str(k),
+            rows=rows[a:b],
+            lines=cells.lines[a:b],
+            comments=cells.comments if k == 1 else (),
         )
         for k, (a, b) in enumerate(itertools.pairwise([*starts, len(rows)]), 1)
     ]
@@ -129,49 +130,44 @@ def _kind(row: list[str]) -> str:
 
 def _runs(kinds: list[str]) -> list[tuple[int, int]]:
     """First row and end of every run of numbers; rows of gaps may be among them."""
-    found, first = [], None
-    for i, kind in enumerate([*kinds, "w"]):
-        if kind == "w":
-            if first is not None and "n" in kinds[first:i]:
-                found.append((first, i))
-            first = None
-        elif first is None:
-            first = i
+    found, first = [], 0
+    for words, group in itertools.groupby(kinds, "w".__eq__):
+        run = list(group)
+        if not words and "n" in run:
+            found.append((first, first + len(run)))
+        first += len(run)
     return found
 
 
 def _above(cells: Cells, kinds: list[str], first: int, last: int) -> TableLayout:
     """The table of a run of numbers, with the names and units above it."""
     rows = cells.rows
-    words = []
-    for i in range(first - 1, max(first - 1 - _HEAD_ROWS, -1), -1):
-        if kinds[i] != "w":
-            break
-        words.append(i)
+    above = range(first - 1, max(first - 1 - _HEAD_ROWS, -1), -1)
+    words = list(itertools.takewhile(lambda i: kinds[i] == "w", above))
     units_row = next((i for i in words[:2] if _is_units(rows[i])), None)
     units = rows[units_row] if units_row is not None else []
     candidates = [i for i in words if i != units_row and _are_names(rows[i])]
     # One name is no table, unless a single column is the whole file.
     best = max(candidates, key=lambda i: (_known(rows[i], units), i), default=None)
     body = [i for i in range(first, last) if kinds[i] == "n" or i > first]
+    shown = [cell.strip(_BRACKETS) for cell in units]
     if best is None:
-        width = max(len(rows[i]) for i in body)
-        blank = [""] * width
-        units = _filled([unit.strip("()[]{}<> ") for unit in units], width)
+        blank = [""] * max(len(rows[i]) for i in body)
+        units = _filled(shown, len(blank))
         return TableLayout([], units, blank, body, [], list(range(first)), cells.lines[first])
     names = list(rows[best])
     while names and not names[-1]:
         names.pop()
-    shown = [cell.strip("()[]{}<> ") for cell in units]
-    groups = [""] * len(names)
-    taken = {best, units_row}
+    groups, taken = [""] * len(names), {best, units_row}
     if best > 0 and kinds[best - 1] == "w" and _labels(rows[best - 1], names):
-        groups = _spread(_filled(rows[best - 1], len(names)))
+        # Labels of merged cells stand over the first of their columns.
+        labels = _filled(rows[best - 1], len(names))
+        for k, label in enumerate(labels):
+            groups[k] = label or groups[k - 1]
         taken.add(best - 1)
     head = [i for i in range(first) if i not in taken]
-    return TableLayout(
-        names, _filled(shown, len(names)), groups, body, [], head, cells.lines[best]
-    )
+    units = _filled(shown, len(names))
+    return TableLayout(names, units, groups, body, [], head, cells.lines[best])
 
 
 def _continued(cells: Cells, kinds: list[str], table: TableLayout) -> TableLayout:
@@ -219,7 +215,7 @@ def _are_names(row: list[str]) -> bool:
 
 def _known(names: list[str], units: list[str]) -> int:
     return sum(
-        _is_known(name, unit.strip("()[]{}<> "))
+        _is_known(name, unit.strip(_BRACKETS))
         for name, unit in zip(names, _filled(units, len(names)), strict=True)
     )
 
@@ -234,25 +230,11 @@ def _is_known(name: str, unit: str) -> bool:
     return False
 
 
-def with_unit(name: str, unit: str) -> str:
-    """A column's name with the unit of the row of units, if that states one."""
-    return f"{name} [{unit}]" if unit.strip("- ") and name else name
-
-
 def _labels(row: list[str], names: list[str]) -> bool:
     """Whether a row over the names labels specimens side by side."""
     repeated = len({name for name in names if name}) < sum(bool(name) for name in names)
     filled = [cell for cell in row if cell]
     return repeated and len(filled) > 1 and len(row) <= len(names) + 1
-
-
-def _spread(labels: list[str]) -> list[str]:
-    """Labels of merged cells stand over the first of their columns."""
-    found, last = [], ""
-    for label in labels:
-        last = label or last
-        found.append(last)
-    return found
 
 
 def _filled(cells: list[str], width: int) -> list[str]:

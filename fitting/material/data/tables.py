@@ -15,10 +15,10 @@ import numpy as np
 
 from fitting.material.data.cells import Cells, read_cells
 from fitting.material.data.column_choice import renamed, side_by_side
-from fitting.material.data.columns import split_specimen
+from fitting.material.data.columns import split_specimen, with_unit
 from fitting.material.data.errors import DataError
 from fitting.material.data.header import Header, read_header
-from fitting.material.data.layout import TableLayout, find_table, stacked, with_unit
+from fitting.material.data.layout import TableLayout, find_table, stacked
 from fitting.material.data.numbers import decimal_mark, number
 
 _SAMPLED = 2000  # rows that tell the decimal mark
@@ -33,7 +33,6 @@ class Table:
     cells: np.ndarray  # numbers, NaN where missing, shape [rows, columns]
     texts: tuple[tuple[str, ...], ...]  # the cells as written, for columns of words
     lines: np.ndarray  # line number of each row in the file, from one
-    comments: tuple[str, ...]  # the comment lines, without their mark
     # `key: value` pairs of the comments and of the rows above the table, keys in lower case
     # with underscores
     metadata: dict[str, str]
@@ -58,29 +57,29 @@ def read_table(
     """
     file = os.fspath(path)
     sheets = read_cells(file)
-    if not sheets:
-        raise DataError(f"{file}: the file is empty: it holds no table")
     found = []
-    problem: DataError | None = None
-    for sheet in sheets:
-        for cells in stacked(sheet):
-            try:
-                found.append((cells, find_table(file, cells, named=bool(columns))))
-            except DataError as error:
-                problem = error
+    problem = DataError(f"{file}: the file is empty: it holds no table")
+    for cells in (part for sheet in sheets for part in stacked(sheet)):
+        try:
+            found.append((cells, find_table(file, cells, named=bool(columns))))
+        except DataError as error:
+            problem = error
     if not found:
-        assert problem is not None
         raise problem
     most = max(min(layout.known, 2) for _, layout in found)
     found = [pair for pair in found if min(pair[1].known, 2) == most]
     longest = max(found, key=lambda pair: len(pair[1].body))
-    alike = [pair for pair in found if _signature(pair[1]) == _signature(longest[1])]
-    headers = [(cells, read_header(cells, layout)) for cells, layout in _others(sheets, found)]
+    signatures = [list(map(with_unit, layout.names, layout.units)) for _, layout in found]
+    wanted = signatures[found.index(longest)]
+    alike = [pair for pair, own in zip(found, signatures, strict=True) if own == wanted]
+    # Sheets without a table of readings may state the specimens' sizes.
+    taken = [id(cells) for cells, _ in found]
+    headers = [read_header(cells, None) for cells in sheets if id(cells) not in taken]
     parts = [
         _part(file, cells, layout, columns or {}, cells.name * (len(alike) > 1), plane=plane)
         for cells, layout in alike
     ]
-    return _joined(file, [header for _, header in headers], parts)
+    return _joined(file, headers, parts)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,18 +95,6 @@ class _Part:
     remarks: list[str]  # for people
 
 
-def _signature(layout: TableLayout) -> tuple[str, ...]:
-    return tuple(map(with_unit, layout.names, layout.units))
-
-
-def _others(
-    sheets: list[Cells], found: list[tuple[Cells, TableLayout]]
-) -> list[tuple[Cells, TableLayout | None]]:
-    """Sheets without a table of readings; they may state the specimens' sizes."""
-    taken = [id(cells) for cells, _ in found]
-    return [(cells, None) for cells in sheets if id(cells) not in taken]
-
-
 def _part(
     file: str,
     cells: Cells,
@@ -118,30 +105,22 @@ def _part(
     plane: bool,
 ) -> list[_Part]:
     """The table of a sheet, split into the specimens that stand side by side."""
-    body = [cells.rows[i] for i in layout.body]
     lines = [cells.lines[i] for i in layout.body]
     names = layout.names or [f"column {i + 1}" for i in range(len(layout.units))]
     # Numbers in columns of which nothing is known have no names either.
-    units = layout.units
-    names = [
-        name or (f"column {i + 1}" if unit else "")
-        for i, (name, unit) in enumerate(zip(names, units, strict=True))
-    ]
+    pairs = enumerate(zip(names, layout.units, strict=True), 1)
+    names = [name or (f"column {i}" if unit else "") for i, (name, unit) in pairs]
     rows = [
-        _row(file, line, row, cells.delimiter, names)
-        for line, row in zip(lines, body, strict=True)
+        _row(file, cells.lines[i], cells.rows[i], cells.delimiter, names) for i in layout.body
     ]
-    shown = [with_unit(name, unit) for name, unit in zip(names, layout.units, strict=True)]
-    shown = renamed(file, names, layout.units, shown, columns)
+    shown = renamed(file, names, layout.units, columns)
     header = read_header(cells, layout)
     remarks = []
-    if layout.skipped:
-        skipped = [cells.lines[i] for i in layout.skipped]
-        where = ", ".join(map(str, skipped[:4])) + (", ..." if len(skipped) > 4 else "")
-        remarks.append(
-            f"{len(skipped)} {'row' if len(skipped) == 1 else 'rows'} without readings left "
-            f"out (line {where})"
-        )
+    if count := len(layout.skipped):
+        where = ", ".join(str(cells.lines[i]) for i in layout.skipped[:4])
+        where += ", ..." if count > 4 else ""
+        what = f"{count} {'row' if count == 1 else 'rows'} without readings left out"
+        remarks.append(f"{what} (line {where})")
     reading = {
         "format": cells.format,
         "names_line": layout.line if layout.names else None,
@@ -149,26 +128,16 @@ def _part(
         "last_line": lines[-1],
     }
     groups = side_by_side(shown, layout.groups, fixed=bool(columns), plane=plane)
+    repeated = [name for name in shown if name and shown.count(name) > 1]
+    if repeated and len(groups) == 1:
+        raise DataError(f'{file}: line {layout.line}: column "{repeated[0]}" stands twice')
     parts = []
     for label, positions in groups:
         own = [split_specimen(shown[i])[0] if label else shown[i] for i in positions]
         taken = [[row[i] for i in positions] for row in rows]
-        kept = [k for k, row in enumerate(taken) if len(groups) == 1 or any(map(bool, row))]
-        parts.append(
-            _Part(
-                label or sheet,
-                own,
-                [taken[k] for k in kept],
-                [lines[k] for k in kept],
-                header,
-                reading,
-                remarks,
-            )
-        )
-    if len(groups) == 1:
-        repeated = [n for n in shown if n and shown.count(n) > 1]
-        if repeated:
-            raise DataError(f'{file}: line {layout.line}: column "{repeated[0]}" stands twice')
+        kept = [k for k, row in enumerate(taken) if len(groups) == 1 or any(row)]
+        of_part = [taken[k] for k in kept], [lines[k] for k in kept]
+        parts.append(_Part(label or sheet, own, *of_part, header, reading, remarks))
     return parts
 
 
@@ -197,11 +166,9 @@ def _sizes(header: Header, parts: list[_Part], *, sheets: int) -> list[Mapping[s
         own: Mapping[str, str] = header.by_specimen.get(part.specimen, {})
         if not own and len(labels) == len(parts):
             own = header.by_specimen[labels[k]]  # the same order, other labels
-        found.append(
-            {**parts[0].header.of_sheet(), **part.header.of_sheet(), **own}
-            if sheets > 1
-            else own
-        )
+        if sheets > 1:
+            own = {**parts[0].header.of_sheet(), **part.header.of_sheet(), **own}
+        found.append(own)
     return found
 
 
@@ -214,21 +181,14 @@ def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table
     sizes = _sizes(header, parts, sheets=len(groups)) if several else [{}]
     sized = list(dict.fromkeys(key for own in sizes for key in own))
     rows: list[tuple[str, ...]] = []
-    lines: list[int] = []
-    for k, part in enumerate(parts):
-        own = sizes[k]
-        extra = [part.specimen or str(k + 1), *(own.get(key, "") for key in sized)]
+    for k, (part, own) in enumerate(zip(parts, sizes, strict=True), 1):
+        extra = [part.specimen or str(k), *(own.get(key, "") for key in sized)]
         rows += [(*row, *(extra if several else ())) for row in part.rows]
-        lines += part.lines
     sampled = rows[:: max(1, len(rows) // _SAMPLED)]
     decimal = decimal_mark(cell for row in sampled for cell in row[: len(names)])
     cells = np.array([[number(text, decimal) for text in row] for row in rows], dtype=float)
-    shown = (*names, *(("specimen", *sized) if several else ()))
-    if several:
-        for j, key in enumerate(sized, len(names) + 1):
-            cells[:, j] = [float(row[j]) if row[j] else np.nan for row in rows]
-            assert key
-    remarks = list(dict.fromkeys(text for part in parts for text in part.remarks))
+    for j in range(len(names) + 1, len(names) + 1 + len(sized)):
+        cells[:, j] = [float(row[j]) if row[j] else np.nan for row in rows]
     reading = {
         **parts[0].reading,
         "decimal_mark": decimal,
@@ -237,12 +197,11 @@ def _joined(file: str, others: list[Header], groups: list[list[_Part]]) -> Table
     }
     return Table(
         file,
-        tuple(shown),
+        (*names, *(("specimen", *sized) if several else ())),
         cells,
         tuple(rows),
-        np.array(lines),
-        header.comments,
+        np.array([line for part in parts for line in part.lines]),
         header.single(several=several),
         reading,
-        tuple(remarks),
+        tuple(dict.fromkeys(text for part in parts for text in part.remarks)),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from fitting.material.data.columns import understand
 from fitting.material.data.errors import DataError
-from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
+from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table, read_table
 from fitting.material.experiments.artefacts import curve_suspects
 from fitting.material.experiments.data_checks import warnings_of
@@ -40,7 +40,10 @@ def preview(
         "file": table.file,
         "reading": table.reading,
         "columns": [_column(table, i) for i in range(len(table.names)) if table.names[i]],
-        "sizes_m": {**stated_sizes(table), **given_sizes(table, dict(specimen or {}))},
+        "sizes_m": {
+            **stated_sizes(table.file, table.metadata),
+            **given_sizes(table.file, specimen or {}),
+        },
         "metadata": table.metadata,
         "rows": len(table.lines),
         "mode": mode,

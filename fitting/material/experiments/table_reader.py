@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fitting.material.data.errors import DataError
-from fitting.material.data.specimen_sizes import given_sizes, stated_sizes
+from fitting.material.data.header import given_sizes, stated_sizes
 from fitting.material.data.tables import Table
 from fitting.material.experiments import timing
 from fitting.material.experiments.measurements import Kind, Origin
@@ -42,7 +42,7 @@ class Reader(NamedColumns):
         # Of a whole test, as the command line states it.
         self.given = {key: text for key, text in specimen.items() if key in timing.KEYS}
         sizes = {key: text for key, text in specimen.items() if key not in timing.KEYS}
-        self.sizes = {**stated_sizes(table), **given_sizes(table, sizes)}
+        self.sizes = stated_sizes(table.file, table.metadata) | given_sizes(table.file, sizes)
 
     def size(self, name: str) -> np.ndarray | None:
         """A size of the specimen, per row [m]; a column goes before a single value."""
